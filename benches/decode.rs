@@ -1,0 +1,64 @@
+//! Bytes to columns, as a ratio to `memcpy` of the same bytes: `cargo bench --bench decode`.
+//!
+//! Each stream is decoded whole into fresh columns; the plain path stands beside the fast one. Before anything is timed
+//! the two are compared on a part of the stream, and each run checks its number of samples.
+
+#[path = "common/mod.rs"]
+mod common;
+
+use std::hint::black_box;
+
+use xbus::log::{Options, Part, Reader};
+use xbus::scan::Window;
+
+fn read(bytes: &[u8], fast: bool) -> Part {
+    let mut reader = Reader::new(Options { fast, ..Options::default() }, bytes.len() as u64);
+    reader.read(Window { bytes, offset: 0, last: true }, u64::MAX).unwrap();
+    reader.take()
+}
+
+fn main() {
+    let megabytes = std::env::var("XBUS_BENCH_MIB").ok().and_then(|it| it.parse().ok()).unwrap_or(256);
+    let size: usize = megabytes << 20;
+    let streams: [(&str, fn(usize) -> Vec<u8>, usize, f64, f64); 5] = [
+        ("ahrs", common::ahrs, 88, 0.28, 0.38),
+        ("hr", common::hr, 27, 0.14, 0.22),
+        ("hr, both vectors", common::hr_mixed, 27, 0.14, 0.22),
+        ("gnssins", common::gnssins, 152, 0.22, 0.32),
+        ("dirty", common::dirty, 88, 0.18, 0.27),
+    ];
+    println!("{:<18}{:>10}{:>10}{:>10}{:>10}   x memcpy, {megabytes} MiB, fresh columns", "", "fast", "plain", "must", "goal");
+    for (name, make, frame, must, goal) in streams {
+        let bytes = make(size / frame);
+        let (fast, plain) = (read(&bytes, true), read(&bytes[..bytes.len() / 16], false));
+        assert!(fast.len() > size / frame * 3 / 4);
+        for (fast, plain) in fast.columns.iter().zip(&plain.columns) {
+            let (a, b) = (format!("{:?}", first(fast)), format!("{:?}", first(plain)));
+            assert_eq!(a, b, "{name}");
+        }
+        let samples = fast.len();
+        drop(fast);
+        let ratio = common::against_memcpy(&bytes, 9, || {
+            let part = black_box(read(black_box(&bytes), true));
+            assert_eq!(part.len(), samples);
+        });
+        let slow = common::against_memcpy(&bytes, 3, || {
+            let part = black_box(read(black_box(&bytes), false));
+            assert_eq!(part.len(), samples);
+        });
+        println!("{name:<18}{ratio:>10.3}{slow:>10.3}{must:>10.2}{goal:>10.2}");
+    }
+}
+
+/// The first rows of a column, for comparison.
+fn first(column: &xbus::column::Column) -> Vec<f64> {
+    use xbus::column::Values;
+    match &column.values {
+        Values::F32(values) => values.iter().take(1000).copied().map(f64::from).collect(),
+        Values::F64(values) => values.iter().take(1000).copied().collect(),
+        Values::U16(values) => values.iter().take(1000).copied().map(f64::from).collect(),
+        Values::U32(values) => values.iter().take(1000).copied().map(f64::from).collect(),
+        Values::Records(values) => values.iter().take(1000).copied().map(f64::from).collect(),
+        _ => vec![],
+    }
+}

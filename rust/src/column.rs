@@ -1,0 +1,318 @@
+//! One quantity of a log: the same packet of many messages, byte-swapped once into rows of numbers.
+
+use crate::packet::{Coordinates, Form, Precision, Reading, record_size};
+use crate::pages;
+use crate::real;
+use crate::table::{Field, Quantity, Wire};
+
+/// The numbers of a column, row after row, in the machine's byte order.
+#[derive(Clone, Debug)]
+#[allow(missing_docs)] // the variants are the types
+pub enum Values {
+    U8(Vec<u8>),
+    U16(Vec<u16>),
+    U32(Vec<u32>),
+    U64(Vec<u64>),
+    I8(Vec<i8>),
+    I16(Vec<i16>),
+    I32(Vec<i32>),
+    F32(Vec<f32>),
+    F64(Vec<f64>),
+    /// Records, without padding between their fields.
+    Records(Vec<u8>),
+    /// Raw packets of an unknown identifier.
+    Raw(Pieces),
+}
+
+/// Byte strings of any length, one behind the other.
+#[derive(Clone, Debug, Default)]
+pub struct Pieces {
+    /// All bytes.
+    pub bytes: Vec<u8>,
+    /// Where each piece ends.
+    pub ends: Vec<u64>,
+}
+
+impl Pieces {
+    /// Adds one piece.
+    pub fn push(&mut self, piece: &[u8]) {
+        self.bytes.extend_from_slice(piece);
+        self.ends.push(self.bytes.len() as u64);
+    }
+}
+
+impl Values {
+    /// No numbers yet, of the type that holds this one.
+    #[must_use]
+    pub const fn of(wire: Wire) -> Self {
+        match wire {
+            Wire::U1 => Self::U8(vec![]),
+            Wire::U2 => Self::U16(vec![]),
+            Wire::U4 => Self::U32(vec![]),
+            Wire::U8 => Self::U64(vec![]),
+            Wire::I1 => Self::I8(vec![]),
+            Wire::I2 => Self::I16(vec![]),
+            Wire::I4 => Self::I32(vec![]),
+            Wire::F4 => Self::F32(vec![]),
+        }
+    }
+}
+
+/// What a column is a column of.
+#[derive(Clone, Copy, Debug)]
+pub enum Subject {
+    /// A quantity, in one coordinate system where it has any.
+    Known(&'static Quantity, Option<Coordinates>),
+    /// Packets that the tables cannot explain, by their identifier as received.
+    Unknown(u16),
+}
+
+/// How much of the input has gone into the columns, and how much there is: tells how far a column will grow.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress {
+    /// Bytes read.
+    pub done: u64,
+    /// Bytes in all, as far as it is known.
+    pub total: u64,
+}
+
+/// A column under construction, or a finished one.
+#[derive(Clone, Debug)]
+pub struct Column {
+    /// What it holds.
+    pub subject: Subject,
+    /// Data identifier of the first packet, as received.
+    pub id: u16,
+    /// Whether packets with another identifier (precision or idle format bits) followed.
+    pub mixed_ids: bool,
+    /// Whether packets in another precision followed.
+    pub mixed_precisions: bool,
+    /// The numbers.
+    pub values: Values,
+    /// Numbers in a row; bytes in a row of records.
+    pub width: usize,
+    /// Entries behind each record of a list, all of them.
+    pub entries: Vec<u8>,
+    /// Rows.
+    pub rows: usize,
+    /// Samples of those rows that were decoded one by one; the others follow from the layout of their sample.
+    pub single: Vec<u64>,
+}
+
+impl Column {
+    /// An empty column for packets that are read like this.
+    #[must_use]
+    pub fn new(id: u16, reading: Option<&Reading>) -> Self {
+        let (subject, values, width) = match reading {
+            None => (Subject::Unknown(id), Values::Raw(Pieces::default()), 0),
+            Some(reading) => {
+                let (values, width) = match reading.form {
+                    Form::Real(Precision::Float32, n) => (Values::F32(vec![]), n),
+                    Form::Real(_, n) => (Values::F64(vec![]), n),
+                    Form::Fixed(wire, n) => (Values::of(wire), n),
+                    Form::Struct(fields) | Form::List(fields, _) => (Values::Records(vec![]), record_size(fields)),
+                };
+                (Subject::Known(reading.quantity, reading.coordinates), values, width)
+            }
+        };
+        Self {
+            subject,
+            id,
+            mixed_ids: false,
+            mixed_precisions: false,
+            values,
+            width,
+            entries: vec![],
+            rows: 0,
+            single: vec![],
+        }
+    }
+
+    /// The same column without its rows, for the next part of a log.
+    #[must_use]
+    pub fn emptied(&self) -> Self {
+        let values = match self.values {
+            Values::U8(_) => Values::U8(vec![]),
+            Values::U16(_) => Values::U16(vec![]),
+            Values::U32(_) => Values::U32(vec![]),
+            Values::U64(_) => Values::U64(vec![]),
+            Values::I8(_) => Values::I8(vec![]),
+            Values::I16(_) => Values::I16(vec![]),
+            Values::I32(_) => Values::I32(vec![]),
+            Values::F32(_) => Values::F32(vec![]),
+            Values::F64(_) => Values::F64(vec![]),
+            Values::Records(_) => Values::Records(vec![]),
+            Values::Raw(_) => Values::Raw(Pieces::default()),
+        };
+        Self { values, rows: 0, entries: vec![], single: vec![], ..*self }
+    }
+
+    /// Gives back the room that was reserved and not needed.
+    pub fn trim(&mut self) {
+        match &mut self.values {
+            Values::U8(values) | Values::Records(values) => values.shrink_to_fit(),
+            Values::U16(values) => values.shrink_to_fit(),
+            Values::U32(values) => values.shrink_to_fit(),
+            Values::U64(values) => values.shrink_to_fit(),
+            Values::I8(values) => values.shrink_to_fit(),
+            Values::I16(values) => values.shrink_to_fit(),
+            Values::I32(values) => values.shrink_to_fit(),
+            Values::F32(values) => values.shrink_to_fit(),
+            Values::F64(values) => values.shrink_to_fit(),
+            Values::Raw(pieces) => pieces.bytes.shrink_to_fit(),
+        }
+    }
+
+    /// Makes room for packets with this identifier and reading: numbers that no longer fit the type of the column widen
+    /// it (Float32 among wider reals, 4-byte among 8-byte device identifiers).
+    pub fn admit(&mut self, id: u16, reading: Option<&Reading>) {
+        if id == self.id || self.rows == 0 {
+            if self.rows == 0 {
+                let fresh = Self::new(id, reading);
+                (self.id, self.mixed_ids, self.mixed_precisions) = (id, false, false);
+                (self.values, self.width) = (fresh.values, fresh.width);
+            }
+        } else {
+            self.mixed_ids = true;
+        }
+        let Some(reading) = reading else { return };
+        match (&self.values, reading.form) {
+            (Values::F32(narrow), Form::Real(precision, _)) if precision != Precision::Float32 => {
+                self.values = Values::F64(narrow.iter().copied().map(f64::from).collect());
+            }
+            (Values::U32(narrow), Form::Fixed(Wire::U8, _)) => {
+                self.values = Values::U64(narrow.iter().copied().map(u64::from).collect());
+            }
+            _ => {}
+        }
+        if let Form::Real(precision, _) = reading.form {
+            self.mixed_precisions |= precision != Precision::of(self.id);
+        }
+    }
+
+    /// Adds a row for each packet, byte-swapped. The column has been told of them by [`Self::admit`].
+    ///
+    /// # Panics
+    /// If it has not, or if a packet lies outside `packets.bytes`.
+    pub fn gather(&mut self, form: Option<Form>, packets: Packets<'_>, progress: Progress) {
+        let more = packets.starts.len();
+        match (&mut self.values, form) {
+            (Values::F32(out), Some(Form::Real(Precision::Float32, n))) => packets.numbers(out, n, progress, real::float32),
+            (Values::F64(out), Some(Form::Real(precision, n))) => match precision {
+                Precision::Float32 => packets.numbers(out, n, progress, |bytes| f64::from(real::float32(bytes))),
+                Precision::Fp1220 => packets.numbers(out, n, progress, real::fp1220),
+                Precision::Fp1632 => packets.numbers(out, n, progress, real::fp1632),
+                Precision::Float64 => packets.numbers(out, n, progress, real::float64),
+            },
+            (Values::F32(out), Some(Form::Fixed(Wire::F4, n))) => packets.numbers(out, n, progress, real::float32),
+            (Values::U8(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, u8::from_be_bytes),
+            (Values::U16(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, u16::from_be_bytes),
+            (Values::U32(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, u32::from_be_bytes),
+            (Values::U64(out), Some(Form::Fixed(Wire::U4, n))) => {
+                packets.numbers(out, n, progress, |bytes| u64::from(u32::from_be_bytes(bytes)));
+            }
+            (Values::U64(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, u64::from_be_bytes),
+            (Values::I8(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, i8::from_be_bytes),
+            (Values::I16(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, i16::from_be_bytes),
+            (Values::I32(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, i32::from_be_bytes),
+            (Values::Records(out), Some(Form::Struct(fields))) => packets.records(out, fields, progress),
+            (Values::Records(out), Some(Form::List(head, entry))) => {
+                packets.records(out, head, progress);
+                let head = record_size(head);
+                for packet in packets.iter() {
+                    append_records(&mut self.entries, &packet[head..], entry);
+                }
+            }
+            (Values::Raw(out), None) => packets.iter().for_each(|packet| out.push(packet)),
+            (values, form) => unreachable!("{form:?} into {values:?}"),
+        }
+        self.rows += more;
+    }
+}
+
+/// Packets of one kind: where the data of each begin in `bytes`, but for `shift`. The byte before is the packet's size.
+#[derive(Clone, Copy, Debug)]
+#[allow(missing_docs)] // said above
+pub struct Packets<'a> {
+    pub bytes: &'a [u8],
+    pub starts: &'a [usize],
+    pub shift: usize,
+}
+
+impl<'a> Packets<'a> {
+    /// The data of each packet, its length taken from the size byte before it.
+    fn iter(self) -> impl Iterator<Item = &'a [u8]> {
+        self.starts.iter().map(move |start| {
+            let at = start + self.shift;
+            &self.bytes[at..][..self.bytes[at - 1].into()]
+        })
+    }
+
+    /// Appends the `n` numbers of each packet. The row lengths that occur at high rates are compiled with their length.
+    fn numbers<const SIZE: usize, T: Copy + Default>(
+        self,
+        out: &mut Vec<T>,
+        n: usize,
+        progress: Progress,
+        read: impl Fn([u8; SIZE]) -> T + Copy,
+    ) {
+        let old = out.len();
+        pages::make_room(out, n * self.starts.len(), progress);
+        // Writing zeros first costs little, since they stay in the cache, and needs no unsafe code.
+        out.resize(old + n * self.starts.len(), T::default());
+        let new = &mut out[old..];
+        match n {
+            1 => self.rows::<SIZE, 1, T>(new, read),
+            2 => self.rows::<SIZE, 2, T>(new, read),
+            3 => self.rows::<SIZE, 3, T>(new, read),
+            4 => self.rows::<SIZE, 4, T>(new, read),
+            9 => self.rows::<SIZE, 9, T>(new, read),
+            _ => {
+                for (row, start) in new.chunks_exact_mut(n).zip(self.starts) {
+                    swap(row, &self.bytes[start + self.shift..][..SIZE * n], read);
+                }
+            }
+        }
+    }
+
+    #[inline]
+    fn rows<const SIZE: usize, const N: usize, T: Copy>(self, new: &mut [T], read: impl Fn([u8; SIZE]) -> T + Copy) {
+        let (rows, _) = new.as_chunks_mut::<N>();
+        for (row, start) in rows.iter_mut().zip(self.starts) {
+            swap(row, &self.bytes[start + self.shift..][..SIZE * N], read);
+        }
+    }
+
+    fn records(self, out: &mut Vec<u8>, fields: &[Field], progress: Progress) {
+        let size = record_size(fields);
+        pages::make_room(out, size * self.starts.len(), progress);
+        for start in self.starts {
+            append_records(out, &self.bytes[start + self.shift..][..size], fields);
+        }
+    }
+}
+
+#[inline(always)]
+fn swap<const SIZE: usize, T>(row: &mut [T], bytes: &[u8], read: impl Fn([u8; SIZE]) -> T) {
+    let (numbers, _) = bytes.as_chunks::<SIZE>();
+    for (to, from) in row.iter_mut().zip(numbers) {
+        *to = read(*from);
+    }
+}
+
+/// Copies records and turns each field from big-endian into the machine's byte order.
+fn append_records(out: &mut Vec<u8>, bytes: &[u8], fields: &[Field]) {
+    let old = out.len();
+    out.extend_from_slice(bytes);
+    if cfg!(target_endian = "big") {
+        return;
+    }
+    let mut rest = &mut out[old..];
+    while !rest.is_empty() {
+        for field in fields {
+            let (number, behind) = rest.split_at_mut(field.wire.size());
+            number.reverse();
+            rest = behind;
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! What a log says about the device that wrote it: identifiers, product codes and the Configuration message.
+
+use crate::table::{self, Series};
+
+/// Where `SampleTimeFine` of the device with this 32-bit identifier wraps, if its family is known.
+#[must_use]
+pub const fn wrap_of_id(id: u32) -> Option<u64> {
+    // Bit 31 marks the serial numbers of the 600-series and later, which carry no family.
+    if id >> 31 == 1 {
+        return Some(Series::SixHundred.fine_wrap());
+    }
+    match id >> 20 & 0xF {
+        6 => Some(Series::Ten.fine_wrap()),
+        7 => Some(Series::Hundred.fine_wrap()), // and MTi-G
+        8 | 0xD => Some(Series::One.fine_wrap()), // the 3x0 too, as far as is known
+        _ => None,
+    }
+}
+
+/// The same by product code, such as `MTi-30-2A5G4` or `MTi-680G`.
+#[must_use]
+pub fn wrap_of_product(code: &str) -> Option<u64> {
+    if code.starts_with(['A', 'S']) {
+        return Some(Series::SixHundred.fine_wrap()); // Avior and Sirius
+    }
+    let model = code.strip_prefix("MTi-")?;
+    if model.starts_with("G-7") {
+        return Some(Series::Hundred.fine_wrap());
+    }
+    let digits = model.split(|c: char| !c.is_ascii_digit()).next()?;
+    match digits.parse().ok()? {
+        1..=9 | 320 | 330 => Some(Series::One.fine_wrap()),
+        10..=99 => Some(Series::Ten.fine_wrap()),
+        100..=399 => Some(Series::Hundred.fine_wrap()),
+        600..=699 => Some(Series::SixHundred.fine_wrap()),
+        _ => None,
+    }
+}
+
+/// A device identifier: 4 bytes, or 8 from the 600-series on.
+///
+/// Eight bytes with bit 31 set in neither half come from devices that fill the second half with something else; then
+/// only the first four count.
+#[must_use]
+pub fn device_id(payload: &[u8]) -> Option<u64> {
+    match payload.len() {
+        4 => Some(u32_at(payload, 0)?.into()),
+        8 => {
+            let (high, low) = (u32_at(payload, 0)?, u32_at(payload, 4)?);
+            Some(if (high | low) >> 31 == 0 { high.into() } else { u64::from(high) << 32 | u64::from(low) })
+        }
+        _ => None,
+    }
+}
+
+/// The text of a ProductCode message: 20 bytes, padded with spaces.
+#[must_use]
+pub fn product_code(payload: &[u8]) -> Option<String> {
+    let code: String =
+        payload.iter().take_while(|byte| byte.is_ascii_graphic()).map(|byte| char::from(*byte)).collect();
+    (!code.is_empty()).then_some(code)
+}
+
+/// The Configuration message (Tables 13 and 14; the tail, which the manual calls reserved, as devices fill it).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Configuration {
+    /// Device identifier.
+    pub device_id: u64,
+    /// Product code, where the message carries one.
+    pub product_code: Option<String>,
+    /// Sampling period in 1/115200 s; devices with 8-byte identifiers have none.
+    pub sampling_period: Option<u16>,
+    /// Output skip factor; devices with 8-byte identifiers have none.
+    pub output_skip_factor: Option<u16>,
+    /// Date, `YYYYMMDD`, as the host has set it.
+    pub date: Option<String>,
+    /// Time, `HHMMSSHH` (the last two are hundredths), as the host has set it.
+    pub time: Option<String>,
+    /// Number of devices on the bus.
+    pub devices: u16,
+    /// Filter profile.
+    pub filter_profile: u16,
+    /// Firmware: major, minor, revision.
+    pub firmware: [u8; 3],
+}
+
+impl Configuration {
+    /// Reads the payload; `None` if it is shorter than one device needs.
+    #[must_use]
+    pub fn read(payload: &[u8]) -> Option<Self> {
+        const LENGTH: usize = 118;
+        if payload.len() < LENGTH {
+            return None;
+        }
+        let (first, second) = (u32_at(payload, 0)?, u32_at(payload, 4)?);
+        // Eight-byte identifiers stand here with their halves exchanged, against the DeviceID message.
+        let (device_id, wide) = if first >> 31 == 1 {
+            (u64::from(second) << 32 | u64::from(first), true)
+        } else if first == 0 && second >> 31 == 1 {
+            (u64::from(second), true)
+        } else {
+            (u64::from(first), false)
+        };
+        let text = |at: usize| {
+            let bytes = &payload[at..at + 8];
+            bytes.iter().all(u8::is_ascii_digit).then(|| String::from_utf8_lossy(bytes).into_owned())
+        };
+        Some(Self {
+            device_id,
+            product_code: product_code(&payload[32..52]),
+            sampling_period: if wide { None } else { u16_at(payload, 4) },
+            output_skip_factor: if wide { None } else { u16_at(payload, 6) },
+            date: text(16),
+            time: text(24),
+            devices: u16_at(payload, 96)?,
+            filter_profile: u16_at(payload, 110)?,
+            firmware: [payload[112], payload[113], payload[114]],
+        })
+    }
+}
+
+/// Where `SampleTimeFine` wraps, if this message names the device.
+#[must_use]
+pub fn wrap_of_message(mid: u8, payload: &[u8]) -> Option<u64> {
+    #[allow(clippy::cast_possible_truncation)] // the low half
+    let of_id = |id: u64| wrap_of_id(id as u32);
+    match mid {
+        table::DEVICE_ID | table::INIT_BUS_RESULTS => device_id(payload).and_then(of_id),
+        table::CONFIGURATION => Configuration::read(payload).and_then(|it| of_id(it.device_id)),
+        table::PRODUCT_CODE => wrap_of_product(&product_code(payload)?),
+        _ => None,
+    }
+}
+
+fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {
+    bytes.get(at..)?.first_chunk().map(|it| u16::from_be_bytes(*it))
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
+    bytes.get(at..)?.first_chunk().map(|it| u32::from_be_bytes(*it))
+}

@@ -1,0 +1,148 @@
+//! What can go wrong, as data. The sentence is made when somebody prints it.
+
+use std::fmt;
+
+use crate::scan::Reason;
+
+/// Bytes that do not add up, found while reading strictly.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Fault {
+    /// A stretch of bytes that is no frame.
+    Damage {
+        /// Where it begins in the input.
+        offset: u64,
+        /// Why the bytes were refused where a frame was due.
+        reason: Reason,
+    },
+    /// An MTData2 message that its packets do not tile, or an empty one.
+    Malformed {
+        /// Where its frame begins in the input.
+        offset: u64,
+        /// Data identifier of the packet that runs past the end, if there is one.
+        id: Option<u16>,
+    },
+    /// A packet whose size does not fit its data identifier.
+    Size {
+        /// Where its frame begins in the input.
+        offset: u64,
+        /// Data identifier as received.
+        id: u16,
+        /// Bytes of data it carries.
+        size: usize,
+    },
+}
+
+impl Fault {
+    /// Where the frame or the damage begins in the input.
+    #[must_use]
+    pub const fn offset(&self) -> u64 {
+        match *self {
+            Self::Damage { offset, .. } | Self::Malformed { offset, .. } | Self::Size { offset, .. } => offset,
+        }
+    }
+
+    /// The data identifier at fault, if one is.
+    #[must_use]
+    pub const fn data_id(&self) -> Option<u16> {
+        match *self {
+            Self::Damage { .. } => None,
+            Self::Malformed { id, .. } => id,
+            Self::Size { id, .. } => Some(id),
+        }
+    }
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Damage { offset, reason } => {
+                write!(f, "no frame at byte {offset} ({}); read without strict to skip the damage", reason.name())
+            }
+            Self::Malformed { offset, id: Some(id) } => {
+                write!(f, "MTData2 at byte {offset}: packet {id:#06X} runs past the end of the message")
+            }
+            Self::Malformed { offset, id: None } => {
+                write!(f, "MTData2 at byte {offset}: its packets do not fill the message")
+            }
+            Self::Size { offset, id, size } => {
+                write!(f, "MTData2 at byte {offset}: packet {id:#06X} with {size} bytes, which its identifier rules out")
+            }
+        }
+    }
+}
+
+impl std::error::Error for Fault {}
+
+/// What the encoder refuses to write.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum EncodeError {
+    /// More bytes than the 16-bit length can say.
+    PayloadTooLong {
+        /// How many there are.
+        length: usize,
+    },
+    /// A packet's data do not fit the one-byte size.
+    PacketTooLong {
+        /// Name of the quantity.
+        name: &'static str,
+        /// How many bytes there are.
+        length: usize,
+    },
+    /// A number of values that the quantity does not have.
+    Count {
+        /// Name of the quantity.
+        name: &'static str,
+        /// How many it takes.
+        expected: usize,
+        /// How many there are.
+        found: usize,
+    },
+    /// An integer outside its type.
+    Range {
+        /// Name of the quantity or field.
+        name: &'static str,
+        /// The value as it was given.
+        value: String,
+        /// The manual's type.
+        wire: &'static str,
+    },
+    /// Fixed point cannot say "not a number".
+    NotANumber {
+        /// Name of the quantity.
+        name: &'static str,
+        /// The precision asked for.
+        precision: &'static str,
+    },
+    /// Coordinates for a quantity that has none.
+    Coordinates {
+        /// Name of the quantity.
+        name: &'static str,
+    },
+    /// A precision for a quantity of integers.
+    Precision {
+        /// Name of the quantity.
+        name: &'static str,
+    },
+}
+
+impl fmt::Display for EncodeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::PayloadTooLong { length } => {
+                write!(f, "a payload of {length} bytes does not fit a frame; its length has 16 bits")
+            }
+            Self::PacketTooLong { name, length } => {
+                write!(f, "{name}: {length} bytes do not fit a packet; its size has 8 bits")
+            }
+            Self::Count { name, expected, found } => write!(f, "{name} takes {expected} numbers, not {found}"),
+            Self::Range { name, value, wire } => write!(f, "{name}: {value} is outside {wire}"),
+            Self::NotANumber { name, precision } => {
+                write!(f, "{name}: {precision} has no NaN; use Float32 or Float64")
+            }
+            Self::Coordinates { name } => write!(f, "{name} has no coordinate system in the manual"),
+            Self::Precision { name } => write!(f, "{name} is made of integers; it takes no precision"),
+        }
+    }
+}
+
+impl std::error::Error for EncodeError {}

@@ -1,0 +1,23 @@
+//! The Xbus protocol of Xsens MTi motion trackers.
+//!
+//! ```text
+//! bytes → frames → packets → columns
+//!         scan     packet    layout, column
+//! ```
+//!
+//! Nothing is copied from the input to a frame or packet; each number is copied once, byte-swapped, into its column.
+//! The protocol itself is data, in [`table`].
+
+pub mod clock;
+pub mod column;
+pub mod device;
+pub mod error;
+pub mod frame;
+pub mod layout;
+pub mod log;
+pub mod packet;
+mod pages;
+pub mod real;
+pub mod scan;
+pub mod table;
+pub mod value;

@@ -1,0 +1,540 @@
+//! A log: frames to samples, samples to columns, everything else kept beside them.
+//!
+//! [`Reader`] takes the input in windows of any size and hands over what it has decoded as [`Part`]s. The parts of a log,
+//! joined, are the log: a part is decided by what came before it, never by what comes later.
+
+use std::collections::HashMap;
+
+use crate::clock::{Clocks, Losses, Stamps};
+use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
+use crate::device;
+use crate::error::Fault;
+use crate::frame::Frame;
+use crate::layout::{Batch, Layout, Layouts, Move};
+use crate::packet::{Coordinates, PACKET_HEADER, packets};
+use crate::scan::{Damage, Scanner, Step, Window};
+use crate::table::{self, Quantity};
+
+/// Which quantities a reader keeps: name, and coordinate system or any.
+pub type Wanted = Vec<(&'static Quantity, Option<Coordinates>)>;
+
+/// How a log is read.
+#[derive(Clone, Debug)]
+pub struct Options {
+    /// Longest payload that is taken for one. In a log up to 65535: real ones hold frames that the manual rules out.
+    pub limit: usize,
+    /// Stop at the first damage.
+    pub strict: bool,
+    /// Quantities to keep; all of them if `None`. Those that clocks and counters need are kept in any case.
+    pub wanted: Option<Wanted>,
+    /// Whether the fast path may be taken. Without it every message goes through the plain one: the oracle of the tests.
+    pub fast: bool,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { limit: u16::MAX.into(), strict: false, wanted: None, fast: true }
+    }
+}
+
+/// Messages that are no samples, in order.
+#[derive(Clone, Debug, Default)]
+pub struct Messages {
+    /// Message identifier of each.
+    pub mid: Vec<u8>,
+    /// Bus identifier of each.
+    pub bid: Vec<u8>,
+    /// Where its frame begins in the input.
+    pub offset: Vec<u64>,
+    /// Index of the next sample.
+    pub sample: Vec<u64>,
+    /// Its payload.
+    pub payload: Pieces,
+}
+
+/// What was counted in a part.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Stats {
+    /// Bytes of input.
+    pub bytes: u64,
+    /// Accepted frames.
+    pub frames: u64,
+    /// MTData2 messages.
+    pub samples: u64,
+    /// Other messages, malformed ones included.
+    pub messages: u64,
+    /// MTData2 messages that their packets do not tile, and empty ones.
+    pub malformed: u64,
+    /// Bytes that belong to no frame.
+    pub skipped_bytes: u64,
+    /// Candidates refused by their checksum where a frame was due.
+    pub checksum_errors: u64,
+}
+
+/// A sample that was decoded on its own.
+#[derive(Clone, Copy, Debug)]
+struct Single {
+    sample: u64,
+    offset: u64,
+    bid: u8,
+}
+
+/// Some message changes how clocks go on.
+#[derive(Clone, Copy, Debug)]
+enum Change {
+    Wrap(u64),
+    Restart,
+}
+
+/// A part of a log, or all of it.
+#[derive(Clone, Debug, Default)]
+pub struct Part {
+    /// Index of its first sample.
+    pub first: u64,
+    /// Its columns, in the order in which they were first seen.
+    pub columns: Vec<Column>,
+    /// Its other messages.
+    pub messages: Messages,
+    /// The damage that ends in it.
+    pub damage: Vec<Damage>,
+    /// What was counted.
+    pub stats: Stats,
+    /// For each sample its layout plus one, or 0 where it was decoded on its own. This one byte says which columns have
+    /// a row for the sample, and with `jumps` where its frame is.
+    layout: Vec<u8>,
+    layouts: Vec<Layout>,
+    /// Samples of known layout that do not begin where the sample before ended, and where they begin.
+    jumps: Vec<(u64, u64)>,
+    singles: Vec<Single>,
+    changes: Vec<(u64, u8, Change)>,
+}
+
+impl Part {
+    /// Number of samples.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.layout.len()
+    }
+
+    /// Whether it has no samples.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.layout.is_empty()
+    }
+
+    /// For each sample the number of rows that `column` has for it.
+    pub fn rows<'a>(&'a self, column: &'a Column) -> impl Iterator<Item = usize> + 'a {
+        let mut track = Track::new(self, Some(column));
+        self.layout.iter().zip(self.first..).map(move |(&layout, sample)| track.rows(layout, sample))
+    }
+
+    /// For each row of `column` its sample, counted from the beginning of the log.
+    #[must_use]
+    #[allow(clippy::cast_possible_wrap)]
+    pub fn samples_of(&self, column: &Column) -> Vec<i64> {
+        let mut samples = Vec::with_capacity(column.rows);
+        for (rows, sample) in self.rows(column).zip(self.first as i64..) {
+            for _ in 0..rows {
+                samples.push(sample);
+            }
+        }
+        samples
+    }
+
+    /// For each sample where its frame begins in the input.
+    #[must_use]
+    #[allow(clippy::cast_possible_wrap)]
+    pub fn offsets(&self) -> Vec<i64> {
+        let mut jumps = self.jumps.iter().peekable();
+        let mut singles = self.singles.iter();
+        let mut next = 0;
+        let mut offsets = Vec::with_capacity(self.len());
+        for (&layout, sample) in self.layout.iter().zip(self.first..) {
+            if layout == 0 {
+                offsets.extend(singles.next().map(|it| it.offset as i64));
+                continue;
+            }
+            if let Some(&(_, offset)) = jumps.next_if(|&&(jump, _)| jump == sample) {
+                next = offset;
+            }
+            offsets.push(next as i64);
+            next += self.layouts[usize::from(layout) - 1].frame as u64;
+        }
+        offsets
+    }
+
+    /// For each sample the bus identifier of its frame.
+    #[must_use]
+    pub fn bids(&self) -> Vec<u8> {
+        let mut singles = self.singles.iter();
+        let bid = |&layout: &u8| match layout {
+            0 => singles.next().map_or(0, |it| it.bid),
+            _ => self.layouts[usize::from(layout) - 1].bid,
+        };
+        self.layout.iter().map(bid).collect()
+    }
+
+    /// For each sample its time in seconds on the device clock (NaN where it carries none) and its counter (-1 where it
+    /// carries none), both unwrapped. `clocks` are those at the beginning of the part, and afterwards those at its end.
+    #[must_use]
+    pub fn unwrap(&self, clocks: &mut Clocks) -> (Vec<f64>, Vec<i64>, Losses) {
+        let [mut counter, mut fine, mut coarse] = [PACKET_COUNTER, FINE, COARSE].map(|id| self.track(id));
+        let mut triggers = TRIGGERS.map(|id| self.track(id));
+        let mut gnss = GNSS.map(|id| self.track(id));
+        let mut changes = self.changes.iter().peekable();
+        let mut losses = Losses::default();
+        let (mut times, mut counters) = (Vec::with_capacity(self.len()), Vec::with_capacity(self.len()));
+        for ((&layout, bid), sample) in self.layout.iter().zip(self.bids()).zip(self.first..) {
+            while let Some((_, bid, change)) = changes.next_if(|change| change.0 <= sample) {
+                change.apply(*bid, clocks);
+            }
+            let stamps = Stamps {
+                #[allow(clippy::cast_possible_truncation)] // a U2
+                counter: counter.last(layout, sample).map(|it| it as u16),
+                fine: fine.last(layout, sample),
+                coarse: coarse.last(layout, sample),
+                trigger: triggers.iter_mut().filter_map(|it| it.last(layout, sample)).next_back(),
+                gnss: gnss.iter_mut().map(|it| it.rows(layout, sample)).sum::<usize>() > 0,
+            };
+            let (time, count) = clocks.of(bid).sample(stamps, &mut losses);
+            times.push(time);
+            counters.push(count);
+        }
+        changes.for_each(|(_, bid, change)| change.apply(*bid, clocks));
+        (times, counters, losses)
+    }
+
+    fn track(&self, id: u16) -> Track<'_> {
+        let is = |column: &&Column| matches!(column.subject, Subject::Known(quantity, _) if quantity.id == id);
+        Track::new(self, self.columns.iter().find(is))
+    }
+}
+
+const PACKET_COUNTER: u16 = 0x1020;
+const FINE: u16 = 0x1060;
+const COARSE: u16 = 0x1070;
+const TRIGGERS: [u16; 3] = [0x4810, 0x4820, 0x4830];
+const GNSS: [u16; 2] = [0x7010, 0x7020];
+
+/// Whether clocks and counters need this quantity.
+fn is_stamp(id: u16) -> bool {
+    [PACKET_COUNTER, FINE, COARSE].contains(&id) || TRIGGERS.contains(&id) || GNSS.contains(&id)
+}
+
+impl Change {
+    fn apply(self, bid: u8, clocks: &mut Clocks) {
+        match self {
+            Self::Wrap(ticks) => clocks.of(bid).set_wrap(ticks),
+            Self::Restart => clocks.of(bid).restart(),
+        }
+    }
+}
+
+/// Follows the rows of one column through the samples of its part.
+struct Track<'a> {
+    column: Option<&'a Column>,
+    /// Which layouts feed the column, by layout plus one.
+    fed: [bool; 256],
+    single: &'a [u64],
+    row: usize,
+}
+
+impl<'a> Track<'a> {
+    fn new(part: &Part, column: Option<&'a Column>) -> Self {
+        let mut fed = [false; 256];
+        if let Some(column) = column {
+            let is = |it: &Move| std::ptr::eq(&raw const part.columns[it.column], column);
+            for (fed, layout) in fed[1..].iter_mut().zip(&part.layouts) {
+                *fed = layout.moves.iter().any(is);
+            }
+        }
+        Self { column, fed, single: column.map_or(&[], |it| &it.single), row: 0 }
+    }
+
+    /// How many rows the next sample has.
+    fn rows(&mut self, layout: u8, sample: u64) -> usize {
+        let rows = if layout == 0 {
+            let rows = self.single.iter().take_while(|it| **it == sample).count();
+            self.single = &self.single[rows..];
+            rows
+        } else {
+            usize::from(self.fed[usize::from(layout)])
+        };
+        self.row += rows;
+        rows
+    }
+
+    /// The last of them: the number, or the time stamp of a trigger.
+    fn last(&mut self, layout: u8, sample: u64) -> Option<u32> {
+        if self.rows(layout, sample) == 0 {
+            return None;
+        }
+        let column = self.column?;
+        match &column.values {
+            Values::U16(values) => Some(values[self.row - 1].into()),
+            Values::U32(values) => Some(values[self.row - 1]),
+            Values::Records(bytes) => {
+                const STAMP: usize = 2; // behind line and polarity
+                let record = &bytes[(self.row - 1) * column.width..];
+                record[STAMP..].first_chunk().map(|it| u32::from_ne_bytes(*it))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Reads a log, window by window.
+#[derive(Debug)]
+pub struct Reader {
+    options: Options,
+    scanner: Scanner,
+    layouts: Layouts,
+    batch: Batch,
+    columns: HashMap<Key, usize>,
+    part: Part,
+    /// Where the part began in the input, and how long the input is, as far as it is known.
+    began: u64,
+    total: u64,
+    checksum_errors: u64,
+    /// End of the last frame of known layout.
+    end: u64,
+    finished: bool,
+}
+
+/// What tells columns apart: quantity and coordinates, or an identifier that the tables cannot explain.
+#[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
+enum Key {
+    Known(u16, Option<Coordinates>),
+    Unknown(u16),
+}
+
+impl Reader {
+    /// A reader at the beginning of an input of `total` bytes, as far as that is known: it only decides how much room
+    /// columns are given.
+    #[must_use]
+    pub fn new(options: Options, total: u64) -> Self {
+        let scanner = Scanner::new(options.limit);
+        Self {
+            options,
+            scanner,
+            layouts: Layouts::default(),
+            batch: Batch::default(),
+            columns: HashMap::new(),
+            part: Part::default(),
+            began: 0,
+            total,
+            checksum_errors: 0,
+            end: u64::MAX,
+            finished: false,
+        }
+    }
+
+    /// Position in the input. Nothing before it is needed any more.
+    #[must_use]
+    pub const fn at(&self) -> u64 {
+        self.scanner.at()
+    }
+
+    /// Whether the input is used up.
+    #[must_use]
+    pub const fn is_finished(&self) -> bool {
+        self.finished
+    }
+
+    /// Reads frames from the window, which begins no later than [`Self::at`], until the position reaches `until` or
+    /// nothing more can be decided without more bytes.
+    ///
+    /// # Errors
+    /// The first [`Fault`], if the options say strict.
+    pub fn read(&mut self, window: Window<'_>, until: u64) -> Result<(), Fault> {
+        let result = self.read_frames(window, until);
+        self.gather(window);
+        result
+    }
+
+    fn read_frames(&mut self, window: Window<'_>, until: u64) -> Result<(), Fault> {
+        while self.at() < until && !self.finished {
+            match self.scanner.step(window) {
+                Step::More => break,
+                Step::End(damage) => {
+                    self.finished = true;
+                    self.damage(damage)?;
+                }
+                Step::Frame { at, length, damage } => {
+                    self.damage(damage)?;
+                    if !self.run(window, at, length, until) {
+                        self.gather(window);
+                        self.frame(&window.bytes[at..at + length], window.offset + at as u64)?;
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes the frame at `at`, and those behind it, as far as their layouts are known.
+    fn run(&mut self, window: Window<'_>, at: usize, length: usize, until: u64) -> bool {
+        let stop = usize::try_from(until - window.offset).unwrap_or(usize::MAX);
+        let mut from = at;
+        loop {
+            if self.batch.is_full() {
+                self.gather(window);
+            }
+            let before = self.batch.len();
+            let to = self.layouts.run(window.bytes, from, stop, &mut self.batch);
+            if to == from {
+                break;
+            }
+            if window.offset + from as u64 != self.end {
+                self.part.jumps.push((self.next_sample() + before as u64, window.offset + from as u64));
+            }
+            self.end = window.offset + to as u64;
+            from = to;
+        }
+        if from == at {
+            return false;
+        }
+        debug_assert!(from >= at + length);
+        self.scanner.pass(window.offset + from as u64);
+        true
+    }
+
+    /// Index of the next sample, but for those that wait in the batch.
+    fn next_sample(&self) -> u64 {
+        self.part.first + self.part.layout.len() as u64
+    }
+
+    /// Empties the batch into the columns.
+    fn gather(&mut self, window: Window<'_>) {
+        if self.batch.is_empty() {
+            return;
+        }
+        let progress = self.progress();
+        self.layouts.gather(window.bytes, &self.batch, &mut self.part.columns, progress);
+        self.part.layout.extend(self.batch.layouts().iter().map(|layout| layout + 1));
+        self.batch.clear();
+    }
+
+    fn progress(&self) -> Progress {
+        Progress { done: self.at() - self.began, total: self.total.saturating_sub(self.began) }
+    }
+
+    fn damage(&mut self, damage: Option<Damage>) -> Result<(), Fault> {
+        let Some(damage) = damage else { return Ok(()) };
+        self.part.damage.push(damage);
+        self.part.stats.skipped_bytes += damage.length;
+        if self.options.strict {
+            return Err(Fault::Damage { offset: damage.offset, reason: damage.reason });
+        }
+        Ok(())
+    }
+
+    /// Decodes one frame by itself.
+    fn frame(&mut self, bytes: &[u8], offset: u64) -> Result<(), Fault> {
+        let frame = Frame::of(bytes);
+        if frame.mid != table::MTDATA2 {
+            self.message(frame, offset);
+            return Ok(());
+        }
+        let overrun = packets(frame.payload).find_map(Result::err);
+        if frame.payload.is_empty() || overrun.is_some() {
+            self.part.stats.malformed += 1;
+            self.message(frame, offset);
+            if self.options.strict {
+                return Err(Fault::Malformed { offset, id: overrun.and_then(|it| it.id) });
+            }
+            return Ok(());
+        }
+        self.sample(bytes, frame, offset)
+    }
+
+    fn sample(&mut self, bytes: &[u8], frame: Frame<'_>, offset: u64) -> Result<(), Fault> {
+        let sample = self.next_sample();
+        let header = bytes.len() - frame.payload.len() - 1;
+        let mut moves = Vec::new();
+        let mut fault = Ok(());
+        let mut is_sound = true;
+        let progress = self.progress();
+        for packet in packets(frame.payload).flatten() {
+            if !packet.is_sound() {
+                is_sound = false;
+                if self.options.strict && fault.is_ok() {
+                    fault = Err(Fault::Size { offset, id: packet.id, size: packet.data.len() });
+                }
+            }
+            let reading = packet.reading();
+            let key = match &reading {
+                Some(reading) if !self.is_wanted(reading.quantity, reading.coordinates) => continue,
+                Some(reading) => Key::Known(reading.quantity.id, reading.coordinates),
+                None => Key::Unknown(packet.id),
+            };
+            let columns = &mut self.part.columns;
+            let column = *self.columns.entry(key).or_insert_with(|| {
+                columns.push(Column::new(packet.id, reading.as_ref()));
+                columns.len() - 1
+            });
+            moves.push(Move { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, reading });
+            let column = &mut self.part.columns[column];
+            let form = reading.as_ref().map(|it| it.form);
+            column.admit(packet.id, reading.as_ref());
+            let start = packet.at + PACKET_HEADER;
+            column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0 }, progress);
+            column.single.push(sample);
+        }
+        self.part.layout.push(0);
+        self.part.singles.push(Single { sample, offset, bid: frame.bid });
+        self.end = u64::MAX;
+        let mut fed: Vec<usize> = moves.iter().map(|it| it.column).collect();
+        fed.sort_unstable();
+        let once = fed.windows(2).all(|pair| pair[0] != pair[1]);
+        if self.options.fast && is_sound && once && header == 4 && matches!(frame.bid, 1..=31 | 0xFF) {
+            self.layouts.learn(bytes, moves);
+        }
+        fault
+    }
+
+    fn is_wanted(&self, quantity: &Quantity, coordinates: Option<Coordinates>) -> bool {
+        let Some(wanted) = &self.options.wanted else { return true };
+        let named = |(it, system): &(&Quantity, Option<Coordinates>)| {
+            it.id == quantity.id && (system.is_none() || *system == coordinates)
+        };
+        is_stamp(quantity.id) || wanted.iter().any(named)
+    }
+
+    fn message(&mut self, frame: Frame<'_>, offset: u64) {
+        let sample = self.next_sample();
+        let messages = &mut self.part.messages;
+        messages.mid.push(frame.mid);
+        messages.bid.push(frame.bid);
+        messages.offset.push(offset);
+        messages.sample.push(sample);
+        messages.payload.push(frame.payload);
+        if let Some(ticks) = device::wrap_of_message(frame.mid, frame.payload) {
+            self.part.changes.push((sample, frame.bid, Change::Wrap(ticks)));
+        }
+        if [table::GOTO_MEASUREMENT_ACK, table::RESET_ACK, table::WAKE_UP].contains(&frame.mid) {
+            self.part.changes.push((sample, frame.bid, Change::Restart));
+        }
+    }
+
+    /// Hands over what has been read since the last time.
+    pub fn take(&mut self) -> Part {
+        let next = Part {
+            first: self.next_sample(),
+            columns: self.part.columns.iter().map(Column::emptied).collect(),
+            ..Part::default()
+        };
+        let mut part = std::mem::replace(&mut self.part, next);
+        part.columns.iter_mut().for_each(Column::trim);
+        part.layouts = self.layouts.known().to_vec();
+        part.stats.bytes = self.at() - self.began;
+        part.stats.samples = part.layout.len() as u64;
+        part.stats.messages = part.messages.mid.len() as u64;
+        part.stats.frames = part.stats.samples + part.stats.messages;
+        part.stats.checksum_errors = self.scanner.checksum_errors - self.checksum_errors;
+        self.checksum_errors = self.scanner.checksum_errors;
+        self.began = self.at();
+        self.end = u64::MAX;
+        part
+    }
+}

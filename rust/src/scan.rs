@@ -1,0 +1,346 @@
+//! Bytes to frames.
+//!
+//! The checksum has 8 bits: one candidate in 256 passes it by chance. So a frame counts when its checksum holds and
+//!
+//! - it is **plausible**: bus identifier FF or 1 to 31; a message that a device sends, with a length that its row of the
+//!   table allows; an MTData2 payload tiled exactly by packets with sizes that their identifiers allow; or
+//! - it is **in step on both sides**: it begins where an accepted frame ended (or the input begins) and ends where another
+//!   frame with a good checksum begins (or the input ends). That keeps what the manual never mentions.
+//!
+//! A refused candidate costs one byte: the search goes on behind its preamble. How the input is cut into pieces does not
+//! matter, because a candidate that is not complete waits. [`plain`] says the same without any of the care for speed.
+//!
+//! Cost is linear in the input, whatever the input. Three things see to it: frames in standard form are short; longer
+//! stretches are summed by differences of one running sum; and the packets of extended candidates are walked on credit,
+//! which every byte passed pays in.
+
+pub mod plain;
+
+use crate::frame::{self, EXTENDED, Header, PREAMBLE};
+use crate::packet::{PACKET_HEADER, Packet};
+use crate::table;
+
+/// Why bytes were refused where a frame was due.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Reason {
+    /// There is no preamble.
+    NoPreamble,
+    /// The header claims more than the limit.
+    TooLong,
+    /// The header claims more than the input has.
+    Truncated,
+    /// The checksum does not hold.
+    Checksum,
+    /// The checksum holds, but the frame is neither plausible nor followed by another.
+    Implausible,
+}
+
+impl Reason {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 5] =
+        [Self::NoPreamble, Self::TooLong, Self::Truncated, Self::Checksum, Self::Implausible];
+
+    /// The word for it in reports.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        ["no preamble", "too long", "truncated", "checksum", "implausible"][self as usize]
+    }
+}
+
+/// A stretch of bytes that is no frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Damage {
+    /// Where it begins in the input.
+    pub offset: u64,
+    /// Its bytes.
+    pub length: u64,
+    /// What was wrong where it begins.
+    pub reason: Reason,
+}
+
+/// The part of the input that is in memory.
+#[derive(Clone, Copy, Debug)]
+pub struct Window<'a> {
+    /// The bytes.
+    pub bytes: &'a [u8],
+    /// Where in the input they begin.
+    pub offset: u64,
+    /// Whether the input ends with them.
+    pub last: bool,
+}
+
+/// What one step of the scanner found. Positions are those in the window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    /// A frame, and the damage before it.
+    Frame {
+        /// Where it begins.
+        at: usize,
+        /// Its bytes.
+        length: usize,
+        /// The damage that it ends.
+        damage: Option<Damage>,
+    },
+    /// Nothing more can be decided without more bytes.
+    More,
+    /// The input is used up; damage at its end.
+    End(Option<Damage>),
+}
+
+/// Finds the frames of an input that comes in windows.
+#[derive(Debug)]
+pub struct Scanner {
+    limit: usize,
+    at: u64,
+    damage: Option<(u64, Reason)>,
+    walk: Walk,
+    sums: Sums,
+    /// Candidates refused by their checksum where a frame was due.
+    pub checksum_errors: u64,
+}
+
+/// What becomes of a candidate.
+enum Verdict {
+    Frame(usize),
+    Refused(Reason),
+    Wait,
+}
+
+impl Scanner {
+    /// A scanner at the beginning of an input. No frame may carry more than `limit` bytes of payload.
+    #[must_use]
+    pub fn new(limit: usize) -> Self {
+        Self { limit, at: 0, damage: None, walk: Walk::default(), sums: Sums::default(), checksum_errors: 0 }
+    }
+
+    /// Where in the input the next byte to judge is. Nothing before it is needed any more.
+    #[must_use]
+    pub const fn at(&self) -> u64 {
+        self.at
+    }
+
+    /// Goes on behind frames that somebody else has found to be sound, from the present position to `to`.
+    ///
+    /// Only where a frame is due, that is right after [`Step::Frame`].
+    pub fn pass(&mut self, to: u64) {
+        debug_assert!(self.damage.is_none() && to >= self.at);
+        self.go_to(to);
+    }
+
+    /// The next frame, if the window is enough to find it.
+    pub fn step(&mut self, window: Window<'_>) -> Step {
+        loop {
+            #[allow(clippy::cast_possible_truncation)] // a position inside the window
+            let at = (self.at - window.offset) as usize;
+            let rest = &window.bytes[at..];
+            match rest.first() {
+                None if window.last => return Step::End(self.end_damage()),
+                None => return Step::More,
+                Some(&PREAMBLE) => match self.judge(window, at) {
+                    Verdict::Wait => return Step::More,
+                    Verdict::Refused(reason) => {
+                        self.refuse(reason);
+                        self.go_to(self.at + 1);
+                    }
+                    Verdict::Frame(length) => {
+                        let damage = self.end_damage();
+                        self.go_to(self.at + length as u64);
+                        return Step::Frame { at, length, damage };
+                    }
+                },
+                Some(_) => {
+                    self.refuse(Reason::NoPreamble);
+                    let skipped = memchr::memchr(PREAMBLE, rest).unwrap_or(rest.len());
+                    self.go_to(self.at + skipped as u64);
+                }
+            }
+        }
+    }
+
+    fn go_to(&mut self, to: u64) {
+        self.walk.pay(to - self.at);
+        self.at = to;
+    }
+
+    /// The first refusal after a frame opens a stretch of damage and gives it its reason.
+    fn refuse(&mut self, reason: Reason) {
+        if self.damage.is_none() {
+            self.damage = Some((self.at, reason));
+            self.checksum_errors += u64::from(reason == Reason::Checksum);
+        }
+    }
+
+    fn end_damage(&mut self) -> Option<Damage> {
+        self.damage.take().map(|(offset, reason)| Damage { offset, length: self.at - offset, reason })
+    }
+
+    /// Judges the candidate at `at`. Whatever is decided here holds for any window that has the bytes to decide it.
+    fn judge(&mut self, window: Window<'_>, at: usize) -> Verdict {
+        let bytes = &window.bytes[at..];
+        let cut = if window.last { Verdict::Refused(Reason::Truncated) } else { Verdict::Wait };
+        let Some(header) = Header::read(bytes) else { return cut };
+        if header.payload > self.limit {
+            return Verdict::Refused(Reason::TooLong);
+        }
+        let in_step = self.damage.is_none();
+        let is_data = header.mid == table::MTDATA2;
+        let mut plausible = is_plausible(&header);
+        if !in_step {
+            // Only plausibility can save it, so it need not wait for the bytes that it claims.
+            if !plausible {
+                return Verdict::Refused(Reason::Implausible);
+            }
+            if is_data {
+                match self.walk.tiles(self.at, bytes, &header) {
+                    Tiling::Whole => {}
+                    Tiling::Broken => return Verdict::Refused(Reason::Implausible),
+                    Tiling::Cut => return cut,
+                }
+            }
+        }
+        let Some(candidate) = bytes.get(..header.frame()) else { return cut };
+        if self.sum(window, at + 1, at + candidate.len()) != 0 {
+            return Verdict::Refused(Reason::Checksum);
+        }
+        if in_step && plausible && is_data {
+            plausible = matches!(self.walk.tiles(self.at, bytes, &header), Tiling::Whole);
+        }
+        if plausible {
+            return Verdict::Frame(candidate.len());
+        }
+        match self.intact(window, at + candidate.len()) {
+            Some(true) => Verdict::Frame(candidate.len()),
+            Some(false) => Verdict::Refused(Reason::Implausible),
+            None => Verdict::Wait,
+        }
+    }
+
+    /// Whether a frame with a good checksum begins at `at`, or the input ends there; `None` if that cannot be said yet.
+    fn intact(&mut self, window: Window<'_>, at: usize) -> Option<bool> {
+        let bytes = &window.bytes[at..];
+        let cut = if window.last { Some(bytes.is_empty()) } else { None };
+        if bytes.first().is_some_and(|&byte| byte != PREAMBLE) {
+            return Some(false);
+        }
+        let Some(header) = Header::read(bytes) else { return cut };
+        if header.payload > self.limit {
+            return Some(false);
+        }
+        if bytes.len() < header.frame() {
+            return cut;
+        }
+        Some(self.sum(window, at + 1, at + header.frame()) == 0)
+    }
+
+    fn sum(&mut self, window: Window<'_>, from: usize, to: usize) -> u8 {
+        // A frame in standard form is summed where it stands: at most 258 bytes.
+        const SHORT: usize = EXTENDED as usize + 4;
+        if to - from <= SHORT { frame::sum(&window.bytes[from..to]) } else { self.sums.between(window, from, to) }
+    }
+}
+
+/// What the header alone says for a frame.
+fn is_plausible(header: &Header) -> bool {
+    matches!(header.bid, frame::MASTER | 1..=31) && table::device_sends(header.mid, header.payload)
+}
+
+enum Tiling {
+    Whole,
+    Broken,
+    Cut,
+}
+
+/// Walks the packets of an MTData2 candidate, and goes on where it stood when more bytes come.
+///
+/// A candidate in extended form can claim thousands of packets, and hostile input a candidate every six bytes. So their
+/// packets are walked on credit: one for each byte the scanner has passed, up to 65536. A true message pays for itself.
+/// Only an extended MTData2 right behind a long stretch of such input can be refused for want of credit.
+#[derive(Debug)]
+struct Walk {
+    candidate: u64,
+    at: usize,
+    credit: u64,
+}
+
+const MOST_CREDIT: u64 = 1 << 16;
+
+impl Default for Walk {
+    fn default() -> Self {
+        Self { candidate: 0, at: 0, credit: MOST_CREDIT }
+    }
+}
+
+impl Walk {
+    fn pay(&mut self, bytes: u64) {
+        self.credit = (self.credit + bytes).min(MOST_CREDIT);
+    }
+
+    fn tiles(&mut self, candidate: u64, bytes: &[u8], header: &Header) -> Tiling {
+        let payload = &bytes[header.size..bytes.len().min(header.size + header.payload)];
+        let resumed = self.candidate == candidate;
+        let mut at = if resumed { self.at } else { 0 };
+        let tiling = loop {
+            let left = header.payload - at;
+            if left == 0 {
+                break Tiling::Whole;
+            }
+            if left < PACKET_HEADER {
+                break Tiling::Broken;
+            }
+            let Some(&[high, low, size]) = payload[at..].first_chunk() else { break Tiling::Cut };
+            let end = at + PACKET_HEADER + usize::from(size);
+            if end > header.payload || (header.size > 4 && self.credit == 0) {
+                break Tiling::Broken;
+            }
+            let Some(data) = payload.get(at + PACKET_HEADER..end) else { break Tiling::Cut };
+            if !(Packet { id: u16::from_be_bytes([high, low]), at, data }).is_sound() {
+                break Tiling::Broken;
+            }
+            self.credit -= u64::from(header.size > 4);
+            at = end;
+        };
+        (self.candidate, self.at) = (candidate, at);
+        tiling
+    }
+}
+
+/// The running sum of the input, remembered as far as two of the longest frames reach: the sum of any stretch is a
+/// difference of two entries, and no byte is added twice.
+#[derive(Debug, Default)]
+struct Sums {
+    /// At `i % RING`: the sum of the bytes from `from` to `i`.
+    ring: Vec<u8>,
+    from: u64,
+    upto: u64,
+}
+
+/// More than two frames of 65535 bytes of payload.
+const RING: usize = 1 << 18;
+
+impl Sums {
+    fn between(&mut self, window: Window<'_>, from: usize, to: usize) -> u8 {
+        #[allow(clippy::cast_possible_truncation)] // modulo a power of two
+        let slot = |position: u64| position as usize % RING;
+        let (first, end) = (window.offset + from as u64, window.offset + to as u64);
+        if self.ring.is_empty() {
+            self.ring = vec![0; RING];
+        }
+        if first < self.from || first > self.upto {
+            (self.from, self.upto) = (first, first);
+            self.ring[slot(first)] = 0;
+        }
+        if end > self.upto {
+            #[allow(clippy::cast_possible_truncation)] // a position inside the window
+            let known = (self.upto - window.offset) as usize;
+            let mut sum = self.ring[slot(self.upto)];
+            for (position, byte) in (self.upto + 1..).zip(&window.bytes[known..to]) {
+                sum = sum.wrapping_add(*byte);
+                self.ring[slot(position)] = sum;
+            }
+            self.upto = end;
+        }
+        debug_assert!(self.upto - first < RING as u64);
+        self.ring[slot(end)].wrapping_sub(self.ring[slot(first)])
+    }
+}

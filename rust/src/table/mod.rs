@@ -1,0 +1,280 @@
+//! The protocol as data.
+//!
+//! Every number of the manual (MT0101P, revision 2020.A) that the code needs stands in one of these tables and nowhere
+//! else: decoder, encoder, scanner, Python enums, stubs, documentation and command line read them. A new data
+//! identifier or message is a new row.
+
+mod errors;
+mod messages;
+mod products;
+mod quantities;
+#[cfg(test)]
+mod tests;
+
+pub use errors::{RESULT_CODES, result_text};
+pub use messages::{
+    CONFIGURATION, DEVICE_ID, ERROR, FIRMWARE_REV, GOTO_MEASUREMENT_ACK, HARDWARE_VERSION, INIT_BUS_RESULTS,
+    LONGEST_PAYLOAD, MESSAGES, MTDATA2, PRODUCT_CODE, RESET_ACK, WAKE_UP, WARNING,
+};
+pub use products::{Class, PRODUCTS, Product, Products, Series};
+pub use quantities::{QUANTITIES, STATUS_FLAGS};
+
+/// The number types of the manual, section 5.3.6. All are big-endian on the wire.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Wire {
+    /// Unsigned, 8 bits.
+    U1,
+    /// Unsigned, 16 bits.
+    U2,
+    /// Unsigned, 32 bits.
+    U4,
+    /// Unsigned, 64 bits.
+    U8,
+    /// Two's complement, 8 bits.
+    I1,
+    /// Two's complement, 16 bits.
+    I2,
+    /// Two's complement, 32 bits.
+    I4,
+    /// IEEE 754 single, whatever the identifier's precision bits say.
+    F4,
+}
+
+impl Wire {
+    /// Bytes on the wire.
+    #[must_use]
+    pub const fn size(self) -> usize {
+        match self {
+            Self::U1 | Self::I1 => 1,
+            Self::U2 | Self::I2 => 2,
+            Self::U4 | Self::I4 | Self::F4 => 4,
+            Self::U8 => 8,
+        }
+    }
+
+    /// The name in numpy's type strings, native byte order: `"u1"`, `"i4"`, `"f4"`, ...
+    #[must_use]
+    pub const fn numpy(self) -> &'static str {
+        match self {
+            Self::U1 => "u1",
+            Self::U2 => "u2",
+            Self::U4 => "u4",
+            Self::U8 => "u8",
+            Self::I1 => "i1",
+            Self::I2 => "i2",
+            Self::I4 => "i4",
+            Self::F4 => "f4",
+        }
+    }
+}
+
+/// One member of a struct quantity, as the manual names it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Field {
+    /// The manual's name.
+    pub name: &'static str,
+    /// How it is written.
+    pub wire: Wire,
+    /// What one count is worth in `unit`; 1 where the integer is the value.
+    pub scale: f64,
+    /// Unit of the scaled value (`"deg"`, `"m"`, `"m/s"`, ...), empty for counts, dates and bits.
+    pub unit: &'static str,
+    /// The integer that says "the receiver gave none", where there is one.
+    pub missing: Option<u32>,
+}
+
+/// How the bytes of a packet are to be read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// So many numbers of the manual's type ℝ, in the precision that the identifier's two low bits name.
+    Real(usize),
+    /// So many numbers of one type that format bits do not change.
+    Fixed(Wire, usize),
+    /// An integer of 4 or 8 bytes, told apart by the packet's size (`DeviceId`).
+    Id,
+    /// One record.
+    Struct(&'static [Field]),
+    /// A record, its second field counting the entries that follow it (`GnssSatInfo`).
+    List(&'static [Field], &'static [Field]),
+}
+
+/// One data identifier: a row of the manual's Table 16.
+#[derive(Clone, Copy, Debug)]
+pub struct Quantity {
+    /// Data identifier with its format bits (the four low ones) zero.
+    pub id: u16,
+    /// Name in xbus: the manual's, in `snake_case`.
+    pub name: &'static str,
+    /// Name in the manual, without `XDI_`.
+    pub manual: &'static str,
+    /// Group in the manual's Table 16.
+    pub group: &'static str,
+    /// How its bytes are read.
+    pub kind: Kind,
+    /// Names of the components of one row, in the order of the wire; empty for a scalar or a struct.
+    pub components: &'static [&'static str],
+    /// Unit of every component, empty where there is none.
+    pub unit: &'static str,
+    /// Whether the coordinate bits of the identifier mean something (Table 17, note 11).
+    pub rotates: bool,
+    /// Products that offer it (Table 16); none where the manual does not list it.
+    pub products: Products,
+    /// Where the layout is written down.
+    pub source: &'static str,
+}
+
+/// A named part of `StatusWord`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StatusFlag {
+    /// Name in xbus: the manual's, in `snake_case`.
+    pub name: &'static str,
+    /// Its lowest bit.
+    pub bit: u8,
+    /// How many bits it has.
+    pub width: u8,
+    /// What it says.
+    pub meaning: &'static str,
+}
+
+/// Who sends a message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Direction {
+    /// The host, to the device.
+    ToDevice,
+    /// The device, to the host.
+    ToHost,
+    /// Either side.
+    Both,
+}
+
+/// The device states in which a message is valid (section 4).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct States {
+    /// The wake-up procedure.
+    pub wakeup: bool,
+    /// Config State.
+    pub config: bool,
+    /// Measurement State.
+    pub measurement: bool,
+}
+
+/// The payload lengths that a message can have.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Lengths {
+    /// Nobody has written it down.
+    Unknown,
+    /// One of these.
+    OneOf(&'static [usize]),
+    /// From, to, in steps of.
+    Range(usize, usize, usize),
+}
+
+impl Lengths {
+    /// Whether a payload of `length` bytes is known to be right; `Unknown` allows none.
+    #[must_use]
+    pub const fn allow(&self, length: usize) -> bool {
+        match *self {
+            Self::Unknown => false,
+            Self::OneOf(list) => {
+                let mut i = 0;
+                while i < list.len() {
+                    if list[i] == length {
+                        return true;
+                    }
+                    i += 1;
+                }
+                false
+            }
+            Self::Range(from, to, step) => from <= length && length <= to && (length - from).is_multiple_of(step),
+        }
+    }
+}
+
+/// One message: a row of the manual's section 5.3. A MID that both requests and sets, or whose reply comes with and
+/// without data, has a row for each.
+#[derive(Clone, Copy, Debug)]
+pub struct Message {
+    /// Message identifier.
+    pub mid: u8,
+    /// The manual's name, `GoToConfig`; no two rows share one.
+    pub name: &'static str,
+    /// Who sends it.
+    pub direction: Direction,
+    /// When it is valid.
+    pub states: States,
+    /// What it carries, in words; `"empty"` where it carries nothing.
+    pub payload: &'static str,
+    /// The payload lengths it can have.
+    pub lengths: Lengths,
+    /// MID of the message that answers it.
+    pub reply: Option<u8>,
+    /// Products that know it.
+    pub products: Products,
+    /// `""`, the manual's `"reserved"`, `"deprecated"` or `"obsolete"`, or `"unlisted"` where it does not have the MID.
+    pub status: &'static str,
+}
+
+/// The quantity of a data identifier, whatever its format bits.
+#[must_use]
+pub fn quantity(data_id: u16) -> Option<&'static Quantity> {
+    QUANTITIES.get(usize::from(ROW_OF_ID[usize::from(data_id >> 4)]))
+}
+
+/// The quantity of this name.
+#[must_use]
+pub fn quantity_named(name: &str) -> Option<&'static Quantity> {
+    QUANTITIES.iter().find(|quantity| quantity.name == name)
+}
+
+/// The rows of a MID.
+pub fn messages(mid: u8) -> impl Iterator<Item = &'static Message> {
+    let first = MESSAGES.partition_point(|message| message.mid < mid);
+    MESSAGES[first..].iter().take_while(move |message| message.mid == mid)
+}
+
+/// The name of a message. Where a MID has several rows, one whose lengths allow the payload goes before one whose
+/// lengths do not; among these an empty payload is the row that carries nothing, any other one that carries something.
+#[must_use]
+pub fn message_name(mid: u8, payload_length: usize) -> Option<&'static str> {
+    let unlike = |message: &&Message| {
+        let carries_nothing = message.payload == messages::EMPTY;
+        (!message.lengths.allow(payload_length), carries_nothing != (payload_length == 0))
+    };
+    messages(mid).min_by_key(unlike).map(|message| message.name)
+}
+
+/// Whether a device is known to send this MID with a payload of this length.
+///
+/// The scanner asks it of every candidate in damaged data, so it is one look-up. `MTData2` may have any length but 0:
+/// its packets, not its row, say whether it is sound.
+#[must_use]
+pub fn device_sends(mid: u8, length: usize) -> bool {
+    if mid == MTDATA2 { length > 0 } else { SENT[usize::from(mid)].allow(length) }
+}
+
+const NO_ROW: u8 = u8::MAX;
+const _: () = assert!(QUANTITIES.len() < NO_ROW as usize);
+
+/// For every identifier, without its four format bits: where `QUANTITIES` has it.
+static ROW_OF_ID: [u8; 1 << 12] = {
+    let mut rows = [NO_ROW; 1 << 12];
+    let mut i: u8 = 0;
+    while (i as usize) < QUANTITIES.len() {
+        rows[(QUANTITIES[i as usize].id >> 4) as usize] = i;
+        i += 1;
+    }
+    rows
+};
+
+/// For every MID: the payload lengths that a device sends. The rows of one MID agree about them.
+static SENT: [Lengths; 1 << 8] = {
+    let mut sent = [Lengths::Unknown; 1 << 8];
+    let mut i = 0;
+    while i < MESSAGES.len() {
+        if !matches!(MESSAGES[i].direction, Direction::ToDevice) {
+            sent[MESSAGES[i].mid as usize] = MESSAGES[i].lengths;
+        }
+        i += 1;
+    }
+    sent
+};

@@ -1,0 +1,264 @@
+//! Packets one at a time: bytes to numbers, and names and numbers to bytes.
+//!
+//! This is the plain path: what `dump` prints, what virtual devices send, and what the tests hold the columns against.
+
+use crate::error::EncodeError;
+use crate::packet::{Coordinates, Form, Packet, Precision, Reading};
+use crate::real;
+use crate::table::{Field, Kind, Quantity, Wire};
+
+/// One number of a packet.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Number {
+    /// An integer of at most 32 bits.
+    Integer(i64),
+    /// An integer of 8 bytes.
+    Wide(u64),
+    /// A Float32, all bits of it.
+    Single(f32),
+    /// Any other real number.
+    Double(f64),
+}
+
+/// The numbers of a packet, in the order of the wire. A list gives those of its head, then those of its entries.
+///
+/// ```
+/// use xbus::{packet::Packet, value::{Number, numbers}};
+/// let packet = Packet { id: 0x1020, at: 0, data: &[0xDF, 0xC5] };
+/// assert_eq!(numbers(&packet.reading().unwrap(), packet.data), [Number::Integer(57285)]);
+/// ```
+#[must_use]
+pub fn numbers(reading: &Reading, data: &[u8]) -> Vec<Number> {
+    match reading.form {
+        Form::Real(precision, _) => data.chunks_exact(precision.size()).map(|it| read_real(precision, it)).collect(),
+        Form::Fixed(wire, _) => data.chunks_exact(wire.size()).map(|it| read_fixed(wire, it)).collect(),
+        Form::Struct(fields) => read_records(data, fields).collect(),
+        Form::List(head, entry) => {
+            let (first, rest) = data.split_at(crate::packet::record_size(head));
+            read_records(first, head).chain(read_records(rest, entry)).collect()
+        }
+    }
+}
+
+fn read_records<'a>(mut data: &'a [u8], fields: &'a [Field]) -> impl Iterator<Item = Number> + 'a {
+    let fields = fields.iter().cycle();
+    fields.map_while(move |field| {
+        let (number, rest) = data.split_at_checked(field.wire.size())?;
+        data = rest;
+        Some(read_fixed(field.wire, number))
+    })
+}
+
+/// # Panics
+/// If there are too few bytes; the reading has counted them.
+fn head<const N: usize>(bytes: &[u8]) -> [u8; N] {
+    *bytes.first_chunk().expect("a packet that has a reading has its size")
+}
+
+fn read_real(precision: Precision, bytes: &[u8]) -> Number {
+    match precision {
+        Precision::Float32 => Number::Single(real::float32(head(bytes))),
+        Precision::Fp1220 => Number::Double(real::fp1220(head(bytes))),
+        Precision::Fp1632 => Number::Double(real::fp1632(head(bytes))),
+        Precision::Float64 => Number::Double(real::float64(head(bytes))),
+    }
+}
+
+fn read_fixed(wire: Wire, bytes: &[u8]) -> Number {
+    match wire {
+        Wire::U1 => Number::Integer(bytes[0].into()),
+        Wire::U2 => Number::Integer(u16::from_be_bytes(head(bytes)).into()),
+        Wire::U4 => Number::Integer(u32::from_be_bytes(head(bytes)).into()),
+        Wire::U8 => Number::Wide(u64::from_be_bytes(head(bytes))),
+        Wire::I1 => Number::Integer(i8::from_be_bytes(head(bytes)).into()),
+        Wire::I2 => Number::Integer(i16::from_be_bytes(head(bytes)).into()),
+        Wire::I4 => Number::Integer(i32::from_be_bytes(head(bytes)).into()),
+        Wire::F4 => Number::Single(real::float32(head(bytes))),
+    }
+}
+
+/// Appends a packet to an MTData2 payload.
+///
+/// Reals are written in `precision` (Float32 if `None`): rounded half away from zero and saturated in fixed point. A
+/// device identifier takes 8 bytes, as on the 600-series, if it is given as [`Number::Wide`], else 4.
+///
+/// ```
+/// use xbus::{packet::Precision, table, value::{Number, write_packet}};
+/// let temperature = table::quantity_named("temperature").unwrap();
+/// let mut payload = vec![];
+/// write_packet(&mut payload, temperature, Some(Precision::Fp1632), None, &[Number::Double(24.375)]).unwrap();
+/// assert_eq!(payload, [0x08, 0x12, 6, 0x60, 0, 0, 0, 0, 0x18]);
+/// ```
+///
+/// # Errors
+/// Every [`EncodeError`] but the one about payloads; `payload` is then as it was.
+pub fn write_packet(
+    payload: &mut Vec<u8>,
+    quantity: &Quantity,
+    precision: Option<Precision>,
+    coordinates: Option<Coordinates>,
+    numbers: &[Number],
+) -> Result<(), EncodeError> {
+    let start = payload.len();
+    let written = write(payload, quantity, precision, coordinates, numbers);
+    if written.is_err() {
+        payload.truncate(start);
+    }
+    written
+}
+
+fn write(
+    payload: &mut Vec<u8>,
+    quantity: &Quantity,
+    precision: Option<Precision>,
+    coordinates: Option<Coordinates>,
+    numbers: &[Number],
+) -> Result<(), EncodeError> {
+    let name = quantity.name;
+    let mut id = quantity.id;
+    match (quantity.rotates, coordinates) {
+        (true, system) => id |= system.unwrap_or(Coordinates::Enu).bits(),
+        (false, Some(_)) => return Err(EncodeError::Coordinates { name }),
+        (false, None) => {}
+    }
+    let expect = |expected: usize| {
+        let found = numbers.len();
+        if found == expected { Ok(()) } else { Err(EncodeError::Count { name, expected, found }) }
+    };
+    let mut data = Vec::new();
+    match (quantity.kind, precision) {
+        (Kind::Real(n), precision) => {
+            expect(n)?;
+            let precision = precision.unwrap_or(Precision::Float32);
+            id |= precision as u16;
+            for number in numbers {
+                write_real(&mut data, name, precision, *number)?;
+            }
+        }
+        (_, Some(_)) => return Err(EncodeError::Precision { name }),
+        (Kind::Fixed(wire, n), None) => {
+            expect(n)?;
+            for number in numbers {
+                write_fixed(&mut data, name, wire, *number)?;
+            }
+        }
+        (Kind::Id, None) => {
+            expect(1)?;
+            let wire = if matches!(numbers[0], Number::Wide(_)) { Wire::U8 } else { Wire::U4 };
+            write_fixed(&mut data, name, wire, numbers[0])?;
+        }
+        (Kind::Struct(fields), None) => {
+            expect(fields.len())?;
+            write_fields(&mut data, numbers, fields.iter())?;
+        }
+        (Kind::List(head, entry), None) => {
+            let count = match numbers.get(1) {
+                Some(Number::Integer(count)) => usize::try_from(*count).unwrap_or(0),
+                _ => 0,
+            };
+            expect(head.len() + count * entry.len())?;
+            write_fields(&mut data, numbers, head.iter().chain(entry.iter().cycle()))?;
+        }
+    }
+    let length = data.len();
+    let size = u8::try_from(length).map_err(|_| EncodeError::PacketTooLong { name, length })?;
+    payload.extend(id.to_be_bytes());
+    payload.push(size);
+    payload.extend(data);
+    Ok(())
+}
+
+fn write_fields<'a>(
+    data: &mut Vec<u8>,
+    numbers: &[Number],
+    fields: impl Iterator<Item = &'a Field>,
+) -> Result<(), EncodeError> {
+    numbers.iter().zip(fields).try_for_each(|(number, field)| write_fixed(data, field.name, field.wire, *number))
+}
+
+#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // to the precision that was asked for
+fn write_real(
+    data: &mut Vec<u8>,
+    name: &'static str,
+    precision: Precision,
+    number: Number,
+) -> Result<(), EncodeError> {
+    let value = match number {
+        Number::Integer(value) => value as f64,
+        Number::Wide(value) => value as f64,
+        Number::Single(value) => f64::from(value),
+        Number::Double(value) => value,
+    };
+    let refused = EncodeError::NotANumber { name, precision: precision.name() };
+    match (precision, number) {
+        (Precision::Float32, Number::Single(value)) => data.extend(value.to_bits().to_be_bytes()),
+        (Precision::Float32, _) => data.extend((value as f32).to_be_bytes()),
+        (Precision::Fp1220, _) => data.extend(real::to_fp1220(value).ok_or(refused)?),
+        (Precision::Fp1632, _) => data.extend(real::to_fp1632(value).ok_or(refused)?),
+        (Precision::Float64, _) => data.extend(value.to_bits().to_be_bytes()),
+    }
+    Ok(())
+}
+
+#[allow(clippy::cast_possible_truncation)] // checked before
+fn write_fixed(data: &mut Vec<u8>, name: &'static str, wire: Wire, number: Number) -> Result<(), EncodeError> {
+    let refuse = |value: String, wire: &'static str| Err(EncodeError::Range { name, value, wire });
+    let value = match number {
+        Number::Single(value) if wire == Wire::F4 => {
+            data.extend(value.to_bits().to_be_bytes());
+            return Ok(());
+        }
+        Number::Double(value) if wire == Wire::F4 => {
+            data.extend((value as f32).to_be_bytes());
+            return Ok(());
+        }
+        Number::Integer(value) => i128::from(value),
+        Number::Wide(value) => i128::from(value),
+        Number::Single(value) if value.fract() == 0.0 => value as i128,
+        Number::Double(value) if value.fract() == 0.0 => value as i128,
+        Number::Single(value) => return refuse(value.to_string(), "the integers"),
+        Number::Double(value) => return refuse(value.to_string(), "the integers"),
+    };
+    let (least, most, range) = match wire {
+        Wire::U1 => (0, u8::MAX.into(), "U1 (0 to 255)"),
+        Wire::U2 => (0, u16::MAX.into(), "U2 (0 to 65535)"),
+        Wire::U4 => (0, u32::MAX.into(), "U4 (0 to 4294967295)"),
+        Wire::U8 => (0, u64::MAX.into(), "U8 (0 to 18446744073709551615)"),
+        Wire::I1 => (i8::MIN.into(), i8::MAX.into(), "I1 (-128 to 127)"),
+        Wire::I2 => (i16::MIN.into(), i16::MAX.into(), "I2 (-32768 to 32767)"),
+        Wire::I4 => (i32::MIN.into(), i32::MAX.into(), "I4 (-2147483648 to 2147483647)"),
+        Wire::F4 => (-(1 << 24), 1 << 24, "the integers that a F4 holds"),
+    };
+    if !(least..=most).contains(&value) {
+        return refuse(value.to_string(), range);
+    }
+    if wire == Wire::F4 {
+        #[allow(clippy::cast_precision_loss)] // within 24 bits
+        data.extend((value as f32).to_be_bytes());
+    } else {
+        let bytes = value.to_be_bytes();
+        data.extend(&bytes[bytes.len() - wire.size()..]);
+    }
+    Ok(())
+}
+
+/// Writes the packet that `reading` explains again, from its numbers.
+///
+/// # Errors
+/// As [`write_packet`].
+pub fn write_as(payload: &mut Vec<u8>, reading: &Reading, numbers: &[Number]) -> Result<(), EncodeError> {
+    let precision = match reading.form {
+        Form::Real(precision, _) => Some(precision),
+        _ => None,
+    };
+    write_packet(payload, reading.quantity, precision, reading.coordinates, numbers)
+}
+
+/// Whether the identifier is the one the encoder would write: no format bits that mean nothing.
+#[must_use]
+pub fn is_canonical(packet: &Packet<'_>) -> bool {
+    let Some(reading) = packet.reading() else { return false };
+    let real = matches!(reading.form, Form::Real(..));
+    let precision = if real { packet.id & 3 } else { 0 };
+    packet.id == reading.quantity.id | precision | reading.coordinates.map_or(0, Coordinates::bits)
+}
