@@ -428,7 +428,12 @@ ALL_BITS = 2**32  # and on the others
 
 
 def modulus_of_id(device_id: int) -> int | None:
-    """Where SampleTimeFine wraps on the device with this 32-bit identifier."""
+    """Where SampleTimeFine wraps on the device with this 32-bit identifier.
+
+    Bit 31 marks the serial numbers of the 600-series, which carry no family.
+    """
+    if device_id & 0x8000_0000:
+        return ALL_BITS
     match device_id & 0x00F0_0000:
         case 0x0060_0000 | 0x0070_0000:  # 10-series; 100-series and MTi-G
             return DAY
@@ -464,7 +469,7 @@ def modulus_of_product(code: bytes) -> int | None:
         if 10 <= series <= 399:
             return DAY
         return None
-    if name[:1].isascii() and name[:1].isalpha() and name[0] != "M":  # Avior, Sirius
+    if name.startswith(("A", "S")):  # Avior, Sirius
         return ALL_BITS
     return None
 
@@ -478,7 +483,7 @@ def modulus_of_message(frame: Frame) -> int | None:
         return modulus_of_id(int.from_bytes(payload, "big"))
     if frame.mid == DEVICE_ID and len(payload) == 8:
         return modulus_of_ids(*struct.unpack(">II", payload))
-    if frame.mid == CONFIGURATION and len(payload) >= 8:
+    if frame.mid == CONFIGURATION and len(payload) >= 118:
         # Table 13; a 64-bit identifier has its halves exchanged, if not, the first half is zero.
         first, second = struct.unpack(">II", payload[:8])
         if first & 0x8000_0000 or (first == 0 and second & 0x8000_0000):
@@ -517,24 +522,27 @@ class Device:
         """The time of a sample, by the packets in it; moves the clock unless GNSS data is there."""
         fine: int | None = stamps.get("sample_time_fine")
         coarse: int | None = stamps.get("sample_time_coarse")
-        trigger: dict[str, int] | None = stamps.get("trigger")
+        triggers: list[dict[str, int]] = [stamps[name] for name in TRIGGERS if name in stamps]
 
         if fine is not None:
             ticks = result = self.after(fine)
             if coarse is not None:
-                # The manual's BigTimestamp, section 5.3.6. It moves the clock as well where it
-                # differs from SampleTimeFine by whole wraps, as it does until the first wrap that
-                # is no whole number of seconds.
-                result = coarse * TICKS + fine % TICKS
+                # The manual's BigTimestamp, section 5.3.6. The clock is set by it where it is
+                # SampleTimeFine and a whole number of wraps.
+                # Where it says no more than SampleTimeFine does, both start again together, and the
+                # unwrapped time goes on.
+                stamp = coarse * TICKS + fine % TICKS
                 moduli = (DAY, ALL_BITS) if self.modulus is None else (self.modulus,)
-                if result >= fine and any((result - fine) % m == 0 for m in moduli):
-                    ticks = result
+                if stamp != fine:
+                    result = stamp
+                if stamp > fine and any((stamp - fine) % m == 0 for m in moduli):
+                    ticks = stamp
             if not any(name in stamps for name in GNSS):
                 self.fine, self.ticks = fine, ticks
             return result / TICKS
 
-        if trigger is not None:
-            stamp = trigger["timestamp"]
+        if triggers:
+            stamp = triggers[-1]["timestamp"]
             if self.fine is not None:
                 now = self.ticks * 100  # in microseconds, as the stamp is
                 wraps = (now - stamp + ALL_BITS // 2) // ALL_BITS  # to the nearest
@@ -552,7 +560,7 @@ class Device:
             step = 1
         else:
             step = (low - self.low) % 65536
-            if step >= 32768:
+            if step >= 32768 and self.counter + step >= 65536:  # else it would fall below zero
                 step -= 65536
             self.counter += step
         self.low = low
@@ -630,7 +638,7 @@ def decode(data: bytes, limit: int = LONGEST) -> Reference:
                 continue
             (name, coordinates), values = packet
             log.columns.setdefault((name, coordinates), []).append(Row(sample, data_id, values))
-            stamps["trigger" if name in TRIGGERS else name] = values
+            stamps[name] = values
 
         log.time.append(device.time(stamps))
         if "packet_counter" in stamps:

@@ -6,7 +6,7 @@
 #![allow(dead_code)] // each bench uses some of it
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use xbus::frame::Frame;
 use xbus::packet::{Coordinates, Precision};
@@ -143,31 +143,26 @@ pub fn dirty(n: usize) -> Vec<u8> {
     out
 }
 
-/// The median time of each of `work`, run in turns.
-pub fn medians<const N: usize>(rounds: usize, mut work: [&mut dyn FnMut(); N]) -> [Duration; N] {
-    let mut times = [const { vec![] }; N];
-    for round in 0..=rounds {
-        for (work, times) in work.iter_mut().zip(&mut times) {
-            let start = Instant::now();
-            work();
-            if round > 0 {
-                times.push(start.elapsed()); // the first round warms up
-            }
-        }
-    }
-    times.map(|mut times| {
-        times.sort();
-        times[times.len() / 2]
-    })
+/// How many times as fast as `yardstick` is `work`? The two run in turns, and the median of the ratios counts: a machine
+/// that slows down or speeds up meanwhile does so for both.
+pub fn ratio(rounds: usize, mut yardstick: impl FnMut(), mut work: impl FnMut()) -> f64 {
+    let mut time = |work: &mut dyn FnMut()| {
+        let start = Instant::now();
+        work();
+        start.elapsed().as_secs_f64()
+    };
+    (time(&mut yardstick), time(&mut work)); // warms up
+    let mut ratios: Vec<f64> = (0..rounds).map(|_| time(&mut yardstick) / time(&mut work)).collect();
+    ratios.sort_by(f64::total_cmp);
+    ratios[rounds / 2]
 }
 
 /// `work` against `memcpy` of `bytes`: how many times as fast as the copy it is.
-pub fn against_memcpy(bytes: &[u8], rounds: usize, mut work: impl FnMut()) -> f64 {
+pub fn against_memcpy(bytes: &[u8], rounds: usize, work: impl FnMut()) -> f64 {
     let mut target = vec![1u8; bytes.len()];
-    let mut copy = || {
+    let copy = || {
         target.copy_from_slice(black_box(bytes));
         black_box(&mut target);
     };
-    let [copy, work] = medians(rounds, [&mut copy, &mut work]);
-    copy.as_secs_f64() / work.as_secs_f64()
+    ratio(rounds, copy, work)
 }

@@ -66,21 +66,25 @@ impl Clock {
     #[allow(clippy::cast_precision_loss)] // below 2^53 for centuries
     fn seconds(&mut self, stamps: Stamps) -> f64 {
         let Some(fine) = stamps.fine.map(i64::from) else {
-            return match (stamps.coarse, stamps.trigger) {
-                (Some(coarse), _) => f64::from(coarse),
-                (None, Some(trigger)) => self.near(i64::from(trigger)) as f64 / 1e6,
+            return match (stamps.trigger, stamps.coarse) {
+                (Some(trigger), _) => self.near(i64::from(trigger)) as f64 / 1e6,
+                (None, Some(coarse)) => f64::from(coarse),
                 (None, None) => f64::NAN,
             };
         };
         let mut unwrapped = self.unwrap(fine);
         let mut time = unwrapped;
         if let Some(coarse) = stamps.coarse {
-            // The manual's "big timestamp", section 5.3.6.
-            time = i64::from(coarse) * TICKS + fine % TICKS;
-            let turns = time - fine;
-            let whole = |wrap: i64| turns % wrap == 0;
-            if turns >= 0 && self.wrap.map_or(whole(DAY) || whole(U32), whole) {
-                unwrapped = time;
+            // The manual's "big timestamp", section 5.3.6. Where it says no more than the fine time alone, because the
+            // device starts both again at the same moment, the unwrapped fine time knows better.
+            let big = i64::from(coarse) * TICKS + fine % TICKS;
+            let turns = big - fine;
+            if turns != 0 {
+                time = big;
+                let whole = |wrap: i64| turns % wrap == 0;
+                if turns > 0 && self.wrap.map_or(whole(DAY) || whole(U32), whole) {
+                    unwrapped = big;
+                }
             }
         }
         // GNSS samples run tens of milliseconds behind their neighbours, and without a fix their time is arbitrary.

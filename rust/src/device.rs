@@ -125,7 +125,8 @@ pub fn wrap_of_message(mid: u8, payload: &[u8]) -> Option<u64> {
     #[allow(clippy::cast_possible_truncation)] // the low half
     let of_id = |id: u64| wrap_of_id(id as u32);
     match mid {
-        table::DEVICE_ID | table::INIT_BUS_RESULTS => device_id(payload).and_then(of_id),
+        table::DEVICE_ID => device_id(payload).and_then(of_id),
+        table::INIT_BUS_RESULTS if payload.len() == 4 => device_id(payload).and_then(of_id),
         table::CONFIGURATION => Configuration::read(payload).and_then(|it| of_id(it.device_id)),
         table::PRODUCT_CODE => wrap_of_product(&product_code(payload)?),
         _ => None,

@@ -10,25 +10,38 @@
 //! length to be loaded. Frames of one length are told apart by one byte, without a branch. And a column's loop knows its
 //! type, its row length and mostly also where in the frame its packets lie.
 
+use std::collections::HashMap;
+
 use crate::column::{Column, Packets, Progress};
-use crate::frame::{self, PREAMBLE};
-use crate::packet::{Form, PACKET_HEADER, Reading};
+use crate::frame::{self, Frame, PREAMBLE};
+use crate::packet::{Form, PACKET_HEADER, Reading, packets};
 
 /// Frames gathered before the columns take their packets: enough to make the loops worth it, few enough for the frames
 /// to stay in the first-level cache.
 const BATCH: usize = 256;
-/// Layouts that are learned. Damage and hostile input breed bogus ones; past this many the plain path does the work.
+/// Layouts that are learned in all, and those in use at a time. Damage and hostile input breed bogus ones; past this many
+/// the plain path does the work.
 const MOST_LAYOUTS: usize = 255;
+const MOST_IN_USE: usize = 32;
+/// Layouts that wait to be seen again.
+const MOST_CANDIDATES: usize = 8;
+/// How often a layout is seen before it is learned: bogus ones hardly come twice.
+const SIGHTINGS: usize = 2;
+/// How often one is seen before it replaces others that it disagrees with.
+const SIGHTINGS_TO_REPLACE: usize = 64;
 
-/// Sixteen bytes of a layout.
+/// Bytes that are compared at a time.
+const BLOCK: usize = 32;
+
+/// A stretch of a layout.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Block {
     /// The fixed bytes.
-    want: [u8; 16],
+    want: [u8; BLOCK],
     /// FF where a byte is fixed.
-    mask: [u8; 16],
+    mask: [u8; BLOCK],
     /// FF where a byte belongs to the frame at all.
-    inside: [u8; 16],
+    inside: [u8; BLOCK],
 }
 
 /// One packet of a layout: which column takes it, and from where.
@@ -57,44 +70,46 @@ pub struct Layout {
     pub frame: usize,
     /// Bus identifier.
     pub bid: u8,
-    /// Its packets.
+    /// Those of its packets that columns take.
     pub moves: Vec<Move>,
     blocks: Vec<Block>,
 }
 
 impl Layout {
-    fn of(bytes: &[u8], moves: Vec<Move>) -> Self {
-        let mut blocks = vec![Block::default(); bytes.len().div_ceil(16)];
-        let mut fix = |at: usize, byte: u8| {
-            blocks[at / 16].want[at % 16] = byte;
-            blocks[at / 16].mask[at % 16] = 0xFF;
-        };
-        bytes[..4].iter().enumerate().for_each(|(at, byte)| fix(at, *byte));
-        for packet in &moves {
-            for at in packet.offset - PACKET_HEADER..packet.offset {
-                fix(at, bytes[at]);
+    /// The layout of a frame in standard form that its packets tile.
+    fn of(bytes: &[u8], moves: &[Move]) -> Self {
+        let mut blocks = vec![Block::default(); bytes.len().div_ceil(BLOCK)];
+        let mut fix = |from: usize, length: usize| {
+            for at in from..from + length {
+                blocks[at / BLOCK].want[at % BLOCK] = bytes[at];
+                blocks[at / BLOCK].mask[at % BLOCK] = 0xFF;
             }
-            if let Some(Form::List(head, _)) = packet.form() {
-                let count = packet.offset + head[0].wire.size(); // it goes with the size
-                fix(count, bytes[count]);
+        };
+        let header = 4;
+        fix(0, header);
+        for packet in packets(Frame::of(bytes).payload).flatten() {
+            let at = header + packet.at;
+            fix(at, PACKET_HEADER);
+            if let Some(Form::List(head, _)) = packet.reading().map(|it| it.form) {
+                fix(at + PACKET_HEADER + head[0].wire.size(), 1); // the count goes with the size
             }
         }
-        (0..bytes.len()).for_each(|at| blocks[at / 16].inside[at % 16] = 0xFF);
-        Self { frame: bytes.len(), bid: bytes[1], moves, blocks }
+        (0..bytes.len()).for_each(|at| blocks[at / BLOCK].inside[at % BLOCK] = 0xFF);
+        Self { frame: bytes.len(), bid: bytes[1], moves: moves.to_vec(), blocks }
     }
 
     /// Whether `bytes`, rounded up to whole blocks, begin with an intact frame of this layout.
     #[inline]
     fn matches(&self, bytes: &[u8]) -> bool {
-        let (mut off, mut sum) = ([0u8; 16], [0u8; 16]);
-        for (bytes, block) in bytes.as_chunks::<16>().0.iter().zip(&self.blocks) {
-            for i in 0..16 {
+        let (mut off, mut sum) = ([0u8; BLOCK], [0u8; BLOCK]);
+        for (bytes, block) in bytes.as_chunks::<BLOCK>().0.iter().zip(&self.blocks) {
+            for i in 0..BLOCK {
                 off[i] |= (bytes[i] ^ block.want[i]) & block.mask[i];
                 sum[i] = sum[i].wrapping_add(bytes[i] & block.inside[i]);
             }
         }
         // The preamble is in this sum and the checksum makes up for all the rest.
-        off == [0; 16] && frame::sum(&sum) == PREAMBLE
+        off == [0; BLOCK] && frame::sum(&sum) == PREAMBLE
     }
 }
 
@@ -111,52 +126,82 @@ struct Family {
     members: Vec<u8>,
 }
 
+/// A layout that has not been seen often enough to be learned.
+#[derive(Debug)]
+struct Candidate {
+    frame: usize,
+    moves: Vec<Move>,
+    sightings: usize,
+}
+
+impl Candidate {
+    fn is(&self, bytes: &[u8], moves: &[Move]) -> bool {
+        let place = |it: &Move| (it.id, it.offset);
+        self.frame == bytes.len() && self.moves.iter().map(place).eq(moves.iter().map(place))
+    }
+}
+
 /// All layouts that have been learned.
 #[derive(Debug, Default)]
 pub struct Layouts {
     known: Vec<Layout>,
+    candidates: Vec<Candidate>,
     /// Those in use, by frame length.
     families: Vec<Family>,
     /// Family by LEN byte, plus one.
     by_length: Vec<u8>,
+    /// How the layouts in use feed the columns.
+    forms: HashMap<usize, Option<Form>>,
 }
 
 /// Frames of known layouts that wait to be gathered: their positions in the window, and their layouts.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub struct Batch {
-    starts: Vec<usize>,
-    layouts: Vec<u8>,
+    length: usize,
+    starts: [usize; BATCH],
+    layouts: [u8; BATCH],
+}
+
+impl Default for Batch {
+    fn default() -> Self {
+        Self { length: 0, starts: [0; BATCH], layouts: [0; BATCH] }
+    }
 }
 
 impl Batch {
     /// Frames on the list.
     #[must_use]
     pub fn len(&self) -> usize {
-        self.starts.len()
+        self.length
     }
 
     /// Whether the list is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
-        self.starts.is_empty()
+        self.length == 0
     }
 
     /// Whether it is time to gather.
     #[must_use]
     pub fn is_full(&self) -> bool {
-        self.starts.len() >= BATCH
+        self.length == BATCH
+    }
+
+    /// Where each frame begins.
+    #[must_use]
+    pub fn starts(&self) -> &[usize] {
+        &self.starts[..self.length]
     }
 
     /// The layout of each frame.
     #[must_use]
     pub fn layouts(&self) -> &[u8] {
-        &self.layouts
+        &self.layouts[..self.length]
     }
 
     /// Empties the list.
     pub fn clear(&mut self) {
-        self.starts.clear();
-        self.layouts.clear();
+        self.length = 0;
     }
 }
 
@@ -167,11 +212,33 @@ impl Layouts {
         &self.known
     }
 
-    /// Learns the layout of an intact, plausible MTData2 frame in standard form that feeds no column twice.
+    /// Learns the layout of an intact, plausible MTData2 frame in standard form that feeds no column twice, once it has
+    /// been seen often enough.
     ///
     /// The layouts in use agree on how each column is fed. One that does not, because the device was configured anew,
-    /// replaces them all.
-    pub fn learn(&mut self, bytes: &[u8], moves: Vec<Move>) {
+    /// replaces them all in the end.
+    pub fn learn(&mut self, bytes: &[u8], moves: &[Move]) {
+        let place = self.candidates.iter().position(|it| it.is(bytes, moves)).unwrap_or_else(|| {
+            self.candidates.truncate(MOST_CANDIDATES - 1);
+            self.candidates.insert(0, Candidate { frame: bytes.len(), moves: moves.to_vec(), sightings: 0 });
+            0
+        });
+        let candidate = &mut self.candidates[place];
+        candidate.sightings += 1;
+        let agrees = |it: &Move| self.forms.get(&it.column).is_none_or(|form| *form == it.form());
+        let enough = if moves.iter().all(agrees) { SIGHTINGS } else { SIGHTINGS_TO_REPLACE };
+        if candidate.sightings < enough {
+            return;
+        }
+        self.candidates.remove(place);
+        if enough == SIGHTINGS_TO_REPLACE {
+            self.families.clear();
+            self.by_length.clear();
+            self.forms.clear();
+        }
+        if self.families.iter().map(|it| it.members.len()).sum::<usize>() == MOST_IN_USE {
+            return;
+        }
         let layout = Layout::of(bytes, moves);
         let number = self.known.iter().position(|known| known.blocks == layout.blocks).unwrap_or(self.known.len());
         if number == MOST_LAYOUTS {
@@ -180,19 +247,9 @@ impl Layouts {
         if number == self.known.len() {
             self.known.push(layout);
         }
-        let in_use: Vec<u8> = self.families.iter().flat_map(|family| family.members.iter().copied()).collect();
+        self.forms.extend(moves.iter().map(|it| (it.column, it.form())));
         #[allow(clippy::cast_possible_truncation)] // at most MOST_LAYOUTS
-        let number = number as u8;
-        if in_use.iter().any(|&other| self.disagree(number, other)) {
-            self.families.clear();
-            self.by_length.clear();
-        }
-        self.use_layout(number);
-    }
-
-    fn disagree(&self, one: u8, other: u8) -> bool {
-        let [one, other] = [one, other].map(|number| &self.known[usize::from(number)]);
-        one.moves.iter().any(|a| other.moves.iter().any(|b| a.column == b.column && a.form() != b.form()))
+        self.use_layout(number as u8);
     }
 
     fn use_layout(&mut self, number: u8) {
@@ -202,7 +259,7 @@ impl Layouts {
         if *length == 0 {
             self.families.push(Family {
                 frame: layout.frame,
-                padded: layout.blocks.len() * 16,
+                padded: layout.blocks.len() * BLOCK,
                 tell: 0,
                 pick: Box::new([number; 256]),
                 members: vec![],
@@ -231,8 +288,9 @@ impl Layouts {
                     let Some(&member) = family.members.iter().find(other) else { break };
                     layout = member;
                 }
-                batch.starts.push(at);
-                batch.layouts.push(layout);
+                batch.starts[batch.length] = at;
+                batch.layouts[batch.length] = layout;
+                batch.length += 1;
                 at += family.frame;
             }
             if at == before {
@@ -250,38 +308,29 @@ impl Layouts {
 
     /// Lets every column take its packets from the frames on the list, in their order.
     pub fn gather(&self, bytes: &[u8], batch: &Batch, columns: &mut [Column], progress: Progress) {
-        let mut seen: Vec<u8> = Vec::new();
-        for &layout in &batch.layouts {
-            if seen.last() != Some(&layout) && !seen.contains(&layout) {
-                seen.push(layout);
+        let mut seen = [false; 256];
+        let mut moves = Vec::new();
+        let mut layouts = 0;
+        for &layout in batch.layouts() {
+            if !std::mem::replace(&mut seen[usize::from(layout)], true) {
+                layouts += 1;
+                moves.extend(self.known[usize::from(layout)].moves.iter().map(|it| (layout, it)));
             }
         }
-        let moves = || seen.iter().flat_map(|&layout| self.known[usize::from(layout)].moves.iter().map(move |it| (layout, it)));
-        let mut starts = Vec::new();
-        let mut fed = Vec::new();
-        for (_, first) in moves() {
-            if fed.contains(&first.column) {
-                continue;
-            }
-            fed.push(first.column);
+        moves.sort_by_key(|(_, it)| it.column); // stable: the layout that came first goes first
+        let mut starts = [0; BATCH + 1];
+        for moves in moves.chunk_by(|one, other| one.1.column == other.1.column) {
+            let (_, first) = moves[0];
             let column = &mut columns[first.column];
-            let mut offsets = [0usize; 256];
-            let mut uniform = true;
-            let mut feeders = 0;
-            for (layout, it) in moves().filter(|(_, it)| it.column == first.column) {
-                column.admit(it.id, it.reading.as_ref());
-                offsets[usize::from(layout)] = it.offset;
-                uniform &= it.offset == first.offset;
-                feeders += 1;
-            }
-            let packets = if uniform && feeders == seen.len() {
-                Packets { bytes, starts: &batch.starts, shift: first.offset }
+            moves.iter().for_each(|(_, it)| column.admit(it.id, it.reading.as_ref()));
+            let packets = if moves.len() == layouts && moves.iter().all(|(_, it)| it.offset == first.offset) {
+                Packets { bytes, starts: batch.starts(), shift: first.offset }
             } else {
                 // Some layouts lack the packet or have it elsewhere: make a list of its own, without a branch to mispredict.
-                starts.clear();
-                starts.resize(batch.len() + 1, 0);
+                let mut offsets = [0; 256];
+                moves.iter().for_each(|(layout, it)| offsets[usize::from(*layout)] = it.offset);
                 let mut rows = 0;
-                for (start, layout) in batch.starts.iter().zip(&batch.layouts) {
+                for (start, layout) in batch.starts().iter().zip(batch.layouts()) {
                     let offset = offsets[usize::from(*layout)];
                     starts[rows] = start + offset;
                     rows += usize::from(offset != 0);
@@ -297,8 +346,8 @@ impl Family {
     /// Finds the byte that tells most members apart.
     fn tell_apart(&mut self, known: &[Layout]) {
         let byte = |member: u8, at: usize| {
-            let block = &known[usize::from(member)].blocks[at / 16];
-            (block.mask[at % 16] != 0).then_some(block.want[at % 16])
+            let block = &known[usize::from(member)].blocks[at / BLOCK];
+            (block.mask[at % BLOCK] != 0).then_some(block.want[at % BLOCK])
         };
         let apart = |at: usize| {
             let mut values: Vec<_> = self.members.iter().map(|&member| byte(member, at)).collect();

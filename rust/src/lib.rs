@@ -17,6 +17,8 @@ pub mod layout;
 pub mod log;
 pub mod packet;
 mod pages;
+#[cfg(feature = "python")]
+mod py;
 pub mod real;
 pub mod scan;
 pub mod table;

@@ -12,6 +12,7 @@ use crate::error::Fault;
 use crate::frame::Frame;
 use crate::layout::{Batch, Layout, Layouts, Move};
 use crate::packet::{Coordinates, PACKET_HEADER, packets};
+use crate::pages;
 use crate::scan::{Damage, Scanner, Step, Window};
 use crate::table::{self, Quantity};
 
@@ -126,6 +127,12 @@ impl Part {
     pub fn rows<'a>(&'a self, column: &'a Column) -> impl Iterator<Item = usize> + 'a {
         let mut track = Track::new(self, Some(column));
         self.layout.iter().zip(self.first..).map(move |(&layout, sample)| track.rows(layout, sample))
+    }
+
+    /// Whether `column` has exactly one row for each sample.
+    #[must_use]
+    pub fn is_dense(&self, column: &Column) -> bool {
+        column.rows == self.len() && self.rows(column).all(|rows| rows == 1)
     }
 
     /// For each row of `column` its sample, counted from the beginning of the log.
@@ -409,14 +416,15 @@ impl Reader {
         if self.batch.is_empty() {
             return;
         }
-        let progress = self.progress();
+        let progress = self.progress(window.offset + self.batch.starts()[self.batch.len() - 1] as u64);
         self.layouts.gather(window.bytes, &self.batch, &mut self.part.columns, progress);
+        pages::make_room(&mut self.part.layout, self.batch.len(), progress);
         self.part.layout.extend(self.batch.layouts().iter().map(|layout| layout + 1));
         self.batch.clear();
     }
 
-    fn progress(&self) -> Progress {
-        Progress { done: self.at() - self.began, total: self.total.saturating_sub(self.began) }
+    fn progress(&self, at: u64) -> Progress {
+        Progress { done: at - self.began, total: self.total.saturating_sub(self.began) }
     }
 
     fn damage(&mut self, damage: Option<Damage>) -> Result<(), Fault> {
@@ -454,7 +462,7 @@ impl Reader {
         let mut moves = Vec::new();
         let mut fault = Ok(());
         let mut is_sound = true;
-        let progress = self.progress();
+        let progress = self.progress(offset);
         for packet in packets(frame.payload).flatten() {
             if !packet.is_sound() {
                 is_sound = false;
@@ -488,7 +496,7 @@ impl Reader {
         fed.sort_unstable();
         let once = fed.windows(2).all(|pair| pair[0] != pair[1]);
         if self.options.fast && is_sound && once && header == 4 && matches!(frame.bid, 1..=31 | 0xFF) {
-            self.layouts.learn(bytes, moves);
+            self.layouts.learn(bytes, &moves);
         }
         fault
     }

@@ -1,0 +1,183 @@
+"""Single frames, messages and packets: what a device sends, byte by byte."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from xbus import _core
+from xbus.ids import Coordinates, MessageId, Precision
+from xbus.log import Message
+from xbus.tables import QUANTITIES, Quantity
+
+__all__ = ["Damage", "PacketKey", "Scanner", "encode_frame", "encode_packet", "encode_sample"]
+
+#: The longest payload that a live device is believed to send: the vendor's limit of 8192 bytes a frame.
+LONGEST_LIVE = 8185
+
+#: What a packet is: a data identifier with its format bits, or a quantity's name with, in any order,
+#: coordinates and precision: ``("quaternion", "NED", "Fp1632")``.
+PacketKey = int | str | tuple[str, ...]
+
+_BY_ID: dict[int, Quantity] = {it.id: it for it in QUANTITIES.values()}
+
+
+class Damage(NamedTuple):
+    """A stretch of bytes that is no frame.
+
+    Attributes:
+        offset: Where it begins, in bytes from the start of the input.
+        length: Its bytes.
+        reason: What was wrong where it begins.
+    """
+
+    offset: int
+    length: int
+    reason: str
+
+
+class Scanner:
+    """Bytes to messages, for input that comes in pieces; how it is cut does not matter.
+
+    Args:
+        limit: The longest payload to believe in, in bytes.
+
+    >>> import xbus
+    >>> scanner = xbus.Scanner()
+    >>> frame = xbus.encode_frame(xbus.MessageId.GoToConfigAck)
+    >>> scanner.feed(frame[:2]), [it.name for it in scanner.feed(frame[2:])]
+    ([], ['GoToConfigAck'])
+    """
+
+    def __init__(self, limit: int = LONGEST_LIVE) -> None:
+        if not 0 <= limit <= 0xFFFF:
+            raise ValueError(f"limit must be from 0 to 65535 bytes, not {limit}")
+        self._core = _core.Scanner(limit)
+        self._samples = 0
+
+    def feed(self, data: bytes | bytearray | memoryview) -> list[Message | Damage]:
+        """What can be told with these bytes, in order."""
+        return self._found(*self._core.feed(bytes(data), last=False))
+
+    def close(self) -> list[Message | Damage]:
+        """What can be told now that no more bytes come."""
+        return self._found(*self._core.feed(b"", last=True))
+
+    def _found(
+        self, messages: list[tuple[int, int, int, bytes]], damage: list[tuple[int, int, str]]
+    ) -> list[Message | Damage]:
+        found: list[Message | Damage] = [Damage(*it) for it in damage]
+        for offset, bid, mid, payload in messages:
+            name = _core.message_name(mid, len(payload)) or f"0x{mid:02X}"
+            found.append(Message(mid, name, bid, payload, offset, self._samples))
+            self._samples += mid == MessageId.MTData2
+        return sorted(found, key=lambda it: it.offset)
+
+
+def encode_frame(mid: int, payload: bytes = b"", *, bid: int = 0xFF) -> bytes:
+    """The frame that carries a message (section 5.1), in its shortest form.
+
+    Raises:
+        ValueError: The payload has more than 65535 bytes.
+        OverflowError: MID or BID is no byte.
+
+    >>> import xbus
+    >>> xbus.encode_frame(xbus.MessageId.GoToConfig).hex(" ").upper()
+    'FA FF 30 00 D1'
+    """
+    return _core.encode_frame(bid, mid, payload)
+
+
+def encode_packet(key: PacketKey, values: Any) -> bytes:
+    """One packet of an MTData2 message (section 5.3.6).
+
+    Args:
+        key: What it is. Without a precision reals are Float32, without coordinates they are ENU.
+        values: A number, or as many as the quantity has, in the order of a column's row; a mapping or a
+            structured row for a struct; (head, satellites) for ``gnss_sat_info``. Fixed point is
+            rounded half away from zero and saturates.
+
+    Raises:
+        ValueError: No such quantity, the wrong number of numbers, an integer that does not fit, or a
+            NaN in fixed point.
+
+    >>> import xbus
+    >>> xbus.encode_packet(("temperature", "Fp1632"), 24.375).hex(" ").upper()
+    '08 12 06 60 00 00 00 00 18'
+    """
+    quantity, precision, coordinates = _split(key)
+    return _core.encode_packet(quantity.name, precision, coordinates, _numbers(quantity, values))
+
+
+def encode_sample(
+    packets: Mapping[Any, Any] | Iterable[tuple[PacketKey, Any]], *, bid: int = 0xFF
+) -> bytes:
+    """The frame of an MTData2 message with these packets, in this order.
+
+    Raises:
+        ValueError: As `encode_packet`.
+
+    >>> import xbus
+    >>> frame = xbus.encode_sample({"packet_counter": 57285, "acceleration": [0, 0, 9.81]})
+    >>> float(xbus.read_log(frame)["acceleration"].values[0, 2])
+    9.8100004196167
+    """
+    items = packets.items() if isinstance(packets, Mapping) else packets
+    payload = b"".join(encode_packet(key, values) for key, values in items)
+    return encode_frame(MessageId.MTData2, payload, bid=bid)
+
+
+def _split(key: PacketKey) -> tuple[Quantity, str | None, str | None]:
+    """Quantity, precision and coordinates."""
+    if isinstance(key, int):
+        if (quantity := _BY_ID.get(key & 0xFFF0)) is None:
+            raise ValueError(f"no quantity has the data identifier {key:#06x}")
+        precision = Precision(key & 3).name if quantity.kind == "real" else None
+        return quantity, precision, Coordinates(key & 0xC).name if quantity.coordinates else None
+    name, *formats = (key,) if isinstance(key, str) else key
+    if name not in QUANTITIES:
+        raise ValueError(f"no quantity is called {name!r}; xbus items lists them")
+    precisions = [it for it in formats if it in Precision.__members__]
+    systems = [it for it in formats if it in Coordinates.__members__]
+    if len(precisions) + len(systems) < len(formats) or max(len(precisions), len(systems)) > 1:
+        raise ValueError(f"{key!r}: behind the name stand at most one precision and coordinates")
+    return QUANTITIES[name], *(it[0] if it else None for it in (precisions, systems))
+
+
+def _numbers(quantity: Quantity, values: Any) -> npt.NDArray[Any]:
+    """The numbers in the order of the wire, as one of the four types that lose nothing."""
+    if quantity.kind == "list":
+        head, entries = values
+        rows = [_record(quantity.fields, head), *(_record(quantity.entry, it) for it in entries)]
+        return np.concatenate(rows)
+    if quantity.kind == "struct":
+        return _record(quantity.fields, values)
+    array = np.asarray(values)
+    if quantity.name == "rotation_matrix":
+        if array.shape == (9,):
+            array = array.reshape(3, 3)
+        array = array.T  # column by column on the wire
+    return _exact(array.reshape(-1))
+
+
+def _record(fields: tuple[Any, ...], values: Any) -> npt.NDArray[Any]:
+    names = [it.name for it in fields]
+    if isinstance(values, Mapping):
+        if set(values) != set(names):
+            raise ValueError(f"a record needs just the fields {', '.join(names)}")
+        return _exact(np.array([values[it] for it in names]))
+    return _exact(np.array(values.item() if isinstance(values, np.void) else values))
+
+
+def _exact(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    kind, size = array.dtype.kind, array.dtype.itemsize
+    if kind == "f":
+        return array.astype(np.float32 if size <= 4 else np.float64)
+    if kind == "u" and size == 8:
+        return array
+    if kind in "iub":
+        return array.astype(np.int64)
+    raise ValueError(f"packets hold numbers, not {array.dtype}")

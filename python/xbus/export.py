@@ -1,0 +1,118 @@
+"""Tables to other libraries and to files. A file appears whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from xbus import _core
+from xbus.extras import require
+
+__all__ = ["arrow", "csv", "feather", "npz", "pandas", "parquet", "polars", "replacing"]
+
+
+def arrow(stream: _core.ArrowStream) -> Any:
+    """A pyarrow table."""
+    pa = require("pyarrow", "arrow", "to make Arrow tables")
+    return pa.RecordBatchReader.from_stream(stream).read_all()
+
+
+def pandas(stream: _core.ArrowStream) -> Any:
+    """A pandas DataFrame."""
+    require("pandas", "pandas", "to make pandas DataFrames")
+    return arrow(stream).to_pandas()
+
+
+def polars(stream: _core.ArrowStream) -> Any:
+    """A polars DataFrame."""
+    return require("polars", "polars", "to make polars DataFrames").DataFrame(stream)
+
+
+def parquet(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
+    """Writes a Parquet file."""
+    pa = require("pyarrow", "arrow", "to write Parquet")
+    pq = require("pyarrow.parquet", "arrow", "to write Parquet")
+    reader = pa.RecordBatchReader.from_stream(stream)
+    with replacing(path) as out, pq.ParquetWriter(out, reader.schema, **parquet_options(reader.schema)) as writer:
+        for batch in reader:
+            writer.write_batch(batch)
+
+
+def parquet_options(schema: Any) -> dict[str, Any]:
+    """How numbers of a sensor are stored best: without dictionaries, floats byte by byte.
+
+    Measured on a wide table: a third of the size of the default, in a third of the time.
+    """
+    types = require("pyarrow.types", "arrow", "to write Parquet")
+    floats = [it.name for it in schema if types.is_floating(it.type)]
+    integers = [it.name for it in schema if it.type in _delta_types()]
+    encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT") | dict.fromkeys(integers, "DELTA_BINARY_PACKED")
+    return {"compression": "zstd", "use_dictionary": False, "column_encoding": encoding}
+
+
+def _delta_types() -> list[Any]:
+    pa = require("pyarrow", "arrow", "to write Parquet")
+    return [pa.int32(), pa.int64(), pa.uint32(), pa.uint64()]
+
+
+def csv(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
+    """Writes a CSV file."""
+    pa = require("pyarrow", "arrow", "to write CSV")
+    pc = require("pyarrow.csv", "arrow", "to write CSV")
+    reader = pa.RecordBatchReader.from_stream(stream)
+    with replacing(path) as out, pc.CSVWriter(out, reader.schema) as writer:
+        for batch in reader:
+            writer.write_batch(batch)
+
+
+def feather(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
+    """Writes an Arrow file."""
+    pa = require("pyarrow", "arrow", "to write Arrow files")
+    reader = pa.RecordBatchReader.from_stream(stream)
+    with replacing(path) as out, pa.ipc.new_file(out, reader.schema) as writer:
+        for batch in reader:
+            writer.write_batch(batch)
+
+
+def npz(arrays: Mapping[str, npt.NDArray[Any]], path: str | os.PathLike[str]) -> None:
+    """Writes an npz file."""
+    with replacing(path) as out:
+        np.savez(out, **arrays)  # type: ignore[arg-type]
+
+
+@contextlib.contextmanager
+def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
+    """A file to write, which takes the place of ``path`` once it is complete.
+
+    It is written beside ``path`` and removed if anything goes wrong, so neither a full disk nor Ctrl-C
+    leaves half a file. What is no regular file (``/dev/stdout``, a pipe) is written directly.
+    """
+    target = Path(path)
+    if target.exists() and not target.is_file():
+        with target.open("wb") as out:
+            yield out
+        return
+    # Through a link, and with the rights that a new file would have.
+    target = target.resolve()
+    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
+    try:
+        with os.fdopen(handle, "wb") as out:
+            yield out
+        Path(name).chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
+        Path(name).replace(target)
+    except BaseException:
+        Path(name).unlink(missing_ok=True)
+        raise
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,90 @@
+"""Where the bytes of a log come from."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from xbus import _core
+from xbus.extras import require
+
+__all__ = ["Key", "Readable", "Source", "open_reader"]
+
+#: A quantity by its name, or by name and coordinate system: ``("quaternion", "NED")``.
+Key = str | tuple[str, str]
+
+
+@runtime_checkable
+class Readable(Protocol):
+    """A binary file object."""
+
+    def read(self, size: int = ..., /) -> bytes:
+        """At most ``size`` bytes; none at the end."""
+        ...
+
+
+#: What a log can be read from: a path or URL, an object that holds bytes, or a binary file object.
+Source = (
+    str | os.PathLike[str] | bytes | bytearray | memoryview | npt.NDArray[np.uint8] | Readable
+)
+
+#: The longest payload that the 16-bit length can say. Logs hold messages that the manual rules out.
+LONGEST = 0xFFFF
+
+
+def open_reader(
+    source: Source,
+    *,
+    strict: bool = False,
+    quantities: Iterable[Key] | None = None,
+) -> _core.Reader:
+    """A reader at the beginning of ``source``."""
+    wanted = None if quantities is None else [_wish(it) for it in _listed(quantities)]
+    return _core.Reader(_opened(source), limit=LONGEST, strict=strict, wanted=wanted)
+
+
+def _listed(quantities: Iterable[Key]) -> Iterable[Key]:
+    if isinstance(quantities, str):
+        raise TypeError(f"quantities must be a list of names, such as [{quantities!r}]")
+    return quantities
+
+
+def _wish(key: Key) -> tuple[str, str | None]:
+    match key:
+        case str(name):
+            return name, None
+        case (str(name), str(coordinates)):
+            return name, coordinates
+    raise TypeError(f"a quantity is a name or (name, coordinates), not {key!r}")
+
+
+def _opened(source: Source) -> object:
+    """What the extension can read: an array, a path, or an object with a method ``read``."""
+    if isinstance(source, str) and "://" in source:
+        fsspec = require("fsspec", "fsspec", "to read from a URL")
+        return fsspec.open(source, "rb").open()
+    if isinstance(source, str | os.PathLike):
+        path = os.fspath(source)
+        with open(path, "rb"):  # noqa: PTH123 - a missing file, a directory: Python's own errors
+            return path
+    if isinstance(source, Readable):
+        return source
+    if isinstance(source, np.ndarray):
+        if source.dtype != np.uint8 or source.ndim != 1:
+            raise TypeError(
+                f"an array of bytes must be uint8 with one dimension, not {source.dtype} with "
+                f"shape {source.shape}"
+            )
+        return np.ascontiguousarray(source)
+    try:
+        view = memoryview(source).cast("B")
+    except TypeError:
+        raise TypeError(
+            "a log is read from a path, bytes, a uint8 array or a binary file object, not "
+            f"{type(source).__name__}"
+        ) from None
+    return np.frombuffer(view, np.uint8) if len(view) else np.empty(0, np.uint8)

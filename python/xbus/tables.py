@@ -1,0 +1,145 @@
+"""The protocol's tables, as the extension declares them: the single source of names and numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from xbus import _core
+
+__all__ = [
+    "MESSAGES",
+    "PRODUCTS",
+    "QUANTITIES",
+    "RESULT_CODES",
+    "STATUS_FLAGS",
+    "Field",
+    "MessageRow",
+    "Product",
+    "Quantity",
+    "StatusFlag",
+]
+
+
+@dataclass(frozen=True)
+class Field:
+    """A field of a struct quantity.
+
+    Attributes:
+        name: The manual's name.
+        type: numpy's type of the raw integer: ``"u4"``.
+        scale: What one count is worth in ``unit``.
+        unit: SI unit or degrees; empty for counts, dates and bits.
+        missing: The integer that says "not provided", or None.
+    """
+
+    name: str
+    type: str
+    scale: float
+    unit: str
+    missing: int | None
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A data identifier: a row of the manual's Table 16.
+
+    Attributes:
+        id: Data identifier, its four format bits zero.
+        name: Name in xbus.
+        manual: Name in the manual.
+        group: Group in Table 16.
+        kind: ``"real"``, ``"struct"``, ``"list"``, ``"id"``, or numpy's type of an integer.
+        count: Numbers in a packet, for reals and integers.
+        size: Bytes in a packet, where precision or a count does not change it.
+        components: Names of the numbers, in the order of the wire; empty for one number.
+        fields: Fields of a struct, or of the head of a list.
+        entry: Fields of the entries of a list.
+        unit: Unit of the numbers.
+        coordinates: Whether the identifier names a coordinate system.
+        products: Numbers of the products that offer it.
+        source: Where the layout is written down.
+    """
+
+    id: int
+    name: str
+    manual: str
+    group: str
+    kind: str
+    count: int
+    size: int | None
+    components: tuple[str, ...]
+    fields: tuple[Field, ...]
+    entry: tuple[Field, ...]
+    unit: str
+    coordinates: bool
+    products: tuple[int, ...]
+    source: str
+
+
+@dataclass(frozen=True)
+class MessageRow:
+    """A message: a row of the manual's section 5.3.
+
+    Attributes:
+        mid: Message identifier.
+        name: The manual's name.
+        direction: ``"to device"``, ``"to host"`` or ``"both"``.
+        states: States in which it is valid: ``"wakeup"``, ``"config"``, ``"measurement"``.
+        payload: What it carries, in words.
+        lengths: The payload lengths it can have, or None where nobody has written them down.
+        reply: MID of the message that answers it, or None.
+        products: Numbers of the products that know it.
+        status: Empty, ``"reserved"``, ``"deprecated"``, ``"obsolete"`` or ``"unlisted"``.
+    """
+
+    mid: int
+    name: str
+    direction: str
+    states: tuple[str, ...]
+    payload: str
+    lengths: tuple[int, ...] | None
+    reply: int | None
+    products: tuple[int, ...]
+    status: str
+
+
+@dataclass(frozen=True)
+class Product:
+    """A product of the manual's section 3."""
+
+    number: int
+    name: str
+    title: str
+    series: str
+
+
+@dataclass(frozen=True)
+class StatusFlag:
+    """A field of ``StatusWord`` (Table 27): its lowest bit and how many bits it has."""
+
+    name: str
+    bit: int
+    width: int
+    meaning: str
+
+
+def _tuples(row: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
+
+
+def _quantity(row: dict[str, Any]) -> Quantity:
+    fields = {key: tuple(Field(**it) for it in row[key]) for key in ("fields", "entry")}
+    return Quantity(**{**_tuples(row), **fields})
+
+
+#: All data identifiers, by name.
+QUANTITIES = {row["name"]: _quantity(row) for row in _core.quantities()}
+#: All messages, by MID.
+MESSAGES = [MessageRow(**_tuples(row)) for row in _core.messages()]
+#: All products, by number.
+PRODUCTS = {row["number"]: Product(**row) for row in _core.products()}
+#: The fields of ``StatusWord``, from bit 0.
+STATUS_FLAGS = [StatusFlag(**row) for row in _core.status_flags()]
+#: What the numbers in Error and Warning messages mean.
+RESULT_CODES = dict(_core.result_codes())

@@ -1,0 +1,127 @@
+//! The tables, row by row.
+
+use pyo3::IntoPyObjectExt;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use super::Row;
+use crate::packet::record_size;
+use crate::table::{self, Direction, Field, Kind, Lengths};
+
+fn fields<'py>(py: Python<'py>, fields: &[Field]) -> PyResult<Vec<Row<'py>>> {
+    let row = |field: &Field| {
+        let row = PyDict::new(py);
+        row.set_item("name", field.name)?;
+        row.set_item("type", field.wire.numpy())?;
+        row.set_item("scale", field.scale)?;
+        row.set_item("unit", field.unit)?;
+        row.set_item("missing", field.missing)?;
+        Ok(row)
+    };
+    fields.iter().map(row).collect()
+}
+
+/// The data identifiers.
+#[pyfunction]
+pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    let row = |quantity: &table::Quantity| {
+        let row = PyDict::new(py);
+        row.set_item("id", quantity.id)?;
+        row.set_item("name", quantity.name)?;
+        row.set_item("manual", quantity.manual)?;
+        row.set_item("group", quantity.group)?;
+        row.set_item("components", quantity.components.to_vec())?;
+        row.set_item("unit", quantity.unit)?;
+        row.set_item("coordinates", quantity.rotates)?;
+        row.set_item("products", quantity.products.iter().map(|it| it.number).collect::<Vec<_>>())?;
+        row.set_item("source", quantity.source)?;
+        let (kind, count, size, head, entry) = match quantity.kind {
+            Kind::Real(n) => ("real", n, None, vec![], vec![]),
+            Kind::Fixed(wire, n) => (wire.numpy(), n, Some(n * wire.size()), vec![], vec![]),
+            Kind::Id => ("id", 1, None, vec![], vec![]),
+            Kind::Struct(head) => ("struct", 1, Some(record_size(head)), fields(py, head)?, vec![]),
+            Kind::List(head, entry) => ("list", 1, None, fields(py, head)?, fields(py, entry)?),
+        };
+        row.set_item("kind", kind)?;
+        row.set_item("count", count)?;
+        row.set_item("size", size)?;
+        row.set_item("fields", head)?;
+        row.set_item("entry", entry)?;
+        Ok(row)
+    };
+    table::QUANTITIES.iter().map(row).collect()
+}
+
+/// The messages.
+#[pyfunction]
+pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    let row = |message: &table::Message| {
+        let row = PyDict::new(py);
+        row.set_item("mid", message.mid)?;
+        row.set_item("name", message.name)?;
+        let direction = match message.direction {
+            Direction::ToDevice => "to device",
+            Direction::ToHost => "to host",
+            Direction::Both => "both",
+        };
+        row.set_item("direction", direction)?;
+        let states = [
+            (message.states.wakeup, "wakeup"),
+            (message.states.config, "config"),
+            (message.states.measurement, "measurement"),
+        ];
+        row.set_item("states", states.iter().filter(|it| it.0).map(|it| it.1).collect::<Vec<_>>())?;
+        row.set_item("payload", message.payload)?;
+        let lengths = match message.lengths {
+            Lengths::Unknown => py.None(),
+            Lengths::OneOf(list) => list.to_vec().into_py_any(py)?,
+            Lengths::Range(from, to, step) => (from..=to).step_by(step).collect::<Vec<_>>().into_py_any(py)?,
+        };
+        row.set_item("lengths", lengths)?;
+        row.set_item("reply", message.reply)?;
+        row.set_item("products", message.products.iter().map(|it| it.number).collect::<Vec<_>>())?;
+        row.set_item("status", message.status)?;
+        Ok(row)
+    };
+    table::MESSAGES.iter().map(row).collect()
+}
+
+/// The products.
+#[pyfunction]
+pub fn products(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    let row = |product: &table::Product| {
+        let row = PyDict::new(py);
+        row.set_item("number", product.number)?;
+        row.set_item("name", product.name)?;
+        row.set_item("title", product.title)?;
+        row.set_item("series", product.series.label())?;
+        Ok(row)
+    };
+    table::PRODUCTS.iter().map(row).collect()
+}
+
+/// The bits of the status word.
+#[pyfunction]
+pub fn status_flags(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    let row = |flag: &table::StatusFlag| {
+        let row = PyDict::new(py);
+        row.set_item("name", flag.name)?;
+        row.set_item("bit", flag.bit)?;
+        row.set_item("width", flag.width)?;
+        row.set_item("meaning", flag.meaning)?;
+        Ok(row)
+    };
+    table::STATUS_FLAGS.iter().map(row).collect()
+}
+
+/// What the numbers in Error and Warning messages mean.
+#[pyfunction]
+pub fn result_codes() -> Vec<(u32, &'static str)> {
+    table::RESULT_CODES.to_vec()
+}
+
+/// The manual's name of a message with a payload of this length, if it has one.
+#[pyfunction]
+pub fn message_name(mid: u8, length: usize) -> Option<&'static str> {
+    table::message_name(mid, length)
+}

@@ -1,0 +1,52 @@
+"""The enums are written down for editors and type checkers; the tables say what stands in them."""
+
+from pathlib import Path
+
+from xbus import ids
+from xbus.tables import MESSAGES, QUANTITIES
+
+HEADER = '''\
+"""Data identifiers and message identifiers as enums.
+
+Made from the tables of the extension; ``pytest tests/test_ids.py`` writes this file anew when they change.
+"""
+
+from enum import IntEnum
+
+__all__ = ["Coordinates", "DataId", "MessageId", "Precision"]
+
+
+class Precision(IntEnum):
+    """Number formats: the two low bits of a data identifier (Table 17)."""
+
+    Float32 = 0
+    Fp1220 = 1
+    Fp1632 = 2
+    Float64 = 3
+
+
+class Coordinates(IntEnum):
+    """Coordinate systems: bits 2 and 3 of a data identifier (Table 17)."""
+
+    ENU = 0x0
+    NED = 0x4
+    NWU = 0x8
+'''
+
+
+def text() -> str:
+    lines = [HEADER, "", "class DataId(IntEnum):"]
+    lines += ['    """Data identifiers, format bits zero (Table 16)."""', ""]
+    lines += [f"    {it.manual} = 0x{it.id:04X}" for it in QUANTITIES.values()]
+    lines += ["", "", "class MessageId(IntEnum):"]
+    lines += ['    """Message identifiers (section 5.3). A request and its setting share one."""', ""]
+    lines += [f"    {it.name} = 0x{it.mid:02X}" for it in MESSAGES]
+    return "\n".join(lines) + "\n"
+
+
+def test_enums_are_the_tables() -> None:
+    path = Path(ids.__file__)
+    wanted = text()
+    if path.read_text() != wanted:
+        path.write_text(wanted)
+        raise AssertionError(f"{path} was not up to date; it has been written anew")
