@@ -109,7 +109,9 @@ def walk() -> list[bytes]:
     return frames
 
 
-def receiver(stamps: dict[str, object], utc: dict[str, int], lat: float, lon: float) -> dict[object, object]:
+def receiver(
+    stamps: dict[str, object], utc: dict[str, int], lat: float, lon: float
+) -> dict[object, object]:
     """What the GNSS receiver sends, in a message of its own, some tens of milliseconds late."""
     pvt = dict.fromkeys(
         "velD Reserved1 nano headMot headVeh gdop pdop tdop vdop hdop ndop edop".split(), 0

@@ -39,7 +39,10 @@ def text() -> str:
     lines += ['    """Data identifiers, format bits zero (Table 16)."""', ""]
     lines += [f"    {it.manual} = 0x{it.id:04X}" for it in QUANTITIES.values()]
     lines += ["", "", "class MessageId(IntEnum):"]
-    lines += ['    """Message identifiers (section 5.3). A request and its setting share one."""', ""]
+    lines += [
+        '    """Message identifiers (section 5.3). A request and its setting share one."""',
+        "",
+    ]
     lines += [f"    {it.name} = 0x{it.mid:02X}" for it in MESSAGES]
     return "\n".join(lines) + "\n"
 

@@ -6,13 +6,13 @@
 (1000, 3)
 """
 
+from xbus._core import __version__
 from xbus.codec import Scanner, encode_frame, encode_packet, encode_sample
 from xbus.column import Column
 from xbus.configuration import Configuration, Firmware
 from xbus.errors import DecodeError, DeviceError, StateError, XbusError, XbusTimeout
 from xbus.ids import Coordinates, DataId, MessageId, Precision
 from xbus.log import Log, Message, Stats, iter_log, read_log
-from xbus._core import __version__
 
 __all__ = [
     "Column",

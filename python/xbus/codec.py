@@ -140,11 +140,11 @@ def _split(key: PacketKey) -> tuple[Quantity, str | None, str | None]:
     name, *formats = (key,) if isinstance(key, str) else key
     if name not in QUANTITIES:
         raise ValueError(f"no quantity is called {name!r}; xbus items lists them")
-    precisions = [it for it in formats if it in Precision.__members__]
-    systems = [it for it in formats if it in Coordinates.__members__]
-    if len(precisions) + len(systems) < len(formats) or max(len(precisions), len(systems)) > 1:
+    precision = next((it for it in formats if it in Precision.__members__), None)
+    coordinates = next((it for it in formats if it in Coordinates.__members__), None)
+    if sorted(formats) != sorted(it for it in (precision, coordinates) if it):
         raise ValueError(f"{key!r}: behind the name stand at most one precision and coordinates")
-    return QUANTITIES[name], *(it[0] if it else None for it in (precisions, systems))
+    return QUANTITIES[name], precision, coordinates
 
 
 def _numbers(quantity: Quantity, values: Any) -> npt.NDArray[Any]:

@@ -94,7 +94,8 @@ def _said(message: Message) -> Identity:
 
 
 def _firmware(payload: bytes) -> Firmware:
+    major, minor, revision = payload[:3]
     if len(payload) < 11:
-        return Firmware(*payload[:3])
+        return Firmware(major, minor, revision)
     build, scm = (int.from_bytes(payload[at : at + 4], "big") for at in (3, 7))
-    return Firmware(*payload[:3], build, scm)
+    return Firmware(major, minor, revision, build, scm)

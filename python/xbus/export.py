@@ -40,7 +40,10 @@ def parquet(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
     pa = require("pyarrow", "arrow", "to write Parquet")
     pq = require("pyarrow.parquet", "arrow", "to write Parquet")
     reader = pa.RecordBatchReader.from_stream(stream)
-    with replacing(path) as out, pq.ParquetWriter(out, reader.schema, **parquet_options(reader.schema)) as writer:
+    with (
+        replacing(path) as out,
+        pq.ParquetWriter(out, reader.schema, **parquet_options(reader.schema)) as writer,
+    ):
         for batch in reader:
             writer.write_batch(batch)
 
@@ -53,7 +56,9 @@ def parquet_options(schema: Any) -> dict[str, Any]:
     types = require("pyarrow.types", "arrow", "to write Parquet")
     floats = [it.name for it in schema if types.is_floating(it.type)]
     integers = [it.name for it in schema if it.type in _delta_types()]
-    encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT") | dict.fromkeys(integers, "DELTA_BINARY_PACKED")
+    encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT") | dict.fromkeys(
+        integers, "DELTA_BINARY_PACKED"
+    )
     return {"compression": "zstd", "use_dictionary": False, "column_encoding": encoding}
 
 

@@ -197,7 +197,10 @@ class Messages(Sequence[Message]):
 
     def __repr__(self) -> str:
         mids, counts = np.unique(self.mid, return_counts=True)
-        kinds = (f"{_core.message_name(int(m), 1) or hex(m)}: {n}" for m, n in zip(mids, counts, strict=True))
+        kinds = (
+            f"{_core.message_name(int(m), 1) or hex(m)}: {n}"
+            for m, n in zip(mids, counts, strict=True)
+        )
         return f"<Messages {len(self)}: {', '.join(kinds)}>"
 
 
@@ -256,7 +259,9 @@ class Log:
         self.first_sample: int = core.first
         columns = [Column(it, self) for it in core.columns if it.name is not None]
         if wanted is not None:
-            columns = [it for it in columns if it.name in wanted or (it.name, it.coordinates) in wanted]
+            columns = [
+                it for it in columns if it.name in wanted or (it.name, it.coordinates) in wanted
+            ]
         self._columns: dict[tuple[str, str | None], Column] = {
             (it.name, it.coordinates): it for it in columns
         }
@@ -407,7 +412,8 @@ class Log:
             ImportError: The extra ``arrow`` is not installed.
             KeyError: The log has no such quantity.
         """
-        return export.arrow(self._stream(key))
+        table: pa.Table = export.arrow(self._stream(key))
+        return table
 
     def to_pandas(self, key: Key | None = None) -> pd.DataFrame:
         """The same as a pandas DataFrame.
@@ -416,7 +422,8 @@ class Log:
             ImportError: The extra ``pandas`` is not installed.
             KeyError: The log has no such quantity.
         """
-        return export.pandas(self._stream(key))
+        frame: pd.DataFrame = export.pandas(self._stream(key))
+        return frame
 
     def to_polars(self, key: Key | None = None) -> pl.DataFrame:
         """The same as a polars DataFrame.
@@ -425,7 +432,8 @@ class Log:
             ImportError: The extra ``polars`` is not installed.
             KeyError: The log has no such quantity.
         """
-        return export.polars(self._stream(key))
+        frame: pl.DataFrame = export.polars(self._stream(key))
+        return frame
 
     def to_parquet(self, path: str | os.PathLike[str], key: Key | None = None) -> None:
         """Writes the table of `to_arrow` as a Parquet file, whole or not at all.
@@ -459,9 +467,16 @@ class Log:
         for key in self:
             column = self[key]
             stem = key if isinstance(key, str) else f"{key[0]}_{key[1].lower()}"
-            arrays |= {stem: column.values, f"{stem}.sample": column.sample, f"{stem}.time": column.time}
+            arrays |= {
+                stem: column.values,
+                f"{stem}.sample": column.sample,
+                f"{stem}.time": column.time,
+            }
             if column.name == "gnss_sat_info":
-                arrays |= {f"{stem}.satellites": column.satellites, f"{stem}.offsets": column.offsets}
+                arrays |= {
+                    f"{stem}.satellites": column.satellites,
+                    f"{stem}.offsets": column.offsets,
+                }
         export.npz(arrays, path)
 
     # Print

@@ -28,9 +28,7 @@ class Readable(Protocol):
 
 
 #: What a log can be read from: a path or URL, an object that holds bytes, or a binary file object.
-Source = (
-    str | os.PathLike[str] | bytes | bytearray | memoryview | npt.NDArray[np.uint8] | Readable
-)
+Source = str | os.PathLike[str] | bytes | bytearray | memoryview | npt.NDArray[np.uint8] | Readable
 
 #: The longest payload that the 16-bit length can say. Logs hold messages that the manual rules out.
 LONGEST = 0xFFFF

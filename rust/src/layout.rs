@@ -109,7 +109,7 @@ impl Layout {
             }
         }
         // The preamble is in this sum and the checksum makes up for all the rest.
-        off == [0; BLOCK] && frame::sum(&sum) == PREAMBLE
+        off.iter().fold(0, |all, off| all | off) == 0 && frame::sum(&sum) == PREAMBLE
     }
 }
 

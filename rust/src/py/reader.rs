@@ -139,10 +139,10 @@ impl Reader {
         self.reader.at()
     }
 
-    /// Reads about `bytes` bytes more; whether there is anything left.
-    fn advance(&mut self, py: Python<'_>, bytes: u64) -> PyResult<bool> {
+    /// Reads about `size` bytes more; whether there is anything left.
+    fn advance(&mut self, py: Python<'_>, size: u64) -> PyResult<bool> {
         let Self { reader, source, .. } = self;
-        let until = reader.at().saturating_add(bytes);
+        let until = reader.at().saturating_add(size);
         match source {
             Source::Array(array) => {
                 let array: PyReadonlyArray1<'_, u8> = array.bind(py).try_readonly()?;

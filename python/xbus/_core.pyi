@@ -1,0 +1,210 @@
+"""The compiled core. What users call is in the modules beside it; this is what those call."""
+
+from typing import Any, Literal, final
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = [
+    "ArrowStream",
+    "Column",
+    "Part",
+    "Reader",
+    "Scanner",
+    "__version__",
+    "configuration",
+    "device_id",
+    "encode_frame",
+    "encode_packet",
+    "message_name",
+    "messages",
+    "packets",
+    "product_code",
+    "products",
+    "quantities",
+    "result_codes",
+    "status_flags",
+]
+
+__version__: str
+
+def quantities() -> list[dict[str, Any]]:
+    """The data identifiers, row by row: see `xbus.tables.Quantity`."""
+
+def messages() -> list[dict[str, Any]]:
+    """The messages, row by row: see `xbus.tables.MessageRow`."""
+
+def products() -> list[dict[str, Any]]:
+    """The products, row by row: see `xbus.tables.Product`."""
+
+def status_flags() -> list[dict[str, Any]]:
+    """The fields of the status word, row by row: see `xbus.tables.StatusFlag`."""
+
+def result_codes() -> list[tuple[int, str]]:
+    """What the numbers in Error and Warning messages mean."""
+
+def message_name(mid: int, length: int) -> str | None:
+    """The manual's name of a message with a payload of this length, or None."""
+
+def encode_frame(bid: int, mid: int, payload: bytes) -> bytes:
+    """The frame that carries this message. Raises ValueError from 65536 bytes of payload on."""
+
+def encode_packet(
+    name: str,
+    precision: str | None,
+    coordinates: str | None,
+    numbers: npt.NDArray[Any],
+) -> bytes:
+    """The packet that carries these numbers: a float32, float64, int64 or uint64 array ``(k,)``.
+
+    Raises ValueError for what the encoder refuses, TypeError for another array.
+    """
+
+def packets(
+    payload: bytes,
+) -> list[tuple[int, str | None, str | None, str | None, list[float | int] | bytes]]:
+    """The packets of an MTData2 payload, up to one that runs past its end.
+
+    Each is (data identifier, name, precision, coordinates, numbers in the order of the wire); one that
+    the tables cannot explain has None for a name and its bytes for numbers.
+    """
+
+def configuration(payload: bytes) -> dict[str, Any] | None:
+    """The fields of a Configuration payload, or None: see `xbus.configuration.Configuration`."""
+
+def device_id(payload: bytes) -> int | None:
+    """The device identifier of a DeviceID payload, or None."""
+
+def product_code(payload: bytes) -> str | None:
+    """The text of a ProductCode payload, or None."""
+
+@final
+class Scanner:
+    """Bytes to messages, for input that comes in pieces."""
+
+    def __new__(cls, limit: int) -> Scanner: ...
+    def feed(
+        self, data: bytes, last: bool
+    ) -> tuple[list[tuple[int, int, int, bytes]], list[tuple[int, int, str]]]:
+        """Messages (offset, bid, mid, payload) and damage (offset, length, reason) that can be told now."""
+
+@final
+class Reader:
+    """Reads a log step by step."""
+
+    def __new__(
+        cls,
+        source: object,
+        *,
+        limit: int,
+        strict: bool,
+        wanted: list[tuple[str, str | None]] | None,
+        fast: bool = True,
+    ) -> Reader:
+        """``source`` is a uint8 array, a path, or an object with a method ``read``.
+
+        Raises OSError for a file that cannot be opened, ValueError for a quantity that does not exist.
+        """
+    @property
+    def total(self) -> int | None:
+        """Bytes of input, where that is known."""
+    @property
+    def position(self) -> int:
+        """Bytes of input that have been read."""
+    def advance(self, size: int) -> bool:
+        """Reads about so many bytes more, without holding the interpreter; whether any are left.
+
+        Raises DecodeError where strict, OSError, and whatever the source's ``read`` raises.
+        """
+    def take(self) -> Part:
+        """What has been read since the last time."""
+
+@final
+class Part:
+    """A part of a log, or all of it. Arrays are read-only."""
+
+    def __len__(self) -> int:
+        """Number of samples."""
+    @property
+    def first(self) -> int:
+        """Index of the first sample."""
+    @property
+    def columns(self) -> list[Column]:
+        """The columns that have rows, in the order in which they were first seen."""
+    @property
+    def stats(self) -> dict[str, int]:
+        """What was counted: see `xbus.log.Stats`."""
+    @property
+    def damage(self) -> list[tuple[int, int, str]]:
+        """The damage that ends in this part: offset, length, reason."""
+    @property
+    def messages(
+        self,
+    ) -> tuple[
+        npt.NDArray[np.uint8],
+        npt.NDArray[np.uint8],
+        npt.NDArray[np.uint64],
+        npt.NDArray[np.uint64],
+        npt.NDArray[np.uint64],
+        npt.NDArray[np.uint8],
+    ]:
+        """The other messages: mid, bid, offset, sample, end of each payload, all payloads."""
+    @property
+    def time(self) -> npt.NDArray[np.float64]:
+        """Per sample: seconds on the device clock, unwrapped; NaN where it carries none."""
+    @property
+    def packet_counter(self) -> npt.NDArray[np.int64]:
+        """Per sample: the packet counter, unwrapped; -1 where it carries none."""
+    @property
+    def offset(self) -> npt.NDArray[np.int64]:
+        """Per sample: where its frame begins, in bytes."""
+    @property
+    def bid(self) -> npt.NDArray[np.uint8]:
+        """Per sample: the bus identifier of its frame."""
+
+@final
+class Column:
+    """A column of a part. Arrays are read-only."""
+
+    def __len__(self) -> int:
+        """Number of rows."""
+    @property
+    def name(self) -> str | None:
+        """Name of the quantity; None for an identifier that the tables cannot explain."""
+    @property
+    def coordinates(self) -> Literal["ENU", "NED", "NWU"] | None:
+        """Coordinate system."""
+    @property
+    def data_id(self) -> int:
+        """Data identifier as received; the base identifier where several were."""
+    @property
+    def precision(self) -> Literal["Float32", "Fp1220", "Fp1632", "Float64"] | None:
+        """Precision of reals, if it is one."""
+    @property
+    def values(self) -> npt.NDArray[Any]:
+        """The numbers, in one dimension and in the order of the wire; records and raw packets as uint8."""
+    @property
+    def entries(self) -> npt.NDArray[np.uint8]:
+        """The entries of a list quantity, all of them, as bytes."""
+    @property
+    def ends(self) -> npt.NDArray[np.uint64] | None:
+        """Where each raw packet ends in ``values``; None for other columns."""
+    @property
+    def nanoseconds(self) -> npt.NDArray[np.int64] | None:
+        """UtcTime records in ns since 1970; the least integer where there is no such date."""
+    @property
+    def sample(self) -> npt.NDArray[np.int64]:
+        """Which sample each row belongs to."""
+
+@final
+class ArrowStream:
+    """A table that is made, batch by batch, when a consumer of the Arrow C stream interface asks."""
+
+    @staticmethod
+    def wide(part: Part, columns: list[Column] | None = None) -> ArrowStream:
+        """One row for each sample, these columns (or all) side by side."""
+    @staticmethod
+    def rows(column: Column) -> ArrowStream:
+        """One row for each row of the column; for each entry, where it is a list."""
+    def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
+        """The stream, in a capsule."""
