@@ -231,6 +231,10 @@ class Float32(float):
         return self
 
 
+class Wide(int):
+    """An integer that came in eight bytes where four are usual."""
+
+
 def number(raw: bytes, precision: int) -> float:
     """One real number (Table 17 and "Definition output formats" below it), exactly."""
     match precision:
@@ -296,7 +300,7 @@ def read(data_id: int, data: bytes) -> tuple[Key, Any] | None:
     if base == DEVICE_ID_PACKET:
         if len(data) not in (4, 8):
             return None
-        return ("device_id", None), int.from_bytes(data, "big")
+        return ("device_id", None), (Wide if len(data) == 8 else int).from_bytes(data, "big")
 
     if base == GNSS_SAT_INFO:
         if len(data) < 8 or len(data) != 8 + 4 * data[4]:
@@ -679,16 +683,18 @@ def array(log: Reference, key: Key) -> NDArray[Any]:
     """The values of a column as the package should give them, bit for bit.
 
     Float32 alone is float32; any other precision, or several, is float64. Integers keep their
-    width (DeviceId is uint64). A rotation matrix is (N, 3, 3) with rows first. Structs are
+    width (DeviceId is uint64 once one of eight bytes is among them). A rotation matrix is (N, 3, 3) with rows first. Structs are
     structured arrays; of GnssSatInfo only the head, see `satellites`.
     """
     name, _ = key
     rows = [row.values for row in log.columns[key]]
     if name == "device_id":
-        return np.array(rows, "u8")
+        return np.array(rows, "u8" if any(isinstance(row, Wide) for row in rows) else "u4")
     if name == "gnss_sat_info":
         dtype = struct_dtype("IBBBB", SAT_INFO_FIELDS)
         return np.array([tuple(row.values())[:5] for row in rows], dtype)
+    if name == "frame_range":
+        return np.array(rows, struct_dtype("HH", "first last"))
     for struct_name, layout, fields in STRUCTS.values():
         if name == struct_name:
             return np.array([tuple(row.values()) for row in rows], struct_dtype(layout, fields))

@@ -99,9 +99,12 @@ class Reader:
         limit: int,
         strict: bool,
         wanted: list[tuple[str, str | None]] | None,
+        part_bytes: int | None = None,
         fast: bool = True,
     ) -> Reader:
         """``source`` is a uint8 array, a path, or an object with a method ``read``.
+
+        ``part_bytes`` is how much of it goes into a part, about; it decides how much room columns get.
 
         Raises OSError for a file that cannot be opened, ValueError for a quantity that does not exist.
         """

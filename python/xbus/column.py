@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Iterator, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
 from xbus.tables import QUANTITIES, STATUS_FLAGS, Field, Quantity
-
-if TYPE_CHECKING:
-    from xbus.log import Log
 
 __all__ = ["Column", "Flags"]
 
@@ -41,9 +37,9 @@ class Column:
     ((1000, 3), 'm/s2')
     """
 
-    def __init__(self, core: _core.Column, log: Log) -> None:
+    def __init__(self, core: _core.Column, part: _core.Part) -> None:
         self._core = core
-        self._log = log
+        self._part = part  # not the Log: a cycle would keep the parts of a long log in memory
         assert core.name is not None  # noqa: S101 - unknown identifiers are no columns
         self._row: Quantity = QUANTITIES[core.name]
         self.name: str = core.name
@@ -91,7 +87,7 @@ class Column:
     @cached_property
     def time(self) -> npt.NDArray[np.float64]:
         """Seconds on the device clock, unwrapped, ``(N,)`` float64; NaN where the sample has none."""
-        return _frozen(self._log.time[self.sample - self._log.first_sample])
+        return _frozen(self._part.time[self.sample - self._part.first])
 
     @cached_property
     def scaled(self) -> npt.NDArray[Any]:
@@ -178,6 +174,8 @@ class Column:
         return f"<Column {self.name}: {self.values.shape} {_short(self.values.dtype)}{about}>"
 
     def _repr_html_(self) -> str:
+        import html
+
         shown = 6
         rows = [
             (f"{t:.4f}", *np.atleast_1d(np.asarray(v).reshape(-1)).tolist())

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-import tempfile
 from collections.abc import Iterator, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -99,6 +97,9 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
     It is written beside ``path`` and removed if anything goes wrong, so neither a full disk nor Ctrl-C
     leaves half a file. What is no regular file (``/dev/stdout``, a pipe) is written directly.
     """
+    import tempfile  # these two take longer to import than the rest of xbus
+    from pathlib import Path
+
     target = Path(path)
     if target.exists() and not target.is_file():
         with target.open("wb") as out:

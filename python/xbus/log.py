@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
-import html
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -97,7 +95,7 @@ def iter_log(
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     wanted = None if quantities is None else list(quantities)
-    reader = open_reader(source, strict=strict, quantities=wanted)
+    reader = open_reader(source, strict=strict, quantities=wanted, part_bytes=block_bytes)
 
     def parts() -> Iterator[Log]:
         identity = Identity()
@@ -257,7 +255,7 @@ class Log:
         self._earlier = identity or Identity()
         #: Index of the first sample, counted from the beginning of the log; 0 but for parts.
         self.first_sample: int = core.first
-        columns = [Column(it, self) for it in core.columns if it.name is not None]
+        columns = [Column(it, core) for it in core.columns if it.name is not None]
         if wanted is not None:
             columns = [
                 it for it in columns if it.name in wanted or (it.name, it.coordinates) in wanted
@@ -299,6 +297,8 @@ class Log:
         if found:
             choices = " or ".join(f"log[{it.name!r}, {it.coordinates!r}]" for it in found)
             raise KeyError(f"{key!r} is in this log in several coordinate systems: {choices}")
+        import difflib
+
         near = difflib.get_close_matches(str(key), [name for name, _ in self._columns], n=1)
         hint = f"did you mean {near[0]!r}?" if near else self._what_there_is()
         raise KeyError(f"no {key!r} in this log; {hint}")
@@ -513,6 +513,8 @@ class Log:
         return "\n".join([f"<Log {self._summary()}>", *lines])
 
     def _repr_html_(self) -> str:
+        import html
+
         head = "".join(f"<th>{it}</th>" for it in ("quantity", "rows", "rate", ""))
         body = "".join(
             "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"

@@ -39,10 +39,13 @@ def open_reader(
     *,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
+    part_bytes: int | None = None,
 ) -> _core.Reader:
-    """A reader at the beginning of ``source``."""
+    """A reader at the beginning of ``source``; ``part_bytes`` of it go into a part, or all."""
     wanted = None if quantities is None else [_wish(it) for it in _listed(quantities)]
-    return _core.Reader(_opened(source), limit=LONGEST, strict=strict, wanted=wanted)
+    return _core.Reader(
+        _opened(source), limit=LONGEST, strict=strict, wanted=wanted, part_bytes=part_bytes
+    )
 
 
 def _listed(quantities: Iterable[Key]) -> Iterable[Key]:

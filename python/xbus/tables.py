@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from xbus import _core
 
@@ -21,8 +20,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class Field:
+class Field(NamedTuple):
     """A field of a struct quantity.
 
     Attributes:
@@ -40,8 +38,7 @@ class Field:
     missing: int | None
 
 
-@dataclass(frozen=True)
-class Quantity:
+class Quantity(NamedTuple):
     """A data identifier: a row of the manual's Table 16.
 
     Attributes:
@@ -50,7 +47,7 @@ class Quantity:
         manual: Name in the manual.
         group: Group in Table 16.
         kind: ``"real"``, ``"struct"``, ``"list"``, ``"id"``, or numpy's type of an integer.
-        count: Numbers in a packet, for reals and integers.
+        numbers: Numbers in a packet, for reals and integers.
         size: Bytes in a packet, where precision or a count does not change it.
         components: Names of the numbers, in the order of the wire; empty for one number.
         fields: Fields of a struct, or of the head of a list.
@@ -66,7 +63,7 @@ class Quantity:
     manual: str
     group: str
     kind: str
-    count: int
+    numbers: int
     size: int | None
     components: tuple[str, ...]
     fields: tuple[Field, ...]
@@ -77,8 +74,7 @@ class Quantity:
     source: str
 
 
-@dataclass(frozen=True)
-class MessageRow:
+class MessageRow(NamedTuple):
     """A message: a row of the manual's section 5.3.
 
     Attributes:
@@ -104,8 +100,7 @@ class MessageRow:
     status: str
 
 
-@dataclass(frozen=True)
-class Product:
+class Product(NamedTuple):
     """A product of the manual's section 3."""
 
     number: int
@@ -114,8 +109,7 @@ class Product:
     series: str
 
 
-@dataclass(frozen=True)
-class StatusFlag:
+class StatusFlag(NamedTuple):
     """A field of ``StatusWord`` (Table 27): its lowest bit and how many bits it has."""
 
     name: str

@@ -237,6 +237,8 @@ pub struct Packets<'a> {
     pub bytes: &'a [u8],
     pub starts: &'a [usize],
     pub shift: usize,
+    /// Bytes from each start to the next, if it is always the same; else 0.
+    pub stride: usize,
 }
 
 impl<'a> Packets<'a> {
@@ -278,6 +280,13 @@ impl<'a> Packets<'a> {
     #[inline]
     fn rows<const SIZE: usize, const N: usize, T: Copy>(self, new: &mut [T], read: impl Fn([u8; SIZE]) -> T + Copy) {
         let (rows, _) = new.as_chunks_mut::<N>();
+        if self.stride != 0 {
+            let frames = self.bytes[self.starts[0]..].chunks_exact(self.stride);
+            for (row, frame) in rows.iter_mut().zip(frames) {
+                swap(row, &frame[self.shift..][..SIZE * N], read);
+            }
+            return;
+        }
         for (row, start) in rows.iter_mut().zip(self.starts) {
             swap(row, &self.bytes[start + self.shift..][..SIZE * N], read);
         }

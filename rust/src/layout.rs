@@ -18,7 +18,7 @@ use crate::packet::{Form, PACKET_HEADER, Reading, packets};
 
 /// Frames gathered before the columns take their packets: enough to make the loops worth it, few enough for the frames
 /// to stay in the first-level cache.
-const BATCH: usize = 256;
+const BATCH: usize = 64;
 /// Layouts that are learned in all, and those in use at a time. Damage and hostile input breed bogus ones; past this many
 /// the plain path does the work.
 const MOST_LAYOUTS: usize = 255;
@@ -98,11 +98,12 @@ impl Layout {
         Self { frame: bytes.len(), bid: bytes[1], moves: moves.to_vec(), blocks }
     }
 
-    /// Whether `bytes`, rounded up to whole blocks, begin with an intact frame of this layout.
-    #[inline]
-    fn matches(&self, bytes: &[u8]) -> bool {
+    /// Whether `bytes` begin with an intact frame of this layout.
+    #[inline(always)]
+    fn matches<const N: usize>(&self, bytes: &[[u8; BLOCK]; N]) -> bool {
+        let Some(blocks) = self.blocks.first_chunk::<N>() else { return false };
         let (mut off, mut sum) = ([0u8; BLOCK], [0u8; BLOCK]);
-        for (bytes, block) in bytes.as_chunks::<BLOCK>().0.iter().zip(&self.blocks) {
+        for (bytes, block) in bytes.iter().zip(blocks) {
             for i in 0..BLOCK {
                 off[i] |= (bytes[i] ^ block.want[i]) & block.mask[i];
                 sum[i] = sum[i].wrapping_add(bytes[i] & block.inside[i]);
@@ -117,8 +118,8 @@ impl Layout {
 #[derive(Clone, Debug)]
 struct Family {
     frame: usize,
-    /// The frame length in whole blocks: what must be readable.
-    padded: usize,
+    /// The frame length in blocks: so much must be readable.
+    blocks: usize,
     /// Position of the byte that tells the members apart.
     tell: usize,
     /// The member to try first, by that byte.
@@ -199,6 +200,13 @@ impl Batch {
         &self.layouts[..self.length]
     }
 
+    #[inline(always)]
+    fn push(&mut self, start: usize, layout: u8) {
+        self.starts[self.length] = start;
+        self.layouts[self.length] = layout;
+        self.length += 1;
+    }
+
     /// Empties the list.
     pub fn clear(&mut self) {
         self.length = 0;
@@ -259,7 +267,7 @@ impl Layouts {
         if *length == 0 {
             self.families.push(Family {
                 frame: layout.frame,
-                padded: layout.blocks.len() * BLOCK,
+                blocks: layout.blocks.len(),
                 tell: 0,
                 pick: Box::new([number; 256]),
                 members: vec![],
@@ -279,23 +287,52 @@ impl Layouts {
     pub fn run(&self, bytes: &[u8], mut at: usize, until: usize, batch: &mut Batch) -> usize {
         while let Some(family) = self.family(bytes, at) {
             let before = at;
-            while at < until && !batch.is_full() {
-                let Some(frame) = bytes.get(at..at + family.padded) else { break };
-                prefetch(bytes, at + AHEAD);
-                let mut layout = family.pick[usize::from(frame[family.tell])];
-                if !self.known[usize::from(layout)].matches(frame) {
-                    let other = |member: &&u8| self.known[usize::from(**member)].matches(frame);
-                    let Some(&member) = family.members.iter().find(other) else { break };
-                    layout = member;
-                }
-                batch.starts[batch.length] = at;
-                batch.layouts[batch.length] = layout;
-                batch.length += 1;
-                at += family.frame;
-            }
+            at = match family.blocks {
+                1 => self.run_family::<1>(family, bytes, at, until, batch),
+                2 => self.run_family::<2>(family, bytes, at, until, batch),
+                3 => self.run_family::<3>(family, bytes, at, until, batch),
+                4 => self.run_family::<4>(family, bytes, at, until, batch),
+                5 => self.run_family::<5>(family, bytes, at, until, batch),
+                6 => self.run_family::<6>(family, bytes, at, until, batch),
+                7 => self.run_family::<7>(family, bytes, at, until, batch),
+                8 => self.run_family::<8>(family, bytes, at, until, batch),
+                _ => self.run_family::<9>(family, bytes, at, until, batch),
+            };
             if at == before {
                 break;
             }
+        }
+        at
+    }
+
+    #[inline(always)]
+    fn run_family<const N: usize>(&self, family: &Family, bytes: &[u8], mut at: usize, until: usize, batch: &mut Batch) -> usize {
+        if let [only] = family.members[..] {
+            let layout = &self.known[usize::from(only)];
+            while at < until && !batch.is_full() {
+                let Some(frame) = bytes.get(at..at + N * BLOCK) else { break };
+                prefetch(bytes, at + AHEAD);
+                let Some(frame) = frame.as_chunks().0.first_chunk::<N>() else { break };
+                if !layout.matches::<N>(frame) {
+                    break;
+                }
+                batch.push(at, only);
+                at += family.frame;
+            }
+            return at;
+        }
+        while at < until && !batch.is_full() {
+            let Some(frame) = bytes.get(at..at + N * BLOCK) else { break };
+            prefetch(bytes, at + AHEAD);
+            let mut layout = family.pick[usize::from(frame[family.tell])];
+            let Some(frame) = frame.as_chunks().0.first_chunk::<N>() else { break };
+            if !self.known[usize::from(layout)].matches::<N>(frame) {
+                let other = |member: &&u8| self.known[usize::from(**member)].matches::<N>(frame);
+                let Some(&member) = family.members.iter().find(other) else { break };
+                layout = member;
+            }
+            batch.push(at, layout);
+            at += family.frame;
         }
         at
     }
@@ -319,12 +356,16 @@ impl Layouts {
         }
         moves.sort_by_key(|(_, it)| it.column); // stable: the layout that came first goes first
         let mut starts = [0; BATCH + 1];
+        let stride = match batch.starts() {
+            [one, two, ..] if batch.starts().windows(2).all(|pair| pair[1] - pair[0] == two - one) => two - one,
+            _ => 0,
+        };
         for moves in moves.chunk_by(|one, other| one.1.column == other.1.column) {
             let (_, first) = moves[0];
             let column = &mut columns[first.column];
             moves.iter().for_each(|(_, it)| column.admit(it.id, it.reading.as_ref()));
             let packets = if moves.len() == layouts && moves.iter().all(|(_, it)| it.offset == first.offset) {
-                Packets { bytes, starts: batch.starts(), shift: first.offset }
+                Packets { bytes, starts: batch.starts(), shift: first.offset, stride }
             } else {
                 // Some layouts lack the packet or have it elsewhere: make a list of its own, without a branch to mispredict.
                 let mut offsets = [0; 256];
@@ -335,7 +376,7 @@ impl Layouts {
                     starts[rows] = start + offset;
                     rows += usize::from(offset != 0);
                 }
-                Packets { bytes, starts: &starts[..rows], shift: 0 }
+                Packets { bytes, starts: &starts[..rows], shift: 0, stride: 0 }
             };
             column.gather(first.form(), packets, progress);
         }

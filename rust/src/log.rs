@@ -299,9 +299,9 @@ pub struct Reader {
     batch: Batch,
     columns: HashMap<Key, usize>,
     part: Part,
-    /// Where the part began in the input, and how long the input is, as far as it is known.
+    /// Where the part began in the input, and how many bytes of input it will take, as far as that is known.
     began: u64,
-    total: u64,
+    part_bytes: u64,
     checksum_errors: u64,
     /// End of the last frame of known layout.
     end: u64,
@@ -316,10 +316,10 @@ enum Key {
 }
 
 impl Reader {
-    /// A reader at the beginning of an input of `total` bytes, as far as that is known: it only decides how much room
-    /// columns are given.
+    /// A reader at the beginning of an input. A part will take about `part_bytes` of it, or all; that only decides how
+    /// much room columns are given, so 0 will do where it is not known.
     #[must_use]
-    pub fn new(options: Options, total: u64) -> Self {
+    pub fn new(options: Options, part_bytes: u64) -> Self {
         let scanner = Scanner::new(options.limit);
         Self {
             options,
@@ -329,7 +329,7 @@ impl Reader {
             columns: HashMap::new(),
             part: Part::default(),
             began: 0,
-            total,
+            part_bytes,
             checksum_errors: 0,
             end: u64::MAX,
             finished: false,
@@ -424,7 +424,7 @@ impl Reader {
     }
 
     fn progress(&self, at: u64) -> Progress {
-        Progress { done: at - self.began, total: self.total.saturating_sub(self.began) }
+        Progress { done: at - self.began, total: self.part_bytes }
     }
 
     fn damage(&mut self, damage: Option<Damage>) -> Result<(), Fault> {
@@ -486,7 +486,7 @@ impl Reader {
             let form = reading.as_ref().map(|it| it.form);
             column.admit(packet.id, reading.as_ref());
             let start = packet.at + PACKET_HEADER;
-            column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0 }, progress);
+            column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0, stride: 0 }, progress);
             column.single.push(sample);
         }
         self.part.layout.push(0);

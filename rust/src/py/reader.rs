@@ -111,12 +111,13 @@ pub struct Reader {
 impl Reader {
     /// `source` is a uint8 array, a path, or an object with a method `read`.
     #[new]
-    #[pyo3(signature = (source, *, limit, strict, wanted, fast=true))]
+    #[pyo3(signature = (source, *, limit, strict, wanted, part_bytes=None, fast=true))]
     fn new(
         source: &Bound<'_, PyAny>,
         limit: usize,
         strict: bool,
         wanted: Option<Vec<(String, Option<String>)>>,
+        part_bytes: Option<u64>,
         fast: bool,
     ) -> PyResult<Self> {
         let wanted = wanted.map(|list| list.iter().map(wish).collect::<PyResult<_>>()).transpose()?;
@@ -130,7 +131,8 @@ impl Reader {
             (Source::Stream(Stream::new(Box::new(PyInput(source.clone().unbind())))), None)
         };
         let options = Options { limit, strict, wanted, fast };
-        Ok(Self { reader: log::Reader::new(options, total.unwrap_or(0)), source, clocks: Clocks::default(), total })
+        let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
+        Ok(Self { reader: log::Reader::new(options, part_bytes), source, clocks: Clocks::default(), total })
     }
 
     /// Position in the input.

@@ -43,7 +43,7 @@ pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
             Kind::List(head, entry) => ("list", 1, None, fields(py, head)?, fields(py, entry)?),
         };
         row.set_item("kind", kind)?;
-        row.set_item("count", count)?;
+        row.set_item("numbers", count)?;
         row.set_item("size", size)?;
         row.set_item("fields", head)?;
         row.set_item("entry", entry)?;

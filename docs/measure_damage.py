@@ -1,0 +1,108 @@
+"""What damage costs: intact frames lost, and false frames let through, by the checksum alone and by the scanner.
+
+``python docs/measure_damage.py [FRAMES]`` prints the table of docs/damage.md; 400,000 frames unless told otherwise.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import numpy.typing as npt
+
+import xbus
+
+#: Chance for a bit to flip; for a byte to get lost; for a burst of foreign bytes to come before a byte.
+FLIP, DROP, BURST = 1e-3, 1e-4, 1e-4
+#: Of the streams' frames, how many are of each kind.
+MIX = {"ahrs": 0.6, "high rate": 0.3, "reply": 0.1}
+
+Bytes = npt.NDArray[np.uint8]
+#: Where a frame begins, and its bytes.
+Found = set[tuple[int, int]]
+
+
+def stream(count: int, rng: np.random.Generator) -> tuple[Bytes, npt.NDArray[np.int64]]:
+    """Sound frames one behind the other, and where each begins."""
+    frames = []
+    kinds = rng.choice(len(MIX), count, p=list(MIX.values()))
+    for i, kind in enumerate(kinds):
+        vector = rng.normal(0, 3, (4, 3))
+        if kind == 0:
+            packets = {"packet_counter": i % 65536, "sample_time_fine": 100 * i, "quaternion": [1, *vector[0]]}
+            packets |= {"acceleration": vector[1], "rate_of_turn": vector[2], "magnetic_field": vector[3]}
+            frames.append(xbus.encode_sample(packets | {"status_word": 3}))
+        elif kind == 1:
+            frames.append(xbus.encode_sample({"sample_time_fine": 100 * i, "acceleration_hr": vector[0]}))
+        else:
+            frames.append(xbus.encode_frame(xbus.MessageId.DeviceID, rng.bytes(8)))
+    ends = np.cumsum([len(it) for it in frames])
+    return np.frombuffer(b"".join(frames), np.uint8), np.concatenate(([0], ends))
+
+
+def damaged(sound: Bytes, bounds: npt.NDArray[np.int64], rng: np.random.Generator) -> tuple[bytes, Found]:
+    """The stream as it arrives, and which of its frames did so intact."""
+    flips = np.zeros(len(sound), np.uint8)
+    for bit in range(8):
+        flips |= (rng.random(len(sound)) < FLIP).astype(np.uint8) << bit
+    dropped = rng.random(len(sound)) < DROP
+    bursts = np.where(rng.random(len(sound)) < BURST, rng.integers(1, 33, len(sound)), 0)
+
+    # How far each byte has moved; where it lands.
+    shift = np.cumsum(bursts) - (np.cumsum(dropped) - dropped)
+    place = np.arange(len(sound)) + shift
+    out = rng.integers(0, 256, len(sound) + bursts.sum() - dropped.sum(), dtype=np.uint8)
+    out[place[~dropped]] = (sound ^ flips)[~dropped]
+
+    hurt = np.concatenate(([0], np.cumsum((flips != 0) | dropped)))
+    split = np.concatenate(([0], np.cumsum(bursts > 0)))
+    first, end = bounds[:-1], bounds[1:]
+    intact = (hurt[end] == hurt[first]) & (split[end] == split[first + 1])
+    starts, lengths = place[first[intact]], (end - first)[intact]
+    return out.tobytes(), set(zip(starts.tolist(), lengths.tolist(), strict=True))
+
+
+def by_checksum(data: bytes, limit: int) -> Found:
+    """Every candidate whose checksum holds, from left to right."""
+    # sums[n]: the sum of the first n bytes, modulo 256.
+    sums = b"\0" + np.cumsum(np.frombuffer(data, np.uint8), dtype=np.uint8).tobytes()
+    found, at = set(), data.find(0xFA)
+    while 0 <= at <= len(data) - 5:
+        size, payload = 4, data[at + 3]
+        if payload == 0xFF:
+            size, payload = 6, int.from_bytes(data[at + 4 : at + 6], "big")
+        end = at + size + payload + 1
+        if payload <= limit and end <= len(data) and sums[end] == sums[at + 1]:
+            found.add((at, end - at))
+            at = data.find(0xFA, end)
+        else:
+            at = data.find(0xFA, at + 1)
+    return found
+
+
+def by_scanner(data: bytes, limit: int) -> Found:
+    """What xbus accepts."""
+    scanner = xbus.Scanner(limit)
+    found = set()
+    for it in [*scanner.feed(data), *scanner.close()]:
+        if isinstance(it, xbus.Message):
+            header = 6 if data[it.offset + 3] == 0xFF else 4
+            found.add((it.offset, header + len(it.payload) + 1))
+    return found
+
+
+def main() -> None:
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 400_000
+    rng = np.random.default_rng(1)
+    data, intact = damaged(*stream(count, rng), rng)
+    print(f"{count} frames, {len(data)} bytes, {len(intact)} frames intact")
+    print(f"{'rule':<10}{'limit':>7}{'intact lost':>13}{'share':>10}{'false passed':>14}")
+    for name, rule in {"checksum": by_checksum, "xbus": by_scanner}.items():
+        for limit in (8185, 65535):
+            found = rule(data, limit)
+            lost, false = len(intact - found), len(found - intact)
+            print(f"{name:<10}{limit:>7}{lost:>13}{lost / len(intact):>10.1e}{false:>14}")
+
+
+if __name__ == "__main__":
+    main()
