@@ -6,13 +6,18 @@
 (1000, 3)
 """
 
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
 from xbus._core import __version__
-from xbus.codec import Scanner, encode_frame, encode_packet, encode_sample
-from xbus.column import Column
-from xbus.configuration import Configuration, Firmware
-from xbus.errors import DecodeError, DeviceError, StateError, XbusError, XbusTimeout
-from xbus.ids import Coordinates, DataId, MessageId, Precision
-from xbus.log import Log, Message, Stats, iter_log, read_log
+
+if TYPE_CHECKING:
+    from xbus.codec import Scanner, encode_frame, encode_packet, encode_sample
+    from xbus.column import Column
+    from xbus.configuration import Configuration, Firmware
+    from xbus.errors import DecodeError, DeviceError, StateError, XbusError, XbusTimeout
+    from xbus.ids import Coordinates, DataId, MessageId, Precision
+    from xbus.log import Log, Message, Stats, iter_log, read_log
 
 __all__ = [
     "Column",
@@ -38,3 +43,31 @@ __all__ = [
     "iter_log",
     "read_log",
 ]
+
+#: What is imported when it is first asked for, so that ``xbus --help`` need not wait for numpy.
+_MODULES = {
+    "codec": ("Scanner", "encode_frame", "encode_packet", "encode_sample"),
+    "column": ("Column",),
+    "configuration": ("Configuration", "Firmware"),
+    "errors": ("DecodeError", "DeviceError", "StateError", "XbusError", "XbusTimeout"),
+    "export": (),
+    "ids": ("Coordinates", "DataId", "MessageId", "Precision"),
+    "log": ("Log", "Message", "Stats", "iter_log", "read_log"),
+    "source": (),
+    "tables": (),
+}
+
+
+def __getattr__(name: str) -> Any:
+    for module, names in _MODULES.items():
+        if name == module:
+            return import_module(f"xbus.{module}")
+        if name in names:
+            value = getattr(import_module(f"xbus.{module}"), name)
+            globals()[name] = value
+            return value
+    raise AttributeError(f"module 'xbus' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return [*globals(), *__all__, *_MODULES]

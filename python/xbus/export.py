@@ -42,8 +42,19 @@ def parquet(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
         replacing(path) as out,
         pq.ParquetWriter(out, reader.schema, **parquet_options(reader.schema)) as writer,
     ):
-        for batch in reader:
+        for batch in _ahead(reader):
             writer.write_batch(batch)
+
+
+def _ahead(batches: Iterator[Any]) -> Iterator[Any]:
+    """The same batches, each made while the one before is being written: a second core does half."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(1) as pool:
+        coming = pool.submit(next, batches, None)
+        while (batch := coming.result()) is not None:
+            coming = pool.submit(next, batches, None)
+            yield batch
 
 
 def parquet_options(schema: Any) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from xbus import _core, export
 from xbus.column import Column
 from xbus.configuration import Configuration, Firmware, Identity
 from xbus.errors import DecodeError
-from xbus.source import Key, Source, open_reader
+from xbus.source import Key, Source, Wish, open_reader, wishes
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,12 +53,12 @@ def read_log(
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
     >>> len(log), log.stats.lost_samples
-    (1000, 0)
+    (1040, 0)
     >>> log["euler_angles"].fields
     ('roll', 'pitch', 'yaw')
     """
-    wanted = None if quantities is None else list(quantities)
-    reader = open_reader(source, strict=strict, quantities=wanted)
+    wanted = wishes(quantities)
+    reader = open_reader(source, strict=strict, wanted=wanted)
     while reader.advance(STEP):
         pass
     return Log(reader.take(), wanted=wanted)
@@ -90,12 +90,12 @@ def iter_log(
     >>> import xbus
     >>> parts = xbus.iter_log("tests/captures/walk.mtb", block_bytes=10_000)
     >>> sum(len(part) for part in parts)
-    1000
+    1040
     """
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
-    wanted = None if quantities is None else list(quantities)
-    reader = open_reader(source, strict=strict, quantities=wanted, part_bytes=block_bytes)
+    wanted = wishes(quantities)
+    reader = open_reader(source, strict=strict, wanted=wanted, part_bytes=block_bytes)
 
     def parts() -> Iterator[Log]:
         identity = Identity()
@@ -248,7 +248,7 @@ class Log:
         self,
         core: _core.Part,
         *,
-        wanted: list[Key] | None = None,
+        wanted: list[Wish] | None = None,
         identity: Identity | None = None,
     ) -> None:
         self._core = core
@@ -258,7 +258,9 @@ class Log:
         columns = [Column(it, core) for it in core.columns if it.name is not None]
         if wanted is not None:
             columns = [
-                it for it in columns if it.name in wanted or (it.name, it.coordinates) in wanted
+                it
+                for it in columns
+                if (it.name, None) in wanted or (it.name, it.coordinates) in wanted
             ]
         self._columns: dict[tuple[str, str | None], Column] = {
             (it.name, it.coordinates): it for it in columns

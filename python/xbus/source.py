@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
@@ -12,10 +13,12 @@ import numpy.typing as npt
 from xbus import _core
 from xbus.extras import require
 
-__all__ = ["Key", "Readable", "Source", "open_reader"]
+__all__ = ["Key", "Readable", "Source", "Wish", "open_reader", "wishes"]
 
 #: A quantity by its name, or by name and coordinate system: ``("quaternion", "NED")``.
 Key = str | tuple[str, str]
+#: A quantity to keep: its name, and the coordinate system or None for any.
+Wish = tuple[str, str | None]
 
 
 @runtime_checkable
@@ -38,23 +41,23 @@ def open_reader(
     source: Source,
     *,
     strict: bool = False,
-    quantities: Iterable[Key] | None = None,
+    wanted: list[Wish] | None = None,
     part_bytes: int | None = None,
 ) -> _core.Reader:
     """A reader at the beginning of ``source``; ``part_bytes`` of it go into a part, or all."""
-    wanted = None if quantities is None else [_wish(it) for it in _listed(quantities)]
     return _core.Reader(
         _opened(source), limit=LONGEST, strict=strict, wanted=wanted, part_bytes=part_bytes
     )
 
 
-def _listed(quantities: Iterable[Key]) -> Iterable[Key]:
+def wishes(quantities: Iterable[Key] | None) -> list[Wish] | None:
+    """The quantities to keep; None for all of them."""
     if isinstance(quantities, str):
         raise TypeError(f"quantities must be a list of names, such as [{quantities!r}]")
-    return quantities
+    return None if quantities is None else [_wish(it) for it in quantities]
 
 
-def _wish(key: Key) -> tuple[str, str | None]:
+def _wish(key: Key) -> Wish:
     match key:
         case str(name):
             return name, None
@@ -70,8 +73,12 @@ def _opened(source: Source) -> object:
         return fsspec.open(source, "rb").open()
     if isinstance(source, str | os.PathLike):
         path = os.fspath(source)
-        with open(path, "rb"):  # noqa: PTH123 - a missing file, a directory: Python's own errors
-            return path
+        # A missing file or a directory gives Python's own errors. A named pipe is opened only once:
+        # closing it would lose whoever writes into it.
+        if not stat.S_ISFIFO(os.stat(path).st_mode):  # noqa: PTH116
+            with open(path, "rb"):  # noqa: PTH123
+                pass
+        return path
     if isinstance(source, Readable):
         return source
     if isinstance(source, np.ndarray):
@@ -82,7 +89,8 @@ def _opened(source: Source) -> object:
             )
         return np.ascontiguousarray(source)
     try:
-        view = memoryview(source).cast("B")
+        view = memoryview(source)
+        view = (view if view.c_contiguous else memoryview(view.tobytes())).cast("B")
     except TypeError:
         raise TypeError(
             "a log is read from a path, bytes, a uint8 array or a binary file object, not "

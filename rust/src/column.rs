@@ -1,5 +1,7 @@
 //! One quantity of a log: the same packet of many messages, byte-swapped once into rows of numbers.
 
+use std::slice::ChunksExactMut;
+
 use crate::packet::{Coordinates, Form, Precision, Reading, record_size};
 use crate::pages;
 use crate::real;
@@ -251,61 +253,70 @@ impl<'a> Packets<'a> {
     }
 
     /// Appends the `n` numbers of each packet. The row lengths that occur at high rates are compiled with their length.
-    fn numbers<const SIZE: usize, T: Copy + Default>(
+    fn numbers<const SIZE: usize, T: Copy>(
         self,
         out: &mut Vec<T>,
         n: usize,
         progress: Progress,
         read: impl Fn([u8; SIZE]) -> T + Copy,
     ) {
-        let old = out.len();
         pages::make_room(out, n * self.starts.len(), progress);
-        // Writing zeros first costs little, since they stay in the cache, and needs no unsafe code.
-        out.resize(old + n * self.starts.len(), T::default());
-        let new = &mut out[old..];
         match n {
-            1 => self.rows::<SIZE, 1, T>(new, read),
-            2 => self.rows::<SIZE, 2, T>(new, read),
-            3 => self.rows::<SIZE, 3, T>(new, read),
-            4 => self.rows::<SIZE, 4, T>(new, read),
-            9 => self.rows::<SIZE, 9, T>(new, read),
+            1 => self.rows::<SIZE, 1, T>(out, read),
+            2 => self.rows::<SIZE, 2, T>(out, read),
+            3 => self.rows::<SIZE, 3, T>(out, read),
+            4 => self.rows::<SIZE, 4, T>(out, read),
+            9 => self.rows::<SIZE, 9, T>(out, read),
             _ => {
-                for (row, start) in new.chunks_exact_mut(n).zip(self.starts) {
-                    swap(row, &self.bytes[start + self.shift..][..SIZE * n], read);
+                for start in self.starts {
+                    let (numbers, _) = self.bytes[start + self.shift..][..SIZE * n].as_chunks();
+                    out.extend(numbers.iter().map(|it| read(*it)));
                 }
             }
         }
     }
 
     #[inline]
-    fn rows<const SIZE: usize, const N: usize, T: Copy>(self, new: &mut [T], read: impl Fn([u8; SIZE]) -> T + Copy) {
-        let (rows, _) = new.as_chunks_mut::<N>();
+    fn rows<const SIZE: usize, const N: usize, T: Copy>(self, out: &mut Vec<T>, read: impl Fn([u8; SIZE]) -> T + Copy) {
+        let row = |bytes: &[u8]| {
+            let (numbers, _) = bytes[self.shift..][..SIZE * N].as_chunks::<SIZE>();
+            std::array::from_fn::<T, N, _>(|i| read(numbers[i]))
+        };
         if self.stride != 0 {
             let frames = self.bytes[self.starts[0]..].chunks_exact(self.stride);
-            for (row, frame) in rows.iter_mut().zip(frames) {
-                swap(row, &frame[self.shift..][..SIZE * N], read);
-            }
-            return;
-        }
-        for (row, start) in rows.iter_mut().zip(self.starts) {
-            swap(row, &self.bytes[start + self.shift..][..SIZE * N], read);
+            out.extend(frames.take(self.starts.len()).flat_map(row));
+        } else {
+            out.extend(self.starts.iter().flat_map(|start| row(&self.bytes[*start..])));
         }
     }
 
+    /// Appends a record of each packet, field after field.
     fn records(self, out: &mut Vec<u8>, fields: &[Field], progress: Progress) {
-        let size = record_size(fields);
+        let (old, size) = (out.len(), record_size(fields));
         pages::make_room(out, size * self.starts.len(), progress);
-        for start in self.starts {
-            append_records(out, &self.bytes[start + self.shift..][..size], fields);
+        out.resize(old + size * self.starts.len(), 0);
+        let mut at = 0;
+        for field in fields {
+            let rows = out[old..].chunks_exact_mut(size);
+            match field.wire.size() {
+                1 => self.field::<1>(rows, at),
+                2 => self.field::<2>(rows, at),
+                4 => self.field::<4>(rows, at),
+                _ => self.field::<8>(rows, at),
+            }
+            at += field.wire.size();
         }
     }
-}
 
-#[inline(always)]
-fn swap<const SIZE: usize, T>(row: &mut [T], bytes: &[u8], read: impl Fn([u8; SIZE]) -> T) {
-    let (numbers, _) = bytes.as_chunks::<SIZE>();
-    for (to, from) in row.iter_mut().zip(numbers) {
-        *to = read(*from);
+    #[inline]
+    fn field<const SIZE: usize>(self, rows: ChunksExactMut<'_, u8>, at: usize) {
+        for (row, start) in rows.zip(self.starts) {
+            let number = &mut row[at..][..SIZE];
+            number.copy_from_slice(&self.bytes[start + self.shift + at..][..SIZE]);
+            if cfg!(target_endian = "little") {
+                number.reverse();
+            }
+        }
     }
 }
 

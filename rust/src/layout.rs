@@ -18,7 +18,7 @@ use crate::packet::{Form, PACKET_HEADER, Reading, packets};
 
 /// Frames gathered before the columns take their packets: enough to make the loops worth it, few enough for the frames
 /// to stay in the first-level cache.
-const BATCH: usize = 64;
+const BATCH: usize = 256;
 /// Layouts that are learned in all, and those in use at a time. Damage and hostile input breed bogus ones; past this many
 /// the plain path does the work.
 const MOST_LAYOUTS: usize = 255;
@@ -26,7 +26,7 @@ const MOST_IN_USE: usize = 32;
 /// Layouts that wait to be seen again.
 const MOST_CANDIDATES: usize = 8;
 /// How often a layout is seen before it is learned: bogus ones hardly come twice.
-const SIGHTINGS: usize = 2;
+const SIGHTINGS: usize = 4;
 /// How often one is seen before it replaces others that it disagrees with.
 const SIGHTINGS_TO_REPLACE: usize = 64;
 
@@ -207,9 +207,9 @@ impl Batch {
         self.length += 1;
     }
 
-    /// Empties the list.
-    pub fn clear(&mut self) {
-        self.length = 0;
+    /// Takes all but the first so many frames off the list.
+    pub fn truncate(&mut self, length: usize) {
+        self.length = length;
     }
 }
 
@@ -228,17 +228,18 @@ impl Layouts {
     pub fn learn(&mut self, bytes: &[u8], moves: &[Move]) {
         let place = self.candidates.iter().position(|it| it.is(bytes, moves)).unwrap_or_else(|| {
             self.candidates.truncate(MOST_CANDIDATES - 1);
-            self.candidates.insert(0, Candidate { frame: bytes.len(), moves: moves.to_vec(), sightings: 0 });
-            0
+            self.candidates.push(Candidate { frame: bytes.len(), moves: moves.to_vec(), sightings: 0 });
+            self.candidates.len() - 1
         });
-        let candidate = &mut self.candidates[place];
+        self.candidates[..=place].rotate_right(1); // what was seen last goes first
+        let candidate = &mut self.candidates[0];
         candidate.sightings += 1;
         let agrees = |it: &Move| self.forms.get(&it.column).is_none_or(|form| *form == it.form());
         let enough = if moves.iter().all(agrees) { SIGHTINGS } else { SIGHTINGS_TO_REPLACE };
         if candidate.sightings < enough {
             return;
         }
-        self.candidates.remove(place);
+        self.candidates.remove(0);
         if enough == SIGHTINGS_TO_REPLACE {
             self.families.clear();
             self.by_length.clear();
@@ -254,6 +255,7 @@ impl Layouts {
         }
         if number == self.known.len() {
             self.known.push(layout);
+            if std::env::var("DBG").is_ok() { eprintln!("learned {} len {}", self.known.len(), bytes.len()); }
         }
         self.forms.extend(moves.iter().map(|it| (it.column, it.form())));
         #[allow(clippy::cast_possible_truncation)] // at most MOST_LAYOUTS
@@ -284,9 +286,26 @@ impl Layouts {
 
     /// Puts the frames from position `at` on the list, as far as each follows the one before, is intact and has a known
     /// layout; stops at `until` and when the list is full. Returns where it stopped.
-    pub fn run(&self, bytes: &[u8], mut at: usize, until: usize, batch: &mut Batch) -> usize {
-        while let Some(family) = self.family(bytes, at) {
-            let before = at;
+    pub fn run(&self, bytes: &[u8], at: usize, until: usize, batch: &mut Batch) -> usize {
+        #[cfg(target_arch = "x86_64")]
+        if is_x86_feature_detected!("avx2") {
+            // SAFETY: the machine has just said that it has AVX2.
+            #[allow(unsafe_code)]
+            return unsafe { self.run_avx2(bytes, at, until, batch) };
+        }
+        self.run_anywhere(bytes, at, until, batch)
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn run_avx2(&self, bytes: &[u8], at: usize, until: usize, batch: &mut Batch) -> usize {
+        self.run_anywhere(bytes, at, until, batch)
+    }
+
+    #[inline(always)]
+    fn run_anywhere(&self, bytes: &[u8], mut at: usize, until: usize, batch: &mut Batch) -> usize {
+        let mut refused = usize::MAX;
+        while let Some(family) = self.family(bytes, at).filter(|it| it.frame != refused) {
             at = match family.blocks {
                 1 => self.run_family::<1>(family, bytes, at, until, batch),
                 2 => self.run_family::<2>(family, bytes, at, until, batch),
@@ -298,7 +317,8 @@ impl Layouts {
                 8 => self.run_family::<8>(family, bytes, at, until, batch),
                 _ => self.run_family::<9>(family, bytes, at, until, batch),
             };
-            if at == before {
+            refused = family.frame;
+            if at >= until || batch.is_full() {
                 break;
             }
         }
@@ -311,7 +331,7 @@ impl Layouts {
             let layout = &self.known[usize::from(only)];
             while at < until && !batch.is_full() {
                 let Some(frame) = bytes.get(at..at + N * BLOCK) else { break };
-                prefetch(bytes, at + AHEAD);
+                (0..N * BLOCK).step_by(64).for_each(|line| prefetch(bytes, at + AHEAD + line));
                 let Some(frame) = frame.as_chunks().0.first_chunk::<N>() else { break };
                 if !layout.matches::<N>(frame) {
                     break;
@@ -323,7 +343,7 @@ impl Layouts {
         }
         while at < until && !batch.is_full() {
             let Some(frame) = bytes.get(at..at + N * BLOCK) else { break };
-            prefetch(bytes, at + AHEAD);
+            (0..N * BLOCK).step_by(64).for_each(|line| prefetch(bytes, at + AHEAD + line));
             let mut layout = family.pick[usize::from(frame[family.tell])];
             let Some(frame) = frame.as_chunks().0.first_chunk::<N>() else { break };
             if !self.known[usize::from(layout)].matches::<N>(frame) {
@@ -348,7 +368,9 @@ impl Layouts {
         let mut seen = [false; 256];
         let mut moves = Vec::new();
         let mut layouts = 0;
-        for &layout in batch.layouts() {
+        let first = batch.layouts()[0];
+        let uniform = batch.layouts().iter().fold(true, |all, layout| all & (*layout == first));
+        for &layout in if uniform { &batch.layouts()[..1] } else { batch.layouts() } {
             if !std::mem::replace(&mut seen[usize::from(layout)], true) {
                 layouts += 1;
                 moves.extend(self.known[usize::from(layout)].moves.iter().map(|it| (layout, it)));
@@ -357,7 +379,7 @@ impl Layouts {
         moves.sort_by_key(|(_, it)| it.column); // stable: the layout that came first goes first
         let mut starts = [0; BATCH + 1];
         let stride = match batch.starts() {
-            [one, two, ..] if batch.starts().windows(2).all(|pair| pair[1] - pair[0] == two - one) => two - one,
+            [one, two, ..] if batch.starts().windows(2).fold(true, |even, pair| even & (pair[1] - pair[0] == two - one)) => two - one,
             _ => 0,
         };
         for moves in moves.chunk_by(|one, other| one.1.column == other.1.column) {
@@ -406,7 +428,7 @@ impl Family {
 }
 
 /// How far ahead of the frame at hand the input is fetched.
-const AHEAD: usize = 4096;
+const AHEAD: usize = 16384;
 
 /// Asks for the cache line at `at`.
 #[inline]

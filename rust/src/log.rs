@@ -361,49 +361,37 @@ impl Reader {
 
     fn read_frames(&mut self, window: Window<'_>, until: u64) -> Result<(), Fault> {
         while self.at() < until && !self.finished {
-            match self.scanner.step(window) {
+            let waiting = self.batch.len();
+            let stop = usize::try_from(until - window.offset).unwrap_or(usize::MAX);
+            let known = |at| self.layouts.run(window.bytes, at, stop, &mut self.batch);
+            match self.scanner.step_with(window, known) {
                 Step::More => break,
                 Step::End(damage) => {
                     self.finished = true;
                     self.damage(damage)?;
                 }
+                Step::Frame { at, length, damage } if self.batch.len() > waiting => {
+                    if let Err(fault) = self.damage(damage) {
+                        self.batch.truncate(waiting);
+                        return Err(fault);
+                    }
+                    let (from, sample) = (window.offset + at as u64, self.next_sample() + waiting as u64);
+                    if from != self.end {
+                        self.part.jumps.push((sample, from));
+                    }
+                    self.end = from + length as u64;
+                    if self.batch.is_full() {
+                        self.gather(window);
+                    }
+                }
                 Step::Frame { at, length, damage } => {
                     self.damage(damage)?;
-                    if !self.run(window, at, length, until) {
-                        self.gather(window);
-                        self.frame(&window.bytes[at..at + length], window.offset + at as u64)?;
-                    }
+                    self.gather(window);
+                    self.frame(&window.bytes[at..at + length], window.offset + at as u64)?;
                 }
             }
         }
         Ok(())
-    }
-
-    /// Takes the frame at `at`, and those behind it, as far as their layouts are known.
-    fn run(&mut self, window: Window<'_>, at: usize, length: usize, until: u64) -> bool {
-        let stop = usize::try_from(until - window.offset).unwrap_or(usize::MAX);
-        let mut from = at;
-        loop {
-            if self.batch.is_full() {
-                self.gather(window);
-            }
-            let before = self.batch.len();
-            let to = self.layouts.run(window.bytes, from, stop, &mut self.batch);
-            if to == from {
-                break;
-            }
-            if window.offset + from as u64 != self.end {
-                self.part.jumps.push((self.next_sample() + before as u64, window.offset + from as u64));
-            }
-            self.end = window.offset + to as u64;
-            from = to;
-        }
-        if from == at {
-            return false;
-        }
-        debug_assert!(from >= at + length);
-        self.scanner.pass(window.offset + from as u64);
-        true
     }
 
     /// Index of the next sample, but for those that wait in the batch.
@@ -420,7 +408,7 @@ impl Reader {
         self.layouts.gather(window.bytes, &self.batch, &mut self.part.columns, progress);
         pages::make_room(&mut self.part.layout, self.batch.len(), progress);
         self.part.layout.extend(self.batch.layouts().iter().map(|layout| layout + 1));
-        self.batch.clear();
+        self.batch.truncate(0);
     }
 
     fn progress(&self, at: u64) -> Progress {

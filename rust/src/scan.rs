@@ -120,16 +120,15 @@ impl Scanner {
         self.at
     }
 
-    /// Goes on behind frames that somebody else has found to be sound, from the present position to `to`.
-    ///
-    /// Only where a frame is due, that is right after [`Step::Frame`].
-    pub fn pass(&mut self, to: u64) {
-        debug_assert!(self.damage.is_none() && to >= self.at);
-        self.go_to(to);
-    }
-
     /// The next frame, if the window is enough to find it.
     pub fn step(&mut self, window: Window<'_>) -> Step {
+        self.step_with(window, |at| at)
+    }
+
+    /// The same, with somebody at hand who knows many frames at first sight. `known` is asked at each preamble that is
+    /// judged and says where the intact, plausible frames end that it knows from there on; the step then takes them as
+    /// one.
+    pub fn step_with(&mut self, window: Window<'_>, mut known: impl FnMut(usize) -> usize) -> Step {
         loop {
             #[allow(clippy::cast_possible_truncation)] // a position inside the window
             let at = (self.at - window.offset) as usize;
@@ -137,18 +136,24 @@ impl Scanner {
             match rest.first() {
                 None if window.last => return Step::End(self.end_damage()),
                 None => return Step::More,
-                Some(&PREAMBLE) => match self.judge(window, at) {
-                    Verdict::Wait => return Step::More,
-                    Verdict::Refused(reason) => {
-                        self.refuse(reason);
-                        self.go_to(self.at + 1);
+                Some(&PREAMBLE) => {
+                    let verdict = match known(at) - at {
+                        0 => self.judge(window, at),
+                        length => Verdict::Frame(length),
+                    };
+                    match verdict {
+                        Verdict::Wait => return Step::More,
+                        Verdict::Refused(reason) => {
+                            self.refuse(reason);
+                            self.go_to(self.at + 1);
+                        }
+                        Verdict::Frame(length) => {
+                            let damage = self.end_damage();
+                            self.go_to(self.at + length as u64);
+                            return Step::Frame { at, length, damage };
+                        }
                     }
-                    Verdict::Frame(length) => {
-                        let damage = self.end_damage();
-                        self.go_to(self.at + length as u64);
-                        return Step::Frame { at, length, damage };
-                    }
-                },
+                }
                 Some(_) => {
                     self.refuse(Reason::NoPreamble);
                     let skipped = memchr::memchr(PREAMBLE, rest).unwrap_or(rest.len());

@@ -1,0 +1,37 @@
+# The few commands, for people. .ci/run runs the same from nothing.
+.PHONY: dev format lint test bench docs fuzz
+NAME ?= chunking
+
+dev:
+	pip install -e ".[fsspec,test,lint,docs]"
+
+format:
+	cargo fmt
+	ruff check --fix
+	ruff format
+
+lint:
+	cargo fmt --check
+	cargo clippy --all-targets -- -D warnings
+	cargo clippy --all-targets --features python -- -D warnings
+	ruff check
+	ruff format --check
+	mypy
+	python -m mypy.stubtest xbus._core
+
+test:
+	cargo test
+	pytest
+
+bench:
+	cargo bench --bench decode
+	python benches/peers.py
+	python benches/export.py
+	python benches/memory.py
+	python benches/startup.py
+
+docs:
+	sphinx-build -W -b html docs docs/_build/html
+
+fuzz:
+	cargo fuzz run -s none $(NAME) -- -max_total_time=300

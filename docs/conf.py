@@ -1,0 +1,51 @@
+"""Settings of ``sphinx-build -W -b html docs docs/_build/html``; it needs xbus and its extra ``docs``."""
+
+import re
+import sys
+from pathlib import Path
+from typing import Any
+
+from sphinx.application import Sphinx
+
+import xbus
+
+sys.path.insert(0, str(Path(__file__).parent / "_ext"))
+
+project = "xbus"
+author = "the xbus authors"
+copyright = "the xbus authors"  # noqa: A001 - Sphinx's name
+release = version = xbus.__version__
+
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "protocol"]
+exclude_patterns = ["_build"]
+
+# A name in single backticks in a docstring is a link where there is something to link to.
+default_role = "py:obj"
+napoleon_use_ivar = True
+autodoc_member_order = "bysource"
+autodoc_type_aliases = {"Source": "Source", "Key": "Key", "PacketKey": "PacketKey"}
+python_use_unqualified_type_names = True
+myst_enable_extensions = ["deflist"]
+
+html_theme = "furo"
+html_title = f"xbus {release}"
+
+
+def aliases_by_name(*event: Any) -> tuple[str | None, str | None]:
+    """Inside other types, autodoc shows an alias by its internals."""
+    signature, returns = (
+        re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", it or "") for it in event[-2:]
+    )
+    return signature or None, returns or None
+
+
+def no_type_before_a_colon(*event: Any) -> None:
+    """In the first line of a property, napoleon takes what stands before a colon for its type."""
+    _, what, *_, lines = event
+    if what == "property":
+        lines[0] = lines[0].replace(": ", " -- ", 1)
+
+
+def setup(app: Sphinx) -> None:
+    app.connect("autodoc-process-signature", aliases_by_name)
+    app.connect("autodoc-process-docstring", no_type_before_a_colon, priority=400)

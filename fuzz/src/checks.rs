@@ -1,0 +1,187 @@
+//! The laws. Each takes any bytes and panics where one does not hold.
+
+use xbus::clock::Clocks;
+use xbus::error::Fault;
+use xbus::log::{Options, Reader};
+use xbus::packet::{Coordinates, Packet, Precision, packets};
+use xbus::scan::Window;
+use xbus::table::{Kind, QUANTITIES};
+use xbus::value::{Number, is_canonical, numbers, write_as, write_packet};
+
+use super::logs::{ByHand, Log};
+use super::scans::{Scan, credit_suffices};
+use super::streams::{Input, Random};
+
+/// Limits that matter: shorter than any message, the longest standard form, a live port's, a log's.
+const LIMITS: [usize; 6] = [16, 254, 255, 8185, 65535, 65535];
+
+/// How the input is cut does not matter, and the scanner finds what the plain rules find.
+pub fn chunking(data: &[u8]) {
+    let Input { mut random, stream } = Input::of(data);
+    let limit = random.pick(&LIMITS);
+    scanning(&stream, limit, &mut random);
+}
+
+/// The same for a stream that was made elsewhere.
+pub fn scanning(stream: &[u8], limit: usize, random: &mut Random) {
+    let whole = Scan::whole(stream, limit);
+    whole.covers(stream);
+    for _ in 0..2 {
+        assert_eq!(Scan::at_random(stream, limit, random), whole);
+    }
+    if stream.len() < 500 {
+        assert_eq!(Scan::byte_by_byte(stream, limit), whole);
+    }
+    if credit_suffices(stream) {
+        assert_eq!(whole, Scan::plainly(stream, limit));
+    }
+}
+
+/// Any bytes are a log, and what is in it is what one finds by hand.
+pub fn decode(data: &[u8]) {
+    let Input { mut random, stream } = Input::of(data);
+    let limit = random.pick(&LIMITS);
+    let ByHand { log, faults, .. } = ByHand::read(&stream, &Scan::whole(&stream, limit));
+    for fast in [false, true] {
+        let options = Options { limit, fast, ..Options::default() };
+        Log::whole(&stream, options.clone()).same_as(&log, if fast { "fast, by hand" } else { "plain, by hand" });
+        let strict = Options { strict: true, ..options };
+        let found = Log::apart(&stream, strict, &mut random).err();
+        assert_eq!(found.as_ref(), faults.first(), "fast: {fast}");
+        said(found);
+    }
+}
+
+/// A fault has a sentence, and says where.
+fn said(fault: Option<Fault>) {
+    if let Some(fault) = fault {
+        assert!(fault.to_string().contains(&fault.offset().to_string()));
+    }
+}
+
+/// The fast path reads what the plain one reads, part by part: each part ends at the same byte.
+pub fn fast_is_plain(data: &[u8]) {
+    let Input { mut random, stream } = Input::of(data);
+    let options = options(&mut random);
+    let [mut fast, mut plain] =
+        [true, false].map(|fast| Reader::new(Options { fast, ..options.clone() }, stream.len() as u64));
+    let window = Window { bytes: &stream, offset: 0, last: true };
+    let step = random.pick(&[100, 1000, 100_000]);
+    while !plain.is_finished() {
+        let until = plain.at() + 1 + random.below(step) as u64;
+        fast.read(window, until).expect("not strict");
+        plain.read(window, until).expect("not strict");
+        assert_eq!(fast.at(), plain.at());
+        let [fast, plain] = [&mut fast, &mut plain].map(|it| Log::of(&it.take(), &mut Clocks::default()));
+        fast.same_as(&plain, "fast, plain");
+    }
+}
+
+/// Parts joined are the whole, wherever they end.
+pub fn parts(data: &[u8]) {
+    let Input { mut random, stream } = Input::of(data);
+    let options = options(&mut random);
+    let whole = Log::whole(&stream, options.clone());
+    for _ in 0..3 {
+        let fast = options.fast != random.once_in(4);
+        let joined = Log::apart(&stream, Options { fast, ..options.clone() }, &mut random).expect("not strict");
+        joined.same_as(&whole, "joined, whole");
+    }
+}
+
+/// Any limit, and any choice of quantities.
+fn options(random: &mut Random) -> Options {
+    let wanted = random.once_in(3).then(|| {
+        let some = |_| (&QUANTITIES[random.below(QUANTITIES.len())], random.pick(&[None, Some(Coordinates::Ned)]));
+        (0..20).map(some).collect()
+    });
+    Options { limit: random.pick(&LIMITS), wanted, fast: !random.once_in(4), ..Options::default() }
+}
+
+/// Bytes that the encoder could have written are written again, bit by bit; whatever it is given, it writes a packet
+/// that reads as one, or nothing.
+pub fn codec(data: &[u8]) {
+    let Input { mut random, stream } = Input::of(data);
+    for packet in packets(&stream).flatten() {
+        rewrite(&packet);
+    }
+    // The same bytes as the data of packets whose sizes are right.
+    let mut rest = &stream[..];
+    while !rest.is_empty() {
+        let quantity = random.pick(QUANTITIES);
+        let id = quantity.id | u16::from(rest[0] & 0xF);
+        let size =
+            (1..=rest.len().min(255)).find(|&size| Packet { id, at: 0, data: &rest[..size] }.reading().is_some());
+        let (data, behind) = rest.split_at(size.unwrap_or(1));
+        rewrite(&Packet { id, at: 0, data });
+        write_anything(data, &mut random);
+        rest = behind;
+    }
+}
+
+/// Decodes a packet and encodes it again.
+pub fn rewrite(packet: &Packet<'_>) {
+    let Some(reading) = packet.reading() else {
+        assert!(!is_canonical(packet));
+        return;
+    };
+    let values = numbers(&reading, packet.data);
+    let mut payload = vec![0xAA];
+    write_as(&mut payload, &reading, &values).expect("what was read can be written");
+    let [0xAA, high, low, size, data @ ..] = &payload[..] else { panic!("no packet: {payload:?}") };
+    assert_eq!(data, packet.data);
+    assert_eq!(usize::from(*size), data.len());
+    let id = u16::from_be_bytes([*high, *low]);
+    assert_eq!(is_canonical(packet), id == packet.id);
+    let again = Packet { id, at: 0, data };
+    assert!(is_canonical(&again));
+    let again = again.reading().expect("what was written can be read");
+    assert_eq!((again.form, again.coordinates), (reading.form, reading.coordinates));
+    assert_eq!(again.quantity.id, reading.quantity.id);
+}
+
+/// Gives the encoder numbers made of `data`, right ones and wrong ones.
+fn write_anything(data: &[u8], random: &mut Random) {
+    let quantity = random.pick(QUANTITIES);
+    let some = |chunk: &[u8]| {
+        let mut bytes = [0; 8];
+        bytes[..chunk.len()].copy_from_slice(chunk);
+        let bits = u64::from_be_bytes(bytes);
+        match random.below(5) {
+            0 => Number::Integer(bits.cast_signed()),
+            1 => Number::Integer(i64::from(chunk[0])),
+            2 => Number::Wide(bits),
+            3 => Number::Single(f32::from_be_bytes([bytes[0], bytes[1], bytes[2], bytes[3]])),
+            _ => Number::Double(f64::from_bits(bits)),
+        }
+    };
+    let mut values: Vec<Number> = data.chunks(8).map(some).collect();
+    let expected = match quantity.kind {
+        Kind::Real(n) | Kind::Fixed(_, n) => n,
+        Kind::Id => 1,
+        Kind::Struct(fields) => fields.len(),
+        Kind::List(head, _) => head.len(),
+    };
+    if !random.once_in(4) {
+        values.resize(expected, Number::Integer(1));
+    }
+    let precision = if matches!(quantity.kind, Kind::Real(_)) || random.once_in(9) {
+        Some(random.pick(&Precision::ALL))
+    } else {
+        None
+    };
+    let coordinates = (quantity.rotates || random.once_in(9)).then(|| random.pick(&Coordinates::ALL));
+    let mut payload = vec![0xAA];
+    match write_packet(&mut payload, &quantity, precision, coordinates, &values) {
+        Err(error) => {
+            assert_eq!(payload, [0xAA], "{error}");
+            assert!(!error.to_string().is_empty());
+        }
+        Ok(()) => {
+            let all: Vec<_> = packets(&payload[1..]).collect();
+            let [Ok(packet)] = &all[..] else { panic!("{all:?}") };
+            assert!(is_canonical(packet), "{} {values:?}: {packet:?}", quantity.name);
+            rewrite(packet);
+        }
+    }
+}

@@ -1,0 +1,455 @@
+//! A log, in a form in which two ways of reading it can be compared, and a third way of reading it: by hand.
+
+use std::collections::HashMap;
+
+use xbus::clock::{Clocks, Losses, Stamps};
+use xbus::column::{Column, Subject, Values};
+use xbus::device;
+use xbus::error::Fault;
+use xbus::frame::Frame;
+use xbus::log::{Options, Part, Reader, Stats};
+use xbus::packet::{Coordinates, Form, Packet, Precision, packets};
+use xbus::scan::{Damage, Window};
+use xbus::table::{self, Field, Kind, Quantity, Wire};
+use xbus::value::{Number, numbers};
+
+use super::scans::Scan;
+use super::streams::Random;
+
+/// All of a log that a user can see, numbers as their bits.
+#[derive(Debug, Default, PartialEq)]
+pub struct Log {
+    /// Index of the first sample.
+    pub first: u64,
+    pub columns: Vec<Rows>,
+    pub offsets: Vec<i64>,
+    pub bids: Vec<u8>,
+    pub times: Vec<Bits>,
+    pub counters: Vec<i64>,
+    pub losses: Losses,
+    pub messages: Vec<Message>,
+    pub damage: Vec<Damage>,
+    pub stats: Stats,
+}
+
+/// A column.
+#[derive(Debug, PartialEq)]
+pub struct Rows {
+    /// Name and coordinates, or the identifier of packets that the tables cannot explain.
+    pub subject: String,
+    /// Type of its numbers.
+    pub numbers: &'static str,
+    pub id: u16,
+    pub mixed_ids: bool,
+    pub mixed_precisions: bool,
+    pub samples: Vec<i64>,
+    /// Each row: the numbers of its packet in the order of the wire, entries of lists too.
+    pub rows: Vec<Vec<Bits>>,
+}
+
+/// A message that is no sample.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Message {
+    pub mid: u8,
+    pub bid: u8,
+    pub offset: u64,
+    pub sample: u64,
+    pub payload: Vec<u8>,
+}
+
+/// A number as its 64 bits, so that a NaN equals itself.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Bits(pub u64);
+
+impl std::fmt::Debug for Bits {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{:X}", self.0)
+    }
+}
+
+impl Log {
+    /// In one window and one part.
+    pub fn whole(bytes: &[u8], options: Options) -> Self {
+        let mut reader = Reader::new(options, bytes.len() as u64);
+        reader.read(Window { bytes, offset: 0, last: true }, u64::MAX).expect("strict only where it says so");
+        assert!(reader.is_finished());
+        Self::of(&reader.take(), &mut Clocks::default())
+    }
+
+    /// In windows and parts as they come, and joined again.
+    pub fn apart(bytes: &[u8], options: Options, random: &mut Random) -> Result<Self, Fault> {
+        let mut reader = Reader::new(options, random.pick(&[0, bytes.len() as u64, u64::MAX]));
+        let mut clocks = Clocks::default();
+        let mut log = Self::default();
+        let longest = random.pick(&[10, 200, 5000]);
+        let seldom = random.pick(&[1, 3, 30]);
+        let mut end = 0;
+        while !reader.is_finished() {
+            let at = usize::try_from(reader.at()).expect("a position in memory");
+            let from = at - random.below(at.min(50) + 1);
+            // That the input ends may become known late.
+            let last = end == bytes.len() || (bytes.len() - end < longest && random.once_in(2));
+            end = if last { bytes.len() } else { bytes.len().min(end.max(at) + random.below(longest)) };
+            let until = if random.once_in(2) { u64::MAX } else { reader.at() + 1 + random.below(longest) as u64 };
+            let read = reader.read(Window { bytes: &bytes[from..end], offset: from as u64, last }, until);
+            if random.once_in(seldom) || read.is_err() || reader.is_finished() {
+                log.join(Self::of(&reader.take(), &mut clocks));
+            }
+            read?;
+        }
+        Ok(log)
+    }
+
+    /// What a part says; `clocks` are those at its beginning, and afterwards those at its end.
+    pub fn of(part: &Part, clocks: &mut Clocks) -> Self {
+        let messages = &part.messages;
+        let starts = std::iter::once(&0).chain(&messages.payload.ends);
+        let mut payloads = starts.zip(&messages.payload.ends).map(|(&from, &to)| (count(from), count(to)));
+        let message = |i: usize| Message {
+            mid: messages.mid[i],
+            bid: messages.bid[i],
+            offset: messages.offset[i],
+            sample: messages.sample[i],
+            payload: payloads.next().map(|(from, to)| messages.payload.bytes[from..to].to_vec()).expect("one each"),
+        };
+        let (times, counters, losses) = part.unwrap(clocks);
+        let log = Self {
+            first: part.first,
+            columns: part.columns.iter().map(|column| Rows::of(part, column)).collect(),
+            offsets: part.offsets(),
+            bids: part.bids(),
+            times: times.into_iter().map(|it| Bits(it.to_bits())).collect(),
+            counters,
+            losses,
+            messages: (0..messages.mid.len()).map(message).collect(),
+            damage: part.damage.clone(),
+            stats: part.stats,
+        };
+        assert_eq!(part.is_empty(), log.offsets.is_empty());
+        for length in [log.offsets.len(), log.bids.len(), log.times.len(), log.counters.len()] {
+            assert_eq!(length, part.len());
+        }
+        log
+    }
+
+    /// Adds what the next part says.
+    fn join(&mut self, next: Self) {
+        assert_eq!(next.first, self.first + self.offsets.len() as u64);
+        for (i, rows) in next.columns.into_iter().enumerate() {
+            match self.columns.get_mut(i) {
+                None => self.columns.push(rows),
+                Some(before) => before.join(rows),
+            }
+        }
+        self.offsets.extend(next.offsets);
+        self.bids.extend(next.bids);
+        self.times.extend(next.times);
+        self.counters.extend(next.counters);
+        self.losses.samples += next.losses.samples;
+        self.losses.gaps += next.losses.gaps;
+        self.messages.extend(next.messages);
+        self.damage.extend(next.damage);
+        let (sum, more) = (&mut self.stats, next.stats);
+        sum.bytes += more.bytes;
+        sum.frames += more.frames;
+        sum.samples += more.samples;
+        sum.messages += more.messages;
+        sum.malformed += more.malformed;
+        sum.skipped_bytes += more.skipped_bytes;
+        sum.checksum_errors += more.checksum_errors;
+    }
+
+    /// Panics where another log differs, and says where.
+    pub fn same_as(&self, other: &Self, what: &str) {
+        for (one, other) in self.columns.iter().zip(&other.columns) {
+            let head = |it: &Rows| (it.subject.clone(), it.numbers, it.id, it.mixed_ids, it.mixed_precisions);
+            assert_eq!(head(one), head(other), "{what}");
+            assert_eq!(one.samples, other.samples, "{what}: {}", one.subject);
+            let differs = one.rows.iter().zip(&other.rows).position(|(one, other)| one != other);
+            assert_eq!(differs.map(|it| (it, &one.rows[it], &other.rows[it])), None, "{what}: {}", one.subject);
+        }
+        assert_eq!(self.subjects(), other.subjects(), "{what}");
+        assert_eq!(self.messages, other.messages, "{what}");
+        assert_eq!(self.damage, other.damage, "{what}");
+        assert_eq!(self.stats, other.stats, "{what}");
+        assert_eq!(self.offsets, other.offsets, "{what}");
+        assert_eq!(self.times, other.times, "{what}");
+        assert_eq!(self.counters, other.counters, "{what}");
+        assert_eq!(self, other, "{what}");
+    }
+
+    /// The column of a quantity, in its only coordinate system.
+    pub fn column(&self, subject: &str) -> &Rows {
+        let named = |it: &&Rows| it.subject == subject;
+        self.columns.iter().find(named).unwrap_or_else(|| panic!("there is no {subject} among {:?}", self.subjects()))
+    }
+
+    /// What there are columns of.
+    pub fn subjects(&self) -> Vec<&str> {
+        self.columns.iter().map(|it| &it.subject[..]).collect()
+    }
+}
+
+fn count(many: u64) -> usize {
+    usize::try_from(many).expect("a number of things in memory")
+}
+
+impl Rows {
+    fn of(part: &Part, column: &Column) -> Self {
+        let samples = part.samples_of(column);
+        assert_eq!(samples.len(), column.rows);
+        assert!(samples.is_sorted());
+        assert_eq!(part.rows(column).sum::<usize>(), column.rows);
+        let once_each = samples.iter().copied().eq((part.first.cast_signed()..).take(part.len()));
+        assert_eq!(part.is_dense(column), once_each);
+        let (numbers, cells): (_, Vec<u64>) = match &column.values {
+            Values::U8(values) => ("u1", values.iter().map(|&it| it.into()).collect()),
+            Values::U16(values) => ("u2", values.iter().map(|&it| it.into()).collect()),
+            Values::U32(values) => ("u4", values.iter().map(|&it| it.into()).collect()),
+            Values::U64(values) => ("u8", values.clone()),
+            Values::I8(values) => ("i1", values.iter().map(|&it| i64::from(it).cast_unsigned()).collect()),
+            Values::I16(values) => ("i2", values.iter().map(|&it| i64::from(it).cast_unsigned()).collect()),
+            Values::I32(values) => ("i4", values.iter().map(|&it| i64::from(it).cast_unsigned()).collect()),
+            Values::F32(values) => ("f4", values.iter().map(|&it| it.to_bits().into()).collect()),
+            Values::F64(values) => ("f8", values.iter().map(|&it| it.to_bits()).collect()),
+            Values::Records(bytes) => ("record", bytes.iter().map(|&it| it.into()).collect()),
+            Values::Raw(pieces) => ("raw", pieces.bytes.iter().map(|&it| it.into()).collect()),
+        };
+        let cells: Vec<Bits> = cells.into_iter().map(Bits).collect();
+        let mut entries = &column.entries[..];
+        let rows: Vec<Vec<Bits>> = match (&column.values, column.subject) {
+            (Values::Raw(pieces), _) => {
+                let starts = std::iter::once(&0).chain(&pieces.ends);
+                starts.zip(&pieces.ends).map(|(&from, &to)| cells[count(from)..count(to)].to_vec()).collect()
+            }
+            (Values::Records(bytes), Subject::Known(quantity, _)) => {
+                let row = |bytes: &[u8]| match quantity.kind {
+                    Kind::List(head, entry) => {
+                        let mut row = fields(bytes, head);
+                        let size: usize = entry.iter().map(|it| it.wire.size()).sum();
+                        for _ in 0..row[1].0 {
+                            let (first, rest) = entries.split_at(size);
+                            row.extend(fields(first, entry));
+                            entries = rest;
+                        }
+                        row
+                    }
+                    Kind::Struct(all) => fields(bytes, all),
+                    kind => panic!("records of {kind:?}"),
+                };
+                bytes.chunks(column.width).map(row).collect()
+            }
+            _ => cells.chunks(column.width).map(<[_]>::to_vec).collect(),
+        };
+        assert!(entries.is_empty());
+        assert_eq!(rows.len(), column.rows);
+        let subject = match column.subject {
+            Subject::Known(quantity, coordinates) => name(quantity, coordinates),
+            Subject::Unknown(id) => unknown(id),
+        };
+        let Column { id, mixed_ids, mixed_precisions, .. } = *column;
+        Self { subject, numbers, id, mixed_ids, mixed_precisions, samples, rows }
+    }
+
+    /// Adds the rows of the next part, widened where either side is wider.
+    fn join(&mut self, mut next: Self) {
+        assert_eq!(self.subject, next.subject);
+        if next.rows.is_empty() {
+            return;
+        }
+        if self.rows.is_empty() {
+            *self = next;
+            return;
+        }
+        let real = matches!(table::quantity(self.id).map(|it| it.kind), Some(Kind::Real(_))) && self.numbers != "raw";
+        self.mixed_ids |= next.mixed_ids || self.id != next.id;
+        self.mixed_precisions |= next.mixed_precisions || (real && Precision::of(self.id) != Precision::of(next.id));
+        if self.numbers != next.numbers {
+            self.widen();
+            next.widen();
+        }
+        assert_eq!(self.numbers, next.numbers);
+        self.samples.extend(next.samples);
+        self.rows.extend(next.rows);
+    }
+
+    fn widen(&mut self) {
+        match self.numbers {
+            "f4" => {
+                self.numbers = "f8";
+                self.rows.iter_mut().flatten().for_each(|it| *it = wide(*it));
+            }
+            "u4" => self.numbers = "u8",
+            _ => {}
+        }
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)] // they are the bits of a single
+fn wide(single: Bits) -> Bits {
+    Bits(f64::from(f32::from_bits(single.0 as u32)).to_bits())
+}
+
+fn name(quantity: &Quantity, coordinates: Option<Coordinates>) -> String {
+    coordinates.map_or(quantity.name.into(), |it| format!("{} {}", quantity.name, it.name()))
+}
+
+fn unknown(id: u16) -> String {
+    format!("{id:04X}")
+}
+
+/// The fields of a record in the machine's byte order.
+fn fields(bytes: &[u8], fields: &[Field]) -> Vec<Bits> {
+    let mut rest = bytes;
+    let mut number = |field: &Field| {
+        let (bytes, behind) = rest.split_at(field.wire.size());
+        rest = behind;
+        let mut wide = [0; 8];
+        wide[..bytes.len()].copy_from_slice(bytes);
+        let unsigned = if cfg!(target_endian = "big") {
+            u64::from_be_bytes(wide) >> (64 - 8 * bytes.len())
+        } else {
+            u64::from_le_bytes(wide)
+        };
+        let unused = 64 - 8 * bytes.len();
+        let signed = matches!(field.wire, Wire::I1 | Wire::I2 | Wire::I4);
+        Bits(if signed { ((unsigned << unused).cast_signed() >> unused).cast_unsigned() } else { unsigned })
+    };
+    let numbers = fields.iter().map(&mut number).collect();
+    assert!(rest.is_empty());
+    numbers
+}
+
+/// A log read by hand: the plain scanner, packet after packet, number after number.
+pub struct ByHand {
+    pub log: Log,
+    /// Where a strict reader would stop, in order.
+    pub faults: Vec<Fault>,
+    clocks: Clocks,
+    places: HashMap<String, usize>,
+}
+
+impl ByHand {
+    /// Reads the frames that `scan` has found in `bytes`.
+    pub fn read(bytes: &[u8], scan: &Scan) -> Self {
+        let mut this =
+            Self { log: Log::default(), faults: vec![], clocks: Clocks::default(), places: HashMap::default() };
+        let mut damage = scan.damage.iter().peekable();
+        let fault = |it: &Damage| Fault::Damage { offset: it.offset, reason: it.reason };
+        for &(offset, length) in &scan.frames {
+            while let Some(damage) = damage.next_if(|it| it.offset < offset as u64) {
+                this.faults.push(fault(damage));
+            }
+            this.frame(Frame::of(&bytes[offset..offset + length]), offset as u64);
+        }
+        this.faults.extend(damage.map(fault));
+        this.log.damage.clone_from(&scan.damage);
+        this.log.stats = Stats {
+            bytes: bytes.len() as u64,
+            frames: scan.frames.len() as u64,
+            samples: this.log.offsets.len() as u64,
+            messages: this.log.messages.len() as u64,
+            malformed: this.log.messages.iter().filter(|it| it.mid == table::MTDATA2).count() as u64,
+            skipped_bytes: scan.damage.iter().map(|it| it.length).sum(),
+            checksum_errors: scan.checksum_errors,
+        };
+        this
+    }
+
+    fn frame(&mut self, frame: Frame<'_>, offset: u64) {
+        let tiles: Result<Vec<_>, _> = packets(frame.payload).collect();
+        match tiles {
+            Ok(packets) if frame.mid == table::MTDATA2 && !packets.is_empty() => {
+                self.sample(frame.bid, &packets, offset)
+            }
+            tiles => {
+                if frame.mid == table::MTDATA2 {
+                    self.faults.push(Fault::Malformed { offset, id: tiles.err().and_then(|it| it.id) });
+                }
+                self.message(frame, offset);
+            }
+        }
+    }
+
+    fn message(&mut self, frame: Frame<'_>, offset: u64) {
+        let Frame { bid, mid, payload } = frame;
+        if let Some(ticks) = device::wrap_of_message(mid, payload) {
+            self.clocks.of(bid).set_wrap(ticks);
+        }
+        if [table::GOTO_MEASUREMENT_ACK, table::RESET_ACK, table::WAKE_UP].contains(&mid) {
+            self.clocks.of(bid).restart();
+        }
+        let sample = self.log.offsets.len() as u64;
+        self.log.messages.push(Message { mid, bid, offset, sample, payload: payload.to_vec() });
+    }
+
+    fn sample(&mut self, bid: u8, packets: &[Packet<'_>], offset: u64) {
+        let (mut stamps, mut triggers) = (Stamps::default(), [None; 3]);
+        if let Some(packet) = packets.iter().find(|it| !it.is_sound()) {
+            self.faults.push(Fault::Size { offset, id: packet.id, size: packet.data.len() });
+        }
+        for packet in packets {
+            self.packet(packet, &mut stamps, &mut triggers);
+        }
+        stamps.trigger = triggers.into_iter().flatten().next_back(); // of several lines the highest counts
+        let (time, counter) = self.clocks.of(bid).sample(stamps, &mut self.log.losses);
+        self.log.offsets.push(offset.cast_signed());
+        self.log.bids.push(bid);
+        self.log.times.push(Bits(time.to_bits()));
+        self.log.counters.push(counter);
+    }
+
+    fn packet(&mut self, packet: &Packet<'_>, stamps: &mut Stamps, triggers: &mut [Option<u32>; 3]) {
+        let Some(reading) = packet.reading() else {
+            let row = packet.data.iter().map(|it| Bits((*it).into())).collect();
+            self.row(unknown(packet.id), packet.id, "raw", row);
+            return;
+        };
+        let numbers = numbers(&reading, packet.data);
+        let u4 = |at: usize| match numbers[at] {
+            Number::Integer(value) => u32::try_from(value).expect("a U4"),
+            number => panic!("{number:?} is no U4"),
+        };
+        #[allow(clippy::cast_possible_truncation)] // a U2
+        match reading.quantity.name {
+            "packet_counter" => stamps.counter = Some(u4(0) as u16),
+            "sample_time_fine" => stamps.fine = Some(u4(0)),
+            "sample_time_coarse" => stamps.coarse = Some(u4(0)),
+            "trigger_in1" => triggers[0] = Some(u4(2)),
+            "trigger_in2" => triggers[1] = Some(u4(2)),
+            "trigger_in3" => triggers[2] = Some(u4(2)),
+            "gnss_pvt_data" | "gnss_sat_info" => stamps.gnss = true,
+            _ => {}
+        }
+        let kind = match reading.form {
+            Form::Real(Precision::Float32, _) => "f4",
+            Form::Real(..) => "f8",
+            Form::Fixed(wire, _) => wire.numpy(),
+            Form::Struct(_) | Form::List(..) => "record",
+        };
+        let row = numbers.into_iter().map(bits).collect();
+        self.row(name(reading.quantity, reading.coordinates), packet.id, kind, row);
+    }
+
+    fn row(&mut self, subject: String, id: u16, numbers: &'static str, row: Vec<Bits>) {
+        let columns = &mut self.log.columns;
+        let place = *self.places.entry(subject.clone()).or_insert_with(|| {
+            let (samples, rows) = (vec![], vec![]);
+            columns.push(Rows { subject, numbers, id, mixed_ids: false, mixed_precisions: false, samples, rows });
+            columns.len() - 1
+        });
+        let sample = self.log.offsets.len() as u64;
+        let (samples, rows) = (vec![sample.cast_signed()], vec![row]);
+        let subject = columns[place].subject.clone();
+        columns[place].join(Rows { subject, numbers, id, mixed_ids: false, mixed_precisions: false, samples, rows });
+    }
+}
+
+fn bits(number: Number) -> Bits {
+    Bits(match number {
+        Number::Integer(value) => value.cast_unsigned(),
+        Number::Wide(value) => value,
+        Number::Single(value) => value.to_bits().into(),
+        Number::Double(value) => value.to_bits(),
+    })
+}

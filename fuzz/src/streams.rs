@@ -1,0 +1,275 @@
+//! Streams to read: frames by hand, and anything at all from a recipe.
+
+use xbus::frame::{EXTENDED, Frame, MASTER, PREAMBLE, sum};
+use xbus::packet::{Coordinates, PACKET_HEADER, Precision, record_size};
+use xbus::table::{self, Direction, Kind, Lengths, MESSAGES, QUANTITIES, Quantity};
+
+/// A small generator of numbers that look alike everywhere (xorshift).
+#[derive(Clone, Debug)]
+pub struct Random(u64);
+
+impl Random {
+    /// Any seed will do.
+    pub fn new(seed: u64) -> Self {
+        Self(seed ^ 0x9E37_79B9_7F4A_7C15)
+    }
+
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+
+    /// A number below `limit`, which is not 0.
+    #[allow(clippy::cast_possible_truncation)] // below a usize
+    pub fn below(&mut self, limit: usize) -> usize {
+        ((self.next() >> 16) % limit as u64) as usize
+    }
+
+    /// True once in `n` times.
+    pub fn once_in(&mut self, n: usize) -> bool {
+        self.below(n) == 0
+    }
+
+    /// One of them.
+    pub fn pick<T: Copy>(&mut self, list: &[T]) -> T {
+        list[self.below(list.len())]
+    }
+
+    fn byte(&mut self) -> u8 {
+        self.next().to_be_bytes()[3]
+    }
+
+    /// Bytes in which headers begin more often than by chance.
+    pub fn noise(&mut self, length: usize) -> Vec<u8> {
+        (0..length)
+            .map(|_| if self.once_in(6) { self.pick(&[PREAMBLE, MASTER, table::MTDATA2]) } else { self.byte() })
+            .collect()
+    }
+
+    /// The data of a packet: mostly any numbers, now and then all zeros or ones.
+    fn data(&mut self, length: usize) -> Vec<u8> {
+        match self.below(8) {
+            0 => vec![0; length],
+            1 => vec![0xFF; length],
+            _ => (0..length).map(|_| self.byte()).collect(),
+        }
+    }
+}
+
+/// A frame in its shortest form, as from a device that stands alone.
+pub fn frame(mid: u8, payload: &[u8]) -> Vec<u8> {
+    frame_of(MASTER, mid, payload)
+}
+
+/// A frame in its shortest form.
+pub fn frame_of(bid: u8, mid: u8, payload: &[u8]) -> Vec<u8> {
+    Frame { bid, mid, payload }.encode().expect("a payload of at most 65535 bytes")
+}
+
+/// A frame in extended form, which only long ones should have and short ones may.
+pub fn extended(bid: u8, mid: u8, payload: &[u8]) -> Vec<u8> {
+    let [.., high, low] = payload.len().to_be_bytes();
+    let mut bytes = vec![PREAMBLE, bid, mid, EXTENDED, high, low];
+    bytes.extend(payload);
+    bytes.push(sum(&bytes[1..]).wrapping_neg());
+    bytes
+}
+
+/// One packet.
+pub fn packet(id: u16, data: &[u8]) -> Vec<u8> {
+    let [high, low] = id.to_be_bytes();
+    let size = u8::try_from(data.len()).expect("data of at most 255 bytes");
+    [&[high, low, size], data].concat()
+}
+
+/// An MTData2 frame of these packets.
+pub fn sample(packets: &[(u16, &[u8])]) -> Vec<u8> {
+    let packets: Vec<_> = packets.iter().map(|&(id, data)| packet(id, data)).collect();
+    frame(table::MTDATA2, &packets.concat())
+}
+
+/// What the fuzzer's bytes stand for.
+pub struct Input {
+    /// Decides everything that is not in the stream: where it is cut, how it is read.
+    pub random: Random,
+    /// What is read.
+    pub stream: Vec<u8>,
+}
+
+impl Input {
+    /// The first bytes are the seed of the choices; those behind them are the stream, or the recipe for one.
+    pub fn of(data: &[u8]) -> Self {
+        let (seed, rest) = data.split_at(data.len().min(SEED));
+        let seed = seed.iter().fold(0, |seed, byte| seed << 8 | u64::from(*byte));
+        let mut random = Random::new(seed);
+        let stream = if seed % 2 == 0 { rest.to_vec() } else { stream(rest, &mut random) };
+        Self { random, stream }
+    }
+}
+
+/// Bytes of the seed. An odd one makes the rest a recipe.
+pub const SEED: usize = 3;
+
+/// Longest stream that a recipe makes, but for its last ingredient: so that the plain scanner ends in time.
+const LONGEST: usize = 6000;
+
+/// A recipe: any bytes are one, each step takes what it needs, and behind the end there are zeros.
+struct Recipe<'a>(&'a [u8]);
+
+impl Recipe<'_> {
+    fn byte(&mut self) -> u8 {
+        let Some((byte, rest)) = self.0.split_first() else { return 0 };
+        self.0 = rest;
+        *byte
+    }
+
+    fn below(&mut self, limit: usize) -> usize {
+        usize::from(self.byte()) % limit
+    }
+}
+
+/// The packets of a message, without their numbers.
+type Layout = Vec<Shape>;
+
+#[derive(Clone, Copy)]
+struct Shape {
+    id: u16,
+    size: usize,
+    /// Where a list counts its entries, and how many it has.
+    count: Option<(usize, u8)>,
+}
+
+/// Makes a stream from a recipe: sound frames of all kinds, layouts that come again and again, and every kind of damage.
+///
+/// A frame that is wrong in one place only is what finds faults, and random bytes hardly ever make one.
+pub fn stream(recipe: &[u8], random: &mut Random) -> Vec<u8> {
+    let mut recipe = Recipe(recipe);
+    let mut layouts: Vec<Layout> = vec![];
+    let mut stream = vec![];
+    while !recipe.0.is_empty() && stream.len() < LONGEST {
+        match recipe.byte() % 20 {
+            // A new layout, and the first message that has it.
+            0..=3 => {
+                let layout: Layout = (0..recipe.below(8)).map(|_| shape(&mut recipe)).collect();
+                stream.extend(message(&layout, MASTER, random));
+                layouts.push(layout);
+            }
+            // Messages of one layout that was used before, or of several in turns.
+            4..=7 if !layouts.is_empty() => {
+                let first = recipe.below(layouts.len());
+                let among = 1 + recipe.below(layouts.len() - first).min(3);
+                let bid = if recipe.below(6) == 0 { bid(&mut recipe) } else { MASTER };
+                for i in 0..1 + recipe.below(80) {
+                    stream.extend(message(&layouts[first + i % among], bid, random));
+                }
+            }
+            // A message from the table, which most often has a length that its row allows.
+            8..=9 => {
+                let message = &MESSAGES[recipe.below(MESSAGES.len())];
+                let length = match message.lengths {
+                    Lengths::OneOf(list) => list[recipe.below(list.len())],
+                    Lengths::Range(from, to, step) => from + recipe.below((to - from) / step + 1) * step,
+                    Lengths::Unknown => recipe.below(40),
+                };
+                let spoilt = message.direction == Direction::ToHost && recipe.below(8) == 0;
+                stream.extend(frame(message.mid, &random.data(length + usize::from(spoilt))));
+            }
+            // A frame in extended form, whether it needs it or not.
+            10 => {
+                let layout: Layout = (0..recipe.below(60)).map(|_| shape(&mut recipe)).collect();
+                let mid = if recipe.below(4) == 0 { recipe.byte() } else { table::MTDATA2 };
+                stream.extend(extended(bid(&mut recipe), mid, &payload(&layout, random)));
+            }
+            // A frame with a good checksum and anything in it.
+            11 => {
+                let (mid, length) = (recipe.byte(), recipe.below(40));
+                stream.extend(frame_of(bid(&mut recipe), mid, &random.noise(length)));
+            }
+            // An MTData2 that its packets do not tile, and one with a packet of a wrong size.
+            12 => {
+                let mut payload = payload(&[shape(&mut recipe), shape(&mut recipe)], random);
+                payload.truncate(recipe.below(payload.len() + 1));
+                stream.extend(frame(table::MTDATA2, &payload));
+            }
+            13 => {
+                let mut shape = shape(&mut recipe);
+                shape.size = recipe.below(40);
+                shape.count = None;
+                stream.extend(message(&vec![shape], MASTER, random));
+            }
+            // A header that claims bytes of whatever follows.
+            14 => stream.extend([PREAMBLE, bid(&mut recipe), table::MTDATA2, recipe.byte()]),
+            15 => stream.extend([PREAMBLE, MASTER, table::MTDATA2, EXTENDED, recipe.byte() % 16, recipe.byte()]),
+            // Noise, or preambles and nothing else.
+            16 => stream.extend(random.noise(usize::from(recipe.byte()))),
+            17 => stream.extend(vec![PREAMBLE; recipe.below(20)]),
+            // One bit flipped, or bytes lost, not far from the end.
+            18 if !stream.is_empty() => {
+                let at = stream.len() - 1 - recipe.below(stream.len());
+                stream[at] ^= 1 << recipe.below(8);
+            }
+            _ => {
+                let end = stream.len() - recipe.below(stream.len() + 1);
+                let start = end - recipe.below(end.min(20) + 1);
+                stream.drain(start..end);
+            }
+        }
+    }
+    stream
+}
+
+fn bid(recipe: &mut Recipe<'_>) -> u8 {
+    [MASTER, MASTER, MASTER, 1, 2, 31, 0, 32, PREAMBLE][recipe.below(9)]
+}
+
+/// A packet of any quantity, or now and then of none.
+fn shape(recipe: &mut Recipe<'_>) -> Shape {
+    let row = recipe.below(QUANTITIES.len() + 4);
+    let format = recipe.byte();
+    let Some(quantity) = QUANTITIES.get(row) else {
+        return Shape { id: u16::from_be_bytes([0xF0 | format, recipe.byte()]), size: recipe.below(12), count: None };
+    };
+    // Format bits that mean nothing for the quantity are rare on the wire, and devices do send them.
+    let idle = u16::from(format >> 4 & 3) * u16::from(format >= 0xE0);
+    let precision = Precision::of(u16::from(format));
+    let id = match quantity.kind {
+        Kind::Real(_) => quantity.id | precision as u16,
+        _ => quantity.id | idle,
+    };
+    let coordinates = Coordinates::ALL[usize::from(format >> 2) % 3];
+    let id = if quantity.rotates { id | coordinates.bits() } else { id | idle << 2 };
+    let entries = recipe.below(6);
+    let count = matches!(quantity.kind, Kind::List(..)).then_some((4, u8::try_from(entries).expect("few")));
+    Shape { id, size: size(quantity, precision, entries, format & 0x80 != 0), count }
+}
+
+/// Bytes of a packet of this quantity.
+pub fn size(quantity: &Quantity, precision: Precision, entries: usize, wide: bool) -> usize {
+    match quantity.kind {
+        Kind::Real(n) => n * precision.size(),
+        Kind::Fixed(wire, n) => n * wire.size(),
+        Kind::Id => [4, 8][usize::from(wide)],
+        Kind::Struct(fields) => record_size(fields),
+        Kind::List(head, entry) => record_size(head) + entries * record_size(entry),
+    }
+}
+
+fn payload(layout: &[Shape], random: &mut Random) -> Vec<u8> {
+    let mut payload = vec![];
+    for shape in layout {
+        let mut data = random.data(shape.size);
+        if let Some((at, count)) = shape.count {
+            data[at] = count;
+        }
+        if payload.len() + PACKET_HEADER + data.len() < usize::from(u16::MAX) {
+            payload.extend(packet(shape.id, &data));
+        }
+    }
+    payload
+}
+
+fn message(layout: &Layout, bid: u8, random: &mut Random) -> Vec<u8> {
+    frame_of(bid, table::MTDATA2, &payload(layout, random))
+}

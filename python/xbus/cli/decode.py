@@ -1,0 +1,233 @@
+"""``xbus decode``: a log as a table in a file."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import math
+import os
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xbus.cli.failure import Failure, cannot
+from xbus.cli.inputs import STDIN, Input, label, no_frame
+from xbus.cli.output import count, hint, put_json
+from xbus.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from xbus.log import Log
+    from xbus.source import Key
+
+__all__ = ["decode"]
+
+#: The method of a log that writes each kind of file.
+WRITERS = {
+    ".parquet": "to_parquet",
+    ".csv": "to_csv",
+    ".arrow": "to_feather",
+    ".feather": "to_feather",
+    ".npz": "to_npz",
+}
+
+
+def _out(ctx: click.Context, param: click.Parameter, value: str) -> str:  # noqa: ARG001 - click's
+    """A path whose suffix says what to write."""
+    if _suffix(value) not in WRITERS:
+        raise click.BadParameter(f"{value!r} must end in one of {', '.join(WRITERS)}")
+    return value
+
+
+def _key(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    value: str | None,
+) -> Key | None:
+    """A quantity by name, or by name and coordinates, as a log takes it."""
+    if value is None:
+        return None
+    from xbus.ids import Coordinates
+    from xbus.tables import QUANTITIES
+
+    name, colon, coordinates = value.partition(":")
+    if name not in QUANTITIES:
+        raise click.BadParameter(
+            f"no quantity is called {name!r}; {hint(name, QUANTITIES, 'items')}"
+        )
+    if not colon:
+        return name
+    systems = Coordinates.__members__ if QUANTITIES[name].coordinates else {}
+    if not systems:
+        raise click.BadParameter(f"{name} has no coordinates; leave out {colon + coordinates!r}")
+    if coordinates.upper() not in systems:
+        raise click.BadParameter(f"{name} comes in {', '.join(systems)}, not {coordinates!r}")
+    return name, coordinates.upper()
+
+
+@click.command(epilog="Example: xbus decode walk.mtb -o walk.parquet")
+@click.argument("files", type=click.Path(), metavar="FILE...", nargs=-1, required=True)
+@click.option(
+    "-o",
+    "out",
+    callback=_out,
+    metavar="OUT",
+    required=True,
+    help="What to write: .parquet, .csv, .arrow, .feather or .npz.",
+)
+@click.option(
+    "--quantity",
+    "key",
+    callback=_key,
+    metavar="NAME",
+    help="Only this quantity, a row a packet, without nulls: acceleration, or quaternion:NED.",
+)
+@click.option("--strict", is_flag=True, help="Fail at the first damage instead of skipping it.")
+@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary on stderr.")
+@click.option("--json", "as_json", is_flag=True, help="The summary as a JSON object on stdout.")
+def decode(
+    files: tuple[str, ...], out: str, key: Key | None, strict: bool, quiet: bool, as_json: bool
+) -> None:
+    """Writes a log as one table: Parquet, CSV, Arrow or npz.
+
+    Several FILEs are one recording that was split, joined in the given order; - is standard input.
+
+    The table has a row for each sample and the columns sample, time in seconds on the device clock,
+    and acceleration_x and so on, in the units that xbus items lists. What a sample lacks is null.
+    Satellites are a table of their own: --quantity gnss_sat_info.
+
+    An .npz holds an array for each quantity instead, with NAME.sample and NAME.time beside it; with
+    --quantity only that one. OUT replaces what is there, and appears whole or not at all.
+    """
+    _check(files, out)
+    with Progress(f"reading {label(files[0])}", shown=not quiet) as progress:
+        log = _read(files, key, strict=strict, progress=progress)
+        table = log if key is None else _one(log, key, ", ".join(map(label, files)))
+        progress.update(f"writing {label(out)}")
+        rows, columns = _write(log, table, key, out)
+    if as_json:
+        put_json(_facts(files, out, key, log, rows, columns))
+    if not quiet:
+        shape = f"{count(rows, 'row')}, {count(columns, 'column')}"
+        click.echo(f"{label(out)}: {shape}; {_summary(log)}", err=True)
+
+
+def _suffix(path: str) -> str:
+    return os.path.splitext(path)[1].lower()  # noqa: PTH122 - pathlib is slow to import
+
+
+def _check(files: Sequence[str], out: str) -> None:
+    """What can be known to go wrong before reading, which may take long."""
+    for it in files:
+        with contextlib.suppress(OSError):
+            if it != STDIN and os.path.samefile(it, out):  # noqa: PTH121
+                raise click.UsageError(f"OUT is the input {label(it)}; choose another name")
+    with _writing(out):
+        folder = os.path.dirname(out) or "."  # noqa: PTH120
+        os.stat(folder)  # noqa: PTH116
+        wrong = None
+        if os.path.isdir(out):  # noqa: PTH112
+            wrong = errno.EISDIR
+        elif not os.access(folder, os.W_OK) and (os.path.isfile(out) or not os.path.exists(out)):  # noqa: PTH110, PTH113
+            wrong = errno.EACCES  # a file is written beside OUT, and then takes its place
+        if wrong is not None:
+            raise OSError(wrong, os.strerror(wrong))
+    if _suffix(out) != ".npz":
+        from xbus.extras import require
+
+        require("pyarrow", "arrow", f"to write {_suffix(out)} files")
+
+
+def _read(files: Sequence[str], key: Key | None, *, strict: bool, progress: Progress) -> Log:
+    from xbus.errors import DecodeError
+    from xbus.log import read_log
+
+    with Input(files, progress) as source:
+        try:
+            log = read_log(source, strict=strict, quantities=None if key is None else [key])
+        except DecodeError as error:
+            what, _, _ = str(error).partition(";")
+            joined = f", which is {source.place(error.offset)}" if len(files) > 1 else ""
+            names = ", ".join(map(label, files))
+            raise Failure(f"{names}: {what}{joined}; leave out --strict to read on") from error
+    if not log.stats.frames:
+        raise no_frame(files, log.stats.bytes)
+    return log
+
+
+def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
+    """Writes OUT; its rows and columns, of an npz samples and quantities."""
+    writer = getattr(log, WRITERS[_suffix(out)])
+    if _suffix(out) == ".npz":
+        with _writing(out):
+            writer(out)
+        return len(log), len(log.keys())
+    from pyarrow import RecordBatchReader
+
+    columns = len(RecordBatchReader.from_stream(table).schema)
+    with _writing(out):
+        writer(out, key)
+    rows = len(table.satellites) if key == "gnss_sat_info" else len(table)
+    return rows, columns
+
+
+def _one(log: Log, key: Key, names: str) -> Any:
+    """The column of one quantity."""
+    name = key if isinstance(key, str) else key[0]
+    systems = [it for it in log if isinstance(it, tuple) and it[0] == name]
+    if systems and isinstance(key, str):
+        choices = " or ".join(map(":".join, systems))
+        raise Failure(f"{names} has {name} in several coordinates; ask for --quantity {choices}")
+    if key not in log:
+        asked = key if isinstance(key, str) else ":".join(key)
+        raise Failure(f"no {asked} in {names}; xbus info lists what is there")
+    return log[key]
+
+
+@contextlib.contextmanager
+def _writing(out: str) -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise cannot(f"write {label(out)}", error) from error
+
+
+def _summary(log: Log) -> str:
+    """What a person wants to know before trusting the table."""
+    stats = log.stats
+    parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
+    if stats.lost_samples:
+        parts.append(f"{count(stats.lost_samples, 'sample')} lost in {count(stats.gaps, 'gap')}")
+    else:
+        parts.append("no samples lost")
+    if stats.skipped_bytes:
+        places = count(len(log.damage), "place")
+        parts.append(f"{count(stats.skipped_bytes, 'byte')} of damage in {places}")
+    else:
+        parts.append("no damage")
+    return ", ".join(parts)
+
+
+def _facts(
+    files: Sequence[str], out: str, key: Key | None, log: Log, rows: int, columns: int
+) -> dict[str, Any]:
+    """The summary for programs."""
+    stats = log.stats
+    return {
+        "files": list(files),
+        "out": out,
+        "quantity": key if key is None or isinstance(key, str) else ":".join(key),
+        "rows": rows,
+        "columns": columns,
+        "duration_s": log.duration if math.isfinite(log.duration) else None,
+        "bytes": stats.bytes,
+        "frames": stats.frames,
+        "samples": stats.samples,
+        "lost_samples": stats.lost_samples,
+        "gaps": stats.gaps,
+        "skipped_bytes": stats.skipped_bytes,
+        "damage": len(log.damage),
+        "malformed": stats.malformed,
+    }

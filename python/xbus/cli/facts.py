@@ -1,0 +1,287 @@
+"""What ``xbus info`` knows about a log, gathered part by part: a log need not fit into memory."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import asdict, fields
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from xbus.cli.words import Notice, device_name, finite, notice, recorded
+from xbus.column import Column
+from xbus.configuration import Configuration, Identity
+from xbus.ids import MessageId
+from xbus.log import Log, Message, Stats
+
+__all__ = ["Event", "Facts", "Gap", "QuantityFacts"]
+
+#: After these a device counts its samples anew, and nothing is lost.
+RESTARTS = (MessageId.GoToMeasurementAck, MessageId.ResetAck, MessageId.WakeUp)
+#: Both are the one device at the other end of the cable.
+MASTER, STANDALONE = 0xFF, 1
+#: The device vouches for time of week, week number and UTC (Table 35).
+UTC_VALID = 0b111
+
+
+class Gap(NamedTuple):
+    """A place where samples are missing.
+
+    Attributes:
+        sample: Index of the sample behind it.
+        time: Time of that sample in seconds on the device clock, unwrapped; None where it has none.
+        lost: How many are missing.
+    """
+
+    sample: int
+    time: float | None
+    lost: int
+
+
+class Event(NamedTuple):
+    """An Error or Warning message.
+
+    Attributes:
+        offset: Where its frame begins, in bytes.
+        sample: Index of the next sample.
+        time: Time of the sample before it in seconds on the device clock, or None.
+        name: ``"Error"`` or ``"Warning"``.
+        notice: What it says.
+    """
+
+    offset: int
+    sample: int
+    time: float | None
+    name: str
+    notice: Notice
+
+
+class QuantityFacts:
+    """One quantity of a log."""
+
+    def __init__(self, column: Column) -> None:
+        self.name = column.name
+        self.coordinates = column.coordinates
+        self.unit = column.unit
+        self.rows = 0
+        self._stamped = 0
+        self._first = self._last = float("nan")
+        self._precisions: set[str | None] = set()
+        self._ids: set[int] = set()
+
+    def add(self, column: Column) -> None:
+        """Takes in what the next part says."""
+        self.rows += len(column)
+        self._precisions.add(column.precision)
+        self._ids.add(column.data_id)
+        stamped = column.time[np.isfinite(column.time)]
+        if len(stamped):
+            if not self._stamped:
+                self._first = float(stamped[0])
+            self._last = float(stamped[-1])
+            self._stamped += len(stamped)
+
+    @property
+    def rate(self) -> float:
+        """Rows per second, as `Column.rate` has it."""
+        span = self._last - self._first
+        return (self._stamped - 1) / span if span > 0 else float("nan")
+
+    @property
+    def precision(self) -> str | None:
+        """The one precision, or None."""
+        return next(iter(self._precisions)) if len(self._precisions) == 1 else None
+
+    @property
+    def data_id(self) -> int:
+        """The one data identifier, or the base identifier."""
+        return next(iter(self._ids)) if len(self._ids) == 1 else next(iter(self._ids)) & 0xFFF0
+
+    def facts(self) -> dict[str, Any]:
+        """For programs."""
+        return {
+            "name": self.name,
+            "coordinates": self.coordinates,
+            "data_id": f"0x{self.data_id:04X}",
+            "rows": self.rows,
+            "rate_hz": finite(self.rate),
+            "precision": self.precision,
+            "unit": self.unit,
+        }
+
+
+class Facts:
+    """What is in a log.
+
+    Attributes:
+        stats: What was counted.
+        identity: What the log says about the device.
+        quantities: In the order in which they were first seen.
+        gaps: Where samples are missing, in order.
+        damage: Offset, length and reason of each stretch that is no frame.
+        messages: How many there are of each name.
+        events: Errors and warnings that the device sent.
+        unknown: How many packets and bytes there are of each identifier that the tables cannot explain.
+        start, end: Earliest and latest time stamp in seconds on the device clock; NaN without any.
+        utc: Earliest and latest UTC time that the device calls valid, or None.
+        utc_rows, utc_valid: UTC times, and how many of them the device calls valid.
+    """
+
+    def __init__(self, parts: Iterable[Log]) -> None:
+        self.stats = Stats(**{it.name: 0 for it in fields(Stats)})
+        self.identity = Identity()
+        self._quantities: dict[tuple[str, str | None], QuantityFacts] = {}
+        self.gaps: list[Gap] = []
+        self.damage: list[tuple[int, int, str]] = []
+        self.messages: Counter[str] = Counter()
+        self.events: list[Event] = []
+        self.unknown: dict[int, list[int]] = {}
+        self.start = self.end = float("nan")
+        self.utc: tuple[np.datetime64, np.datetime64] | None = None
+        self.utc_rows = self.utc_valid = 0
+        self._last_time: float | None = None
+        #: Per device: its last counter, and whether it begins anew.
+        self._counters: dict[int, int] = {}
+        self._restarted: set[int] = set()
+        for part in parts:
+            self._add(part)
+
+    @property
+    def quantities(self) -> list[QuantityFacts]:
+        """In the order in which they were first seen."""
+        return list(self._quantities.values())
+
+    @property
+    def duration(self) -> float:
+        """Seconds between the earliest and the latest time stamp; NaN for fewer than two."""
+        return self.end - self.start if self.end > self.start else float("nan")
+
+    def _add(self, part: Log) -> None:
+        counts = asdict(self.stats)
+        self.stats = Stats(**{key: counts[key] + it for key, it in asdict(part.stats).items()})
+        self.identity = part.identity
+        self.damage += part.damage.tolist()
+        for key in part:
+            column = part[key]
+            known = self._quantities.setdefault(
+                (column.name, column.coordinates), QuantityFacts(column)
+            )
+            known.add(column)
+            if column.name == "utc_time":
+                self._add_utc(column)
+        for data_id, packets in part.unknown.items():
+            count = self.unknown.setdefault(data_id, [0, 0])
+            count[0] += len(packets)
+            count[1] += sum(map(len, packets))
+        messages = list(part.messages)
+        self._add_gaps(part, [it for it in messages if it.mid in RESTARTS])
+        self._add_messages(part, messages)
+        stamped = part.time[np.isfinite(part.time)]
+        if len(stamped):
+            self.start = float(np.fmin(self.start, stamped.min()))
+            self.end = float(np.fmax(self.end, stamped.max()))
+            self._last_time = float(stamped[-1])
+
+    def _add_utc(self, column: Column) -> None:
+        stamps = column.datetime[(column.values["valid"] & UTC_VALID == UTC_VALID)]
+        stamps = stamps[~np.isnat(stamps)]
+        self.utc_rows += len(column)
+        self.utc_valid += len(stamps)
+        if len(stamps):
+            first, last = self.utc or (stamps[0], stamps[0])
+            self.utc = min(first, stamps.min()), max(last, stamps.max())
+
+    def _add_messages(self, part: Log, messages: Iterable[Message]) -> None:
+        events = []
+        for it in messages:
+            self.messages[it.name] += 1
+            if it.mid in (MessageId.Error, MessageId.Warning):
+                events.append(it)
+        if not events:
+            return
+        # For each sample the last one up to it that has a time stamp, -1 where none has.
+        stamped = np.where(np.isfinite(part.time), np.arange(len(part)), -1)
+        latest = [-1, *np.maximum.accumulate(stamped).tolist()]
+        for it in events:
+            at = latest[it.sample - part.first_sample]
+            time = self._last_time if at < 0 else float(part.time[at])
+            self.events.append(Event(it.offset, it.sample, time, it.name, notice(it)))
+
+    def _add_gaps(self, part: Log, restarts: Iterable[Message]) -> None:
+        """Finds where the unwrapped counter of a device steps by more than one."""
+        devices = np.where(part.bid == MASTER, STANDALONE, part.bid)
+        counted = part.packet_counter != -1
+        anew: dict[int, list[int]] = {it: [0] for it in self._restarted}
+        for it in restarts:
+            device = STANDALONE if it.bid == MASTER else it.bid
+            anew.setdefault(device, []).append(it.sample - part.first_sample)
+        self._restarted = set(anew)
+        found: list[Gap] = []
+        for device in np.unique(devices[counted]).tolist():
+            rows = np.flatnonzero(counted & (devices == device))
+            counters = part.packet_counter[rows]
+            steps = np.diff(counters, prepend=self._counters.get(device, counters[0]))
+            self._counters[device] = int(counters[-1])
+            first_anew = np.searchsorted(rows, anew.get(device, []))
+            steps[first_anew[first_anew < len(rows)]] = 1
+            if len(first_anew) and first_anew[-1] < len(rows):
+                self._restarted.discard(device)
+            found += [
+                Gap(part.first_sample + row, finite(float(part.time[row])), int(step) - 1)
+                for row, step in zip(rows[steps > 1].tolist(), steps[steps > 1], strict=True)
+            ]
+        self.gaps += sorted(found)
+
+    def facts(self, file: str) -> dict[str, Any]:
+        """For programs: all of it; null where the log does not say, and for NaN."""
+        told, firmware, stats = self.identity, self.identity.firmware, self.stats
+        return {
+            "file": file,
+            "bytes": stats.bytes,
+            "device": {
+                "product_code": told.product_code,
+                "device_id": None if told.device_id is None else device_name(told.device_id),
+                "firmware": None if firmware is None else str(firmware),
+                "firmware_build": None if firmware is None else firmware.build,
+                "firmware_source": None if firmware is None else firmware.scm,
+            },
+            "recorded": told.configuration and recorded(told.configuration),
+            "configuration": told.configuration and _settings(told.configuration),
+            "utc": self._utc_facts(),
+            "start_s": finite(self.start),
+            "duration_s": finite(self.duration),
+            "frames": stats.frames,
+            "samples": stats.samples,
+            "lost_samples": stats.lost_samples,
+            "gaps": [{"sample": it.sample, "time_s": it.time, "lost": it.lost} for it in self.gaps],
+            "quantities": [it.facts() for it in self.quantities],
+            "skipped_bytes": stats.skipped_bytes,
+            "checksum_errors": stats.checksum_errors,
+            "damage": [{"offset": at, "length": n, "reason": why} for at, n, why in self.damage],
+            "malformed": stats.malformed,
+            "messages": dict(self.messages),
+            "events": [
+                {"offset": it.offset, "sample": it.sample, "time_s": it.time, "name": it.name}
+                | it.notice._asdict()
+                for it in self.events
+            ],
+            "unknown": [
+                {"data_id": f"0x{data_id:04X}", "packets": packets, "bytes": size}
+                for data_id, (packets, size) in self.unknown.items()
+            ],
+        }
+
+    def _utc_facts(self) -> dict[str, Any] | None:
+        if not self.utc_rows:
+            return None
+        first, last = (f"{it}Z" for it in self.utc) if self.utc else (None, None)
+        return {"first": first, "last": last, "rows": self.utc_rows, "valid": self.utc_valid}
+
+
+def _settings(configuration: Configuration) -> dict[str, Any]:
+    """What the Configuration says beside the device's name."""
+    settings = asdict(configuration)
+    for it in ("device_id", "product_code", "firmware"):
+        del settings[it]
+    return settings

@@ -1,0 +1,51 @@
+"""``xbus info``: what is in a log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from xbus.cli.failure import Failure
+from xbus.cli.inputs import Input, label, no_frame
+from xbus.cli.output import put, put_json
+from xbus.cli.progress import Progress
+
+__all__ = ["info"]
+
+
+@click.command(epilog="Example: xbus info walk.mtb")
+@click.argument("files", type=click.Path(), metavar="FILE...", nargs=-1, required=True)
+@click.option("--json", "as_json", is_flag=True, help="A JSON list with one object for each FILE.")
+def info(files: tuple[str, ...], as_json: bool) -> None:
+    """What is in a log: device, times, quantities, gaps, damage.
+
+    Each FILE gets a page of its own; - is standard input. Sizes and offsets are in bytes, times in
+    seconds, rates as measured. The JSON says all that the page says, and lists every gap, stretch of
+    damage and error; null stands for what the log does not tell. An unreadable FILE has the keys
+    "file" and "error".
+    """
+    from xbus.cli.facts import Facts
+    from xbus.cli.page import page
+    from xbus.log import iter_log
+
+    said: list[dict[str, Any]] = []
+    failures = 0
+    for file in files:
+        try:
+            with Progress(f"reading {label(file)}") as progress, Input([file], progress) as source:
+                facts = Facts(iter_log(source))
+            if not facts.stats.frames:
+                raise no_frame([file], facts.stats.bytes)
+        except Failure as failure:
+            failure.show()
+            failures += 1
+            said.append({"file": file, "error": failure.message})
+            continue
+        said.append(facts.facts(file))
+        if not as_json:
+            put(page(label(file), facts) + ("\n" if len(files) > 1 else ""), now=True)
+    if as_json:
+        put_json(said)
+    if failures:
+        raise click.exceptions.Exit(1)

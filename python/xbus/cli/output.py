@@ -1,0 +1,94 @@
+"""What commands print."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+__all__ = [
+    "aligned",
+    "bold",
+    "count",
+    "hint",
+    "is_terminal",
+    "put",
+    "put_json",
+    "put_json_rows",
+    "put_table",
+]
+
+
+def put(text: str, *, now: bool = False) -> None:
+    """Prints text and a line feed on stdout; ``now`` does not wait for more."""
+    if sys.stdout is None:  # the caller has closed it
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+    sys.stdout.write(text + "\n")
+    if now:
+        sys.stdout.flush()
+
+
+def put_json(facts: Any) -> None:
+    """Prints JSON that a person can read as well."""
+    put(json.dumps(facts, indent=2, allow_nan=False))
+
+
+def put_json_rows(rows: Sequence[Any]) -> None:
+    """Prints a JSON list, a row a line."""
+    put("[" + ",\n ".join(json.dumps(it, allow_nan=False) for it in rows) + "]")
+
+
+def is_terminal() -> bool:
+    """Whether stdout is a terminal."""
+    return sys.stdout is not None and sys.stdout.isatty()
+
+
+def bold(text: str) -> str:
+    """A heading, where stdout is a terminal."""
+    return f"\x1b[1m{text}\x1b[0m" if is_terminal() and os.environ.get("TERM") != "dumb" else text
+
+
+def aligned(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> list[str]:
+    """Rows as lines, each column as wide as its widest cell; those in ``right`` end together."""
+    widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
+    lines = []
+    for row in rows:
+        cells = [
+            f"{cell:>{width}}" if at in right else f"{cell:<{width}}"
+            for at, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
+        lines.append("  ".join(cells).rstrip())
+    return lines
+
+
+def count(number: int, thing: str) -> str:
+    """So many of a thing."""
+    return f"{number:,} {thing}" + ("" if number == 1 else "s")
+
+
+def hint(text: str, names: Iterable[str], command: str) -> str:
+    """What somebody meant who wrote ``text`` for one of the names that ``xbus command`` lists."""
+    import difflib
+
+    by_lower = {it.lower(): it for it in names}
+    near = [it for it in by_lower if it.startswith(text.lower())]
+    near = near or difflib.get_close_matches(text.lower(), by_lower, n=1)
+    return f"did you mean {by_lower[near[0]]}?" if near else f"xbus {command} lists them"
+
+
+def put_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Prints a table: folded to the width of a terminal, a line a row for everything else."""
+    if not is_terminal():
+        put("\n".join(aligned([head, *rows])))
+        return
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*head, box=box.SIMPLE_HEAD, pad_edge=False, highlight=False)
+    for row in rows:
+        table.add_row(*row)
+    Console(markup=False, highlight=False).print(table)

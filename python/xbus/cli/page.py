@@ -1,0 +1,156 @@
+"""The page that ``xbus info`` prints: 80 columns."""
+
+from __future__ import annotations
+
+import textwrap
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from xbus.cli.facts import Event, Facts
+from xbus.cli.output import aligned, bold, count
+from xbus.cli.words import Notice, device_name, finite, printable, recorded
+
+__all__ = ["page"]
+
+WIDTH = 80
+#: How many gaps, stretches of damage and events are shown; the rest is counted.
+SHOWN = 5
+
+
+def page(name: str, facts: Facts) -> str:
+    """All that a person wants to know about a log."""
+    lines = [bold(name), *_head(facts), "", *_quantities(facts)]
+    for title, section in (
+        ("gaps", _gaps(facts)),
+        ("damage", _damage(facts)),
+        ("errors and warnings", _events(facts)),
+        ("unknown data identifiers", _unknown(facts)),
+    ):
+        if rows := list(section):
+            lines += ["", bold(title), *rows]
+    return "\n".join(lines)
+
+
+def _head(facts: Facts) -> Iterator[str]:
+    stats, told = facts.stats, facts.identity
+    yield _line("size", f"{stats.bytes:,} bytes")
+    yield _line("device", ", ".join(_device(facts)))
+    if told.configuration is not None and (when := recorded(told.configuration)):
+        yield _line("recorded", f"{when} by the clock of the recording computer")
+    if facts.utc:
+        yield _line("UTC", " to ".join(_moment(it) for it in facts.utc))
+    elif facts.utc_rows:
+        yield _line("UTC", "sent, but never marked as valid")
+    if finite(facts.duration) is not None:
+        yield _line("duration", f"{facts.duration:,.2f} s")
+    yield _line("samples", f"{stats.samples:,}")
+    lost = f"{stats.lost_samples:,} in {count(stats.gaps, 'gap')}, by the packet counter"
+    if stats.lost_samples:
+        yield _line("lost", lost)
+    else:
+        yield _line("lost", "none" if "packet_counter" in _names(facts) else "no counter to tell")
+    share = f", {100 * stats.skipped_bytes / max(stats.bytes, 1):.2g} % of the file"
+    damage = f"{stats.skipped_bytes:,} bytes in {count(len(facts.damage), 'place')}"
+    yield _line("damage", damage + share if facts.damage else "none")
+    if stats.malformed:
+        yield _line(
+            "malformed", f"{count(stats.malformed, 'sample')} that their packets do not fill"
+        )
+    counts = ", ".join(f"{name} {count:,}" for name, count in facts.messages.items())
+    yield _line("messages", counts or "none but samples")
+
+
+def _names(facts: Facts) -> set[str]:
+    return {it.name for it in facts.quantities}
+
+
+def _device(facts: Facts) -> Iterator[str]:
+    told = facts.identity
+    if told.product_code is None and told.device_id is None:
+        yield "not named in this log"
+    if told.product_code is not None:
+        yield printable(told.product_code.encode())
+    if told.device_id is not None:
+        yield f"id {device_name(told.device_id)}"
+    if told.firmware is not None:
+        build = told.firmware.build
+        yield f"firmware {told.firmware}" + ("" if build is None else f" build {build}")
+
+
+def _quantities(facts: Facts) -> Iterator[str]:
+    if not facts.quantities:
+        return
+    head = ("quantity", "coord.", "rows", "rate/Hz", "precision", "unit")
+    rows = [head]
+    for it in facts.quantities:
+        rate = "" if finite(it.rate) is None else f"{it.rate:,.1f}"
+        rows.append(
+            (it.name, it.coordinates or "", f"{it.rows:,}", rate, it.precision or "", it.unit)
+        )
+    first, *rest = aligned(rows, right=(2, 3))
+    yield bold(first)
+    yield from rest
+
+
+def _gaps(facts: Facts) -> Iterator[str]:
+    largest = sorted(facts.gaps, key=lambda it: -it.lost)[:SHOWN]
+    if not largest:
+        return
+    rows = [("after/s", "lost", "next sample")]
+    rows += [
+        (_after(facts, it.time), f"{it.lost:,}", f"{it.sample:,}")
+        for it in sorted(largest, key=lambda it: it.sample)
+    ]
+    yield from aligned(rows, right=(0, 1, 2))
+    yield from _more(len(facts.gaps), "smaller")
+
+
+def _damage(facts: Facts) -> Iterator[str]:
+    if not facts.damage:
+        return
+    reasons = Counter(reason for _, _, reason in facts.damage)
+    yield from textwrap.wrap(", ".join(f"{it} {n:,}" for it, n in reasons.most_common()), WIDTH)
+    rows = [("offset", "bytes", "reason")]
+    rows += [(f"{at:,}", f"{length:,}", reason) for at, length, reason in facts.damage[:SHOWN]]
+    yield from aligned(rows, right=(0, 1))
+    yield from _more(len(facts.damage), "more")
+
+
+def _events(facts: Facts) -> Iterator[str]:
+    """Each kind of event once: when it was first sent, and how often."""
+    kinds: dict[tuple[str, Notice], list[Event]] = {}
+    for it in facts.events:
+        kinds.setdefault((it.name, it.notice), []).append(it)
+    for (name, notice), events in list(kinds.items())[:SHOWN]:
+        time = events[0].time
+        when = "at the start" if time is None else f"after {_after(facts, time)} s"
+        times = f", {len(events):,} times" if len(events) > 1 else ""
+        yield from textwrap.wrap(f"{when}{times}: {name} {notice}", WIDTH, subsequent_indent="  ")
+    yield from _more(len(kinds), "more kinds")
+
+
+def _unknown(facts: Facts) -> Iterable[str]:
+    rows = [("id", "packets", "bytes")]
+    rows += [(f"0x{it:04X}", f"{n:,}", f"{size:,}") for it, (n, size) in facts.unknown.items()]
+    return aligned(rows, right=(1, 2)) if facts.unknown else []
+
+
+def _line(title: str, text: str) -> str:
+    indent = f"{title:<10}"
+    return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=" " * len(indent))
+
+
+def _after(facts: Facts, time: float | None) -> str:
+    """Seconds since the first time stamp."""
+    return "" if time is None else f"{time - facts.start:,.2f}"
+
+
+def _more(number: int, which: str) -> Iterator[str]:
+    if number > SHOWN:
+        yield f"... and {number - SHOWN:,} {which}; --json lists all"
+
+
+def _moment(time: np.datetime64) -> str:
+    return str(time.astype("datetime64[ms]")).replace("T", " ")

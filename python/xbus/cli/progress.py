@@ -1,0 +1,89 @@
+"""A bar on the terminal for work that takes long."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
+
+__all__ = ["Progress"]
+
+#: Seconds before the bar is shown.
+DELAY = 1.0
+
+
+class Progress:
+    """Shows how far the work is: on stderr, on a terminal only, and only after a second.
+
+    Args:
+        task: What is being done.
+        shown: False never shows it.
+    """
+
+    def __init__(self, task: str, *, shown: bool = True) -> None:
+        self._task = task
+        self._done = 0
+        self._total: int | None = None
+        self._bar: Bar | None = None
+        self._id: TaskID | None = None
+        self._lock = threading.Lock()
+        terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._timer = threading.Timer(DELAY, self._show) if shown and terminal else None
+
+    def __enter__(self) -> Progress:
+        if self._timer:
+            self._timer.daemon = True
+            self._timer.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._timer:
+            self._timer.cancel()
+            self._timer.join()
+        if self._bar:
+            self._bar.stop()
+
+    def update(self, task: str, done: int = 0, total: int | None = None) -> None:
+        """This is being done, so many bytes of so many; None for a total that nobody knows."""
+        with self._lock:
+            self._task, self._done, self._total = task, done, total
+            self._tell()
+
+    def _tell(self) -> None:
+        if self._bar is not None and self._id is not None:
+            self._bar.update(
+                self._id, description=self._task, completed=self._done, total=self._total
+            )
+
+    def _show(self) -> None:
+        from rich.console import Console
+        from rich.progress import (
+            BarColumn,
+            DownloadColumn,
+            Progress,
+            TextColumn,
+            TimeRemainingColumn,
+        )
+
+        bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            DownloadColumn(),
+            TimeRemainingColumn(),
+            console=Console(stderr=True),
+            transient=True,
+        )
+        with self._lock:
+            self._bar, self._id = bar, bar.add_task(self._task, total=None)
+            self._tell()
+        bar.start()

@@ -1,0 +1,119 @@
+"""The lines of ``xbus dump``."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from typing import Any
+
+from xbus import _core
+from xbus.cli.words import is_malformed, notice, packet_facts, packet_text, said, seconds
+from xbus.codec import Damage, Scanner
+from xbus.ids import MessageId
+from xbus.log import Message
+from xbus.source import LONGEST
+
+__all__ = ["Teller"]
+
+#: Bytes that are kept for the hex. A frame is told once the one behind it is there, so two of the longest.
+KEPT = 2 * (LONGEST + 7)
+
+
+class Teller:
+    """Bytes to lines.
+
+    Args:
+        wanted: Names and numbers of messages; all messages and the damage if empty.
+        with_hex: Whether each line ends with the frame.
+        as_json: JSON instead of words.
+
+    Attributes:
+        frames: How many were found, wanted or not.
+        size: Bytes that were fed.
+    """
+
+    def __init__(self, wanted: Iterable[int | str], *, with_hex: bool, as_json: bool) -> None:
+        self._scanner = Scanner(LONGEST)  # the limit of a log, so that it is what `read_log` finds
+        self._wanted = frozenset(wanted)
+        self._hex = with_hex
+        self._json = as_json
+        self._kept = bytearray()
+        self.frames = 0
+        self.size = 0
+
+    def feed(self, data: bytes) -> list[str]:
+        """The lines that can be told with these bytes."""
+        self.size += len(data)
+        self._kept += data
+        lines = self._lines(self._scanner.feed(data))
+        del self._kept[:-KEPT]
+        return lines
+
+    def close(self) -> list[str]:
+        """The lines that can be told now that no more bytes come."""
+        return self._lines(self._scanner.close())
+
+    def _lines(self, found: Iterable[Message | Damage]) -> list[str]:
+        lines = []
+        for it in found:
+            if isinstance(it, Damage):
+                if not self._wanted:
+                    lines.append(_damage(it, as_json=self._json))
+                continue
+            self.frames += 1
+            if not self._wanted or it.mid in self._wanted or it.name in self._wanted:
+                frame = self._frame(it) if self._hex else None
+                lines.append(_facts(it, frame) if self._json else _words(it, frame))
+        return lines
+
+    def _frame(self, message: Message) -> bytes:
+        """The frame of a message, byte by byte as it came."""
+        at = message.offset - (self.size - len(self._kept))
+        # A length byte of FF says that two more bytes tell the length (section 5.1).
+        around = 7 if self._kept[at + 3] == 0xFF else 5
+        return bytes(self._kept[at : at + around + len(message.payload)])
+
+
+def _damage(damage: Damage, *, as_json: bool) -> str:
+    if as_json:
+        return json.dumps(damage._asdict())
+    return f"{damage.offset:>10}  {'':>12}  damage  {damage.length} bytes: {damage.reason}"
+
+
+def _words(message: Message, frame: bytes | None) -> str:
+    stamp = ""
+    if message.mid == MessageId.MTData2:
+        packets = _core.packets(message.payload)
+        if (at := seconds(packets)) is not None:
+            stamp = f"{at:.4f}"
+        parts = [packet_text(it) for it in packets]
+        if is_malformed(message.payload):
+            parts.append("malformed: its packets do not fill it")
+        text = "; ".join(parts)
+    else:
+        text = said(message)
+    if message.bid != 0xFF:
+        text = f"(BID {message.bid}) {text}"
+    line = f"{message.offset:>10}  {stamp:>12}  {message.name}  {text}".rstrip()
+    return line if frame is None else f"{line}  | {frame.hex(' ').upper()}"
+
+
+def _facts(message: Message, frame: bytes | None) -> str:
+    facts: dict[str, Any] = {
+        "offset": message.offset,
+        "bid": message.bid,
+        "mid": message.mid,
+        "name": message.name,
+    }
+    if message.mid == MessageId.MTData2:
+        packets = _core.packets(message.payload)
+        facts["time_s"] = seconds(packets)
+        facts["malformed"] = is_malformed(message.payload)
+        facts["packets"] = [packet_facts(it) for it in packets]
+    elif message.mid in (MessageId.Error, MessageId.Warning):
+        facts |= notice(message)._asdict()
+    else:
+        facts["text"] = said(message)
+    if frame is not None:
+        facts["frame"] = frame.hex().upper()
+    return json.dumps(facts)

@@ -1,0 +1,230 @@
+"""Messages and packets in words, one line each, and the same for programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+from xbus.configuration import Configuration, Identity
+from xbus.log import Message
+from xbus.tables import QUANTITIES, RESULT_CODES, STATUS_FLAGS, Field
+
+__all__ = [
+    "Notice",
+    "Packet",
+    "device_name",
+    "finite",
+    "is_malformed",
+    "notice",
+    "packet_facts",
+    "packet_text",
+    "recorded",
+    "said",
+    "seconds",
+]
+
+Number = float | int
+#: As `_core.packets` gives it: data identifier, name, precision, coordinates, numbers or bytes.
+Packet = tuple[int, str | None, str | None, str | None, list[Number] | bytes]
+
+#: Digits that show all that a number of this precision says.
+DIGITS = {"Float32": "%.7g", "Fp1220": "%.9g", "Fp1632": "%.12g", "Float64": "%.15g"}
+
+
+# Messages
+
+
+class Notice(NamedTuple):
+    """An Error or Warning message.
+
+    Attributes:
+        code: Its number, None where the payload is too short for one.
+        text: What the number means, and what the device adds in words.
+        detail: The bytes behind an error's code, in hex.
+    """
+
+    code: int | None
+    text: str
+    detail: str | None
+
+    def __str__(self) -> str:
+        return f"{self.code}: {self.text}" + (f" (detail {self.detail})" if self.detail else "")
+
+
+def notice(message: Message) -> Notice:
+    """What an Error or a Warning says."""
+    wide = 4 if message.name == "Warning" else 1
+    if len(message.payload) < wide:
+        return Notice(None, "without a code", None)
+    code, rest = int.from_bytes(message.payload[:wide], "big"), message.payload[wide:]
+    text = RESULT_CODES.get(code, "a code that xbus does not know")
+    if message.name == "Warning":
+        words = printable(rest)
+        return Notice(code, f"{text} ({words})" if words else text, None)
+    return Notice(code, text, rest.hex(" ").upper() or None)
+
+
+def said(message: Message) -> str:
+    """What a message that is no sample says, in words; empty where that would take a manual."""
+    if message.name in ("Error", "Warning"):
+        return str(notice(message))
+    told = Identity().updated([message])
+    parts = []
+    if told.configuration is not None:
+        parts = [f"recorded {recorded(told.configuration) or 'on no date'}"]
+        parts += [f"filter profile {told.configuration.filter_profile}"]
+    if told.firmware is not None:
+        parts.insert(0, f"firmware {told.firmware}")
+        if told.firmware.build is not None:
+            parts[0] += f" build {told.firmware.build} source {told.firmware.scm}"
+    if told.device_id is not None:
+        parts.insert(0, device_name(told.device_id))
+    if told.product_code is not None:
+        parts.insert(0, printable(told.product_code.encode()))
+    return ", ".join(parts)
+
+
+def device_name(number: int) -> str:
+    """A device identifier as it stands on the device: 8 digits, 10 from the 600-series on."""
+    return f"{number:010X}" if number >> 31 else f"{number:08X}"
+
+
+def recorded(configuration: Configuration) -> str | None:
+    """When a recording was made, by the clock of its host: ``2026-11-22 09:29:59.00``."""
+    date, time = configuration.date, configuration.time
+    if date is None or not date.strip("0"):
+        return None
+    day = f"{date[:4]}-{date[4:6]}-{date[6:]}"
+    return day if time is None else f"{day} {time[:2]}:{time[2:4]}:{time[4:6]}.{time[6:]}"
+
+
+def printable(data: bytes) -> str:
+    """Text of a device, with nothing that a terminal would obey."""
+    text = data.decode("ascii", "backslashreplace").strip("\0 \r\n")
+    return "".join(it if it.isprintable() else f"\\x{ord(it):02x}" for it in text)
+
+
+def is_malformed(payload: bytes) -> bool:
+    """Whether the packets of an MTData2 payload do not fill it."""
+    at = 0
+    while at + 3 <= len(payload):
+        at += 3 + payload[at + 2]
+    return at != len(payload) or not payload
+
+
+# Packets
+
+
+def seconds(packets: Sequence[Packet]) -> float | None:
+    """The time stamp of a sample, s, as the device sent it: it wraps; None where it has none."""
+    stamps = {name: numbers[0] for _, name, _, _, numbers in packets if name in STAMPS}
+    fine = stamps.get("sample_time_fine")
+    if fine is None:
+        return None
+    # With both, the manual's "big timestamp" (section 5.3.6).
+    coarse = stamps.get("sample_time_coarse")
+    return fine / TICKS if coarse is None else coarse + fine % TICKS / TICKS
+
+
+STAMPS = ("sample_time_fine", "sample_time_coarse")
+#: The fine time counts 0.1 ms.
+TICKS = 10_000
+
+
+def packet_text(packet: Packet) -> str:
+    """A packet in words: name, values and unit; format and coordinates where they are not the default."""
+    data_id, name, precision, coordinates, numbers = packet
+    if name is None:
+        assert isinstance(numbers, bytes)  # noqa: S101 - raw packets have no name
+        return f"0x{data_id:04X} unknown, {len(numbers)} bytes"
+    return _writer(name, precision, coordinates)(numbers)
+
+
+@cache
+def _writer(
+    name: str, precision: str | None, coordinates: str | None
+) -> Callable[[Sequence[Any]], str]:
+    """Writes packets of one kind: what can be said once about the kind is said here."""
+    row = QUANTITIES[name]
+    formats = [it for it in (coordinates, precision) if it not in (None, "ENU", "Float32")]
+    label = f"{name} ({', '.join(map(str, formats))})" if formats else name
+    unit = f" {row.unit}" if row.unit else ""
+    if name == "utc_time":
+        return lambda it: f"{label} {_date(it)} valid={it[7]}"
+    if name in ("status_word", "status_byte"):
+        return lambda it: f"{label} {_status(it[0], 2 * (row.size or 1))}"
+    if row.kind == "list":
+        return lambda it: f"{label} {_satellites(row.fields, row.entry, it)}"
+    if row.kind == "struct":
+        return lambda it: f"{label} {_record(row.fields, it)}"
+    if row.kind == "id":
+        return lambda it: f"{label} {device_name(it[0])}"
+    digits = "%d" if row.kind[0] in "iu" else DIGITS[precision or "Float32"]
+    values = " ".join(f"{it}={digits}" for it in row.components) or digits
+    template = f"{label} {values}{unit}".replace("%d 0.1 ms", "%d (0.1 ms)")
+    return lambda it: template % tuple(it)
+
+
+def _date(it: Sequence[int]) -> str:
+    ns, year, month, day, hour, minute, second = it[:7]
+    return f"{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02}.{ns:09}"
+
+
+def _status(word: int, digits: int) -> str:
+    """The names of the bits that are set, with their value where they have several."""
+    values = ((it, word >> it.bit & ((1 << it.width) - 1)) for it in STATUS_FLAGS)
+    set_ones = (it.name if it.width == 1 else f"{it.name}={value}" for it, value in values if value)
+    return " ".join([f"0x{word:0{digits}X}", *set_ones])
+
+
+def _record(fields: Sequence[Field], values: Sequence[int]) -> str:
+    return " ".join(f"{it.name}={_scaled(it, raw)}" for it, raw in zip(fields, values, strict=True))
+
+
+def _scaled(field: Field, raw: int) -> str:
+    if raw == field.missing:
+        return "none"
+    # A power of ten is exact as a divisor, not as a factor.
+    value = raw if field.scale == 1 else raw / round(1 / field.scale)
+    return f"{value} {field.unit}" if field.unit else f"{value}"
+
+
+def _satellites(head: Sequence[Field], entry: Sequence[Field], values: Sequence[int]) -> str:
+    """The head, and each satellite in brackets."""
+    size = len(entry)
+    rows = [values[at : at + size] for at in range(len(head), len(values), size)]
+    return " ".join(
+        [_record(head, values[: len(head)]), *(f"[{_record(entry, it)}]" for it in rows)]
+    )
+
+
+def packet_facts(packet: Packet) -> dict[str, Any]:
+    """A packet for programs: reals exact, structs as raw integers, null for NaN and infinities."""
+    data_id, name, precision, coordinates, numbers = packet
+    facts: dict[str, Any] = {"data_id": f"0x{data_id:04X}", "name": name}
+    if name is None:
+        assert isinstance(numbers, bytes)  # noqa: S101 - raw packets have no name
+        return {**facts, "data": numbers.hex().upper()}
+    row = QUANTITIES[name]
+    values = [finite(it) for it in numbers]
+    names = row.components or tuple(it.name for it in row.fields)
+    named: Any = dict(zip(names, values, strict=False)) if names else values[0]
+    if row.kind == "list":
+        size, entries = len(row.entry), values[len(row.fields) :]
+        keys = [it.name for it in row.entry]
+        rows = [entries[at : at + size] for at in range(0, len(entries), size)]
+        named["satellites"] = [dict(zip(keys, it, strict=True)) for it in rows]
+    return {
+        **facts,
+        "precision": precision,
+        "coordinates": coordinates,
+        "unit": row.unit,
+        "values": named,
+    }
+
+
+def finite(number: float) -> float | None:
+    """The number, or None where JSON has no word for it."""
+    return number if math.isfinite(number) else None

@@ -1,0 +1,255 @@
+"""What the tests share: random streams, and two readings of them side by side.
+
+    shared(path)                 a file beside the repository; the test skips where it is absent
+    read(data, ...)              bytes -> Log, with the options that read_log does not show
+    facts(log or logs)           everything that a log says, by name; parts of one are joined
+    facts_of(reference)          the same of the oracle
+    differences(one, other)      where they differ, in words
+    sound_streams(), ...         strategies for hypothesis
+
+A stream is bytes; what a stream can hold is in `streams`.
+"""
+
+from __future__ import annotations
+
+import os
+import random
+import struct
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+
+import reference
+import streams
+from reference import Reference
+from streams import packet
+from xbus import Column, Log, _core
+
+settings.register_profile(
+    "default", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.register_profile("thorough", parent=settings.get_profile("default"), max_examples=2000)
+# CI looks at the same inputs every time; whoever wants luck runs the tests at home.
+settings.register_profile("ci", parent=settings.get_profile("default"), derandomize=True)
+settings.load_profile(
+    os.environ.get("HYPOTHESIS_PROFILE", "ci" if "CI" in os.environ else "default")
+)
+
+SHARED = Path(__file__).resolve().parents[2] / "shared"
+OWN_CAPTURES = Path(__file__).parent / "captures"
+
+
+def shared(path: str) -> Path:
+    """A file that lies beside the repository; skips the test where it is absent."""
+    found = SHARED / path
+    if not found.exists():
+        pytest.skip(f"{found} is absent")
+    return found
+
+
+# ---------------------------------------------------------------------------------------------
+# Packets by their contents
+# ---------------------------------------------------------------------------------------------
+
+
+def fine(ticks: int) -> bytes:
+    """SampleTimeFine."""
+    return packet(0x1060, struct.pack(">I", ticks))
+
+
+def coarse(seconds: int) -> bytes:
+    """SampleTimeCoarse."""
+    return packet(0x1070, struct.pack(">I", seconds))
+
+
+def counter(value: int) -> bytes:
+    """PacketCounter."""
+    return packet(0x1020, struct.pack(">H", value % 65536))
+
+
+def trigger(microseconds: int, data_id: int = 0x4810) -> bytes:
+    """TriggerIn on line 9, rising."""
+    return packet(data_id, struct.pack(">BBIH", 9, 1, microseconds, 0))
+
+
+# ---------------------------------------------------------------------------------------------
+# Reading
+# ---------------------------------------------------------------------------------------------
+
+
+def read(data: bytes, *, limit: int = 0xFFFF, fast: bool = True) -> Log:
+    """The log in `data`, by the plain path alone if not `fast`."""
+    array = np.frombuffer(data, np.uint8)
+    reader = _core.Reader(array, limit=limit, strict=False, wanted=None, fast=fast)
+    while reader.advance(1 << 40):
+        pass
+    return Log(reader.take())
+
+
+Facts: TypeAlias = dict[str, Any]
+
+
+def facts(*parts: Log) -> Facts:
+    """Everything that a log says. Several parts are joined to what the whole should say."""
+    said: Facts = {
+        "offset": _joined([it.offset for it in parts]),
+        "bid": _joined([it.bid for it in parts]),
+        "time": _joined([it.time for it in parts]),
+        "packet counter": _joined([it.packet_counter for it in parts]),
+        "messages": [it for part in parts for it in _messages(part)],
+        "damage": [it for part in parts for it in part.damage.tolist()],
+        "unknown": {},
+        "stats": {key: sum(vars(it.stats)[key] for it in parts) for key in vars(parts[0].stats)},
+    }
+    found: dict[tuple[str, str | None], list[Column]] = {}
+    for part in parts:
+        for data_id, unknown in part.unknown.items():
+            rows = zip(unknown.sample.tolist(), unknown, strict=True)
+            said["unknown"].setdefault(data_id, []).extend(rows)
+        for key in part:
+            column = part[key]
+            found.setdefault((column.name, column.coordinates), []).append(column)
+    for name, columns in found.items():
+        data_ids = {it.data_id for it in columns}
+        said[f"{name} sample"] = _joined([it.sample for it in columns])
+        said[f"{name} time"] = _joined([it.time for it in columns])
+        said[f"{name} values"] = _joined([it.values for it in columns])
+        said[f"{name} data_id"] = data_ids.pop() if len(data_ids) == 1 else data_ids.pop() & 0xFFF0
+        precisions = {it.precision for it in columns}
+        said[f"{name} precision"] = precisions.pop() if len(precisions) == 1 else None
+        if name[0] == "gnss_sat_info":
+            counts = _joined([np.diff(it.offsets) for it in columns])
+            said["satellites"] = _joined([it.satellites for it in columns])
+            said["satellites begin"] = np.concatenate(([0], np.cumsum(counts)))
+    return said
+
+
+def facts_of(log: Reference) -> Facts:
+    """The same of the oracle's reading."""
+    said: Facts = {
+        "offset": np.array([offset for offset, _ in log.samples], "i8"),
+        "bid": np.array([bid for _, bid in log.samples], "u1"),
+        "time": np.array(log.time, "f8"),
+        "packet counter": np.array(log.packet_counter, "i8"),
+        "messages": [tuple(it) for it in log.messages],
+        "damage": [tuple(it) for it in log.damage],
+        "unknown": log.unknown,
+        "stats": log.stats,
+    }
+    for key, rows in log.columns.items():
+        data_ids = {row.data_id for row in rows}
+        sample = reference.samples_of(log, key)
+        said[f"{key} sample"] = sample
+        said[f"{key} time"] = said["time"][sample]
+        said[f"{key} values"] = reference.array(log, key)
+        said[f"{key} data_id"] = rows[0].data_id if len(data_ids) == 1 else rows[0].data_id & 0xFFF0
+        precisions = {row.data_id & 3 for row in rows}
+        is_real = rows[0].data_id & 0xFFF0 in reference.REALS
+        is_one = is_real and len(precisions) == 1
+        names = ("Float32", "Fp1220", "Fp1632", "Float64")
+        said[f"{key} precision"] = names[precisions.pop()] if is_one else None
+        if key[0] == "gnss_sat_info":
+            said["satellites"], said["satellites begin"] = reference.satellites(log)
+    return said
+
+
+def differences(one: Facts, other: Facts) -> list[str]:
+    """The facts that differ; those of one side alone too."""
+    alone = [f"only on one side: {it}" for it in one.keys() ^ other.keys()]
+    apart = [it for it in one.keys() & other.keys() if not _same(one[it], other[it])]
+    return sorted(alone + [f"{it}: {_short(one[it], other[it])}" for it in apart])
+
+
+def _same(one: Any, other: Any) -> bool:
+    if isinstance(one, np.ndarray):
+        return reference.same_bits(one, other)
+    return bool(one == other)
+
+
+def _short(one: Any, other: Any) -> str:
+    if isinstance(one, list):
+        at = next((i for i, it in enumerate(zip(one, other, strict=False)) if it[0] != it[1]), None)
+        at = min(len(one), len(other)) if at is None else at
+        return f"at {at}: {one[at : at + 2]} and {other[at : at + 2]}"
+    if isinstance(one, np.ndarray) and one.shape == other.shape and one.dtype == other.dtype:
+        rows = range(len(one))
+        at = next((i for i in rows if one[i].tobytes() != other[i].tobytes()), 0)
+        return f"at {at} of {len(one)}: {one[at]} and {other[at]}"
+    if isinstance(one, np.ndarray):
+        return f"{one.dtype} {one.shape} and {other.dtype} {other.shape}"
+    return f"{one} and {other}"
+
+
+def _messages(log: Log) -> list[tuple[Any, ...]]:
+    return [(it.mid, it.bid, it.payload, it.offset, it.sample) for it in log.messages]
+
+
+def _joined(arrays: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+    with np.errstate(invalid="ignore"):  # a signalling NaN is quiet once it is widened
+        return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
+
+
+# ---------------------------------------------------------------------------------------------
+# Strategies
+# ---------------------------------------------------------------------------------------------
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+#: What gets into a stream: noise, preambles, headers that promise too much, whole frames.
+INTRUDERS = st.one_of(
+    st.binary(min_size=1, max_size=40),
+    st.integers(1, 40).map(streams.only_fa),
+    st.integers(1, 40).map(streams.lying),
+    st.integers(0, 255).map(lambda size: b"\xfa\xff\x36" + bytes([size])),
+    st.sampled_from((0, 1, 60, 254, 255, 3000, 65535)).map(lambda size: streams.claims(6, size)),
+    SEEDS.map(lambda seed: streams.random_frames(random.Random(seed), 1)[0]),
+)
+
+
+@st.composite
+def edits(draw: st.DrawFn) -> tuple[float, str, Any]:
+    """One thing that happens to a stream: where, in parts of its length, and what."""
+    where = draw(st.floats(0, 1))
+    what = draw(st.sampled_from(("flip", "drop", "insert", "repeat")))
+    detail: Any
+    if what == "flip":
+        detail = draw(st.integers(0, 7))
+    elif what == "insert":
+        detail = draw(INTRUDERS)
+    else:
+        detail = draw(st.sampled_from((1, 1, 1, 2, 5, 40, 200)))
+    return where, what, detail
+
+
+def edited(data: bytes, changes: list[tuple[float, str, Any]]) -> bytes:
+    """The stream after what has happened to it."""
+    for where, what, detail in changes:
+        at = min(int(where * len(data)), max(0, len(data) - 1))
+        if what == "flip" and data:
+            data = data[:at] + bytes([data[at] ^ 1 << detail]) + data[at + 1 :]
+        elif what == "drop":
+            data = data[:at] + data[at + detail :]
+        elif what == "insert":
+            data = data[:at] + detail + data[at:]
+        elif what == "repeat":
+            data = data[: at + detail] + data[at:]
+    return data
+
+
+@st.composite
+def sound_streams(draw: st.DrawFn, most: int = 60) -> bytes:
+    """Frames of everything that a device can send. They come again, so that layouts are learned."""
+    rng = random.Random(draw(SEEDS))
+    frames = streams.random_frames(rng, draw(st.integers(0, most)))
+    return b"".join(frames * draw(st.sampled_from((1, 1, 2, 3))))
+
+
+@st.composite
+def damaged_streams(draw: st.DrawFn, most: int = 60) -> bytes:
+    """The same, with up to eight accidents."""
+    return edited(draw(sound_streams(most)), draw(st.lists(edits(), max_size=8)))

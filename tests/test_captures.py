@@ -1,0 +1,109 @@
+"""Recordings: those of a real device, and those that the project makes for itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import make_captures
+import reference
+import xbus
+from conftest import OWN_CAPTURES, differences, facts, facts_of, read, shared
+
+OWN = make_captures.captures()
+REAL = [f"mtig710-{i}" for i in range(1, 6)]
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_own_captures_are_what_their_program_makes(name: str) -> None:
+    """``python tests/make_captures.py`` writes them; nobody edits them by hand."""
+    assert (OWN_CAPTURES / name).read_bytes() == OWN[name]
+
+
+def test_there_are_no_other_captures() -> None:
+    assert {it.name for it in OWN_CAPTURES.iterdir()} == set(OWN)
+
+
+def assert_read_as_the_oracle_reads(path: Path) -> xbus.Log:
+    """Every column, bit by bit; sample, offset, BID, time, counter; messages, damage, counts."""
+    log = xbus.read_log(path)
+    expected = facts_of(reference.decode(path.read_bytes()))
+    assert differences(facts(log), expected) == []
+    assert differences(facts(read(path.read_bytes(), fast=False)), expected) == []
+    return log
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_own(name: str) -> None:
+    assert_read_as_the_oracle_reads(OWN_CAPTURES / name)
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real(name: str) -> None:
+    log = assert_read_as_the_oracle_reads(shared(f"captures/{name}/raw.bin"))
+    assert len(log) == 100
+    assert (log.stats.skipped_bytes, log.stats.lost_samples, len(log.unknown)) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("name", "precision", "dtype"),
+    [
+        ("mtig710-1", "Float32", "f4"),
+        ("mtig710-2", "Fp1220", "f8"),
+        ("mtig710-3", "Fp1632", "f8"),
+        ("mtig710-4", "Float64", "f8"),
+    ],
+)
+def test_real_precisions(name: str, precision: str, dtype: str) -> None:
+    """The device was told one format, and all its reals come in it."""
+    log = xbus.read_log(shared(f"captures/{name}/raw.bin"))
+    reals = {it for it in log if log[it].precision is not None}
+    assert reals == {
+        *("acceleration", "delta_v", "rate_of_turn", "delta_q"),
+        *("euler_angles", "lat_lon", "altitude_ellipsoid", "velocity_xyz"),
+    }
+    formats = {(log[it].precision, log[it].values.dtype.str[1:]) for it in reals}
+    assert formats == {(precision, dtype)}
+
+
+def test_what_walk_holds() -> None:
+    """Ten seconds at 100 Hz, and four times a second what the receiver says."""
+    log = xbus.read_log(OWN_CAPTURES / "walk.mtb")
+    assert len(log) == 1040
+    rows = {it: len(log[it]) for it in log}
+    assert rows == {
+        **dict.fromkeys(["packet_counter", "sample_time_fine", "utc_time"], 1040),
+        **dict.fromkeys(["quaternion", "euler_angles", "acceleration", "rate_of_turn"], 1000),
+        **dict.fromkeys(["magnetic_field", "lat_lon", "altitude_ellipsoid"], 1000),
+        **dict.fromkeys(["velocity_xyz", "status_word"], 1000),
+        "baro_pressure": 100,
+        "temperature": 10,
+        "gnss_pvt_data": 40,
+    }
+    assert [it.name for it in log.messages] == ["Configuration", "FirmwareRev"]
+    assert (log.device_id, log.product_code) == (0x8000A1B2, "MTi-680G-8A1G6")
+    assert str(log.firmware) == "1.12.0"
+    # Counter and clock wrap on the way, and nobody notices.
+    assert log.packet_counter.tolist() == list(range(65001, 65001 + 1040))
+    acceleration = log["acceleration"]
+    assert acceleration.time[0] == pytest.approx((2**32 - 50_000) / 1e4)
+    assert acceleration.time[-1] - acceleration.time[0] == pytest.approx(9.99)
+    assert acceleration.rate == pytest.approx(100)
+    assert log.stats.skipped_bytes == log.stats.lost_samples == 0
+
+
+def test_what_field_lacks() -> None:
+    """Thirteen samples were never received and ten lie in the damage."""
+    log = xbus.read_log(OWN_CAPTURES / "field.mtb")
+    sound = xbus.read_log(OWN_CAPTURES / "walk.mtb")
+    assert len(log) == 1016
+    assert [it.name for it in log.messages] == ["FirmwareRev", "Error"]
+    assert (log.device_id, log.configuration) == (None, None)
+    # One sample is cut off at the end, where the counter cannot know.
+    assert log.stats.lost_samples == len(sound) - len(log) - 1
+    assert set(log.packet_counter) < set(sound.packet_counter)
+    same = set(log.packet_counter).__contains__
+    kept = [i for i, it in enumerate(sound.packet_counter) if same(it)]
+    assert log.time.tolist() == sound.time[kept].tolist()
+    assert log.stats.skipped_bytes == log.damage["length"].sum()

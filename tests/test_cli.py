@@ -1,0 +1,335 @@
+"""The command line as a whole: help, how commands end, what they cost. Each command has a file of its own.
+
+`run` calls a command in this process, `start` as a program of its own.
+"""
+
+# ruff: noqa: S603, S607 - the programs that are started here are our own, and sh
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+import xbus
+from conftest import OWN_CAPTURES
+from xbus.cli import COMMANDS, main
+
+HERE = Path(__file__).parent
+WALK = str(OWN_CAPTURES / "walk.mtb")
+FIELD = str(OWN_CAPTURES / "field.mtb")
+PROGRAM = [sys.executable, "-m", "xbus"]
+
+
+def run(*args: str, stdin: bytes | None = None) -> Result:
+    """What a command prints, and how it ends."""
+    result = CliRunner().invoke(main, args, input=stdin, prog_name="xbus", env={"COLUMNS": "80"})
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def sentence(result: Result) -> str:
+    """The one sentence of a command that failed."""
+    assert result.exit_code == 1
+    assert result.stderr.startswith("xbus: ")
+    assert result.stderr.count("\n") == 1
+    assert result.stderr.endswith("\n")
+    return result.stderr[len("xbus: ") : -1]
+
+
+def start(*args: str, **options: object) -> subprocess.Popen[bytes]:
+    """A command as a program of its own, with pipes."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen([*PROGRAM, *args], **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
+
+
+def shell(line: str, *args: str) -> tuple[int, str]:
+    """How a shell line ends, in which ``"$@"`` is the program with these arguments; and its stderr."""
+    done = subprocess.run(
+        ["sh", "-c", line, "sh", *PROGRAM, *args], capture_output=True, check=False
+    )
+    return done.returncode, done.stderr.decode()
+
+
+# Help
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_help(command: str) -> None:
+    """The texts are kept as files; on a difference they are written anew, for the eye of a reviewer."""
+    result = run(*command.split(), "--help")
+    assert result.exit_code == 0
+    assert max(map(len, result.stdout.splitlines())) <= 80
+    assert "Example: xbus " in result.stdout
+    path = HERE / "cli_help" / f"{command or 'xbus'}.txt"
+    if not path.exists() or path.read_text("utf-8") != result.stdout:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(result.stdout, "utf-8")
+        raise AssertionError(f"{path} was not up to date; it has been written anew")
+    assert run(*command.split(), "-h").stdout == result.stdout
+
+
+def test_there_are_no_other_help_texts() -> None:
+    assert {it.stem for it in (HERE / "cli_help").iterdir()} == {"xbus", *COMMANDS}
+
+
+def test_every_command_says_whole_what_it_does() -> None:
+    assert "..." not in run("--help").stdout.partition("Commands:")[2]
+
+
+def test_version() -> None:
+    assert run("--version").stdout == f"xbus {xbus.__version__}\n"
+
+
+@pytest.mark.parametrize("args", [["--help"], ["--version"], *([it, "-h"] for it in COMMANDS)])
+def test_help_waits_for_nothing_heavy(args: list[str]) -> None:
+    code = (
+        "import sys; from xbus.cli import main; main(sys.argv[1:], standalone_mode=False);"
+        "print(*({'numpy', 'rich', 'pyarrow', 'serial'} & set(sys.modules)), file=sys.stderr)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *args], capture_output=True, check=True)
+    assert done.stdout
+    assert done.stderr == b"\n"
+
+
+def test_help_costs_little_processor_time() -> None:
+    def once() -> float:
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        subprocess.run([*PROGRAM, "--help"], check=True, stdout=subprocess.DEVNULL)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+    assert min(once() for _ in range(5)) < 0.25
+
+
+def test_names_of_the_package_are_there_when_asked_for() -> None:
+    code = (
+        "import sys, xbus; assert 'numpy' not in sys.modules;"
+        "assert all(getattr(xbus, it) is not None for it in xbus.__all__);"
+        "assert set(xbus.__all__) <= set(dir(xbus));"
+        "assert xbus.tables.QUANTITIES and xbus.errors.DecodeError is xbus.DecodeError"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        xbus.nonsense  # noqa: B018
+
+
+# Wrong calls
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ([], "Usage:"),
+        (["nonsense"], "No such command"),
+        (["info"], "Missing argument 'FILE...'"),
+        (["info", "--nonsense", WALK], "No such option"),
+        (["decode", WALK], "Missing option '-o'"),
+        (["decode", WALK, "-o", "walk.xlsx"], "'walk.xlsx' must end in one of .parquet, .csv"),
+        (["decode", WALK, "-o", "walk"], "'walk' must end in one of .parquet, .csv"),
+        (["decode", WALK, "-o", "x.csv", "--quantity", "accel"], "did you mean acceleration?"),
+        (["decode", WALK, "-o", "x.csv", "--quantity", "x" * 9], "xbus items lists them"),
+        (["decode", WALK, "-o", "x.csv", "--quantity", "quaternion:ABC"], "ENU, NED, NWU"),
+        (["decode", WALK, "-o", "x.csv", "--quantity", "acceleration:NED"], "has no coordinates"),
+        (["dump", WALK, "--mid", "Warnin"], "did you mean Warning?"),
+        (["dump", WALK, "--mid", "0x100"], "a message identifier is a byte"),
+        (["dump", WALK, WALK], "unexpected extra argument"),
+    ],
+)
+def test_wrong_call(args: list[str], words: str) -> None:
+    result = run(*args)
+    assert result.exit_code == 2
+    assert words in " ".join(result.output.split())
+    assert not Path("x.csv").exists()
+
+
+# Inputs that cannot be read
+
+COMMANDS_ON_FILES = {
+    "info": ["info"],
+    "dump": ["dump"],
+    "decode": ["decode", "-o", "never.csv"],
+}
+
+
+@pytest.fixture(params=COMMANDS_ON_FILES)
+def reading(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> list[str]:
+    """A command that reads a file, in an empty folder in which it must leave nothing."""
+    monkeypatch.chdir(tmp_path)
+    return COMMANDS_ON_FILES[request.param]
+
+
+def test_no_such_file(reading: list[str]) -> None:
+    said = sentence(run(*reading, "nowhere.mtb"))
+    assert said == "cannot read nowhere.mtb: No such file or directory; check the path"
+    assert list(Path().iterdir()) == []
+
+
+def test_a_folder(reading: list[str]) -> None:
+    Path("logs.mtb").mkdir()
+    said = sentence(run(*reading, "logs.mtb"))
+    assert said == "cannot read logs.mtb: Is a directory; name files, such as DIR/*.mtb"
+
+
+def test_a_part_of_the_path_is_a_file(reading: list[str]) -> None:
+    Path("log").touch()
+    assert "cannot read log/walk.mtb: Not a directory" in sentence(run(*reading, "log/walk.mtb"))
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_no_permission(reading: list[str]) -> None:
+    Path("secret.mtb").touch(0)
+    assert "cannot read secret.mtb: Permission denied" in sentence(run(*reading, "secret.mtb"))
+
+
+@pytest.mark.parametrize("content", [b"", b"time,acc_x\n0.01,0.2\n" * 50, b"\xfa" * 1000])
+def test_no_frame(reading: list[str], content: bytes) -> None:
+    Path("walk.txt").write_bytes(content)
+    said = sentence(run(*reading, "walk.txt"))
+    assert said.startswith("no Xbus frame in walk.txt: ")
+    assert "it is empty" in said if not content else f"its {len(content):,} bytes" in said
+    assert [it.name for it in Path().iterdir()] == ["walk.txt"]
+
+
+def test_reading_breaks_off(reading: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """/proc/self/mem can be opened, and not be read."""
+    mem = Path("/proc/self/mem")
+    if not mem.exists():
+        pytest.skip("no /proc")
+    Path("disk.mtb").symlink_to(mem)
+    said = sentence(run(*reading, "disk.mtb"))
+    assert said == "cannot read disk.mtb: Input/output error; try again, or check the disk"
+    assert [it.name for it in Path().iterdir()] == ["disk.mtb"]
+
+
+def test_names_that_no_terminal_can_show(tmp_path: Path) -> None:
+    odd = os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xc3\xa4.mtb")
+    Path(odd).write_bytes(Path(WALK).read_bytes())
+    plain = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    for args in (["info"], ["info", "--json"], ["decode", "--json", "-o", f"{odd}.csv"]):
+        with start(*args, odd, env=plain) as child:
+            out, said = child.communicate()
+        assert child.returncode == 0, said
+        assert out
+    with start("info", f"{odd}?", env=plain) as child:
+        _, said = child.communicate()
+    assert child.returncode == 1
+    assert said.startswith(b"xbus: cannot read ")
+    assert said.count(b"\n") == 1
+
+
+# Outputs that cannot be written
+
+OUTPUTS = [
+    ["info", FIELD],
+    ["dump", FIELD],
+    ["items"],
+    ["messages", "--json"],
+    ["--help"],
+    ["info", "-h"],
+]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
+@pytest.mark.parametrize("args", OUTPUTS, ids=" ".join)
+def test_full_disk(args: list[str]) -> None:
+    code, said = shell('exec "$@" > /dev/full', *args)
+    assert code == 1
+    assert said == (
+        "xbus: cannot write to standard output: No space left on device; "
+        "free some room, or write to another disk\n"
+    )
+
+
+@pytest.mark.parametrize("args", OUTPUTS[:4], ids=" ".join)
+def test_closed_output(args: list[str]) -> None:
+    code, said = shell('exec "$@" >&-', *args)
+    assert code == 1
+    assert said.startswith("xbus: cannot write to standard output: Bad file descriptor; ")
+    assert said.count("\n") == 1
+
+
+def test_closed_input() -> None:
+    code, said = shell('exec "$@" <&-', "info", "-")
+    assert (code, said) == (1, "xbus: standard input is closed; name a file\n")
+
+
+@pytest.mark.parametrize("args", OUTPUTS, ids=" ".join)
+def test_broken_pipe(args: list[str]) -> None:
+    """Nobody reads from the beginning."""
+    ours, theirs = os.pipe()
+    os.close(ours)
+    with start(*args, stdout=theirs) as child:
+        os.close(theirs)
+        _, said = child.communicate()
+    assert (child.returncode, said) == (0, b"")
+
+
+def test_head_reads_one_line() -> None:
+    with start("dump", FIELD) as child:
+        assert child.stdout is not None
+        assert child.stderr is not None
+        assert b"damage" in child.stdout.readline()
+        child.stdout.close()
+        assert (child.wait(), child.stderr.read()) == (0, b"")
+
+
+# Signals
+
+
+def test_ctrl_c_while_reading(tmp_path: Path) -> None:
+    pipe = tmp_path / "port"
+    os.mkfifo(pipe)
+    for args in (["dump"], ["info"], ["decode", "-o", str(tmp_path / "x.parquet")]):
+        with start(*args, str(pipe)) as child, pipe.open("wb", buffering=0) as writer:
+            # That it could be opened says that it is being read.
+            writer.write(Path(WALK).read_bytes()[:1000])
+            child.send_signal(signal.SIGINT)
+            out, said = child.communicate()
+        assert (child.returncode, said) == (130, b"")
+        assert out == b"" or args == ["dump"]
+        assert [it.name for it in tmp_path.iterdir()] == ["port"]
+
+
+@pytest.mark.parametrize(
+    ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_a_signal_while_writing_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
+    patched = (
+        "import signal, sys, numpy; from xbus.cli import main\n"
+        "def stuck(out, **arrays):\n"
+        "    out.write(b'half'); out.flush(); print('now', flush=True); signal.pause()\n"
+        "numpy.savez = stuck; main(sys.argv[1:])"
+    )
+    out = tmp_path / "walk.npz"
+    out.write_bytes(b"what was there")
+    command = [sys.executable, "-c", patched, "decode", WALK, "-o", str(out)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, **pipes) as child:  # type: ignore[call-overload]
+        assert child.stdout.readline() == b"now\n"
+        assert len(list(tmp_path.iterdir())) == 2
+        child.send_signal(number)
+        _, said = child.communicate()
+    assert (child.returncode, said) == (code, b"")
+    assert [it.read_bytes() for it in tmp_path.iterdir()] == [b"what was there"]
+
+
+def test_a_signal_that_is_ignored_stays_ignored() -> None:
+    """As under nohup."""
+    handler = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        assert run("items", "--help").exit_code == 0
+        assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGHUP, handler)
+    before = signal.getsignal(signal.SIGTERM)
+    run("info", WALK)
+    assert signal.getsignal(signal.SIGTERM) is before

@@ -1,0 +1,128 @@
+"""What the documentation shows is what happens.
+
+pytest runs the ``>>>`` blocks of the pages by itself (``--doctest-glob``). Here: the same in docstrings,
+the commands in the pages, and that no example escapes both.
+"""
+
+from __future__ import annotations
+
+import difflib
+import doctest
+import importlib
+import os
+import pkgutil
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import xbus
+
+ROOT = Path(__file__).resolve().parents[1]
+CAPTURES = "tests/captures"
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+MODULES = ["xbus", *(it.name for it in pkgutil.walk_packages(xbus.__path__, "xbus."))]
+
+BLOCK = re.compile(r"^```([^\n`]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return [text for found, text in BLOCK.findall(page.read_text("utf-8")) if found == language]
+
+
+def name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+def have(page: Path, language: str) -> bool:
+    return bool(blocks(page, language))
+
+
+@pytest.mark.parametrize("module", MODULES)
+def test_docstrings(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if module == "xbus.__main__":
+        pytest.skip("importing it runs the command")
+    monkeypatch.chdir(ROOT)
+    found = doctest.testmod(importlib.import_module(module))
+    assert found.failed == 0
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name)
+def test_every_python_block_is_run(page: Path) -> None:
+    for block in blocks(page, "python") + blocks(page, "py"):
+        raise AssertionError(f"a block that nothing runs; write it as pycon, with >>>:\n{block}")
+    for block in blocks(page, "pycon"):
+        assert block.startswith(">>> "), block
+        assert block.endswith("\n\n"), f"doctest needs an empty line before the fence:\n{block}"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="the commands are written for a POSIX shell")
+@pytest.mark.parametrize("page", [it for it in PAGES if have(it, "console")], ids=name)
+def test_commands(page: Path, tmp_path: Path) -> None:
+    """The ``console`` blocks of a page, one after the other in one folder.
+
+    A line that begins with ``$ `` is run; what follows is what it prints, on stdout and stderr. A line
+    ``...`` stands for any number of lines.
+    """
+    shutil.copytree(ROOT / CAPTURES, tmp_path / CAPTURES)
+    for block in blocks(page, "console"):
+        shown = block.splitlines()
+        assert shown[0].startswith("$ "), f"no command to run:\n{block}"
+        found = replay(shown, tmp_path)
+        assert agrees(shown, found), difference(shown, found)
+
+
+def replay(shown: list[str], folder: Path) -> list[str]:
+    """The lines of a block as they are now."""
+    lines = []
+    for line in shown:
+        if line.startswith("$ "):
+            lines += [line, *(it.rstrip() for it in run(line[2:], folder).splitlines())]
+    return lines
+
+
+def run(command: str, folder: Path) -> str:
+    commands = Path(sys.executable).parent
+    plain = {
+        "PATH": f"{commands}{os.pathsep}{os.environ['PATH']}",
+        "COLUMNS": "100",
+        "NO_COLOR": "1",
+    }
+    done = subprocess.run(  # noqa: S602 - these are our own pages
+        command,
+        shell=True,
+        cwd=folder,
+        env=os.environ | plain,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    return done.stdout
+
+
+def agrees(shown: list[str], found: list[str]) -> bool:
+    pattern = "".join(r"(?:.*\n)*?" if it == "..." else re.escape(it) + r"\n" for it in shown)
+    return re.fullmatch(pattern, "".join(f"{it}\n" for it in found)) is not None
+
+
+def difference(shown: list[str], found: list[str]) -> str:
+    lines = difflib.unified_diff(shown, found, "the page", "the command", lineterm="")
+    return "\n".join(["the page shows something else than the command prints:", *lines])
+
+
+def test_agrees() -> None:
+    assert agrees(["$ xbus", "a", "...", "d"], ["$ xbus", "a", "b", "c", "d"])
+    assert agrees(["$ xbus", "..."], ["$ xbus"])
+    assert not agrees(["$ xbus", "a", "..."], ["$ xbus", "b"])
+    assert not agrees(["$ xbus", "a"], ["$ xbus", "a", "b"])
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=name)
+def test_links_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)", page.read_text("utf-8")):
+        assert target.startswith("https://") or (ROOT / target).exists(), target

@@ -1,0 +1,274 @@
+"""`iter_log`: the parts of a log, joined, are the log."""
+
+from __future__ import annotations
+
+import io
+import random
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+import reference
+import streams
+import xbus
+from conftest import (
+    OWN_CAPTURES,
+    counter,
+    damaged_streams,
+    differences,
+    facts,
+    facts_of,
+    fine,
+    read,
+    shared,
+)
+from streams import frame, mtdata2, packet, real
+
+GOOD = mtdata2(counter(1), fine(100), real(0x4020, 1, 2, 3))
+
+
+class Choppy:
+    """A reader that gives as many bytes as it likes, never more than asked for."""
+
+    def __init__(self, data: bytes, most: int) -> None:
+        self.file = io.BytesIO(data)
+        self.rng = random.Random(most)
+        self.most = most
+
+    def read(self, size: int = -1, /) -> bytes:
+        return self.file.read(min(size, self.rng.randint(1, self.most)))
+
+
+# ---------------------------------------------------------------------------------------------
+# Joined parts
+# ---------------------------------------------------------------------------------------------
+
+BLOCKS = st.sampled_from((1, 7, 100, 4096, 1 << 40))
+
+
+@given(damaged_streams(30), BLOCKS)
+@example(b"", 1)
+@example(b"\xfa", 1)
+@example(GOOD * 5, 1)
+def test_parts_of_bytes(data: bytes, block: int) -> None:
+    """Every column, time, counter, offset, message, stretch of damage and count."""
+    parts = list(xbus.iter_log(data, block_bytes=block))
+    assert differences(facts(*parts), facts_of(reference.decode(data))) == []
+
+
+@given(damaged_streams(30), BLOCKS, st.sampled_from((1, 3, 64, 5000)))
+def test_parts_of_a_stream(data: bytes, block: int, piece: int) -> None:
+    """How the reader hands over its bytes does not matter."""
+    parts = list(xbus.iter_log(Choppy(data, piece), block_bytes=block))
+    assert differences(facts(*parts), facts_of(reference.decode(data))) == []
+
+
+@given(damaged_streams(30), BLOCKS)
+def test_parts_of_a_file(tmp_path_factory: pytest.TempPathFactory, data: bytes, block: int) -> None:
+    path = tmp_path_factory.getbasetemp() / "parts.mtb"
+    path.write_bytes(data)
+    parts = list(xbus.iter_log(path, block_bytes=block))
+    assert differences(facts(*parts), facts_of(reference.decode(data))) == []
+
+
+@pytest.mark.parametrize("block", [1, 7, 100, 4096, 1 << 40])
+@pytest.mark.parametrize("make", [streams.gnssins, streams.dirty, streams.hr])
+def test_parts_of_long_streams(make: Callable[[int], bytes], block: int) -> None:
+    """Layouts are known by then, and go on from part to part."""
+    data = make(500)
+    parts = list(xbus.iter_log(data, block_bytes=block))
+    assert differences(facts(*parts), facts_of(reference.decode(data))) == []
+
+
+@pytest.mark.parametrize("block", [1000, 300_000, 1 << 20])
+def test_parts_of_more_than_a_buffer(block: int, tmp_path: Path) -> None:
+    """A file is read in pieces of its own, and they end elsewhere than the parts."""
+    long = frame(0x91, bytes(65_535)) + frame(0x36, packet(0x7000, bytes(255)) * 250)
+    data = b"".join(streams.dirty(2000, i) + long * (i % 3) + bytes(i) for i in range(8))
+    path = tmp_path / "long.mtb"
+    path.write_bytes(data)
+    expected = facts(read(data))
+    for source in (path, data, Choppy(data, 100_000)):
+        parts = list(xbus.iter_log(source, block_bytes=block))
+        assert differences(facts(*parts), expected) == []
+
+
+@pytest.mark.parametrize("name", ["walk.mtb", "field.mtb"])
+@pytest.mark.parametrize("block", [1, 7, 1000, 50_000])
+def test_parts_of_a_recording(name: str, block: int) -> None:
+    path = OWN_CAPTURES / name
+    parts = list(xbus.iter_log(path, block_bytes=block))
+    assert len(parts) > 1
+    assert differences(facts(*parts), facts(xbus.read_log(path))) == []
+
+
+@pytest.mark.parametrize("number", range(1, 6))
+def test_parts_of_a_real_recording(number: int) -> None:
+    data = shared(f"captures/mtig710-{number}/raw.bin").read_bytes()
+    parts = list(xbus.iter_log(data, block_bytes=99))
+    assert differences(facts(*parts), facts_of(reference.decode(data))) == []
+
+
+# ---------------------------------------------------------------------------------------------
+# What a part is
+# ---------------------------------------------------------------------------------------------
+
+
+def test_a_part_has_about_the_bytes_it_was_told() -> None:
+    """It ends with the frame in which the block ends; no part but the last is smaller."""
+    data = streams.gnssins(500)
+    for block in (1, 100, 5000):
+        sizes = [it.stats.bytes for it in xbus.iter_log(data, block_bytes=block)]
+        assert sum(sizes) == len(data)
+        assert all(block <= it < block + 260 for it in sizes[:-1])
+        assert sizes[-1] < block + 260
+
+
+def test_numbers_go_on() -> None:
+    """Samples, offsets, time and counter are those of the whole."""
+    day = reference.DAY
+    stamps = [(65534, day - 200), (65535, day - 100), (0, 0), (1, 100), (5, 500)]
+    data = b"".join(mtdata2(counter(c), fine(t), real(0x4020, c, 0, 0)) for c, t in stamps)
+    parts = list(xbus.iter_log(data, block_bytes=1))[:5]
+    assert [it.first_sample for it in parts] == [0, 1, 2, 3, 4]
+    assert [it["acceleration"].sample.tolist() for it in parts] == [[0], [1], [2], [3], [4]]
+    assert [it.offset.tolist() for it in parts] == [[i * len(data) // 5] for i in range(5)]
+    assert [it.packet_counter.tolist() for it in parts] == [
+        [65534], [65535], [65536], [65537], [65541],
+    ]  # fmt: skip
+    assert [it.time[0] * 1e4 for it in parts] == pytest.approx(
+        [day - 200, day - 100, day, day + 100, day + 500]
+    )
+    assert [it["acceleration"].time[0] for it in parts] == [it.time[0] for it in parts]
+    assert [(it.stats.gaps, it.stats.lost_samples) for it in parts[-2:]] == [(0, 0), (1, 3)]
+
+
+def test_a_part_may_be_read_late() -> None:
+    """Times are worked out from where the part begins, not from where the reader is by then."""
+    data = streams.gnssins(300)
+    parts = list(xbus.iter_log(data, block_bytes=3000))
+    times = [it.time for it in reversed(parts)]
+    assert np.concatenate(times[::-1]).tolist() == xbus.read_log(data).time.tolist()
+
+
+def test_columns_of_parts_are_their_own() -> None:
+    """A part says what came in it: its precision, its type, its identifier."""
+    float32, fp1632, ned = real(0x4020, 1, 2, 3), real(0x4022, 4, 5, 6), real(0x2014, 1, 0, 0, 0)
+    data = b"".join(mtdata2(it) for it in (float32, fp1632, float32, ned, float32))
+    parts = [it for it in xbus.iter_log(data, block_bytes=1) if len(it)]
+    accelerations = [it["acceleration"] for it in parts if "acceleration" in it]
+    assert [it.precision for it in accelerations] == ["Float32", "Fp1632", "Float32", "Float32"]
+    assert [it.data_id for it in accelerations] == [0x4020, 0x4022, 0x4020, 0x4020]
+    assert [list(it) for it in parts[3:]] == [["quaternion"], ["acceleration"]]
+    assert xbus.read_log(data)["acceleration"].precision is None
+
+
+def test_the_device_is_remembered() -> None:
+    """Who it is, and where its clock wraps, was said in the first part."""
+    name = frame(0x01, bytes.fromhex("00000000800040D2")) + frame(0x1D, b"MTi-630".ljust(20))
+    firmware = frame(0x13, bytes.fromhex("010802 00000025 00011534"))
+    end = 2**32 - 50
+    data = name + mtdata2(fine(end)) + mtdata2(fine(50)) + firmware + mtdata2(fine(100))
+    parts = list(xbus.iter_log(data, block_bytes=1))
+    assert [it.device_id for it in parts] == [0x800040D2] * len(parts)
+    assert [it.product_code for it in parts][:2] == [None, "MTi-630"]
+    assert {it.product_code for it in parts[1:]} == {"MTi-630"}
+    assert str(parts[-1].firmware) == "1.8.2"
+    assert parts[2].firmware is None
+    times = [time for it in parts for time in it.time * 1e4]
+    assert times == pytest.approx([end, 2**32 + 50, 2**32 + 100])
+    # One part's messages are its own.
+    assert [len(it.messages) for it in parts][:3] == [1, 1, 0]
+
+
+def test_nothing_comes_from_later() -> None:
+    """What a part says does not change when more bytes follow it."""
+    data = streams.gnssins(100) + streams.dirty(100)
+    first = next(iter(xbus.iter_log(data, block_bytes=4000)))
+    for more in (b"", frame(0x3E), data[5000:5003] + frame(0x01, bytes.fromhex("03887B6D"))):
+        cut = data[: 4000 + 300] + more
+        assert (
+            differences(facts(next(iter(xbus.iter_log(cut, block_bytes=4000)))), facts(first)) == []
+        )
+
+
+def test_an_empty_input_has_one_part() -> None:
+    parts = list(xbus.iter_log(b""))
+    assert [len(it) for it in parts] == [0]
+    assert parts[0].stats.bytes == 0
+
+
+@pytest.mark.parametrize("block", [0, -1])
+def test_a_block_has_bytes(block: int) -> None:
+    """Said when it is asked for, not when the first part is."""
+    with pytest.raises(ValueError, match=f"block_bytes must be at least 1, not {block}"):
+        xbus.iter_log(b"", block_bytes=block)
+
+
+def test_a_file_that_is_missing_is_told_at_once(tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        xbus.iter_log(tmp_path / "no.mtb")
+
+
+def test_parts_as_tables() -> None:
+    """A table of a part has the numbers of the whole; tables of all parts make one."""
+    pa = pytest.importorskip("pyarrow")
+    data = streams.gnssins(120)
+    tables = [it.to_arrow() for it in xbus.iter_log(data, block_bytes=3000)]
+    assert tables[1]["sample"][0].as_py() == len(tables[0])
+    whole: Any = xbus.read_log(data).to_arrow()
+    names = [it for it in whole.column_names if not it.startswith("gnss")]
+    joined = pa.concat_tables([it.select(names) for it in tables], promote_options="permissive")
+    assert joined.equals(whole.select(names))
+
+
+# ---------------------------------------------------------------------------------------------
+# Memory
+# ---------------------------------------------------------------------------------------------
+
+MEASURE = """\
+    import sys
+    import xbus
+
+    def resident(name):
+        with open("/proc/self/status") as status:
+            return next(int(line.split()[1]) << 10 for line in status if line.startswith(name))
+
+    path, block = sys.argv[1], int(sys.argv[2])
+    for part in xbus.iter_log(path, block_bytes=block):  # what is loaded once
+        part.time
+        break
+    del part
+    with open("/proc/self/clear_refs", "w") as file:
+        file.write("5")  # forget the peak
+    before, samples = resident("VmRSS:"), 0
+    for part in xbus.iter_log(path, block_bytes=block):
+        samples += len(part)
+        assert part.time[-1] > 0
+    print(samples, resident("VmHWM:") - before)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="measured in /proc")
+def test_memory_is_that_of_a_part(tmp_path: Path) -> None:
+    """However long the log: here 69 MB in parts of 4."""
+    path = tmp_path / "long.mtb"
+    piece = streams.ahrs(65_536)
+    with path.open("wb") as file:
+        for _ in range(12):
+            file.write(piece)
+    block = 4 << 20
+    program = [sys.executable, "-c", textwrap.dedent(MEASURE), str(path), str(block)]
+    result = subprocess.run(program, check=True, capture_output=True, text=True)  # noqa: S603
+    samples, peak = map(int, result.stdout.split())
+    assert samples == 12 * 65_536
+    # Two parts at a time, each with its times, and the buffer.
+    assert peak < 4 * block, peak
