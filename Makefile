@@ -34,4 +34,5 @@ docs:
 	sphinx-build -W -b html docs docs/_build/html
 
 fuzz:
-	cargo fuzz run -s none $(NAME) -- -max_total_time=300
+	mkdir -p /tmp/xbus-fuzz/$(NAME)
+	cargo fuzz run -s none $(NAME) /tmp/xbus-fuzz/$(NAME) fuzz/corpus/$(NAME) -- -max_total_time=300

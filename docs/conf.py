@@ -26,6 +26,7 @@ autodoc_member_order = "bysource"
 autodoc_type_aliases = {"Source": "Source", "Key": "Key", "PacketKey": "PacketKey"}
 python_use_unqualified_type_names = True
 myst_enable_extensions = ["deflist"]
+myst_heading_anchors = 2
 
 html_theme = "furo"
 html_title = f"xbus {release}"

@@ -143,7 +143,7 @@ proptest! {
         seed: u64,
     ) {
         let mut random = Random::new(seed);
-        scanning(&stream(&recipe, &mut random), limit, &mut random);
+        scanning(&stream(&recipe, 3000, &mut random), limit, &mut random);
     }
 }
 

@@ -133,7 +133,7 @@ impl Log {
     }
 
     /// Adds what the next part says.
-    fn join(&mut self, next: Self) {
+    pub fn join(&mut self, next: Self) {
         assert_eq!(next.first, self.first + self.offsets.len() as u64);
         for (i, rows) in next.columns.into_iter().enumerate() {
             match self.columns.get_mut(i) {

@@ -104,16 +104,14 @@ impl Input {
         let (seed, rest) = data.split_at(data.len().min(SEED));
         let seed = seed.iter().fold(0, |seed, byte| seed << 8 | u64::from(*byte));
         let mut random = Random::new(seed);
-        let stream = if seed % 2 == 0 { rest.to_vec() } else { stream(rest, &mut random) };
+        let longest = random.pick(&[600, 6000, 6000, 40_000]);
+        let stream = if seed % 2 == 0 { rest.to_vec() } else { stream(rest, longest, &mut random) };
         Self { random, stream }
     }
 }
 
 /// Bytes of the seed. An odd one makes the rest a recipe.
 pub const SEED: usize = 3;
-
-/// Longest stream that a recipe makes, but for its last ingredient: so that the plain scanner ends in time.
-const LONGEST: usize = 6000;
 
 /// A recipe: any bytes are one, each step takes what it needs, and behind the end there are zeros.
 struct Recipe<'a>(&'a [u8]);
@@ -141,15 +139,15 @@ struct Shape {
     count: Option<(usize, u8)>,
 }
 
-/// Makes a stream from a recipe: sound frames of all kinds, layouts that come again and again, and every kind of damage.
+/// Makes a stream of about the `longest` length from a recipe: sound frames of all kinds, layouts that come again and again, and every kind of damage.
 ///
 /// A frame that is wrong in one place only is what finds faults, and random bytes hardly ever make one.
-pub fn stream(recipe: &[u8], random: &mut Random) -> Vec<u8> {
+pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
     let mut recipe = Recipe(recipe);
     let mut layouts: Vec<Layout> = vec![];
     let mut stream = vec![];
-    while !recipe.0.is_empty() && stream.len() < LONGEST {
-        match recipe.byte() % 20 {
+    while !recipe.0.is_empty() && stream.len() < longest {
+        match recipe.byte() % 21 {
             // A new layout, and the first message that has it.
             0..=3 => {
                 let layout: Layout = (0..recipe.below(8)).map(|_| shape(&mut recipe)).collect();
@@ -205,8 +203,15 @@ pub fn stream(recipe: &[u8], random: &mut Random) -> Vec<u8> {
             // Noise, or preambles and nothing else.
             16 => stream.extend(random.noise(usize::from(recipe.byte()))),
             17 => stream.extend(vec![PREAMBLE; recipe.below(20)]),
+            // More layouts than anybody will remember.
+            18 => {
+                for _ in 0..recipe.byte() {
+                    let layout: Layout = vec![shape(&mut Recipe(&random.data(4))); 1 + random.below(3)];
+                    (0..3).for_each(|_| stream.extend(message(&layout, MASTER, random)));
+                }
+            }
             // One bit flipped, or bytes lost, not far from the end.
-            18 if !stream.is_empty() => {
+            19 if !stream.is_empty() => {
                 let at = stream.len() - 1 - recipe.below(stream.len());
                 stream[at] ^= 1 << recipe.below(8);
             }

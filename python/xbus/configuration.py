@@ -7,11 +7,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 from xbus import _core
+from xbus.ids import MessageId
 
 if TYPE_CHECKING:
     from xbus.log import Message
 
-__all__ = ["Configuration", "Firmware", "Identity"]
+__all__ = ["TELLING", "Configuration", "Firmware", "Identity"]
 
 
 class Firmware(NamedTuple):
@@ -54,6 +55,15 @@ class Configuration:
     firmware: Firmware
 
 
+#: The messages that say something about the device.
+TELLING = (
+    MessageId.DeviceID,
+    MessageId.Configuration,
+    MessageId.FirmwareRev,
+    MessageId.ProductCode,
+)
+
+
 @dataclass(frozen=True)
 class Identity:
     """What the messages of a log say about the device; the first to say it counts."""
@@ -64,7 +74,7 @@ class Identity:
     configuration: Configuration | None = None
 
     def updated(self, messages: Iterable[Message]) -> Identity:
-        """The same, with what it lacks filled in from ``messages``."""
+        """The same, with what it lacks filled in from ``messages``; those of `TELLING` are enough."""
         told = self
         for message in messages:
             told = told._merged(_said(message))

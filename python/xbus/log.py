@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from xbus import _core, export
 from xbus.column import Column
-from xbus.configuration import Configuration, Firmware, Identity
+from xbus.configuration import TELLING, Configuration, Firmware, Identity
 from xbus.errors import DecodeError
 from xbus.source import Key, Source, Wish, open_reader, wishes
 
@@ -369,7 +369,8 @@ class Log:
     @cached_property
     def identity(self) -> Identity:
         """What the messages say about the device."""
-        return self._earlier.updated(self.messages)
+        telling = np.flatnonzero(np.isin(self.messages.mid, TELLING))
+        return self._earlier.updated(self.messages[it] for it in telling.tolist())
 
     @property
     def device_id(self) -> int | None:

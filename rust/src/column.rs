@@ -167,7 +167,7 @@ impl Column {
 
     /// Makes room for packets with this identifier and reading: numbers that no longer fit the type of the column widen
     /// it (Float32 among wider reals, 4-byte among 8-byte device identifiers).
-    pub fn admit(&mut self, id: u16, reading: Option<&Reading>) {
+    pub fn admit(&mut self, id: u16, reading: Option<&Reading>, progress: Progress) {
         if id == self.id || self.rows == 0 {
             if self.rows == 0 {
                 let fresh = Self::new(id, reading);
@@ -180,10 +180,10 @@ impl Column {
         let Some(reading) = reading else { return };
         match (&self.values, reading.form) {
             (Values::F32(narrow), Form::Real(precision, _)) if precision != Precision::Float32 => {
-                self.values = Values::F64(narrow.iter().copied().map(f64::from).collect());
+                self.values = Values::F64(widened(narrow, progress));
             }
             (Values::U32(narrow), Form::Fixed(Wire::U8, _)) => {
-                self.values = Values::U64(narrow.iter().copied().map(u64::from).collect());
+                self.values = Values::U64(widened(narrow, progress));
             }
             _ => {}
         }
@@ -196,6 +196,7 @@ impl Column {
     ///
     /// # Panics
     /// If it has not, or if a packet lies outside `packets.bytes`.
+    #[inline(always)]
     pub fn gather(&mut self, form: Option<Form>, packets: Packets<'_>, progress: Progress) {
         let more = packets.starts.len();
         match (&mut self.values, form) {
@@ -232,6 +233,13 @@ impl Column {
     }
 }
 
+fn widened<T: Copy, U: From<T>>(narrow: &[T], progress: Progress) -> Vec<U> {
+    let mut wide = Vec::new();
+    pages::make_room(&mut wide, narrow.len(), progress);
+    wide.extend(narrow.iter().copied().map(U::from));
+    wide
+}
+
 /// Packets of one kind: where the data of each begin in `bytes`, but for `shift`. The byte before is the packet's size.
 #[derive(Clone, Copy, Debug)]
 #[allow(missing_docs)] // said above
@@ -253,6 +261,7 @@ impl<'a> Packets<'a> {
     }
 
     /// Appends the `n` numbers of each packet. The row lengths that occur at high rates are compiled with their length.
+    #[inline(always)]
     fn numbers<const SIZE: usize, T: Copy>(
         self,
         out: &mut Vec<T>,
@@ -276,7 +285,7 @@ impl<'a> Packets<'a> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn rows<const SIZE: usize, const N: usize, T: Copy>(self, out: &mut Vec<T>, read: impl Fn([u8; SIZE]) -> T + Copy) {
         let row = |bytes: &[u8]| {
             let (numbers, _) = bytes[self.shift..][..SIZE * N].as_chunks::<SIZE>();
@@ -291,6 +300,7 @@ impl<'a> Packets<'a> {
     }
 
     /// Appends a record of each packet, field after field.
+    #[inline(always)]
     fn records(self, out: &mut Vec<u8>, fields: &[Field], progress: Progress) {
         let (old, size) = (out.len(), record_size(fields));
         pages::make_room(out, size * self.starts.len(), progress);
@@ -308,7 +318,7 @@ impl<'a> Packets<'a> {
         }
     }
 
-    #[inline]
+    #[inline(always)]
     fn field<const SIZE: usize>(self, rows: ChunksExactMut<'_, u8>, at: usize) {
         for (row, start) in rows.zip(self.starts) {
             let number = &mut row[at..][..SIZE];

@@ -255,7 +255,6 @@ impl Layouts {
         }
         if number == self.known.len() {
             self.known.push(layout);
-            if std::env::var("DBG").is_ok() { eprintln!("learned {} len {}", self.known.len(), bytes.len()); }
         }
         self.forms.extend(moves.iter().map(|it| (it.column, it.form())));
         #[allow(clippy::cast_possible_truncation)] // at most MOST_LAYOUTS
@@ -287,8 +286,11 @@ impl Layouts {
     /// Puts the frames from position `at` on the list, as far as each follows the one before, is intact and has a known
     /// layout; stops at `until` and when the list is full. Returns where it stopped.
     pub fn run(&self, bytes: &[u8], at: usize, until: usize, batch: &mut Batch) -> usize {
+        if self.family(bytes, at).is_none() {
+            return at;
+        }
         #[cfg(target_arch = "x86_64")]
-        if is_x86_feature_detected!("avx2") {
+        if false {
             // SAFETY: the machine has just said that it has AVX2.
             #[allow(unsafe_code)]
             return unsafe { self.run_avx2(bytes, at, until, batch) };
@@ -365,6 +367,23 @@ impl Layouts {
 
     /// Lets every column take its packets from the frames on the list, in their order.
     pub fn gather(&self, bytes: &[u8], batch: &Batch, columns: &mut [Column], progress: Progress) {
+        #[cfg(target_arch = "x86_64")]
+        if false {
+            // SAFETY: the machine has just said that it has AVX2.
+            #[allow(unsafe_code)]
+            return unsafe { self.gather_avx2(bytes, batch, columns, progress) };
+        }
+        self.gather_anywhere(bytes, batch, columns, progress);
+    }
+
+    #[cfg(target_arch = "x86_64")]
+    #[target_feature(enable = "avx2")]
+    fn gather_avx2(&self, bytes: &[u8], batch: &Batch, columns: &mut [Column], progress: Progress) {
+        self.gather_anywhere(bytes, batch, columns, progress);
+    }
+
+    #[inline(always)]
+    fn gather_anywhere(&self, bytes: &[u8], batch: &Batch, columns: &mut [Column], progress: Progress) {
         let mut seen = [false; 256];
         let mut moves = Vec::new();
         let mut layouts = 0;
@@ -385,7 +404,7 @@ impl Layouts {
         for moves in moves.chunk_by(|one, other| one.1.column == other.1.column) {
             let (_, first) = moves[0];
             let column = &mut columns[first.column];
-            moves.iter().for_each(|(_, it)| column.admit(it.id, it.reading.as_ref()));
+            moves.iter().for_each(|(_, it)| column.admit(it.id, it.reading.as_ref(), progress));
             let packets = if moves.len() == layouts && moves.iter().all(|(_, it)| it.offset == first.offset) {
                 Packets { bytes, starts: batch.starts(), shift: first.offset, stride }
             } else {

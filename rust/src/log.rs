@@ -363,7 +363,11 @@ impl Reader {
         while self.at() < until && !self.finished {
             let waiting = self.batch.len();
             let stop = usize::try_from(until - window.offset).unwrap_or(usize::MAX);
-            let known = |at| self.layouts.run(window.bytes, at, stop, &mut self.batch);
+            let known = |at| {
+                // Where the frames of known layout end that wait in the batch, there is no other one.
+                let is_refused = waiting > 0 && window.offset + at as u64 == self.end;
+                if is_refused { at } else { self.layouts.run(window.bytes, at, stop, &mut self.batch) }
+            };
             match self.scanner.step_with(window, known) {
                 Step::More => break,
                 Step::End(damage) => {
@@ -377,6 +381,8 @@ impl Reader {
                     }
                     let (from, sample) = (window.offset + at as u64, self.next_sample() + waiting as u64);
                     if from != self.end {
+                        let progress = self.progress(from);
+                        pages::make_room(&mut self.part.jumps, 1, progress);
                         self.part.jumps.push((sample, from));
                     }
                     self.end = from + length as u64;
@@ -417,6 +423,8 @@ impl Reader {
 
     fn damage(&mut self, damage: Option<Damage>) -> Result<(), Fault> {
         let Some(damage) = damage else { return Ok(()) };
+        let progress = self.progress(damage.offset + damage.length);
+        pages::make_room(&mut self.part.damage, 1, progress);
         self.part.damage.push(damage);
         self.part.stats.skipped_bytes += damage.length;
         if self.options.strict {
@@ -472,7 +480,7 @@ impl Reader {
             moves.push(Move { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, reading });
             let column = &mut self.part.columns[column];
             let form = reading.as_ref().map(|it| it.form);
-            column.admit(packet.id, reading.as_ref());
+            column.admit(packet.id, reading.as_ref(), progress);
             let start = packet.at + PACKET_HEADER;
             column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0, stride: 0 }, progress);
             column.single.push(sample);

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xbus.cli.failure import Failure, cannot
-from xbus.cli.inputs import STDIN, Input, label, no_frame
+from xbus.cli.inputs import STDIN, Input, label, no_frame, task
 from xbus.cli.output import count, hint, put_json
 from xbus.cli.progress import Progress
 
@@ -100,10 +100,10 @@ def decode(
     --quantity only that one. OUT replaces what is there, and appears whole or not at all.
     """
     _check(files, out)
-    with Progress(f"reading {label(files[0])}", shown=not quiet) as progress:
+    with Progress(task(files[0]), shown=not quiet) as progress:
         log = _read(files, key, strict=strict, progress=progress)
         table = log if key is None else _one(log, key, ", ".join(map(label, files)))
-        progress.update(f"writing {label(out)}")
+        progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119
         rows, columns = _write(log, table, key, out)
     if as_json:
         put_json(_facts(files, out, key, log, rows, columns))

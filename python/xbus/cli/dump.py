@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import click
 
-from xbus.cli.inputs import Input, label, no_frame
+from xbus.cli.inputs import Input, label, no_frame, task
 from xbus.cli.output import hint, is_terminal, put
 from xbus.cli.progress import Progress
 
@@ -72,7 +72,7 @@ def dump(file: str, wanted: list[int | str], follow: bool, no_hex: bool, as_json
     # Where the lines themselves are seen to move, a bar would be in their way.
     quiet = follow or is_terminal()
     with (
-        Progress(f"reading {label(file)}", shown=not quiet) as progress,
+        Progress(task(file), shown=not quiet) as progress,
         Input([file], progress) as source,
     ):
         for data in _pieces(source, follow=follow):

@@ -140,6 +140,7 @@ class Facts:
         self.start = self.end = float("nan")
         self.utc: tuple[np.datetime64, np.datetime64] | None = None
         self.utc_rows = self.utc_valid = 0
+        self._stamped = 0
         self._last_time: float | None = None
         #: Per device: its last counter, and whether it begins anew.
         self._counters: dict[int, int] = {}
@@ -155,7 +156,7 @@ class Facts:
     @property
     def duration(self) -> float:
         """Seconds between the earliest and the latest time stamp; NaN for fewer than two."""
-        return self.end - self.start if self.end > self.start else float("nan")
+        return self.end - self.start if self._stamped > 1 else float("nan")
 
     def _add(self, part: Log) -> None:
         counts = asdict(self.stats)
@@ -173,7 +174,7 @@ class Facts:
         for data_id, packets in part.unknown.items():
             count = self.unknown.setdefault(data_id, [0, 0])
             count[0] += len(packets)
-            count[1] += sum(map(len, packets))
+            count[1] += packets._bytes.size
         messages = list(part.messages)
         self._add_gaps(part, [it for it in messages if it.mid in RESTARTS])
         self._add_messages(part, messages)
@@ -182,6 +183,7 @@ class Facts:
             self.start = float(np.fmin(self.start, stamped.min()))
             self.end = float(np.fmax(self.end, stamped.max()))
             self._last_time = float(stamped[-1])
+            self._stamped += len(stamped)
 
     def _add_utc(self, column: Column) -> None:
         stamps = column.datetime[(column.values["valid"] & UTC_VALID == UTC_VALID)]

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from xbus.cli.failure import Failure
-from xbus.cli.inputs import Input, label, no_frame
+from xbus.cli.inputs import Input, label, no_frame, task
 from xbus.cli.output import put, put_json
 from xbus.cli.progress import Progress
 
@@ -33,7 +33,7 @@ def info(files: tuple[str, ...], as_json: bool) -> None:
     failures = 0
     for file in files:
         try:
-            with Progress(f"reading {label(file)}") as progress, Input([file], progress) as source:
+            with Progress(task(file)) as progress, Input([file], progress) as source:
                 facts = Facts(iter_log(source))
             if not facts.stats.frames:
                 raise no_frame([file], facts.stats.bytes)

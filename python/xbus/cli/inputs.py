@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import select
 import stat
 import sys
 from collections.abc import Iterator, Sequence
@@ -15,15 +16,22 @@ import click
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.progress import Progress
 
-__all__ = ["Input", "label", "no_frame"]
+__all__ = ["Input", "label", "no_frame", "task"]
 
 #: Stands for standard input.
 STDIN = "-"
+#: Seconds of waiting for a pipe between which Ctrl-C is heard.
+HEARING = 0.2
 
 
 def label(name: str) -> str:
     """A file's name, printable."""
     return "standard input" if name == STDIN else click.format_filename(name)
+
+
+def task(name: str) -> str:
+    """What is being done, for a bar that has little room."""
+    return f"reading {label(os.path.basename(name))}"  # noqa: PTH119 - pathlib is slow to import
 
 
 def no_frame(names: Sequence[str], size: int) -> Failure:
@@ -57,6 +65,7 @@ class Input:
         self._progress = progress
         self._waiting = list(names)
         self._file: IO[bytes] | None = None
+        self._can_wait = False
         self._position = 0
         #: Where each file that was opened begins, and its name.
         self._starts: list[tuple[int, str]] = []
@@ -88,6 +97,7 @@ class Input:
         name = self._waiting.pop(0)
         with _reading(name):
             self._file = _opened(name)
+            self._can_wait = os.name == "posix" and not self.is_regular and _has_number(self._file)
         self._starts.append((self._position, name))
 
     def read_here(self, size: int = -1) -> bytes:
@@ -95,13 +105,21 @@ class Input:
         assert self._file is not None  # noqa: S101 - see `open_next`
         name = self._starts[-1][1]
         with _reading(name):
-            # One system call: what a pipe holds, without waiting for more.
-            read = getattr(self._file, "read1", self._file.read)
-            data: bytes = read(size)
+            # One system call: what a pipe holds, without waiting for more. None: it does not block.
+            while (data := self._read_now(size)) is None:
+                pass
         self._position += len(data)
         if self._progress:
-            self._progress.update(f"reading {label(name)}", self._position, self.total)
+            self._progress.update(task(name), self._position, self.total)
         return data
+
+    def _read_now(self, size: int) -> bytes | None:
+        assert self._file is not None  # noqa: S101 - see `open_next`
+        if self._can_wait:
+            # A signal that comes just before a read that blocks would be heard after it only.
+            while not select.select([self._file], [], [], HEARING)[0]:
+                pass
+        return self._file.read(size)
 
     def rewind_if_cut(self) -> bool:
         """Goes back to the beginning of a file that has become shorter than what was read of it."""
@@ -142,8 +160,17 @@ def _size(name: str) -> int | None:
 
 def _opened(name: str) -> IO[bytes]:
     if name == STDIN:
-        return sys.stdin.buffer
+        raw: IO[bytes] = getattr(sys.stdin.buffer, "raw", sys.stdin.buffer)
+        return raw
     return open(name, "rb", buffering=0)  # noqa: PTH123 - closed by Input
+
+
+def _has_number(file: IO[bytes]) -> bool:
+    """Whether it is a file of the system, and no stand-in."""
+    try:
+        return file.fileno() >= 0
+    except OSError:
+        return False
 
 
 @contextlib.contextmanager

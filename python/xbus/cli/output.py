@@ -21,6 +21,9 @@ __all__ = [
     "put_table",
 ]
 
+#: Columns of a terminal from which a table shows all of its own.
+WIDE = 140
+
 
 def put(text: str, *, now: bool = False) -> None:
     """Prints text and a line feed on stdout; ``now`` does not wait for more."""
@@ -79,8 +82,11 @@ def hint(text: str, names: Iterable[str], command: str) -> str:
     return f"did you mean {by_lower[near[0]]}?" if near else f"xbus {command} lists them"
 
 
-def put_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """Prints a table: folded to the width of a terminal, a line a row for everything else."""
+def put_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, spare: Sequence[str]) -> None:
+    """Prints a table: folded to the width of a terminal, a line a row for everything else.
+
+    The first two columns are never folded; a narrow terminal does without the ``spare`` ones.
+    """
     if not is_terminal():
         put("\n".join(aligned([head, *rows])))
         return
@@ -88,7 +94,14 @@ def put_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    table = Table(*head, box=box.SIMPLE_HEAD, pad_edge=False, highlight=False)
+    console = Console(markup=False, highlight=False)
+    narrow = console.width < WIDE
+    shown = [at for at, name in enumerate(head) if not (narrow and name in spare)]
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for at in shown:
+        table.add_column(head[at], no_wrap=at < 2, overflow="fold")
     for row in rows:
-        table.add_row(*row)
-    Console(markup=False, highlight=False).print(table)
+        table.add_row(*(row[at] for at in shown))
+    console.print(table)
+    if narrow:
+        console.print(f"A wider terminal or a pipe shows {', '.join(spare)} too.")

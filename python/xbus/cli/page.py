@@ -55,9 +55,7 @@ def _head(facts: Facts) -> Iterator[str]:
     damage = f"{stats.skipped_bytes:,} bytes in {count(len(facts.damage), 'place')}"
     yield _line("damage", damage + share if facts.damage else "none")
     if stats.malformed:
-        yield _line(
-            "malformed", f"{count(stats.malformed, 'sample')} that their packets do not fill"
-        )
+        yield _line("malformed", f"{stats.malformed:,}, by packets that do not fill their message")
     counts = ", ".join(f"{name} {count:,}" for name, count in facts.messages.items())
     yield _line("messages", counts or "none but samples")
 

@@ -74,9 +74,12 @@ class Progress:
             TextColumn,
             TimeRemainingColumn,
         )
+        from rich.table import Column
 
+        narrow = Column(no_wrap=True, overflow="ellipsis", max_width=36)
         bar = Progress(
-            TextColumn("{task.description}"),
+            # A file may be called anything, and the bar has one line.
+            TextColumn("{task.description}", markup=False, table_column=narrow),
             BarColumn(),
             DownloadColumn(),
             TimeRemainingColumn(),

@@ -35,7 +35,8 @@ def items(text: str, as_json: bool) -> None:
         return [f"0x{it.id:04X}", it.name, it.manual, *about]
 
     head = ["id", "name", "manual", "layout", "unit", "coordinates", "products", "source"]
-    _show(head, QUANTITIES.values(), cells, text, as_json=as_json)
+    spare = ["manual", "products", "source"]
+    _show(head, QUANTITIES.values(), cells, text, spare, as_json=as_json)
 
 
 @click.command(epilog="Example: xbus messages baud")
@@ -65,7 +66,8 @@ def messages(text: str, as_json: bool) -> None:
         "products",
         "status",
     ]
-    _show(head, MESSAGES, cells, text, as_json=as_json)
+    spare = ["states", "products", "status"]
+    _show(head, MESSAGES, cells, text, spare, as_json=as_json)
 
 
 def _show(
@@ -73,6 +75,7 @@ def _show(
     rows: Iterable[Row],
     cells: Callable[[Row], list[str]],
     text: str,
+    spare: Sequence[str],
     *,
     as_json: bool,
 ) -> None:
@@ -85,7 +88,7 @@ def _show(
     if as_json:
         put_json_rows([_plain(it) for it in shown])
     else:
-        put_table(head, [cells(it) for it in shown])
+        put_table(head, [cells(it) for it in shown], spare=spare)
 
 
 def _plain(value: Any) -> Any:

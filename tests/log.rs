@@ -1,0 +1,458 @@
+//! Logs: parts joined are the whole, and a log says what its bytes say.
+
+#[allow(dead_code)] // each test takes what it needs
+#[path = "../fuzz/src/lib.rs"]
+mod fuzz;
+
+use proptest::prelude::*;
+
+use fuzz::checks::{decode, fast_is_plain, parts};
+use fuzz::logs::{Bits, Log};
+use fuzz::streams::{Random, extended, frame, frame_of, packet, sample};
+use xbus::clock::Clocks;
+use xbus::error::Fault;
+use xbus::frame::MASTER;
+use xbus::log::{Options, Reader};
+use xbus::packet::Coordinates;
+use xbus::scan::{Damage, Reason, Window};
+use xbus::table::{self, quantity_named};
+
+fn read(stream: &[u8]) -> Log {
+    let log = Log::whole(stream, Options::default());
+    Log::whole(stream, Options { fast: false, ..Options::default() }).same_as(&log, "plain, fast");
+    log
+}
+
+/// A message with a counter and one quantity.
+fn counted(counter: u8, id: u16, data: &[u8]) -> Vec<u8> {
+    sample(&[(0x1020, &[0, counter]), (id, data)])
+}
+
+// ---------------------------------------------------------------------------------------------
+// Parts joined are the whole
+// ---------------------------------------------------------------------------------------------
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 100, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// Each input is a seed and a stream, or a recipe for one.
+    #[test]
+    fn parts_joined_are_the_whole(input in prop::collection::vec(any::<u8>(), 3..60)) {
+        parts(&input);
+    }
+
+    #[test]
+    fn a_log_is_what_one_reads_by_hand(input in prop::collection::vec(any::<u8>(), 3..60)) {
+        decode(&input);
+    }
+
+    #[test]
+    fn each_part_is_the_same_on_both_paths(input in prop::collection::vec(any::<u8>(), 3..60)) {
+        fast_is_plain(&input);
+    }
+}
+
+#[test]
+fn a_log_is_the_same_cut_at_any_byte() {
+    let frames = [
+        frame(0x01, &[0x03, 0x60, 0x08, 0xA6]),
+        counted(1, 0x4020, &[0x41; 12]),
+        counted(2, 0x4020, &[0x42; 12]),
+        vec![0xAA; 7],
+        counted(3, 0x4020, &[0x43; 12]),
+        counted(3, 0x4023, &[0x40; 24]),
+        frame(0x42, &[4]),
+        counted(9, 0x4020, &[0x44; 12]),
+        counted(10, 0x7020, &[0, 0, 0, 1, 1, 0, 0, 0, 0, 5, 22, 20]),
+        vec![0xFA, 0xFF, 0x36],
+    ];
+    let stream = frames.concat();
+    let whole = read(&stream);
+    assert_eq!((whole.offsets.len(), whole.messages.len(), whole.damage.len()), (6, 2, 2));
+    for cut in 0..=stream.len() {
+        let mut reader = Reader::new(Options::default(), 0);
+        let mut clocks = Clocks::default();
+        let mut joined = Log::default();
+        for (end, last) in [(cut, false), (stream.len(), true)] {
+            let window = Window { bytes: &stream[..end], offset: 0, last };
+            reader.read(window, u64::MAX).unwrap();
+            joined.join(Log::of(&reader.take(), &mut clocks));
+        }
+        assert!(reader.is_finished());
+        joined.same_as(&whole, &format!("cut at {cut}"));
+    }
+}
+
+#[test]
+fn a_part_ends_where_it_is_told_to() {
+    let frames: Vec<_> = (0..50).map(|i| counted(i, 0x4020, &[0x41; 12])).collect();
+    let stream = frames.concat();
+    let length = frames[0].len() as u64;
+    for until in [1, length, length + 1, 7 * length, 7 * length + 1] {
+        let mut reader = Reader::new(Options::default(), 0);
+        let window = Window { bytes: &stream, offset: 0, last: true };
+        reader.read(window, until).unwrap();
+        assert_eq!(reader.at(), until.div_ceil(length) * length, "{until}");
+        assert_eq!(reader.take().len() as u64, until.div_ceil(length));
+    }
+}
+
+// ---------------------------------------------------------------------------------------------
+// Columns
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn every_row_knows_its_sample() {
+    let stream = [
+        counted(0, 0x4020, &[0x41; 12]),
+        frame(0x42, &[4]),
+        counted(1, 0x8020, &[0x42; 12]),
+        sample(&[(0x4020, &[0x43; 12]), (0x4020, &[0x44; 12])]),
+        counted(2, 0xF123, &[1, 2, 3]),
+        counted(3, 0x4020, &[0; 5]),
+    ];
+    let log = read(&stream.concat());
+    assert_eq!(log.subjects(), ["packet_counter", "acceleration", "rate_of_turn", "F123", "4020"]);
+    assert_eq!(log.column("packet_counter").samples, [0, 1, 3, 4]);
+    assert_eq!(log.column("acceleration").samples, [0, 2, 2]);
+    assert_eq!(log.column("acceleration").rows[2], [Bits(0x4444_4444); 3]);
+    assert_eq!(log.column("rate_of_turn").samples, [1]);
+    // Nothing is guessed: an unknown identifier and a size that does not fit are kept as they are.
+    assert_eq!(log.column("F123").rows, [[1, 2, 3].map(Bits)]);
+    assert_eq!((&log.column("4020").samples[..], log.column("4020").rows[0].len()), (&[4][..], 5));
+    assert_eq!(log.messages[0].sample, 1);
+    assert_eq!(log.counters, [0, 1, -1, 2, 3]);
+}
+
+#[test]
+fn a_column_is_as_wide_as_its_widest_numbers() {
+    #[rustfmt::skip]
+    let rows: [(&str, Vec<Vec<u8>>, &str, bool); 8] = [
+        ("acceleration", vec![packet(0x4020, &[0; 12]), packet(0x4020, &[1; 12])], "f4", false),
+        ("acceleration", vec![packet(0x4020, &[0; 12]), packet(0x4021, &[1; 12])], "f8", true),
+        ("acceleration", vec![packet(0x4022, &[0; 18]), packet(0x4020, &[1; 12])], "f8", true),
+        ("acceleration", vec![packet(0x4022, &[0; 18]), packet(0x4023, &[1; 24])], "f8", true),
+        ("device_id",    vec![packet(0xE080, &[0; 4]),  packet(0xE080, &[1; 4])],  "u4", false),
+        ("device_id",    vec![packet(0xE080, &[0; 4]),  packet(0xE080, &[1; 8])],  "u8", false),
+        ("device_id",    vec![packet(0xE080, &[0; 8]),  packet(0xE080, &[1; 4])],  "u8", false),
+        ("baro_pressure", vec![packet(0x3010, &[0; 4]), packet(0x3013, &[1; 4])],  "u4", false),
+    ];
+    for (name, packets, numbers, mixed) in rows {
+        // Seldom, so that each is decoded on its own, and often, so that each layout is learned.
+        for times in [1, 3, 100] {
+            let stream: Vec<u8> = packets.iter().flat_map(|it| frame(table::MTDATA2, it).repeat(times)).collect();
+            let log = read(&stream);
+            let column = log.column(name);
+            assert_eq!((column.numbers, column.mixed_precisions), (numbers, mixed), "{name}, {times}");
+            assert_eq!(column.rows.len(), 2 * times);
+            assert_eq!(column.mixed_ids, packets[0][..2] != packets[1][..2], "{name}, {times}");
+            assert_eq!(column.id.to_be_bytes(), packets[0][..2], "{name}, {times}");
+        }
+    }
+}
+
+#[test]
+fn each_coordinate_system_is_a_column() {
+    let stream: Vec<u8> =
+        [0x2010, 0x2014, 0x2018, 0x2010].iter().flat_map(|id| sample(&[(*id, &[0x3F; 16])])).collect();
+    let log = read(&stream);
+    assert_eq!(log.subjects(), ["quaternion ENU", "quaternion NED", "quaternion NWU"]);
+    assert_eq!(log.column("quaternion ENU").samples, [0, 3]);
+    // The fourth code means nothing, and acceleration has no coordinates whatever its bits say.
+    let log = read(&[sample(&[(0x201C, &[0x3F; 16])]), sample(&[(0x4024, &[0; 12])])].concat());
+    assert_eq!(log.subjects(), ["201C", "acceleration"]);
+}
+
+#[test]
+fn frames_at_even_distances_lose_no_row() {
+    // The same number of bytes from one frame of a layout to the next, and the input ends right behind the last.
+    for gap in [0, 1, 2, 50, 300] {
+        for times in [2, 3, 4, 300] {
+            let one = [vec![0; gap], counted(7, 0x4020, &[0x41; 12])].concat();
+            let log = read(&one.repeat(times)[gap..]);
+            assert_eq!(log.column("acceleration").rows.len(), times, "{gap} bytes between {times} frames");
+        }
+    }
+}
+
+#[test]
+fn a_later_part_begins_with_the_identifier_it_begins_with() {
+    // Two layouts in turns: by the second part both are known, and its first packet is 3010.
+    let turn = [counted(0, 0x3010, &[0, 1, 0x86, 0xE1]), counted(1, 0x3013, &[0, 1, 0x86, 0xE2])].concat();
+    let stream = turn.repeat(50);
+    for fast in [false, true] {
+        let mut reader = Reader::new(Options { fast, ..Options::default() }, 0);
+        let window = Window { bytes: &stream, offset: 0, last: true };
+        for until in [stream.len() / 2, stream.len()] {
+            reader.read(window, until as u64).unwrap();
+            let part = Log::of(&reader.take(), &mut Clocks::default());
+            let column = part.column("baro_pressure");
+            assert_eq!((column.id, column.mixed_ids), (0x3010, true), "fast: {fast}");
+        }
+    }
+}
+
+#[test]
+fn only_the_wanted_quantities_are_kept_and_those_that_clocks_need() {
+    let stamps = sample(&[(0x1020, &[0, 7]), (0x1060, &[0, 0, 0, 9]), (0x1070, &[0, 0, 0, 1])]);
+    let measured = sample(&[(0x2010, &[0; 16]), (0x2014, &[0; 16]), (0x4020, &[0; 12]), (0xF123, &[1])]);
+    let stream = [stamps, measured].concat().repeat(5);
+    let whole = read(&stream);
+    let kept = |wanted: &[(&str, Option<Coordinates>)]| {
+        let wanted = wanted.iter().map(|&(name, system)| (quantity_named(name).unwrap(), system)).collect();
+        let log = Log::whole(&stream, Options { wanted: Some(wanted), ..Options::default() });
+        assert_eq!((&log.times, &log.counters, &log.offsets), (&whole.times, &whole.counters, &whole.offsets));
+        for column in &log.columns {
+            assert_eq!(column, whole.column(&column.subject));
+        }
+        log.subjects()[3..].join(", ")
+    };
+    assert_eq!(kept(&[]), "F123");
+    assert_eq!(kept(&[("acceleration", None)]), "acceleration, F123");
+    assert_eq!(kept(&[("quaternion", None)]), "quaternion ENU, quaternion NED, F123");
+    assert_eq!(kept(&[("quaternion", Some(Coordinates::Ned))]), "quaternion NED, F123");
+    assert_eq!(kept(&[("rate_of_turn", None)]), "F123");
+}
+
+// ---------------------------------------------------------------------------------------------
+// Messages, damage, counts
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn what_is_counted() {
+    let good = counted(1, 0x4020, &[0x41; 12]);
+    let stream = [
+        &good[..],
+        &frame_of(1, 0x31, &[]),
+        &frame(table::MTDATA2, &[]),
+        &frame(table::MTDATA2, &[0x10, 0x20, 9]),
+        &good,
+        &[0xFA, 0xFF, 0x31, 0x00, 0xD1],
+        &good,
+        &[0, 0, 0],
+        &extended(MASTER, table::MTDATA2, &good[4..good.len() - 1]),
+    ]
+    .concat();
+    let log = read(&stream);
+    let stats = log.stats;
+    assert_eq!(stats.bytes, stream.len() as u64);
+    assert_eq!((stats.frames, stats.samples, stats.messages, stats.malformed), (7, 4, 3, 2));
+    assert_eq!((stats.skipped_bytes, stats.checksum_errors), (8, 1));
+    let place = |it: &Damage| (it.offset, it.length, it.reason);
+    let end = stream.len() as u64 - 3 - (good.len() as u64 + 2);
+    let expected = [(good.len() as u64 * 2 + 5 + 5 + 8, 5, Reason::Checksum), (end, 3, Reason::NoPreamble)];
+    assert_eq!(log.damage.iter().map(place).collect::<Vec<_>>(), expected);
+    let messages: Vec<_> = log.messages.iter().map(|it| (it.mid, it.bid, it.sample, it.payload.len())).collect();
+    assert_eq!(messages, [(0x31, 1, 1, 0), (0x36, 0xFF, 1, 0), (0x36, 0xFF, 1, 3)]);
+    assert_eq!(log.bids, [0xFF; 4]);
+    assert_eq!(log.offsets[0], 0);
+    assert_eq!(log.offsets[3], end.cast_signed() + 3);
+}
+
+#[test]
+fn an_empty_input_is_an_empty_log() {
+    assert_eq!(read(&[]), Log::default());
+}
+
+#[test]
+fn a_strict_reader_stops_at_the_first_fault() {
+    let good = counted(1, 0x4020, &[0x41; 12]);
+    let offset = 2 * good.len() as u64;
+    #[rustfmt::skip]
+    let rows: [(&[u8], Fault, &str); 6] = [
+        (&[0x00], Fault::Damage { offset, reason: Reason::NoPreamble },
+         "no frame at byte 50 (no preamble); read without strict to skip the damage"),
+        (&[0xFA, 0xFF, 0x31, 0x00, 0xD1], Fault::Damage { offset, reason: Reason::Checksum },
+         "no frame at byte 50 (checksum); read without strict to skip the damage"),
+        (&frame(table::MTDATA2, &[]), Fault::Malformed { offset, id: None },
+         "MTData2 at byte 50: its packets do not fill the message"),
+        (&frame(table::MTDATA2, &[0x10]), Fault::Malformed { offset, id: None },
+         "MTData2 at byte 50: its packets do not fill the message"),
+        (&frame(table::MTDATA2, &[0x10, 0x20, 9]), Fault::Malformed { offset, id: Some(0x1020) },
+         "MTData2 at byte 50: packet 0x1020 runs past the end of the message"),
+        (&sample(&[(0xF000, &[1]), (0x4020, &[0; 5])]), Fault::Size { offset, id: 0x4020, size: 5 },
+         "MTData2 at byte 50: packet 0x4020 with 5 bytes, which its identifier rules out"),
+    ];
+    for (bytes, fault, sentence) in rows {
+        let stream = [&good, &good, bytes, &good, &[0]].concat();
+        for fast in [false, true] {
+            let strict = Options { strict: true, fast, ..Options::default() };
+            for seed in 0..20 {
+                assert_eq!(Log::apart(&stream, strict.clone(), &mut Random::new(seed)).err(), Some(fault));
+            }
+        }
+        assert_eq!(fault.to_string(), sentence);
+        assert_eq!(fault.offset(), offset);
+        assert_eq!(fault.data_id().is_some(), sentence.contains("packet 0x"));
+        // Not strict, it is a row of some table.
+        assert_eq!(read(&stream).stats.frames, if matches!(fault, Fault::Damage { .. }) { 3 } else { 4 });
+    }
+    let strict = Options { strict: true, ..Options::default() };
+    Log::whole(&[good.clone(), sample(&[(0xF000, &[1])]), frame(0x08, &[1]), good].concat(), strict);
+}
+
+// ---------------------------------------------------------------------------------------------
+// Clocks and counters
+// ---------------------------------------------------------------------------------------------
+
+const DAY: u32 = 864_000_000;
+
+/// A message whose only packet is `SampleTimeFine`.
+fn fine(ticks: u32) -> Vec<u8> {
+    sample(&[(0x1060, &ticks.to_be_bytes())])
+}
+
+/// What names the device, and what follows from it.
+fn device(id: u32) -> Vec<u8> {
+    frame(0x01, &id.to_be_bytes())
+}
+
+const MTI_1: u32 = 0x0880_0001;
+const MTI_30: u32 = 0x0360_08A6;
+const MTI_630: u32 = 0x8000_40D2;
+
+/// The times of a log in ticks of 0.1 ms.
+fn ticks(log: &Log) -> Vec<f64> {
+    log.times.iter().map(|it| (f64::from_bits(it.0) * 1e4).round()).collect()
+}
+
+#[test]
+fn the_fine_time_goes_on_where_it_wraps() {
+    let day = f64::from(DAY);
+    let all = 2f64.powi(32);
+    #[rustfmt::skip]
+    let rows: [(&str, Option<u32>, &[u32], &[f64]); 10] = [
+        ("no wrap",                     None,          &[0, 25, 50],         &[0.0, 25.0, 50.0]),
+        ("a day, device known",         Some(MTI_30),  &[DAY - 25, 0, 25],   &[day - 25.0, day, day + 25.0]),
+        ("32 bits, device known",       Some(MTI_630), &[u32::MAX, 24],      &[all - 1.0, all + 24.0]),
+        ("32 bits, another family",     Some(MTI_1),   &[u32::MAX - 9, 15],  &[all - 10.0, all + 15.0]),
+        ("a day is nothing to these",   Some(MTI_630), &[DAY - 25, DAY, DAY + 25], &[day - 25.0, day, day + 25.0]),
+        ("a day, by the value before",  None,          &[DAY - 25, 0],       &[day - 25.0, day]),
+        ("32 bits, by the value before", None,         &[u32::MAX - 24, 0],  &[all - 25.0, all]),
+        ("twice",                       Some(MTI_30),  &[DAY - 1, DAY / 2 - 1, DAY - 1, 0],
+            &[day - 1.0, day * 1.5 - 1.0, day * 2.0 - 1.0, day * 2.0]),
+        ("a small step back",           Some(MTI_30),  &[1000, 900, 1100],   &[1000.0, 900.0, 1100.0]),
+        ("back over the wrap",          Some(MTI_30),  &[DAY - 5, 5, DAY - 1, 10],
+            &[day - 5.0, day + 5.0, day - 1.0, day + 10.0]),
+    ];
+    for (what, id, times, expected) in rows {
+        let samples = times.iter().map(|it| fine(*it));
+        let stream: Vec<u8> = id.map(device).into_iter().chain(samples).flatten().collect();
+        assert_eq!(ticks(&read(&stream)), expected, "{what}");
+    }
+}
+
+#[test]
+fn every_message_that_names_the_device_names_its_clock() {
+    let mut configuration = vec![0; 118];
+    configuration[..4].copy_from_slice(&MTI_630.to_be_bytes());
+    let code = |text: &str| frame(0x1D, format!("{text:<20}").as_bytes());
+    let wide = [0, 0, 0, 0].into_iter().chain(MTI_630.to_be_bytes()).collect::<Vec<u8>>();
+    #[rustfmt::skip]
+    let rows = [
+        (device(MTI_30),                 DAY.into()),
+        (device(MTI_630),                1 << 32),
+        (device(MTI_1),                  1 << 32),
+        (frame(0x01, &wide),             1 << 32),
+        (frame(0x03, &MTI_630.to_be_bytes()), 1 << 32),
+        (frame(0x0D, &configuration),    1_i64 << 32),
+        (code("MTi-30-2A5G4"),           DAY.into()),
+        (code("MTi-G-710"),              DAY.into()),
+        (code("MTi-680G"),               1 << 32),
+        (code("MTi-3-8A7G6"),            1 << 32),
+        // Nobody is named: then a day, for the last time was within one.
+        (frame(0x42, &[4]),              DAY.into()),
+        (code("something else"),         DAY.into()),
+    ];
+    for (naming, wrap) in rows {
+        let log = read(&[naming.clone(), fine(DAY - 1), fine(0)].concat());
+        #[allow(clippy::cast_precision_loss)] // far below 2^53
+        let expected = wrap as f64;
+        // Where the wrap is far away, a step back by a day cannot be one: it would be longer back than forth.
+        let expected = if wrap == DAY.into() { expected } else { 0.0 };
+        assert_eq!(ticks(&log)[1], expected, "{naming:02X?}");
+    }
+}
+
+#[test]
+fn counters_wrap_and_count_losses() {
+    #[rustfmt::skip]
+    let rows: [(&str, &[u16], &[i64], u64, u64); 6] = [
+        ("no loss",        &[5, 6, 7],             &[5, 6, 7],             0, 0),
+        ("the wrap",       &[65534, 65535, 0, 1],  &[65534, 65535, 65536, 65537], 0, 0),
+        ("one is missing", &[5, 7, 8],             &[5, 7, 8],             1, 1),
+        ("at the wrap",    &[65535, 2],            &[65535, 65538],        2, 1),
+        ("two places",     &[5, 7, 17],            &[5, 7, 17],            10, 2),
+        ("an older one",   &[500, 490, 501],       &[500, 490, 501],       10, 1),
+    ];
+    for (what, counters, expected, samples, gaps) in rows {
+        let stream: Vec<u8> = counters.iter().flat_map(|it| sample(&[(0x1020, &it.to_be_bytes())])).collect();
+        let log = read(&stream);
+        assert_eq!(log.counters, expected, "{what}");
+        assert_eq!((log.losses.samples, log.losses.gaps), (samples, gaps), "{what}");
+    }
+}
+
+#[test]
+fn a_device_that_begins_anew_has_lost_nothing() {
+    let counter = |it: u8| sample(&[(0x1020, &[0, it])]);
+    for (mid, lost) in [(0x11, 0), (0x41, 0), (0x3E, 0), (0x31, 194)] {
+        let log = read(&[counter(5), frame(mid, &[]), counter(200), counter(201)].concat());
+        assert_eq!(log.losses.samples, lost, "{mid:02X}");
+    }
+}
+
+#[test]
+fn each_device_on_the_bus_has_a_clock_and_a_counter_of_its_own() {
+    let of = |bid, counter| frame_of(bid, table::MTDATA2, &packet(0x1020, &[0, counter]));
+    let log = read(&[of(1, 5), of(2, 100), of(0xFF, 6), of(2, 101), of(1, 7)].concat());
+    assert_eq!(log.losses.samples, 0);
+    assert_eq!(log.counters, [5, 100, 6, 101, 7]);
+    assert_eq!(log.bids, [1, 2, 0xFF, 2, 1]);
+}
+
+#[test]
+fn a_gnss_sample_does_not_move_the_clock() {
+    let gnss = |ticks: u32| sample(&[(0x7010, &[0; 94]), (0x1060, &ticks.to_be_bytes())]);
+    let stream = [device(MTI_30), fine(DAY - 25), fine(0), gnss(DAY - 450), fine(25), gnss(3), fine(50)].concat();
+    let day = f64::from(DAY);
+    assert_eq!(ticks(&read(&stream)), [day - 25.0, day, day - 450.0, day + 25.0, day + 3.0, day + 50.0]);
+}
+
+#[test]
+fn a_coarse_time_makes_the_big_timestamp() {
+    let both = |coarse: u32, fine: u32| sample(&[(0x1060, &fine.to_be_bytes()), (0x1070, &coarse.to_be_bytes())]);
+    let log = read(&[both(0, 9999), both(1, 10_000), both(500_000, 25), fine(50)].concat());
+    assert_eq!(ticks(&log)[..3], [9999.0, 10_000.0, 5e9 + 25.0]);
+    // Coarse time alone is time as well.
+    assert_eq!(ticks(&read(&sample(&[(0x1070, &[0, 0, 0, 7])]))), [70_000.0]);
+}
+
+#[test]
+fn a_trigger_brings_its_own_time() {
+    let trigger = |id, micros: u32| sample(&[(id, &[&[9, 1][..], &micros.to_be_bytes(), &[0, 0]].concat())]);
+    // The trigger guide's example: between two samples, in microseconds of the same clock.
+    let log = read(&[fine(2_906_348), trigger(0x4820, 290_637_743), fine(2_906_373)].concat());
+    let seconds: Vec<f64> = log.times.iter().map(|it| f64::from_bits(it.0)).collect();
+    assert_eq!(seconds, [290.6348, 290.637_743, 290.6373]);
+    assert_eq!(log.counters, [-1; 3]);
+    // Microseconds wrap every 2^32, that is 72 minutes, and follow the clock.
+    let log = read(&[fine(42_949_672), trigger(0x4810, 1_000_000)].concat());
+    assert_eq!(ticks(&log)[1], (2f64.powi(32) / 100.0 + 10_000.0).round());
+}
+
+#[test]
+fn several_triggers_in_one_sample_do_not_lose_their_place() {
+    let stamp = |micros: u32| [&[9, 1][..], &micros.to_be_bytes(), &[0, 0]].concat();
+    let both = sample(&[(0x4810, &stamp(1_000_000)), (0x4820, &stamp(2_000_000))]);
+    let first = sample(&[(0x4810, &stamp(3_000_000))]);
+    let log = read(&[both, first].concat());
+    assert_eq!(ticks(&log), [20_000.0, 30_000.0]);
+}
+
+#[test]
+fn without_a_stamp_there_is_no_time() {
+    let log = read(&sample(&[(0x4040, &[0; 12])]));
+    assert!(f64::from_bits(log.times[0].0).is_nan());
+    assert_eq!(log.counters, [-1]);
+}

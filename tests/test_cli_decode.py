@@ -1,0 +1,391 @@
+"""``xbus decode``."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pyarrow.feather
+import pyarrow.parquet
+import pytest
+
+import xbus
+from conftest import counter, fine, shared
+from test_cli import FIELD, WALK, run, sentence, shell
+from xbus import MessageId, encode_frame, encode_packet
+
+SUFFIXES = [".parquet", ".csv", ".arrow", ".feather", ".npz"]
+TABLES = SUFFIXES[:-1]
+
+
+@pytest.fixture(autouse=True)
+def _empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def decoded(*args: str, stdin: bytes | None = None) -> str:
+    """What a decode that works says on stderr."""
+    result = run("decode", *args, stdin=stdin)
+    assert (result.exit_code, result.stdout) == (0, ""), result.stderr
+    return result.stderr
+
+
+def table(path: str, schema: pa.Schema) -> pa.Table:
+    """What is in a file; a CSV does not say of which type."""
+    match Path(path).suffix.lower():
+        case ".parquet":
+            return pyarrow.parquet.read_table(path)
+        case ".csv":
+            options = pyarrow.csv.ConvertOptions(column_types=schema)
+            return pyarrow.csv.read_csv(path, convert_options=options).cast(schema)
+        case _:
+            return pyarrow.feather.read_table(path)
+
+
+def same(one: pa.Table, other: pa.Table) -> bool:
+    """NaN is NaN here."""
+    with np.errstate(invalid="ignore"):
+        return one.schema.equals(other.schema) and all(
+            a.null_count == b.null_count and str(a.to_pylist()) == str(b.to_pylist())
+            for a, b in zip(one.columns, other.columns, strict=True)
+        )
+
+
+def files() -> list[str]:
+    """What lies in the folder, hidden files too."""
+    return sorted(it.name for it in Path().iterdir())
+
+
+# Round trips
+
+
+@pytest.mark.parametrize("log", [WALK, FIELD], ids=["walk", "field"])
+@pytest.mark.parametrize("suffix", TABLES)
+def test_table(log: str, suffix: str) -> None:
+    expected = xbus.read_log(log).to_arrow()
+    decoded(log, "-o", f"out{suffix}")
+    assert files() == [f"out{suffix}"]
+    found = table(f"out{suffix}", expected.schema)
+    assert same(found, expected)
+    if suffix != ".csv":
+        assert found.schema.field("acceleration_x").metadata[b"unit"] == b"m/s2"
+
+
+def test_numbers_are_those_of_the_columns() -> None:
+    """Not by way of another table."""
+    log = xbus.read_log(FIELD)
+    decoded(FIELD, "-o", "out.parquet")
+    found = pyarrow.parquet.read_table("out.parquet")
+    column = log["acceleration"]
+    for at, name in enumerate(column.fields):
+        values = found[f"acceleration_{name}"].combine_chunks()
+        present = values.is_valid().to_numpy(zero_copy_only=False)
+        assert np.array_equal(np.flatnonzero(present), column.sample)
+        assert np.array_equal(values.drop_null().to_numpy(), column.values[:, at])
+    assert np.array_equal(found["time"].to_numpy(), log.time)
+
+
+def test_npz() -> None:
+    log = xbus.read_log(FIELD)
+    decoded(FIELD, "-o", "out.npz")
+    log.to_npz("expected.npz")
+    with np.load("out.npz") as found, np.load("expected.npz") as expected:
+        assert found.files == expected.files
+        assert all(np.array_equal(found[it], expected[it]) for it in found.files)
+        assert np.array_equal(found["acceleration"], log["acceleration"].values)
+        assert np.array_equal(found["acceleration.sample"], log["acceleration"].sample)
+
+
+@pytest.mark.parametrize("name", ["OUT.CSV", "a.b.Parquet", "folder.txt/out.arrow"])
+def test_names_of_outputs(name: str) -> None:
+    Path("folder.txt").mkdir()
+    decoded(WALK, "-o", name)
+    assert Path(name).stat().st_size > 1000
+
+
+# One quantity
+
+
+@pytest.mark.parametrize("suffix", TABLES)
+@pytest.mark.parametrize("name", ["baro_pressure", "gnss_pvt_data", "quaternion", "utc_time"])
+def test_quantity(name: str, suffix: str) -> None:
+    expected = xbus.read_log(FIELD).to_arrow(name)
+    said = decoded(FIELD, "--quantity", name, "-o", f"out{suffix}")
+    found = table(f"out{suffix}", expected.schema)
+    assert same(found, expected)
+    assert sum(it.null_count for it in found.columns) == 0
+    assert said.startswith(f"out{suffix}: {len(expected):,} rows, {len(expected.schema)} columns; ")
+
+
+def test_quantity_in_npz() -> None:
+    decoded(FIELD, "--quantity", "baro_pressure", "-o", "out.npz")
+    with np.load("out.npz") as found:
+        quantities = {it.partition(".")[0] for it in found.files}
+        assert quantities == {"time", "packet_counter", "baro_pressure"}
+        assert np.array_equal(found["baro_pressure"], xbus.read_log(FIELD)["baro_pressure"].values)
+        assert np.array_equal(found["time"], xbus.read_log(FIELD).time)
+
+
+def mixed() -> None:
+    """Writes mixed.mtb: quaternions in two coordinate systems."""
+    packets = [
+        counter(at) + encode_packet(("quaternion", system), [at, 0, 0, 0])
+        for at, system in enumerate(("ENU", "NED", "NED"))
+    ]
+    data = b"".join(encode_frame(MessageId.MTData2, it) for it in packets)
+    Path("mixed.mtb").write_bytes(data)
+
+
+def test_quantity_in_several_coordinates() -> None:
+    mixed()
+    said = decoded("mixed.mtb", "--quantity", "quaternion:ned", "-o", "out.parquet")
+    assert said.startswith("out.parquet: 2 rows, ")
+    assert pyarrow.parquet.read_table("out.parquet")["sample"].to_pylist() == [1, 2]
+    assert sentence(run("decode", "mixed.mtb", "--quantity", "quaternion", "-o", "no.csv")) == (
+        "mixed.mtb has quaternion in several coordinates; "
+        "ask for --quantity quaternion:ENU or quaternion:NED"
+    )
+    decoded("mixed.mtb", "--quantity", "quaternion:NED", "-o", "out.npz")
+    with np.load("out.npz") as found:
+        assert found["quaternion"][:, 0].tolist() == [1, 2]
+    assert files() == ["mixed.mtb", "out.npz", "out.parquet"]
+
+
+@pytest.mark.parametrize("name", ["delta_q", "quaternion:NED"])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_quantity_that_the_log_lacks(name: str, suffix: str) -> None:
+    said = sentence(run("decode", WALK, "--quantity", name, "-o", f"out{suffix}"))
+    assert said == f"no {name} in {WALK}; xbus info lists what is there"
+    assert files() == []
+
+
+def test_satellites_are_a_table_of_their_own() -> None:
+    path = str(shared("captures/mtig710-5/raw.bin"))
+    column = xbus.read_log(path)["gnss_sat_info"]
+    said = decoded(path, "--quantity", "gnss_sat_info", "-o", "out.parquet")
+    found = pyarrow.parquet.read_table("out.parquet")
+    assert len(found) == len(column.satellites) > len(column)
+    assert said.startswith(f"out.parquet: {len(found)} rows, ")
+
+
+# Several files
+
+
+@pytest.mark.parametrize("cuts", [(1,), (5000, 5001), (60_000, 60_000, 100_003)])
+def test_split_recording(cuts: tuple[int, ...]) -> None:
+    """The frames that the cuts go through are whole."""
+    data = Path(WALK).read_bytes()
+    bounds = [0, *cuts, len(data)]
+    names = []
+    for at, (start, end) in enumerate(pairwise(bounds)):
+        names.append(f"part{at}.mtb")
+        Path(names[-1]).write_bytes(data[start:end])
+    said = decoded(*names, "-o", "joined.parquet")
+    assert "1,040 rows, 65 columns; 9.99 s, no samples lost, no damage\n" in said
+    decoded(WALK, "-o", "whole.parquet")
+    assert Path("joined.parquet").read_bytes() == Path("whole.parquet").read_bytes()
+
+
+def test_files_are_joined_in_the_given_order() -> None:
+    mixed()
+    decoded("mixed.mtb", WALK, "-o", "out.parquet")
+    counts = pyarrow.parquet.read_table("out.parquet")["packet_counter"].to_pylist()
+    assert counts[:4] == [0, 1, 2, 65001]
+    decoded(WALK, "mixed.mtb", "-o", "out.parquet")
+    counts = pyarrow.parquet.read_table("out.parquet")["packet_counter"].to_pylist()
+    assert counts[0] == 65001
+    assert counts[-3:] == [0, 1, 2]
+
+
+def test_standard_input_among_files() -> None:
+    data = Path(WALK).read_bytes()
+    Path("first.mtb").write_bytes(data[:7777])
+    Path("last.mtb").write_bytes(data[99_999:])
+    decoded("first.mtb", "-", "last.mtb", "-o", "joined.parquet", stdin=data[7777:99_999])
+    decoded(WALK, "-o", "whole.parquet")
+    assert Path("joined.parquet").read_bytes() == Path("whole.parquet").read_bytes()
+
+
+def test_a_wrong_name_shows_before_anything_is_read() -> None:
+    """Standard input is still there afterwards."""
+    said = sentence(run("decode", "-", "nowhere.mtb", "-o", "out.csv", stdin=b"no frame"))
+    assert said.startswith("cannot read nowhere.mtb: ")
+
+
+# Strict
+
+
+def test_strict() -> None:
+    decoded(WALK, "--strict", "-o", "out.csv")
+    said = sentence(run("decode", FIELD, "--strict", "-o", "never.csv"))
+    assert said == f"{FIELD}: no frame at byte 0 (no preamble); leave out --strict to read on"
+    said = sentence(run("decode", WALK, FIELD, "--strict", "-o", "never.csv"))
+    assert said == (
+        f"{WALK}, {FIELD}: no frame at byte 169069 (no preamble), which is byte 0 of {FIELD}; "
+        "leave out --strict to read on"
+    )
+    assert files() == ["out.csv"]
+
+
+# The summary
+
+
+def test_summary() -> None:
+    assert decoded(WALK, "-o", "out.csv") == (
+        "out.csv: 1,040 rows, 65 columns; 9.99 s, no samples lost, no damage\n"
+    )
+    assert decoded(FIELD, "-o", "out.npz") == (
+        "out.npz: 1,016 rows, 15 columns; 9.99 s, 23 samples lost in 12 gaps, "
+        "1,816 bytes of damage in 12 places\n"
+    )
+    data = b"".join(encode_frame(MessageId.MTData2, counter(it)) for it in (1, 3))
+    Path("one.mtb").write_bytes(b"!" + data)
+    assert decoded("one.mtb", "-o", "out.csv") == (
+        "out.csv: 2 rows, 3 columns; 1 sample lost in 1 gap, 1 byte of damage in 1 place\n"
+    )
+    assert decoded(WALK, "-q", "-o", "out.csv") == ""
+
+
+def test_summary_for_programs() -> None:
+    result = run("decode", FIELD, "--json", "--quiet", "--quantity", "temperature", "-o", "out.csv")
+    assert (result.exit_code, result.stderr) == (0, "")
+    log = xbus.read_log(FIELD)
+    assert json.loads(result.stdout) == {
+        "files": [FIELD],
+        "out": "out.csv",
+        "quantity": "temperature",
+        "rows": 10,
+        "columns": 3,
+        "duration_s": log.duration,
+        "bytes": 166910,
+        "frames": 1018,
+        "samples": 1016,
+        "lost_samples": 23,
+        "gaps": 12,
+        "skipped_bytes": 1816,
+        "damage": 12,
+        "malformed": 0,
+    }
+    Path("still.mtb").write_bytes(encode_frame(0x32, bytes(9)))
+    result = run("decode", "still.mtb", "--json", "-o", "out.csv")
+    assert json.loads(result.stdout)["duration_s"] is None
+
+
+# Outputs that cannot be written
+
+
+@pytest.mark.parametrize("kind", ["same", "other spelling", "symbolic link", "hard link", "second"])
+def test_the_input_is_not_overwritten(kind: str) -> None:
+    data = Path(WALK).read_bytes()
+    Path("log.csv").write_bytes(data)
+    Path("folder").mkdir()
+    Path("soft.csv").symlink_to("log.csv")
+    os.link("log.csv", "hard.csv")
+    inputs, out = {
+        "same": (["log.csv"], "log.csv"),
+        "other spelling": (["log.csv"], "folder/../log.csv"),
+        "symbolic link": (["log.csv"], "soft.csv"),
+        "hard link": (["hard.csv"], "log.csv"),
+        "second": ([WALK, "log.csv"], "log.csv"),
+    }[kind]
+    result = run("decode", *inputs, "-o", out)
+    assert result.exit_code == 2
+    assert "OUT is the input" in result.stderr
+    assert Path("log.csv").read_bytes() == data
+
+
+def test_what_is_there_is_replaced() -> None:
+    Path("out.csv").write_text("old")
+    Path("out.csv").chmod(0o640)
+    decoded(WALK, "-o", "out.csv")
+    assert Path("out.csv").read_text().startswith('"sample","time"')
+    assert Path("out.csv").stat().st_mode & 0o777 == 0o640
+    assert files() == ["out.csv"]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_disk_too_small(suffix: str) -> None:
+    out = Path(f"out{suffix}")
+    out.write_text("what was there")
+    code, said = shell('ulimit -f 8; exec "$@"', "decode", WALK, "-o", str(out))
+    assert code == 1
+    assert said == (
+        f"xbus: cannot write {out}: File too large; "
+        "raise the limit (ulimit -f), or write fewer quantities\n"
+    )
+    assert files() == [out.name]
+    assert out.read_text() == "what was there"
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_no_room_on_the_device(suffix: str) -> None:
+    """What is no regular file is written directly."""
+    if not Path("/dev/full").exists():
+        pytest.skip("no /dev/full")
+    Path(f"full{suffix}").symlink_to("/dev/full")
+    said = sentence(run("decode", WALK, "-o", f"full{suffix}"))
+    assert said.startswith(f"cannot write full{suffix}: No space left on device; free some room")
+    assert files() == [f"full{suffix}"]
+
+
+def test_no_such_folder() -> None:
+    """This shows before anything is read."""
+    said = sentence(run("decode", "-", "-o", "nowhere/out.csv", stdin=b"no frame"))
+    assert said == "cannot write nowhere/out.csv: No such file or directory; check the path"
+
+
+def test_out_is_a_folder() -> None:
+    Path("out.csv").mkdir()
+    said = sentence(run("decode", "-", "-o", "out.csv", stdin=b"no frame"))
+    assert said.startswith("cannot write out.csv: Is a directory; ")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write everywhere")
+def test_no_permission() -> None:
+    Path("locked").mkdir(0o500)
+    said = sentence(run("decode", "-", "-o", "locked/out.csv", stdin=b"no frame"))
+    assert said.startswith("cannot write locked/out.csv: Permission denied; ")
+
+
+def test_missing_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    """This shows before anything is read, too; an npz needs no extra."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    for suffix in TABLES:
+        said = sentence(run("decode", "-", "-o", f"out{suffix}", stdin=b"no frame"))
+        assert said == (
+            f'to write {suffix} files, pyarrow is needed: pip install "xbus-mti[arrow]"'
+        )
+    decoded(WALK, "-o", "out.npz")
+
+
+def test_not_enough_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    def out_of_memory(*_: Any) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(xbus.Log, "to_csv", out_of_memory)
+    assert "not enough memory; decode one --quantity" in sentence(
+        run("decode", WALK, "-o", "out.csv")
+    )
+
+
+def test_a_log_without_samples_is_an_empty_table() -> None:
+    Path("still.mtb").write_bytes(encode_frame(MessageId.GoToConfigAck))
+    assert decoded("still.mtb", "-o", "out.csv").startswith("out.csv: 0 rows, 2 columns; ")
+    assert Path("out.csv").read_text() == '"sample","time"\n'
+
+
+def test_time_is_unwrapped() -> None:
+    data = b"".join(
+        encode_frame(MessageId.MTData2, fine(it)) for it in (2**32 - 10_000, 2**32 - 1, 9_999)
+    )
+    Path("wrap.mtb").write_bytes(data)
+    decoded("wrap.mtb", "-o", "out.parquet")
+    times = pyarrow.parquet.read_table("out.parquet")["time"].to_pylist()
+    assert times == [429495.7296, 429496.7295, 429497.7295]

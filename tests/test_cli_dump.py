@@ -1,0 +1,429 @@
+"""``xbus dump``."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import xbus
+from conftest import coarse, counter, damaged_streams, fine, shared, trigger
+from streams import frame, packet, random_frames
+from test_cli import FIELD, WALK, run, sentence, start
+from xbus import DataId, MessageId, encode_frame, encode_packet
+from xbus.cli import dump as command
+from xbus.cli.teller import KEPT, Teller
+
+
+def lines_of(data: bytes, *, pieces: list[int] | None = None, as_json: bool = False) -> list[str]:
+    """The lines of a stream that comes in pieces of these sizes, and then the rest."""
+    teller = Teller([], with_hex=True, as_json=as_json)
+    lines = []
+    for size in pieces or []:
+        lines += teller.feed(data[:size])
+        data = data[size:]
+    return lines + teller.feed(data) + teller.close()
+
+
+def words_of(message: bytes) -> str:
+    """What the line of one message says between its name and its hex."""
+    (line,) = lines_of(message)
+    return line[26:].partition("  | ")[0].partition("  ")[2]
+
+
+def packet_words(*packets: bytes) -> str:
+    return words_of(encode_frame(MessageId.MTData2, b"".join(packets)))
+
+
+def dumped(*args: str) -> list[dict[str, Any]]:
+    result = run("dump", "--json", *args)
+    assert (result.exit_code, result.stderr) == (0, "")
+    return [json.loads(it) for it in result.stdout.splitlines()]
+
+
+# Lines
+
+
+def test_lines_of_a_recording() -> None:
+    result = run("dump", WALK)
+    assert (result.exit_code, result.stderr) == (0, "")
+    lines = result.stdout.splitlines()
+    assert len(lines) == 1042
+    assert lines[0].startswith(
+        "         0                Configuration  MTi-680G-8A1G6, 008000A1B2, firmware 1.12.0, "
+        "recorded 2026-11-22 09:29:59.00, filter profile 0  | FA FF 0D 76 80 00 A1 B2 00"
+    )
+    assert lines[1] == (
+        "       123                FirmwareRev  firmware 1.12.0 build 30 source 74565  | "
+        "FA FF 13 0B 01 0C 00 00 00 00 1E 00 01 23 45 4F"
+    )
+    assert lines[2].startswith(
+        "       139   429491.7296  MTData2  packet_counter 65001; "
+        "sample_time_fine 4294917296 (0.1 ms); utc_time 2026-11-22 09:30:00.000000000 valid=7; "
+        "quaternion q0=0.9999995 q1=-0.0006474857 q2=-0.0005534405 q3=0.0005239618; "
+        "euler_angles roll=-0.07422965 pitch=-0.06338071 yaw=0.06008269 deg; "
+        "acceleration x=0.02657363 y=-0.02500427 z=9.808026 m/s2; "
+    )
+    assert "; lat_lon (Fp1632) lat=52.2404 lon=6.83820000011 deg; " in lines[2]
+    assert "; status_word 0x09800006 filter_valid gnss_fix filter_mode=3 rtk_status=1; " in lines[2]
+    assert "; baro_pressure 100262 Pa; temperature 31.5 degC  | FA FF 36 AC 10 20 02" in lines[2]
+    plain = run("dump", "--no-hex", WALK).stdout.splitlines()
+    assert plain == [it.partition("  | ")[0] for it in lines]
+
+
+def test_damage_has_lines_of_its_own() -> None:
+    lines = run("dump", FIELD).stdout.splitlines()
+    assert lines[0] == "         0                damage  83 bytes: no preamble"
+    damage = [it for it in lines if "  damage  " in it]
+    assert len(damage) == 12
+    assert damage[1] == "      3713                damage  227 bytes: checksum"
+    log = xbus.read_log(FIELD)
+    said = [it for it in dumped(FIELD) if "reason" in it]
+    assert [tuple(it.values()) for it in said] == log.damage.tolist()
+    assert list(said[0]) == ["offset", "length", "reason"]
+
+
+@given(damaged_streams())
+def test_frames_and_damage_are_the_whole_input(data: bytes) -> None:
+    """Byte by byte, as it came."""
+    at = 0
+    for line in lines_of(data, as_json=True):
+        it = json.loads(line)
+        assert it["offset"] == at
+        if "reason" in it:
+            at += it["length"]
+        else:
+            raw = bytes.fromhex(it["frame"])
+            assert data[at : at + len(raw)] == raw
+            at += len(raw)
+    assert at == len(data)
+    lines = lines_of(data)
+    assert b"".join(bytes.fromhex(it.partition("  | ")[2]) for it in lines) == b"".join(
+        bytes.fromhex(json.loads(it).get("frame", "")) for it in lines_of(data, as_json=True)
+    )
+
+
+@given(damaged_streams(), st.lists(st.integers(0, 300), max_size=20))
+def test_chunking_does_not_matter(data: bytes, pieces: list[int]) -> None:
+    assert lines_of(data, pieces=pieces) == lines_of(data)
+
+
+def test_memory_is_bounded() -> None:
+    """Frames of the longest payload, which wait for the one behind; then noise."""
+    ack = encode_frame(MessageId.GoToConfigAck)
+    frames = [*[frame(mid, bytes(65535)) for mid in (0x36, 0x07, 0xF1)] * 5, ack]
+    teller = Teller([], with_hex=True, as_json=False)
+    lines = []
+    for piece in [*frames, *[bytes(100_000)] * 5, ack]:
+        lines += teller.feed(piece)
+        assert len(teller._kept) <= KEPT
+    *hexes, damage, _ = [it.partition("  | ")[2] for it in lines + teller.close()]
+    assert [bytes.fromhex(it) for it in hexes] == frames
+    assert damage == ""
+
+
+def test_a_frame_in_an_unusual_form_is_shown_as_it_came() -> None:
+    """A short payload with an extended length."""
+    data = frame(0x36, packet(0x3010, bytes(4)), extended=True)
+    (line,) = lines_of(data)
+    assert line.endswith(f"| {data.hex(' ').upper()}")
+    assert data[3] == 0xFF
+
+
+def test_bus_identifiers() -> None:
+    assert words_of(encode_frame(MessageId.GoToConfigAck)) == ""
+    assert words_of(encode_frame(MessageId.GoToConfigAck, bid=1)) == "(BID 1)"
+
+
+# Messages in words
+
+
+@pytest.mark.parametrize(
+    ("mid", "payload", "words"),
+    [
+        (MessageId.DeviceID, "03 70 03 F8", "037003F8"),
+        (MessageId.DeviceID, "00 00 00 00 80 00 5B F5", "0080005BF5"),
+        (MessageId.ProductCode, b"MTi-630-8A1G6       ".hex(), "MTi-630-8A1G6"),
+        (MessageId.FirmwareRev, "01 08 02", "firmware 1.8.2"),
+        (MessageId.Error, "04", "4: the message is invalid here, or this device does not know it"),
+        (
+            MessageId.Error,
+            "28 00 00 00 06",
+            "40: device error: a firmware update may help (detail 00 00 00 06)",
+        ),
+        (MessageId.Error, "C8", "200: a code that xbus does not know"),
+        (
+            MessageId.Warning,
+            "00 00 01 93" + b"lost \x07 \xff it".hex(),
+            "403: communication with the GNSS receiver failed (lost \\x07 \\xff it)",
+        ),
+        (MessageId.GoToMeasurementAck, "", ""),
+        (0x50, "01 02", ""),
+    ],
+)
+def test_messages_in_words(mid: int, payload: str, words: str) -> None:
+    # Between two others, in step, so that whatever it is counts as a message.
+    around = encode_frame(MessageId.GoToConfigAck)
+    message = encode_frame(mid, bytes.fromhex(payload))
+    line = lines_of(around + message + around)[1]
+    assert line[26:].partition("  | ")[0].partition("  ")[2] == words
+    said = json.loads(lines_of(around + message + around, as_json=True)[1])
+    assert (said["mid"], said["frame"]) == (mid, message.hex().upper())
+    assert said["text"] in words
+    if mid in (MessageId.Error, MessageId.Warning):
+        assert words.startswith(f"{said['code']}: {said['text']}")
+
+
+# Packets in words
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "words"),
+    [
+        ("packet_counter", 57285, "packet_counter 57285"),
+        ("sample_time_coarse", 7, "sample_time_coarse 7 s"),
+        (("temperature", "Fp1632"), 24.375, "temperature (Fp1632) 24.375 degC"),
+        (("temperature", "Fp1220"), 2**-20, "temperature (Fp1220) 9.53674316e-07 degC"),
+        ("temperature", 0.1, "temperature 0.1 degC"),
+        (("temperature", "Float64"), 0.1, "temperature (Float64) 0.1 degC"),
+        (("euler_angles", "NED"), [1, 2, 3], "euler_angles (NED) roll=1 pitch=2 yaw=3 deg"),
+        (
+            ("velocity_xyz", "NWU", "Float64"),
+            [float("nan"), float("inf"), -0.0],
+            "velocity_xyz (NWU, Float64) x=nan y=inf z=-0 m/s",
+        ),
+        ("status_byte", 0x1B, "status_byte 0x1B selftest filter_valid no_rotation_update_status=3"),
+        ("status_word", 0, "status_word 0x00000000"),
+        ("raw_gyro_temp", [-256, 0, 1], "raw_gyro_temp x=-256 y=0 z=1 1/256 degC"),
+        (
+            "trigger_in1",
+            {"line": 9, "polarity": 1, "timestamp": 1_500_000, "frame": 8},
+            "trigger_in1 line=9 polarity=1 timestamp=1.5 s frame=8",
+        ),
+        (
+            "gnss_sat_info",
+            ((1500, 2, 0, 0, 0), [(0, 7, 31, 1), (6, 24, 0, 16)]),
+            "gnss_sat_info itow=1.5 s numSvs=2 res1=0 res2=0 res3=0 "
+            "[gnssId=0 svId=7 cno=31 dBHz flags=1] [gnssId=6 svId=24 cno=0 dBHz flags=16]",
+        ),
+    ],
+)
+def test_packets_in_words(key: Any, values: Any, words: str) -> None:
+    assert packet_words(encode_packet(key, values)) == words
+
+
+def test_rotation_matrix_in_words() -> None:
+    words = packet_words(encode_packet("rotation_matrix", [[1, 2, 3], [4, 5, 6], [7, 8, 9]]))
+    assert words == "rotation_matrix m11=1 m21=4 m31=7 m12=2 m22=5 m32=8 m13=3 m23=6 m33=9"
+
+
+def test_receiver_in_words() -> None:
+    log = xbus.read_log(WALK)
+    row = log["gnss_pvt_data"].scaled[0]
+    line = run("dump", "--no-hex", WALK).stdout.splitlines()[27]
+    words = line.partition("gnss_pvt_data ")[2].partition(";")[0]
+    assert words.startswith("itow=34200.0 s year=2026 month=11 day=22 hour=9 min=30 sec=0 valid=7 ")
+    assert f" lat={row['lat']} deg " in words
+    assert " headAcc=none " in words
+
+
+def test_unknown_packets_and_malformed_samples() -> None:
+    assert packet_words(packet(0xC2A0, b"abc")) == "0xC2A0 unknown, 3 bytes"
+    around = encode_frame(MessageId.GoToConfigAck)
+    bad = frame(0x36, packet(0x3010, bytes(4)) + b"\x40\x20\x0c")
+    line = lines_of(around + bad + around)[1]
+    assert "MTData2  baro_pressure 0 Pa; malformed: its packets do not fill it  | FA" in line
+    said = json.loads(lines_of(around + bad + around, as_json=True)[1])
+    assert said["malformed"] is True
+    empty = lines_of(around + frame(0x36, b"") + around)[1]
+    assert "MTData2  malformed: its packets do not fill it  | " in empty
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_whatever_a_device_can_send_has_words(seed: int) -> None:
+    for it in random_frames(random.Random(seed), 20):
+        lines_of(it)
+        for line in lines_of(it, as_json=True):
+            json.loads(line, parse_constant=pytest.fail)
+
+
+# Time
+
+
+def test_time_is_that_of_the_log() -> None:
+    """Of a log in which it does not wrap; with a coarse time, the manual's big time stamp."""
+    for path in (FIELD, str(shared("captures/mtig710-5/raw.bin"))):
+        log = xbus.read_log(path)
+        times = [it["time_s"] for it in dumped("--mid", "MTData2", path)]
+        wrap = 0 if path != FIELD else 2**32 / 10_000
+        assert times == pytest.approx([it % wrap if wrap else it for it in log.time], abs=1e-9)
+
+
+def test_stamps() -> None:
+    def line(*packets: bytes) -> str:
+        return lines_of(encode_frame(MessageId.MTData2, b"".join(packets)))[0]
+
+    assert line(fine(12_345)).startswith("         0        1.2345  MTData2  ")
+    assert line(fine(12_345), coarse(7)).startswith("         0        7.2345  MTData2  ")
+    for it in (counter(1), coarse(7), trigger(5)):
+        assert line(it).startswith("         0                MTData2  ")
+
+
+# JSON
+
+
+def test_json_is_exact() -> None:
+    """Reals to the last bit, integers raw, as the columns have them."""
+    log = xbus.read_log(FIELD)
+    said = [it for it in dumped(FIELD) if it.get("packets")]
+    assert [it["offset"] for it in said] == log.offset.tolist()
+    for name in log:
+        assert isinstance(name, str)
+        column = log[name]
+        rows = [
+            (at, it)
+            for at, sample in enumerate(said)
+            for it in sample["packets"]
+            if it["name"] == name
+        ]
+        assert [at for at, _ in rows] == column.sample.tolist()
+        names = column.values.dtype.names or column.fields
+        for (_, it), value in zip(rows, column.values.tolist(), strict=True):
+            expected = dict(zip(names, value, strict=True)) if names else value
+            assert it["values"] == expected
+            assert (it["unit"], it["coordinates"]) == (column.unit, column.coordinates)
+            assert (it["precision"], it["data_id"]) == (column.precision, f"0x{column.data_id:04X}")
+
+
+def test_json_of_satellites_and_unknown() -> None:
+    path = str(shared("captures/mtig710-5/raw.bin"))
+    column = xbus.read_log(path)["gnss_sat_info"]
+    packets = [it for sample in dumped(path) for it in sample["packets"]]
+    found = [it["values"] for it in packets if it["name"] == "gnss_sat_info"]
+    assert [it["numSvs"] for it in found] == column.values["numSvs"].tolist()
+    rows = [tuple(row.values()) for it in found for row in it["satellites"]]
+    assert rows == [tuple(it) for it in column.satellites.tolist()]
+    raw = encode_frame(MessageId.MTData2, packet(0xC2A0, b"\x01\xff"))
+    assert json.loads(lines_of(raw, as_json=True)[0])["packets"] == [
+        {"data_id": "0xC2A0", "name": None, "data": "01FF"}
+    ]
+    infinite = encode_frame(
+        MessageId.MTData2, encode_packet("lat_lon", [float("nan"), float("-inf")])
+    )
+    (said,) = json.loads(lines_of(infinite, as_json=True)[0])["packets"]
+    assert said["values"] == {"lat": None, "lon": None}
+
+
+def test_json_without_hex() -> None:
+    assert all("frame" not in it for it in dumped("--no-hex", WALK))
+    assert all("frame" in it for it in dumped(WALK))
+
+
+# Filters
+
+
+@pytest.mark.parametrize("mid", ["0x42", "66", "Error", "error"])
+def test_filter(mid: str) -> None:
+    (said,) = dumped("--mid", mid, FIELD)
+    assert (said["name"], said["code"]) == ("Error", 41)
+
+
+def test_filters_add_up() -> None:
+    lines = run("dump", "--mid", "error", "--mid", "0x13", FIELD).stdout.splitlines()
+    assert [it.split()[1] for it in lines] == ["FirmwareRev", "Error"]
+    result = run("dump", "--mid", "WakeUp", FIELD)
+    assert (result.exit_code, result.output) == (0, "")
+
+
+def test_filter_by_name_tells_a_request_from_a_setting() -> None:
+    data = encode_frame(0x18) + encode_frame(0x18, b"\x02")
+    for wanted, count in (("ReqBaudrate", 1), ("SetBaudrate", 1), (0x18, 2)):
+        teller = Teller([wanted], with_hex=False, as_json=False)
+        assert len(teller.feed(data) + teller.close()) == count
+
+
+# Growing files and pipes
+
+
+def test_follow(tmp_path: Path) -> None:
+    data = Path(WALK).read_bytes()
+    log = tmp_path / "log.mtb"
+    log.write_bytes(data[:300])
+    with log.open("ab", buffering=0) as writer, start("dump", "--follow", str(log)) as child:
+        assert child.stdout is not None
+        heads = [child.stdout.readline().split()[:2] for _ in range(2)]
+        assert heads == [[b"0", b"Configuration"], [b"123", b"FirmwareRev"]]
+        # The third is there only in part, until now.
+        writer.write(data[300:400])
+        assert child.stdout.readline().split()[::2][:2] == [b"139", b"MTData2"]
+        writer.write(data[400:])
+        whole = [child.stdout.readline() for _ in range(1042 - 3)]
+        assert b"MTData2" in whole[-1]
+        child.send_signal(signal.SIGINT)
+        rest, said = child.communicate()
+    assert (child.returncode, rest, said) == (130, b"", b"")
+
+
+def test_follow_a_file_that_begins_anew(tmp_path: Path) -> None:
+    data = Path(WALK).read_bytes()
+    log = tmp_path / "log.mtb"
+    log.write_bytes(data[:139])
+    with start("dump", "--follow", "--json", "--no-hex", str(log)) as child:
+        assert child.stdout is not None
+        assert child.stderr is not None
+        assert [json.loads(child.stdout.readline())["offset"] for _ in range(2)] == [0, 123]
+        log.write_bytes(data[123:139])
+        assert child.stderr.readline().endswith(b" was cut short; reading it from its beginning\n")
+        assert json.loads(child.stdout.readline())["name"] == "FirmwareRev"
+        child.send_signal(signal.SIGINT)
+        assert child.wait() == 130
+
+
+@pytest.mark.parametrize("options", [[], ["--follow"]])
+def test_a_pipe_is_told_as_it_comes(options: list[str], tmp_path: Path) -> None:
+    data = Path(WALK).read_bytes()
+    os.mkfifo(tmp_path / "port")
+    with (
+        start("dump", *options, str(tmp_path / "port")) as child,
+        (tmp_path / "port").open("wb", buffering=0) as writer,
+    ):
+        assert child.stdout is not None
+        writer.write(data[:139])
+        assert [child.stdout.readline().split()[0] for _ in range(2)] == [b"0", b"123"]
+        writer.write(data[139:400])
+        assert child.stdout.readline().split()[0] == b"139"
+        writer.close()
+        rest, said = child.communicate()
+        assert rest.splitlines()[-1].endswith(b"truncated")
+    assert (child.returncode, said) == (0, b"")
+
+
+def test_standard_input() -> None:
+    result = run("dump", "-", stdin=Path(FIELD).read_bytes())
+    assert result.exit_code == 0
+    assert result.stdout == run("dump", FIELD).stdout
+    # --follow ends with the pipe, too.
+    assert run("dump", "--follow", "-", stdin=Path(FIELD).read_bytes()).stdout == result.stdout
+    assert sentence(run("dump", "-", stdin=b"")).startswith("no Xbus frame in standard input")
+
+
+def test_pieces_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = run("dump", FIELD).stdout
+    monkeypatch.setattr(command, "PIECE", 777)
+    assert run("dump", FIELD).stdout == whole
+
+
+def test_a_long_frame_is_one_in_a_log() -> None:
+    """Real logs hold frames far beyond the limit of a live port."""
+    long = struct.pack(">H", DataId.BaroPressure) + b"\x04" + bytes(4)
+    data = frame(0x36, long * 3000)
+    (line,) = lines_of(data)
+    assert line.count("baro_pressure") == 3000

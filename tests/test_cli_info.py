@@ -1,0 +1,408 @@
+"""``xbus info``."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import xbus
+from conftest import counter, damaged_streams, fine, shared, sound_streams
+from streams import frame, packet
+from test_cli import FIELD, WALK, run, sentence
+from xbus import MessageId, encode_frame
+from xbus.cli.facts import Facts
+from xbus.cli.page import page
+
+
+def facts_of(data: bytes, block: int = 1 << 20) -> Facts:
+    return Facts(xbus.iter_log(data, block_bytes=block))
+
+
+def said_of(data: bytes, tmp_path: Path) -> dict[str, Any]:
+    """The JSON object of a log with these bytes."""
+    path = tmp_path / "log.mtb"
+    path.write_bytes(data)
+    result = run("info", "--json", str(path))
+    assert (result.exit_code, result.stderr) == (0, "")
+    return only(result.stdout)
+
+
+def only(text: str) -> dict[str, Any]:
+    """The one object of a JSON list; strictly JSON, without NaN."""
+
+    def never(word: str) -> None:
+        raise AssertionError(f"{word} is no JSON")
+
+    (said,) = json.loads(text, parse_constant=never)
+    assert isinstance(said, dict)
+    return said
+
+
+def sample(*packets: bytes) -> bytes:
+    return encode_frame(MessageId.MTData2, b"".join(packets))
+
+
+# The page
+
+FIELD_PAGE = """\
+size      166,910 bytes
+device    not named in this log, firmware 1.12.0 build 30
+UTC       2026-11-22 09:30:00.000 to 2026-11-22 09:30:09.990
+duration  9.99 s
+samples   1,016
+lost      23 in 12 gaps, by the packet counter
+damage    1,816 bytes in 12 places, 1.1 % of the file
+messages  FirmwareRev 1, Error 1
+
+quantity            coord.   rows  rate/Hz  precision  unit
+packet_counter              1,016    101.6
+sample_time_fine            1,016    101.6             0.1 ms
+utc_time                    1,016    101.6
+quaternion          ENU       978     97.8  Float32
+euler_angles        ENU       978     97.8  Float32    deg
+acceleration                  978     97.8  Float32    m/s2
+rate_of_turn                  978     97.8  Float32    rad/s
+magnetic_field                978     97.8  Float32    a.u.
+lat_lon                       978     97.8  Fp1632     deg
+altitude_ellipsoid            978     97.8  Fp1632     m
+velocity_xyz        ENU       978     97.8  Fp1632     m/s
+status_word                   978     97.8
+baro_pressure                  98      9.8             Pa
+temperature                    10      1.0  Float32    degC
+gnss_pvt_data                  38      3.9
+
+gaps
+after/s  lost  next sample
+   0.23     1           22
+   1.10     1          112
+   1.97     1          201
+   2.28     1          233
+   2.99    12          294
+... and 7 smaller; --json lists all
+
+damage
+checksum 9, no preamble 2, truncated 1
+offset  bytes  reason
+     0     83  no preamble
+ 3,713    227  checksum
+18,537    163  checksum
+33,168    162  checksum
+38,506    163  checksum
+... and 7 more; --json lists all
+
+errors and warnings
+after 4.90 s: Error 41: more data than the baud rate can carry
+"""
+
+
+def test_page_after_a_bad_day() -> None:
+    result = run("info", FIELD)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout == f"{FIELD}\n{FIELD_PAGE}"
+
+
+def test_page_of_a_sound_log() -> None:
+    head, _, rest = run("info", WALK).stdout.partition("\n\n")
+    assert head.splitlines() == [
+        WALK,
+        "size      169,069 bytes",
+        "device    MTi-680G-8A1G6, id 008000A1B2, firmware 1.12.0 build 30",
+        "recorded  2026-11-22 09:29:59.00 by the clock of the recording computer",
+        "UTC       2026-11-22 09:30:00.000 to 2026-11-22 09:30:09.990",
+        "duration  9.99 s",
+        "samples   1,040",
+        "lost      none",
+        "damage    none",
+        "messages  Configuration 1, FirmwareRev 1",
+    ]
+    assert "\n\n" not in rest
+
+
+def test_several_logs_have_a_page_each() -> None:
+    result = run("info", WALK, FIELD)
+    assert result.exit_code == 0
+    first, second = run("info", WALK).stdout, run("info", FIELD).stdout
+    assert result.stdout == f"{first}\n{second}\n"
+
+
+def test_one_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> None:
+    text = tmp_path / "notes.txt"
+    text.write_text("acceleration: fast")
+    result = run("info", "nowhere.mtb", WALK, str(text))
+    assert result.exit_code == 1
+    assert result.stdout.startswith(f"{WALK}\nsize ")
+    first, second = result.stderr.splitlines()
+    assert first.startswith("xbus: cannot read nowhere.mtb: ")
+    assert second.startswith(f"xbus: no Xbus frame in {text}: ")
+    result = run("info", "--json", "nowhere.mtb", WALK, str(text))
+    assert result.exit_code == 1
+    nowhere, walk, notes = json.loads(result.stdout)
+    assert nowhere == {"file": "nowhere.mtb", "error": first.removeprefix("xbus: ")}
+    assert notes == {"file": str(text), "error": second.removeprefix("xbus: ")}
+    assert walk == only(run("info", "--json", WALK).stdout)
+
+
+def test_standard_input() -> None:
+    result = run("info", "-", stdin=Path(FIELD).read_bytes())
+    assert result.exit_code == 0
+    assert result.stdout == f"standard input\n{FIELD_PAGE}"
+    assert sentence(run("info", "-", stdin=b"")).startswith(
+        "no Xbus frame in standard input: it is"
+    )
+
+
+@given(damaged_streams())
+def test_page_has_80_columns(data: bytes) -> None:
+    facts = facts_of(data)
+    if facts.stats.frames:
+        assert max(map(len, page("log.mtb", facts).splitlines())) <= 80
+
+
+# The same for programs
+
+
+def test_json_says_all(tmp_path: Path) -> None:
+    log = xbus.read_log(FIELD)
+    said = only(run("info", "--json", FIELD).stdout)
+    stats = dataclasses.asdict(log.stats)
+    assert {key: said[key] for key in stats if key not in ("messages", "gaps")} == {
+        key: it for key, it in stats.items() if key not in ("messages", "gaps")
+    }
+    assert said["file"] == FIELD
+    assert [tuple(it.values()) for it in said["damage"]] == log.damage.tolist()
+    assert len(said["gaps"]) == stats["gaps"]
+    assert sum(it["lost"] for it in said["gaps"]) == stats["lost_samples"]
+    for it in said["gaps"]:
+        assert it["time_s"] == log.time[it["sample"]]
+    assert said["start_s"] == log.time.min()
+    assert said["duration_s"] == log.duration
+    assert said["messages"] == {"FirmwareRev": 1, "Error": 1}
+    assert [it["name"] for it in said["quantities"]] == list(log)
+    for it in said["quantities"]:
+        column = log[it["name"]]
+        assert it == {
+            "name": column.name,
+            "coordinates": column.coordinates,
+            "data_id": f"0x{column.data_id:04X}",
+            "rows": len(column),
+            "rate_hz": column.rate,
+            "precision": column.precision,
+            "unit": column.unit,
+        }
+    (error,) = log.messages.named("Error")
+    assert said["events"] == [
+        {
+            "offset": error.offset,
+            "sample": error.sample,
+            "time_s": log.time[error.sample - 1],
+            "name": "Error",
+            "code": 41,
+            "text": "more data than the baud rate can carry",
+            "detail": None,
+        }
+    ]
+    assert said["device"] == {
+        "product_code": None,
+        "device_id": None,
+        "firmware": "1.12.0",
+        "firmware_build": 30,
+        "firmware_source": 0x12345,
+    }
+    assert said["utc"] == {
+        "first": "2026-11-22T09:30:00.000000000Z",
+        "last": "2026-11-22T09:30:09.990000000Z",
+        "rows": 1016,
+        "valid": 1016,
+    }
+    assert (said["recorded"], said["configuration"], said["unknown"]) == (None, None, [])
+
+
+def test_json_of_a_log_that_names_its_device() -> None:
+    said = only(run("info", "--json", WALK).stdout)
+    assert said["device"]["product_code"] == "MTi-680G-8A1G6"
+    assert said["device"]["device_id"] == "008000A1B2"
+    assert said["recorded"] == "2026-11-22 09:29:59.00"
+    assert said["configuration"] == {
+        "sampling_period": None,
+        "output_skip_factor": None,
+        "date": "20261122",
+        "time": "09295900",
+        "devices": 1,
+        "filter_profile": 0,
+    }
+
+
+@given(damaged_streams(), st.integers(1, 500))
+def test_parts_make_no_difference(data: bytes, block: int) -> None:
+    """Neither does it matter that a log is gathered part by part, so that it need not fit into memory."""
+    log, whole, parts = xbus.read_log(data), facts_of(data), facts_of(data, block)
+    assert json.dumps(parts.facts("")) == json.dumps(whole.facts(""))
+    assert parts.stats == log.stats
+    assert len(parts.gaps) == log.stats.gaps
+    assert sum(it.lost for it in parts.gaps) == log.stats.lost_samples
+    assert parts.identity == log.identity
+    assert parts.damage == log.damage.tolist()
+    assert sum(parts.messages.values()) == len(log.messages)
+    assert {key: count for key, (count, _) in parts.unknown.items()} == {
+        key: len(it) for key, it in log.unknown.items()
+    }
+    assert [(it.name, it.coordinates) for it in parts.quantities] == list(log._columns)
+    for known in parts.quantities:
+        column = log._columns[known.name, known.coordinates]
+        assert known.rows == len(column)
+        assert (known.precision, known.data_id) == (column.precision, column.data_id)
+        assert (
+            known.rate == column.rate or math.isnan(known.rate) is math.isnan(column.rate) is True
+        )
+    assert repr(parts.duration) == repr(log.duration)
+
+
+@given(sound_streams())
+def test_nothing_is_damaged_in_a_sound_stream(data: bytes) -> None:
+    assert facts_of(data).damage == []
+
+
+# Gaps
+
+
+def counted(*counts: int) -> bytes:
+    """Samples with these counters, 10 ms apart."""
+    return b"".join(sample(counter(it), fine(100 * it)) for it in counts)
+
+
+RESTART = encode_frame(MessageId.GoToMeasurementAck)
+
+
+@pytest.mark.parametrize("block", [1, 40, 1 << 20])
+@pytest.mark.parametrize(
+    ("data", "gaps"),
+    [
+        (counted(5, 6, 7), []),
+        (counted(5, 8, 9, 11), [(1, 2), (3, 1)]),
+        (counted(65534, 65535, 1), [(2, 1)]),
+        (counted(5, 6) + RESTART + counted(200, 201, 203), [(4, 1)]),
+        (RESTART + counted(5, 9), [(1, 3)]),
+        (counted(5) + RESTART, []),
+    ],
+)
+def test_gaps(data: bytes, gaps: list[tuple[int, int]], block: int) -> None:
+    facts = facts_of(data, block)
+    assert [(it.sample, it.lost) for it in facts.gaps] == gaps
+    assert facts.stats.gaps == len(gaps)
+
+
+def test_devices_count_by_themselves() -> None:
+    one, other = (encode_frame(0x36, counter(3), bid=bid) for bid in (2, 3))
+    far = encode_frame(0x36, counter(9), bid=3)
+    assert [it.lost for it in facts_of(one + other + one + far).gaps] == [5]
+
+
+def test_the_largest_gaps_are_shown() -> None:
+    counts = np.cumsum([1, 2, 3, 2, 2, 9, 2, 7, 2, 5, 4])
+    text = page("x", facts_of(counted(*counts.tolist())))
+    rows = text.partition("\ngaps\n")[2].splitlines()
+    assert [row.split()[1] for row in rows[1:6]] == ["2", "8", "6", "4", "3"]
+    assert rows[6] == "... and 5 smaller; --json lists all"
+
+
+# What a device says
+
+
+def test_errors_and_warnings_in_words(tmp_path: Path) -> None:
+    warning = (403).to_bytes(4, "big")
+    data = counted(1, 2)
+    data += encode_frame(MessageId.Error, b"\x28\x00\x00\x00\x06") * 3
+    data += encode_frame(MessageId.Warning, warning + b"receiver is \x1b[31mgone\0")
+    data += encode_frame(MessageId.Warning, (999).to_bytes(4, "big")) + counted(3)
+    events = said_of(encode_frame(MessageId.Error, b"\x04") + data, tmp_path)["events"]
+    assert [(it["name"], it["code"], it["time_s"], it["sample"]) for it in events] == [
+        ("Error", 4, None, 0),
+        *[("Error", 40, 0.02, 2)] * 3,
+        ("Warning", 403, 0.02, 2),
+        ("Warning", 999, 0.02, 2),
+    ]
+    assert events[1]["text"] == "device error: a firmware update may help"
+    assert events[1]["detail"] == "00 00 00 06"
+    assert events[4]["text"].endswith("(receiver is \\x1b[31mgone)")
+    assert events[5]["text"] == "a code that xbus does not know"
+    text = run("info", str(tmp_path / "log.mtb")).stdout
+    shown = " ".join(text.partition("errors and warnings\n")[2].split())
+    assert shown == (
+        "at the start: Error 4: the message is invalid here, or this device does not know it "
+        "after 0.01 s, 3 times: Error 40: device error: a firmware update may help "
+        "(detail 00 00 00 06) "
+        "after 0.01 s: Warning 403: communication with the GNSS receiver failed "
+        "(receiver is \\x1b[31mgone) "
+        "after 0.01 s: Warning 999: a code that xbus does not know"
+    )
+
+
+def test_unknown_identifiers_and_malformed_samples(tmp_path: Path) -> None:
+    data = counted(1) + sample(packet(0xC2A0, b"12345"), packet(0x4020, b"no")) + counted(2)
+    data += frame(0x36, b"\x40\x20\x0c") + counted(3)
+    said = said_of(data, tmp_path)
+    assert said["unknown"] == [
+        {"data_id": "0xC2A0", "packets": 1, "bytes": 5},
+        {"data_id": "0x4020", "packets": 1, "bytes": 2},
+    ]
+    assert said["malformed"] == said["messages"]["MTData2"] == 1
+    text = run("info", str(tmp_path / "log.mtb")).stdout
+    assert "malformed 1, by packets that do not fill their message\n" in text
+    _, _, rows = text.partition("\nunknown data identifiers\n")
+    assert rows.splitlines() == [
+        "id      packets  bytes",
+        "0xC2A0        1      5",
+        "0x4020        1      2",
+    ]
+
+
+def test_utc_that_the_device_does_not_vouch_for(tmp_path: Path) -> None:
+    def utc(valid: int, month: int = 7, second: int = 7) -> bytes:
+        date = (2025).to_bytes(2, "big") + bytes([month, 13, 9, 21, second, valid])
+        return sample(packet(0x1010, bytes(4) + date))
+
+    said = said_of(utc(0) + utc(3), tmp_path)
+    assert said["utc"] == {"first": None, "last": None, "rows": 2, "valid": 0}
+    assert (
+        "UTC       sent, but never marked as valid\n"
+        in run("info", str(tmp_path / "log.mtb")).stdout
+    )
+    said = said_of(utc(0, second=1) + utc(7) + utc(0x37, second=9) + utc(7, month=13), tmp_path)
+    assert said["utc"] == {
+        "first": "2025-07-13T09:21:07.000000000Z",
+        "last": "2025-07-13T09:21:09.000000000Z",
+        "rows": 4,
+        "valid": 2,
+    }
+
+
+def test_a_log_without_samples(tmp_path: Path) -> None:
+    said = said_of(encode_frame(0x32, bytes(40)) * 3, tmp_path)
+    assert (said["samples"], said["messages"]) == (0, {"MTData": 3})
+    assert (said["duration_s"], said["start_s"], said["utc"]) == (None, None, None)
+    text = run("info", str(tmp_path / "log.mtb")).stdout
+    assert "samples   0\n" in text
+    assert "messages  MTData 3\n" in text
+
+
+def test_a_log_without_counter_and_time(tmp_path: Path) -> None:
+    said = said_of(sample(packet(0x3010, bytes(4))) * 2, tmp_path)
+    assert said["quantities"][0]["rate_hz"] is None
+    assert "lost      no counter to tell\n" in run("info", str(tmp_path / "log.mtb")).stdout
+
+
+@pytest.mark.parametrize("name", [f"mtig710-{i}" for i in range(1, 6)])
+def test_real(name: str) -> None:
+    path = str(shared(f"captures/{name}/raw.bin"))
+    said = only(run("info", "--json", path).stdout)
+    assert (said["samples"], said["lost_samples"], said["damage"]) == (100, 0, [])
+    assert said["utc"]["first"].startswith("2019-01-20T13:47:2")
+    assert "device    not named in this log\n" in run("info", path).stdout

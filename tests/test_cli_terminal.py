@@ -1,0 +1,284 @@
+"""What commands do on a terminal, and the tables that they print there and elsewhere."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from test_cli import FIELD, PROGRAM, WALK, run, sentence
+from xbus.cli.progress import DELAY
+from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES
+
+
+def waiting(seconds: int) -> list[str]:
+    """The program with a bar that waits so long before it is shown."""
+    code = "import sys, xbus.cli.progress as it; it.DELAY = {}; from xbus.cli import main; main(sys.argv[1:])"
+    return [sys.executable, "-c", code.format(seconds)]
+
+
+IMPATIENT, PATIENT = waiting(0), waiting(3600)
+
+
+class Terminal:
+    """A terminal: what the program writes, as it comes."""
+
+    def __init__(self, master: int) -> None:
+        self._master = master
+        self.text = ""
+
+    def more(self) -> bool:
+        """Waits for something; False once the program has let go of the terminal."""
+        try:
+            data = os.read(self._master, 65536)
+        except OSError:  # Linux says so
+            return False
+        self.text += data.decode()
+        return bool(data)
+
+    def wait_for(self, words: str) -> None:
+        while words not in self.text:
+            assert self.more(), self.text
+
+    def wait_for_the_end(self) -> str:
+        while self.more():
+            pass
+        return self.text
+
+
+@contextmanager
+def on_terminal(
+    command: list[str], *, columns: int = 80, **others: int
+) -> Iterator[tuple[subprocess.Popen[bytes], Terminal]]:
+    """A program on a terminal; ``others`` are what it gets instead."""
+    master, slave = pty.openpty()
+    env = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
+    env.pop("NO_COLOR", None)
+    streams = {"stdin": slave, "stdout": slave, "stderr": slave} | others
+    with subprocess.Popen(command, env=env, **streams) as child:  # type: ignore[call-overload] # noqa: S603
+        os.close(slave)
+        try:
+            yield child, Terminal(master)
+        finally:
+            os.close(master)
+
+
+def printed(*args: str, columns: int = 80) -> str:
+    """What a command prints on a terminal."""
+    with on_terminal([*PROGRAM, *args], columns=columns) as (child, terminal):
+        text = terminal.wait_for_the_end()
+        assert child.wait() == 0
+    return text.replace("\r\n", "\n")
+
+
+def plain(text: str) -> str:
+    return re.sub(r"\x1b\[[0-9;]*m", "", text)
+
+
+# Progress
+
+
+@pytest.mark.parametrize("args", [["info"], ["decode", "-o", "out.csv"]], ids=["info", "decode"])
+def test_progress(args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The bar is there while bytes come, on stderr, and gone at the end."""
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("port")
+    data = Path(WALK).read_bytes()
+    out, theirs = os.pipe()
+    with on_terminal([*IMPATIENT, *args, "port"], stdout=theirs) as (child, terminal):
+        os.close(theirs)
+        with Path("port").open("wb", buffering=0) as writer:
+            writer.write(data[:60_000])
+            terminal.wait_for("reading port")
+            terminal.wait_for("kB")
+            writer.write(data[60_000:])
+        text = terminal.wait_for_the_end()
+        assert child.wait() == 0
+    with os.fdopen(out) as reader:
+        assert "reading" not in reader.read()
+    assert text.rpartition("\x1b[2K")[0]  # the line was wiped
+    if args[0] == "decode":
+        assert text.endswith(
+            "out.csv: 1,040 rows, 65 columns; 9.99 s, no samples lost, no damage\r\n"
+        )
+
+
+def test_progress_knows_the_size(tmp_path: Path) -> None:
+    """Names are shown as they are, whatever a markup language would make of them."""
+    code = (
+        "import sys, xbus.cli.progress as it; it.DELAY = 0\n"
+        "with it.Progress('counting') as bar:\n"
+        "    bar.update('counting [red]sheep', 3_000_000, 4_000_000); sys.stdin.readline()"
+    )
+    ours, theirs = os.pipe()
+    with on_terminal([sys.executable, "-c", code], stdin=ours) as (child, terminal):
+        os.close(ours)
+        terminal.wait_for("counting [red]sheep")
+        terminal.wait_for("3.0/4.0 MB")
+        os.close(theirs)
+        terminal.wait_for_the_end()
+        assert child.wait() == 0
+
+
+@pytest.mark.parametrize(
+    "args",
+    [["info", WALK], ["decode", WALK, "-o", "out.csv"], ["dump", WALK]],
+    ids=lambda it: it[0],
+)
+def test_no_progress_where_it_would_be_in_the_way(
+    args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not before its time; not where stderr is no terminal; not with --quiet."""
+    monkeypatch.chdir(tmp_path)
+    assert DELAY == 1
+    with on_terminal([*PATIENT, *args]) as (child, terminal):
+        assert "reading" not in terminal.wait_for_the_end()
+        assert child.wait() == 0
+    done = subprocess.run([*IMPATIENT, *args], capture_output=True, check=True)  # noqa: S603
+    assert b"reading" not in done.stderr
+    assert b"\x1b" not in done.stderr + done.stdout
+    if args[0] == "decode":
+        with on_terminal([*IMPATIENT, *args, "--quiet"]) as (child, terminal):
+            assert (terminal.wait_for_the_end(), child.wait()) == ("", 0)
+
+
+def test_ctrl_c_on_a_terminal_takes_the_bar_away(tmp_path: Path) -> None:
+    port = tmp_path / ("port" * 30)  # a long name does not break the line
+    os.mkfifo(port)
+    with on_terminal([*IMPATIENT, "info", str(port)]) as (child, terminal):
+        with port.open("wb", buffering=0) as writer:
+            writer.write(b"\xfa\xff")
+            terminal.wait_for("reading")
+            child.send_signal(2)
+            text = terminal.wait_for_the_end()
+        assert child.wait() == 130
+    assert "Traceback" not in text
+    assert "Aborted" not in text
+    assert text.endswith("\x1b[?25h\r\x1b[1A\x1b[2K")  # the cursor is back, and the bar is gone
+
+
+# Pages and tables
+
+
+def test_headings_are_bold_on_a_terminal_only() -> None:
+    on_a_terminal, piped = printed("info", FIELD), run("info", FIELD).stdout
+    assert on_a_terminal.startswith(f"\x1b[1m{FIELD}\x1b[0m\n")
+    assert "\x1b[1mdamage\x1b[0m\n" in on_a_terminal
+    assert plain(on_a_terminal) == piped
+
+
+@pytest.mark.parametrize("columns", [80, 140, 200])
+def test_tables_fit_the_terminal(columns: int) -> None:
+    """No name is cut; a narrow terminal is told what it does not show."""
+    for command, names, spare in (
+        ("items", list(QUANTITIES), "manual, products, source"),
+        ("messages", [it.name for it in MESSAGES], "states, products, status"),
+    ):
+        text = plain(printed(command, columns=columns))
+        assert max(map(len, text.splitlines())) <= columns
+        assert set(names) <= set(text.split())
+        head = text.partition("\u2500")[0].split()
+        told = f"A wider terminal or a pipe shows {spare} too."
+        assert (told in text) == (spare.split(", ")[0] not in head) == (columns == 80)
+
+
+def test_items() -> None:
+    head, *rows = run("items").stdout.splitlines()
+    assert head.split() == [
+        *["id", "name", "manual", "layout", "unit", "coordinates", "products", "source"]
+    ]
+    assert [it.split()[:3] for it in rows] == [
+        [f"0x{it.id:04X}", it.name, it.manual] for it in QUANTITIES.values()
+    ]
+    (row,) = run("items", "0x5040").stdout.splitlines()[1:]
+    assert re.split(r"  +", row) == [
+        *["0x5040", "lat_lon", "LatLon", "2 real", "deg", "7 710 670 680", "5.3.6"]
+    ]
+    at = head.index
+    for it, row in zip(QUANTITIES.values(), rows, strict=True):
+        cell = row[at("coordinates") : at("products")].strip()
+        assert cell == ("ENU NED NWU" if it.coordinates else "")
+        assert row[at("unit") : at("coordinates")].strip() == it.unit
+
+
+def test_layouts() -> None:
+    rows = run("items").stdout.splitlines()
+    at = rows[0].index("layout"), rows[0].index("unit")
+    layouts = {it.split()[1]: it[slice(*at)].strip() for it in rows}
+    expected = {
+        "temperature": "real",
+        "rotation_matrix": "9 real",
+        "packet_counter": "u2",
+        "raw_gyro_temp": "3 i2",
+        "gnss_pvt_data": "35 fields, 94 bytes",
+        "gnss_sat_info": "8 bytes and 4 each",
+        "device_id": "u4 or u8",
+    }
+    assert {it: layouts[it] for it in expected} == expected
+
+
+def test_messages() -> None:
+    head, *rows = run("messages").stdout.splitlines()
+    assert head.split() == [
+        *["mid", "name", "direction", "states", "reply", "length", "payload", "products", "status"]
+    ]
+    assert [it.split()[:2] for it in rows] == [[f"0x{it.mid:02X}", it.name] for it in MESSAGES]
+    lengths = {
+        it.name: row[head.index("length") : head.index("payload")].strip()
+        for it, row in zip(MESSAGES, rows, strict=True)
+    }
+    assert lengths["DeviceID"] == "4, 8"
+    assert lengths["MTData2"] == "any"
+    assert lengths["ProductCode"] == "4 to 20"
+    assert lengths["SetSyncSettings"] == "12 to 120 by 12"
+    assert lengths["GoToConfig"] == "0"
+
+
+def test_products_by_series() -> None:
+    def products(name: str) -> str:
+        (row,) = [it for it in run("items").stdout.splitlines() if it.split()[1] == name]
+        return re.split(r"  +", row)[-2]
+
+    assert products("acceleration") == "all"
+    assert products("baro_pressure") == "7 100-series 600-series"
+    assert products("raw_gyro_temp") == "10-series 100-series"
+    assert products("gnss_pvt_pulse") == "670 680"
+    assert len(PRODUCTS) > 10
+
+
+@pytest.mark.parametrize("text", ["GNSS", "gnss", "Gnss"])
+def test_text_filters_in_whichever_case(text: str) -> None:
+    names = [it.split()[1] for it in run("items", text).stdout.splitlines()[1:]]
+    assert names[:2] == ["gnss_age", "gnss_pvt_data"]
+    assert all("gnss" in it for it in names)
+    names = [it["name"] for it in json.loads(run("items", text, "--json").stdout)]
+    assert "gnss_sat_info" in names
+    assert "acceleration" not in names
+
+
+@pytest.mark.parametrize("command", ["items", "messages"])
+def test_text_that_is_nowhere(command: str) -> None:
+    assert "'accccc'" in sentence(run(command, "accccc"))
+
+
+def test_tables_for_programs() -> None:
+    said = run("items", "--json").stdout
+    assert len(said.splitlines()) == len(QUANTITIES)
+    found = json.loads(said)
+    for it, row in zip(found, QUANTITIES.values(), strict=True):
+        assert list(it) == list(row._fields)
+        assert tuple(it["products"]) == row.products
+        assert [tuple(f.values()) for f in it["fields"]] == [tuple(f) for f in row.fields]
+        assert [tuple(f.values()) for f in it["entry"]] == [tuple(f) for f in row.entry]
+    found = json.loads(run("messages", "--json").stdout)
+    for it, message in zip(found, MESSAGES, strict=True):
+        assert list(it) == list(message._fields)
+        assert it["lengths"] == (None if message.lengths is None else list(message.lengths))

@@ -1,0 +1,365 @@
+"""Files: Parquet, CSV, Arrow and npz. A file appears whole or not at all."""
+
+from __future__ import annotations
+
+import csv
+import os
+import stat
+import subprocess
+import sys
+import textwrap
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import reference
+import streams
+import xbus
+from conftest import OWN_CAPTURES, counter, fine
+from streams import mtdata2, packet, real
+from test_arrow import DATA, SATELLITES
+from xbus import export
+
+pa = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+LOGS = {
+    "mixed": DATA,
+    "walk": (OWN_CAPTURES / "walk.mtb").read_bytes(),
+    "field": (OWN_CAPTURES / "field.mtb").read_bytes(),
+    "more than a batch": streams.hr(2**18 + 5),
+    "empty": b"",
+}
+
+
+@pytest.fixture(params=list(LOGS))
+def log(request: pytest.FixtureRequest) -> xbus.Log:
+    return xbus.read_log(LOGS[request.param])
+
+
+# ---------------------------------------------------------------------------------------------
+# There and back
+# ---------------------------------------------------------------------------------------------
+
+
+def test_parquet(log: xbus.Log, tmp_path: Path) -> None:
+    """The table comes back as it was, metadata included."""
+    log.to_parquet(tmp_path / "it.parquet")
+    table = pq.read_table(tmp_path / "it.parquet")
+    expected = log.to_arrow()
+    assert table.equals(expected, check_metadata=False)
+    for one, other in zip(table.schema, expected.schema, strict=True):
+        assert (other.metadata or {}).items() <= (one.metadata or {}).items()
+
+
+def test_feather(log: xbus.Log, tmp_path: Path) -> None:
+    log.to_feather(tmp_path / "it.arrow")
+    with pa.ipc.open_file(tmp_path / "it.arrow") as file:
+        assert file.read_all().equals(log.to_arrow(), check_metadata=True)
+
+
+def test_csv(log: xbus.Log, tmp_path: Path) -> None:
+    """A header, then a line a sample; fields are empty for nulls, times in UTC."""
+    log.to_csv(str(tmp_path / "it.csv"))
+    with (tmp_path / "it.csv").open(newline="") as file:
+        header, *rows = list(csv.reader(file))
+    table = log.to_arrow()
+    assert header == table.column_names
+    assert len(rows) == len(log)
+    for i, name in enumerate(header):
+        column = table[name].combine_chunks()
+        cells = [row[i] for row in rows]
+        assert [it == "" for it in cells] == np.asarray(column.is_null()).tolist()
+        if name != "utc_time":
+            found = np.array(
+                [it for it in cells if it], column.to_numpy(zero_copy_only=False).dtype
+            )
+            assert np.array_equal(
+                found.astype(column.type.to_pandas_dtype()), np.asarray(column.drop_null())
+            )
+        elif name == "utc_time" and any(cells):
+            assert all(it.endswith("Z") for it in cells if it)
+
+
+def test_utc_in_csv(tmp_path: Path) -> None:
+    xbus.read_log(DATA).to_csv(tmp_path / "it.csv", "utc_time")
+    lines = (tmp_path / "it.csv").read_text().splitlines()
+    assert lines == ['"sample","time","utc_time"', "1,,2025-07-13 09:21:34.000000005Z", "2,0.02,"]
+
+
+def test_npz(log: xbus.Log, tmp_path: Path) -> None:
+    """An array a quantity, without pickles; beside it its samples and times."""
+    log.to_npz(tmp_path / "it.npz")
+    with np.load(tmp_path / "it.npz", allow_pickle=False) as file:
+        found = {name: file[name] for name in file.files}
+    assert np.array_equal(found.pop("time"), log.time, equal_nan=True)
+    assert np.array_equal(found.pop("packet_counter.unwrapped"), log.packet_counter)
+    for key in log:
+        column = log[key]
+        stem = key if isinstance(key, str) else f"{key[0]}_{key[1].lower()}"
+        assert reference.same_bits(found.pop(stem), column.values)
+        assert np.array_equal(found.pop(f"{stem}.sample"), column.sample)
+        assert np.array_equal(found.pop(f"{stem}.time"), column.time, equal_nan=True)
+        if column.name == "gnss_sat_info":
+            assert reference.same_bits(found.pop(f"{stem}.satellites"), column.satellites)
+            assert np.array_equal(found.pop(f"{stem}.offsets"), column.offsets)
+    assert found == {}
+
+
+def test_names_in_npz(tmp_path: Path) -> None:
+    xbus.read_log(DATA).to_npz(tmp_path / "it.npz")
+    with np.load(tmp_path / "it.npz") as file:
+        assert {"quaternion_enu", "quaternion_ned", "acceleration", "gnss_sat_info"} <= set(
+            file.files
+        )
+        assert file["acceleration"].shape == (3, 3)
+
+
+@pytest.mark.parametrize(
+    "key", ["acceleration", "gnss_sat_info", "utc_time", ("quaternion", "NED")]
+)
+def test_one_quantity(key: Any, tmp_path: Path) -> None:
+    """The same table as `to_arrow` with a key."""
+    log = xbus.read_log(DATA)
+    expected = log.to_arrow(key)
+    log.to_parquet(tmp_path / "it.parquet", key)
+    assert pq.read_table(tmp_path / "it.parquet").equals(expected)
+    log.to_feather(tmp_path / "it.arrow", key)
+    with pa.ipc.open_file(tmp_path / "it.arrow") as file:
+        assert file.read_all().equals(expected)
+    log.to_csv(tmp_path / "it.csv", key)
+    assert len((tmp_path / "it.csv").read_text().splitlines()) == 1 + expected.num_rows
+
+
+def test_all_bits_in_parquet(tmp_path: Path) -> None:
+    """NaN of any kind, infinities, the ends of integers."""
+    numbers = [
+        packet(0x0810, bytes.fromhex(it)) for it in ("7FC00001", "FFC00000", "FF800000", "80000000")
+    ]
+    log = xbus.read_log(b"".join(mtdata2(it, packet(0x10A0, b"\xff" * 8)) for it in numbers))
+    log.to_parquet(tmp_path / "it.parquet")
+    table = pq.read_table(tmp_path / "it.parquet")
+    temperature = np.asarray(table["temperature"])
+    assert reference.same_bits(temperature, log["temperature"].values)
+    assert table["sample_time64"].to_pylist() == [2**64 - 1] * 4
+    assert table["temperature"].null_count == 0
+
+
+# ---------------------------------------------------------------------------------------------
+# Whole or not at all
+# ---------------------------------------------------------------------------------------------
+
+WRITERS: dict[str, Callable[[xbus.Log, Any], None]] = {
+    "to_parquet": lambda log, path: log.to_parquet(path),
+    "to_csv": lambda log, path: log.to_csv(path),
+    "to_feather": lambda log, path: log.to_feather(path),
+    "to_npz": lambda log, path: log.to_npz(path),
+}
+
+FULL_DISK = """
+    import resource, sys
+    import xbus
+    path, how = sys.argv[1:]
+    log = xbus.read_log(sys.stdin.buffer)
+    getattr(log, how)(path + ".sound")  # what is loaded once, and the proof that it would work
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+    try:
+        getattr(log, how)(path)
+    except OSError as error:
+        print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
+@pytest.mark.parametrize("how", WRITERS)
+@pytest.mark.parametrize("before", [b"what was there", None])
+def test_a_full_disk(how: str, before: bytes | None, tmp_path: Path) -> None:
+    """The write fails on the way: what was there is there, and nothing else."""
+    path = tmp_path / "it"
+    if before is not None:
+        path.write_bytes(before)
+    program = [sys.executable, "-c", textwrap.dedent(FULL_DISK), str(path), how]
+    result = subprocess.run(program, input=LOGS["walk"], check=True, capture_output=True)  # noqa: S603
+    assert b"File too large" in result.stdout, result.stderr
+    sound = tmp_path / "it.sound"
+    assert sound.stat().st_size > 20_000
+    assert set(tmp_path.iterdir()) == {sound, path} - ({path} if before is None else set())
+    assert before is None or path.read_bytes() == before
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, OSError])
+@pytest.mark.parametrize("before", [b"what was there", None])
+def test_an_interruption(error: type[BaseException], before: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "it.bin"
+    if before is not None:
+        path.write_bytes(before)
+
+    def write() -> None:
+        with export.replacing(path) as out:
+            out.write(b"half of it")
+            out.flush()
+            assert len(list(tmp_path.iterdir())) == (1 if before is None else 2)
+            assert before is None or path.read_bytes() == before
+            raise error
+
+    with pytest.raises(error):
+        write()
+    assert list(tmp_path.iterdir()) == ([] if before is None else [path])
+    assert before is None or path.read_bytes() == before
+
+
+@pytest.mark.parametrize("how", WRITERS)
+def test_replacing(how: str, tmp_path: Path) -> None:
+    """What was there goes, its rights stay, and nothing is left beside it."""
+    path = tmp_path / "it"
+    path.write_bytes(b"what was there")
+    path.chmod(0o640)
+    WRITERS[how](xbus.read_log(DATA), path)
+    assert path.stat().st_size > 500
+    assert stat.S_IMODE(path.stat().st_mode) == 0o640
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="rights are those of POSIX")
+def test_rights_of_a_new_file(tmp_path: Path) -> None:
+    old = os.umask(0o027)
+    try:
+        xbus.read_log(DATA).to_npz(tmp_path / "it")
+    finally:
+        os.umask(old)
+    assert stat.S_IMODE((tmp_path / "it").stat().st_mode) == 0o640
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need rights there")
+def test_through_a_link(tmp_path: Path) -> None:
+    """The link stays one, and what it points to is replaced."""
+    (tmp_path / "there").mkdir()
+    target, link = tmp_path / "there" / "it.csv", tmp_path / "link.csv"
+    link.symlink_to(target)
+    for _ in range(2):  # to nothing, and to a file
+        xbus.read_log(DATA).to_csv(link, "acceleration")
+        assert link.is_symlink()
+        assert target.read_text().startswith('"sample"')
+    assert len(list(tmp_path.rglob("*"))) == 3
+
+
+@pytest.mark.parametrize("how", WRITERS)
+def test_no_such_directory(how: str, tmp_path: Path) -> None:
+    with pytest.raises(FileNotFoundError):
+        WRITERS[how](xbus.read_log(DATA), tmp_path / "no" / "it")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("how", WRITERS)
+def test_a_directory(how: str, tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError):
+        WRITERS[how](xbus.read_log(DATA), tmp_path)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.skipif(not Path("/dev/null").exists(), reason="no such device here")
+@pytest.mark.parametrize("how", ["to_csv", "to_parquet", "to_feather"])
+def test_what_is_no_file_is_written_directly(how: str) -> None:
+    """A device stays what it is."""
+    WRITERS[how](xbus.read_log(DATA), "/dev/null")
+    assert Path("/dev/null").is_char_device()
+
+
+def test_a_quantity_that_is_not_there(tmp_path: Path) -> None:
+    """Told before anything is written."""
+    log = xbus.read_log(DATA)
+    for write in (log.to_parquet, log.to_csv, log.to_feather):
+        with pytest.raises(KeyError):
+            write(tmp_path / "it", "no such quantity")
+    assert list(tmp_path.iterdir()) == []
+
+
+# ---------------------------------------------------------------------------------------------
+# What is not installed
+# ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("how", "missing", "text"),
+    [
+        (
+            "to_arrow",
+            "pyarrow",
+            'to make Arrow tables, pyarrow is needed: pip install "xbus-mti[arrow]"',
+        ),
+        (
+            "to_parquet",
+            "pyarrow",
+            'to write Parquet, pyarrow is needed: pip install "xbus-mti[arrow]"',
+        ),
+        ("to_csv", "pyarrow", 'to write CSV, pyarrow is needed: pip install "xbus-mti[arrow]"'),
+        (
+            "to_feather",
+            "pyarrow",
+            'to write Arrow files, pyarrow is needed: pip install "xbus-mti[arrow]"',
+        ),
+        (
+            "to_pandas",
+            "pandas",
+            'to make pandas DataFrames, pandas is needed: pip install "xbus-mti[pandas]"',
+        ),
+        (
+            "to_polars",
+            "polars",
+            'to make polars DataFrames, polars is needed: pip install "xbus-mti[polars]"',
+        ),
+    ],
+)
+def test_a_missing_extra(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, how: str, missing: str, text: str
+) -> None:
+    """One sentence that names it; nothing is written."""
+    log = xbus.read_log(DATA)
+    monkeypatch.setitem(sys.modules, missing, None)
+    arguments = [tmp_path / "it"] if how in WRITERS else []
+    with pytest.raises(ImportError) as caught:
+        getattr(log, how)(*arguments)
+    assert str(caught.value) == text
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_url_without_fsspec(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "fsspec", None)
+    with pytest.raises(ImportError) as caught:
+        xbus.read_log("s3://bucket/log.mtb")
+    assert (
+        str(caught.value) == 'to read from a URL, fsspec is needed: pip install "xbus-mti[fsspec]"'
+    )
+
+
+def test_numbers_need_no_extra() -> None:
+    """A log is read, looked at, and written as npz with numpy alone."""
+    program = """
+        import io, sys
+        for name in ("pyarrow", "pandas", "polars", "fsspec", "duckdb"):
+            sys.modules[name] = None
+        import xbus
+        log = xbus.read_log(sys.argv[1])
+        log.to_npz(sys.argv[2])
+        assert repr(log) and log._repr_html_() and log["acceleration"]._repr_html_()
+        print(len(log))
+    """
+    arguments = [str(OWN_CAPTURES / "walk.mtb"), os.devnull]
+    command = [sys.executable, "-c", textwrap.dedent(program), *arguments]
+    result = subprocess.run(command, check=True, capture_output=True, text=True)  # noqa: S603
+    assert result.stdout == "1040\n"
+
+
+def test_tables_beside_each_other(tmp_path: Path) -> None:
+    """What decodes on many machines is joined by its files: the parts of a log have one schema."""
+    data = b"".join(mtdata2(counter(i), fine(i), real(0x4020, i, 0, 0)) for i in range(100))
+    data += mtdata2(packet(0x7020, SATELLITES))
+    for i, part in enumerate(xbus.iter_log(data, block_bytes=1000)):
+        part.to_parquet(tmp_path / f"{i:03}.parquet", "acceleration")
+    files = sorted(tmp_path.iterdir())
+    assert len(files) > 3
+    joined = pa.concat_tables([pq.read_table(it) for it in files])
+    assert joined.equals(xbus.read_log(data).to_arrow("acceleration"))
