@@ -327,3 +327,24 @@ fn a_list_that_counts_nonsense_is_refused() {
         assert!(write_packet(&mut vec![], info, None, None, &numbers).is_err(), "{count}");
     }
 }
+
+#[test]
+fn a_list_may_be_counted_in_any_type_of_number() {
+    let info = quantity_named("gnss_sat_info").unwrap();
+    let counted = |count, satellites| {
+        let mut numbers = vec![Number::Integer(7); 5 + 4 * satellites];
+        numbers[1] = count;
+        let mut payload = vec![];
+        write_packet(&mut payload, info, None, None, &numbers).map(|()| payload)
+    };
+    let two = counted(Number::Integer(2), 2).unwrap();
+    assert_eq!(two.len(), 3 + 8 + 2 * 4);
+    for count in [Number::Wide(2), Number::Single(2.0), Number::Double(2.0)] {
+        assert_eq!(counted(count, 2), Ok(two.clone()), "{count:?}");
+        // A packet whose count and size disagree cannot be read.
+        assert!(counted(count, 0).is_err(), "{count:?}");
+    }
+    for count in [Number::Double(2.5), Number::Single(f32::NAN), Number::Wide(u64::MAX), Number::Double(-1.0)] {
+        assert!(counted(count, 2).is_err() && counted(count, 0).is_err(), "{count:?}");
+    }
+}

@@ -97,6 +97,17 @@ fn a_part_ends_where_it_is_told_to() {
     }
 }
 
+/// The length of the input, as far as it is known, decides how much room columns are given, and nothing else.
+#[test]
+fn an_input_that_ends_early_is_read() {
+    let stream = counted(7, 0x2020, &[0x3F; 36]).repeat(3000);
+    for total in [0, 1, stream.len() as u64, 1 << 30, u64::MAX] {
+        let mut reader = Reader::new(Options::default(), total);
+        reader.read(Window { bytes: &stream, offset: 0, last: true }, u64::MAX).unwrap();
+        assert_eq!(reader.take().columns[1].rows, 3000, "{total}");
+    }
+}
+
 // ---------------------------------------------------------------------------------------------
 // Columns
 // ---------------------------------------------------------------------------------------------
@@ -165,13 +176,28 @@ fn each_coordinate_system_is_a_column() {
 
 #[test]
 fn frames_at_even_distances_lose_no_row() {
-    // The same number of bytes from one frame of a layout to the next, and the input ends right behind the last.
+    // The same number of bytes from one frame to the next, and behind the last one there are fewer than that.
     for gap in [0, 1, 2, 50, 300] {
-        for times in [2, 3, 4, 300] {
-            let one = [vec![0; gap], counted(7, 0x4020, &[0x41; 12])].concat();
-            let log = read(&one.repeat(times)[gap..]);
-            assert_eq!(log.column("acceleration").rows.len(), times, "{gap} bytes between {times} frames");
+        for tail in [0, 1, 10, 40, 100] {
+            for times in [3, 4, 5, 300] {
+                let one = [vec![0; gap], counted(7, 0x4020, &[0x41; 12])].concat();
+                let stream = [one.repeat(times), vec![0; tail]].concat();
+                let rows = read(&stream).column("acceleration").rows.len();
+                assert_eq!(rows, times, "{gap} bytes between the frames, {tail} behind the last one");
+            }
         }
+    }
+}
+
+#[test]
+fn a_short_frame_behind_a_long_one_loses_no_row() {
+    let long = sample(&[(0x1020, &[0, 1]), (0x2020, &[0x3F; 36]), (0x4020, &[0x41; 12]), (0x8020, &[0x41; 12])]);
+    let short = sample(&[(0x1020, &[0, 2]), (0xE020, &[0; 4])]);
+    let known = [long.clone(), short.clone()].concat().repeat(4);
+    for tail in 0..100 {
+        // The command is not known: before it and behind it frames of known layouts are gathered apart.
+        let stream = [&known, &frame(0x08, &[]), &long, &short, &vec![0; tail]].concat();
+        assert_eq!(read(&stream).column("packet_counter").rows.len(), 10, "{tail}");
     }
 }
 

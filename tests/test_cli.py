@@ -24,6 +24,8 @@ HERE = Path(__file__).parent
 WALK = str(OWN_CAPTURES / "walk.mtb")
 FIELD = str(OWN_CAPTURES / "field.mtb")
 PROGRAM = [sys.executable, "-m", "xbus"]
+#: Output is buffered, as it is where nobody asks for anything else.
+ENVIRONMENT = {key: it for key, it in os.environ.items() if key != "PYTHONUNBUFFERED"}
 
 
 def run(*args: str, stdin: bytes | None = None) -> Result:
@@ -45,14 +47,14 @@ def sentence(result: Result) -> str:
 
 def start(*args: str, **options: object) -> subprocess.Popen[bytes]:
     """A command as a program of its own, with pipes."""
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": ENVIRONMENT}
     return subprocess.Popen([*PROGRAM, *args], **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
 
 
 def shell(line: str, *args: str) -> tuple[int, str]:
     """How a shell line ends, in which ``"$@"`` is the program with these arguments; and its stderr."""
     done = subprocess.run(
-        ["sh", "-c", line, "sh", *PROGRAM, *args], capture_output=True, check=False
+        ["sh", "-c", line, "sh", *PROGRAM, *args], capture_output=True, check=False, env=ENVIRONMENT
     )
     return done.returncode, done.stderr.decode()
 
@@ -213,7 +215,7 @@ def test_reading_breaks_off(reading: list[str], monkeypatch: pytest.MonkeyPatch)
 def test_names_that_no_terminal_can_show(tmp_path: Path) -> None:
     odd = os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xc3\xa4.mtb")
     Path(odd).write_bytes(Path(WALK).read_bytes())
-    plain = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    plain = {**ENVIRONMENT, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     for args in (["info"], ["info", "--json"], ["decode", "--json", "-o", f"{odd}.csv"]):
         with start(*args, odd, env=plain) as child:
             out, said = child.communicate()
@@ -297,6 +299,26 @@ def test_ctrl_c_while_reading(tmp_path: Path) -> None:
         assert (child.returncode, said) == (130, b"")
         assert out == b"" or args == ["dump"]
         assert [it.name for it in tmp_path.iterdir()] == ["port"]
+
+
+def test_ctrl_c_that_does_not_interrupt_the_read(tmp_path: Path) -> None:
+    """It comes to another thread, or just before the read; the program hears of it all the same."""
+    patched = (
+        "import signal, sys, threading; from xbus.cli import main\n"
+        "def other(): sys.stdin.read(1); signal.pthread_kill(threading.get_ident(), signal.SIGINT)\n"
+        "threading.Thread(target=other, daemon=True).start(); main(['dump', sys.argv[1]])"
+    )
+    os.mkfifo(tmp_path / "port")
+    command = [sys.executable, "-c", patched, str(tmp_path / "port")]
+    with (
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as child,
+        (tmp_path / "port").open("wb", buffering=0) as writer,
+    ):
+        assert child.stdout is not None
+        writer.write(Path(WALK).read_bytes()[:400])
+        assert b"Configuration" in child.stdout.readline()
+        child.communicate(b"!")
+        assert child.returncode == 130
 
 
 @pytest.mark.parametrize(

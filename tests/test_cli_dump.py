@@ -159,6 +159,7 @@ def test_bus_identifiers() -> None:
             "28 00 00 00 06",
             "40: device error: a firmware update may help (detail 00 00 00 06)",
         ),
+        (MessageId.Error, "", "without a code"),
         (MessageId.Error, "C8", "200: a code that xbus does not know"),
         (
             MessageId.Warning,
@@ -179,7 +180,8 @@ def test_messages_in_words(mid: int, payload: str, words: str) -> None:
     assert (said["mid"], said["frame"]) == (mid, message.hex().upper())
     assert said["text"] in words
     if mid in (MessageId.Error, MessageId.Warning):
-        assert words.startswith(f"{said['code']}: {said['text']}")
+        code = "" if said["code"] is None else f"{said['code']}: "
+        assert words.startswith(f"{code}{said['text']}")
 
 
 # Packets in words

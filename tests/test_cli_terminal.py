@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from test_cli import FIELD, PROGRAM, WALK, run, sentence
+from test_cli import ENVIRONMENT, FIELD, PROGRAM, WALK, run, sentence
 from xbus.cli.progress import DELAY
 from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES
 
@@ -60,7 +60,7 @@ def on_terminal(
 ) -> Iterator[tuple[subprocess.Popen[bytes], Terminal]]:
     """A program on a terminal; ``others`` are what it gets instead."""
     master, slave = pty.openpty()
-    env = {**os.environ, "COLUMNS": str(columns), "TERM": "xterm"}
+    env = {**ENVIRONMENT, "COLUMNS": str(columns), "TERM": "xterm"}
     env.pop("NO_COLOR", None)
     streams = {"stdin": slave, "stdout": slave, "stderr": slave} | others
     with subprocess.Popen(command, env=env, **streams) as child:  # type: ignore[call-overload] # noqa: S603

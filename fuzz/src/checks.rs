@@ -66,7 +66,7 @@ pub fn fast_is_plain(data: &[u8]) {
     let [mut fast, mut plain] =
         [true, false].map(|fast| Reader::new(Options { fast, ..options.clone() }, stream.len() as u64));
     let window = Window { bytes: &stream, offset: 0, last: true };
-    let step = random.pick(&[100, 1000, 100_000]);
+    let step = random.pick(&[300, 3000, 100_000]);
     while !plain.is_finished() {
         let until = plain.at() + 1 + random.below(step) as u64;
         fast.read(window, until).expect("not strict");

@@ -104,7 +104,7 @@ impl Input {
         let (seed, rest) = data.split_at(data.len().min(SEED));
         let seed = seed.iter().fold(0, |seed, byte| seed << 8 | u64::from(*byte));
         let mut random = Random::new(seed);
-        let longest = random.pick(&[600, 6000, 6000, 40_000]);
+        let longest = random.pick(&[600, 600, 600, 6000, 6000, 40_000]);
         let stream = if seed % 2 == 0 { rest.to_vec() } else { stream(rest, longest, &mut random) };
         Self { random, stream }
     }

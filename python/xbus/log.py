@@ -211,9 +211,15 @@ class Unknown(Sequence[bytes]):
 
     def __init__(self, core: _core.Column) -> None:
         assert core.ends is not None  # noqa: S101 - raw packets have ends
+        self._core = core
         self._ends = core.ends
         self._bytes = core.values
-        self.sample: npt.NDArray[np.int64] = core.sample
+
+    @cached_property
+    def sample(self) -> npt.NDArray[np.int64]:
+        """Which sample each belongs to, int64."""
+        # Looks at every sample, and a hostile log can hold thousands of identifiers.
+        return self._core.sample
 
     def __len__(self) -> int:
         return len(self._ends)

@@ -104,6 +104,9 @@ impl Clock {
             None if last < DAY => DAY,
             None => U32,
         };
+        if (0..=wrap / 2).contains(&(fine - last)) {
+            return unwrapped + fine - last; // nearly always, and without a division
+        }
         let ahead = (fine - last).rem_euclid(wrap);
         if ahead > wrap / 2 && unwrapped + ahead >= wrap { unwrapped + ahead - wrap } else { unwrapped + ahead }
     }

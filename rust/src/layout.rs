@@ -216,8 +216,8 @@ impl Batch {
 impl Layouts {
     /// All layouts, by the number that stands for them.
     #[must_use]
-    pub fn known(&self) -> &[Layout] {
-        &self.known
+    pub fn into_known(self) -> Vec<Layout> {
+        self.known
     }
 
     /// Learns the layout of an intact, plausible MTData2 frame in standard form that feeds no column twice, once it has
@@ -285,27 +285,7 @@ impl Layouts {
 
     /// Puts the frames from position `at` on the list, as far as each follows the one before, is intact and has a known
     /// layout; stops at `until` and when the list is full. Returns where it stopped.
-    pub fn run(&self, bytes: &[u8], at: usize, until: usize, batch: &mut Batch) -> usize {
-        if self.family(bytes, at).is_none() {
-            return at;
-        }
-        #[cfg(target_arch = "x86_64")]
-        if false {
-            // SAFETY: the machine has just said that it has AVX2.
-            #[allow(unsafe_code)]
-            return unsafe { self.run_avx2(bytes, at, until, batch) };
-        }
-        self.run_anywhere(bytes, at, until, batch)
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn run_avx2(&self, bytes: &[u8], at: usize, until: usize, batch: &mut Batch) -> usize {
-        self.run_anywhere(bytes, at, until, batch)
-    }
-
-    #[inline(always)]
-    fn run_anywhere(&self, bytes: &[u8], mut at: usize, until: usize, batch: &mut Batch) -> usize {
+    pub fn run(&self, bytes: &[u8], mut at: usize, until: usize, batch: &mut Batch) -> usize {
         let mut refused = usize::MAX;
         while let Some(family) = self.family(bytes, at).filter(|it| it.frame != refused) {
             at = match family.blocks {
@@ -367,23 +347,6 @@ impl Layouts {
 
     /// Lets every column take its packets from the frames on the list, in their order.
     pub fn gather(&self, bytes: &[u8], batch: &Batch, columns: &mut [Column], progress: Progress) {
-        #[cfg(target_arch = "x86_64")]
-        if false {
-            // SAFETY: the machine has just said that it has AVX2.
-            #[allow(unsafe_code)]
-            return unsafe { self.gather_avx2(bytes, batch, columns, progress) };
-        }
-        self.gather_anywhere(bytes, batch, columns, progress);
-    }
-
-    #[cfg(target_arch = "x86_64")]
-    #[target_feature(enable = "avx2")]
-    fn gather_avx2(&self, bytes: &[u8], batch: &Batch, columns: &mut [Column], progress: Progress) {
-        self.gather_anywhere(bytes, batch, columns, progress);
-    }
-
-    #[inline(always)]
-    fn gather_anywhere(&self, bytes: &[u8], batch: &Batch, columns: &mut [Column], progress: Progress) {
         let mut seen = [false; 256];
         let mut moves = Vec::new();
         let mut layouts = 0;

@@ -4,6 +4,7 @@
 //! joined, are the log: a part is decided by what came before it, never by what comes later.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
 use crate::clock::{Clocks, Losses, Stamps};
 use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
@@ -75,7 +76,6 @@ pub struct Stats {
 /// A sample that was decoded on its own.
 #[derive(Clone, Copy, Debug)]
 struct Single {
-    sample: u64,
     offset: u64,
     bid: u8,
 }
@@ -93,7 +93,7 @@ pub struct Part {
     /// Index of its first sample.
     pub first: u64,
     /// Its columns, in the order in which they were first seen.
-    pub columns: Vec<Column>,
+    pub columns: Vec<Arc<Column>>,
     /// Its other messages.
     pub messages: Messages,
     /// The damage that ends in it.
@@ -132,14 +132,20 @@ impl Part {
     /// Whether `column` has exactly one row for each sample.
     #[must_use]
     pub fn is_dense(&self, column: &Column) -> bool {
-        column.rows == self.len() && self.rows(column).all(|rows| rows == 1)
+        // A sample of known layout has one row or none. So if those decoded on their own have one each, all have.
+        let once = column.single.windows(2).all(|pair| pair[0] < pair[1]);
+        column.rows == self.len() && column.single.len() == self.singles.len() && once
     }
 
     /// For each row of `column` its sample, counted from the beginning of the log.
     #[must_use]
     #[allow(clippy::cast_possible_wrap)]
     pub fn samples_of(&self, column: &Column) -> Vec<i64> {
-        let mut samples = Vec::with_capacity(column.rows);
+        let mut samples = pages::with_room(column.rows);
+        if self.is_dense(column) {
+            samples.extend((self.first as i64..).take(column.rows));
+            return samples;
+        }
         for (rows, sample) in self.rows(column).zip(self.first as i64..) {
             for _ in 0..rows {
                 samples.push(sample);
@@ -155,7 +161,7 @@ impl Part {
         let mut jumps = self.jumps.iter().peekable();
         let mut singles = self.singles.iter();
         let mut next = 0;
-        let mut offsets = Vec::with_capacity(self.len());
+        let mut offsets = pages::with_room(self.len());
         for (&layout, sample) in self.layout.iter().zip(self.first..) {
             if layout == 0 {
                 offsets.extend(singles.next().map(|it| it.offset as i64));
@@ -190,7 +196,7 @@ impl Part {
         let mut gnss = GNSS.map(|id| self.track(id));
         let mut changes = self.changes.iter().peekable();
         let mut losses = Losses::default();
-        let (mut times, mut counters) = (Vec::with_capacity(self.len()), Vec::with_capacity(self.len()));
+        let (mut times, mut counters) = (pages::with_room(self.len()), pages::with_room(self.len()));
         for ((&layout, bid), sample) in self.layout.iter().zip(self.bids()).zip(self.first..) {
             while let Some((_, bid, change)) = changes.next_if(|change| change.0 <= sample) {
                 change.apply(*bid, clocks);
@@ -213,7 +219,7 @@ impl Part {
 
     fn track(&self, id: u16) -> Track<'_> {
         let is = |column: &&Column| matches!(column.subject, Subject::Known(quantity, _) if quantity.id == id);
-        Track::new(self, self.columns.iter().find(is))
+        Track::new(self, self.columns.iter().map(Arc::as_ref).find(is))
     }
 }
 
@@ -250,7 +256,7 @@ impl<'a> Track<'a> {
     fn new(part: &Part, column: Option<&'a Column>) -> Self {
         let mut fed = [false; 256];
         if let Some(column) = column {
-            let is = |it: &Move| std::ptr::eq(&raw const part.columns[it.column], column);
+            let is = |it: &Move| std::ptr::eq(Arc::as_ptr(&part.columns[it.column]), column);
             for (fed, layout) in fed[1..].iter_mut().zip(&part.layouts) {
                 *fed = layout.moves.iter().any(is);
             }
@@ -297,7 +303,8 @@ pub struct Reader {
     scanner: Scanner,
     layouts: Layouts,
     batch: Batch,
-    columns: HashMap<Key, usize>,
+    columns: Vec<Column>,
+    places: HashMap<Key, usize>,
     part: Part,
     /// Where the part began in the input, and how many bytes of input it will take, as far as that is known.
     began: u64,
@@ -326,7 +333,8 @@ impl Reader {
             scanner,
             layouts: Layouts::default(),
             batch: Batch::default(),
-            columns: HashMap::new(),
+            columns: vec![],
+            places: HashMap::new(),
             part: Part::default(),
             began: 0,
             part_bytes,
@@ -411,7 +419,7 @@ impl Reader {
             return;
         }
         let progress = self.progress(window.offset + self.batch.starts()[self.batch.len() - 1] as u64);
-        self.layouts.gather(window.bytes, &self.batch, &mut self.part.columns, progress);
+        self.layouts.gather(window.bytes, &self.batch, &mut self.columns, progress);
         pages::make_room(&mut self.part.layout, self.batch.len(), progress);
         self.part.layout.extend(self.batch.layouts().iter().map(|layout| layout + 1));
         self.batch.truncate(0);
@@ -472,13 +480,13 @@ impl Reader {
                 Some(reading) => Key::Known(reading.quantity.id, reading.coordinates),
                 None => Key::Unknown(packet.id),
             };
-            let columns = &mut self.part.columns;
-            let column = *self.columns.entry(key).or_insert_with(|| {
+            let columns = &mut self.columns;
+            let column = *self.places.entry(key).or_insert_with(|| {
                 columns.push(Column::new(packet.id, reading.as_ref()));
                 columns.len() - 1
             });
             moves.push(Move { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, reading });
-            let column = &mut self.part.columns[column];
+            let column = &mut self.columns[column];
             let form = reading.as_ref().map(|it| it.form);
             column.admit(packet.id, reading.as_ref(), progress);
             let start = packet.at + PACKET_HEADER;
@@ -486,7 +494,7 @@ impl Reader {
             column.single.push(sample);
         }
         self.part.layout.push(0);
-        self.part.singles.push(Single { sample, offset, bid: frame.bid });
+        self.part.singles.push(Single { offset, bid: frame.bid });
         self.end = u64::MAX;
         let mut fed: Vec<usize> = moves.iter().map(|it| it.column).collect();
         fed.sort_unstable();
@@ -523,14 +531,13 @@ impl Reader {
 
     /// Hands over what has been read since the last time.
     pub fn take(&mut self) -> Part {
-        let next = Part {
-            first: self.next_sample(),
-            columns: self.part.columns.iter().map(Column::emptied).collect(),
-            ..Part::default()
-        };
+        let next = Part { first: self.next_sample(), ..Part::default() };
         let mut part = std::mem::replace(&mut self.part, next);
-        part.columns.iter_mut().for_each(Column::trim);
-        part.layouts = self.layouts.known().to_vec();
+        self.columns.iter_mut().for_each(Column::trim);
+        // Each part learns its layouts anew: a long log is not slowed down by what it held long ago.
+        self.places.clear();
+        part.columns = self.columns.drain(..).map(Arc::new).collect();
+        part.layouts = std::mem::take(&mut self.layouts).into_known();
         part.stats.bytes = self.at() - self.began;
         part.stats.samples = part.layout.len() as u64;
         part.stats.messages = part.messages.mid.len() as u64;

@@ -42,6 +42,14 @@ fn whole_huge_pages<T>(room: usize) -> usize {
     ((bytes + 4096).next_multiple_of(2 << 20) - 4096) / size
 }
 
+/// A vector with room for `length` numbers.
+#[must_use]
+pub fn with_room<T>(length: usize) -> Vec<T> {
+    let mut out = Vec::with_capacity(length);
+    welcome_huge_pages(&mut out);
+    out
+}
+
 #[cfg(target_os = "linux")]
 fn welcome_huge_pages<T>(out: &mut Vec<T>) {
     const PAGE: usize = 4096;

@@ -66,7 +66,9 @@ def _key(
 
 
 @click.command(epilog="Example: xbus decode walk.mtb -o walk.parquet")
-@click.argument("files", type=click.Path(), metavar="FILE...", nargs=-1, required=True)
+@click.argument(
+    "files", type=click.Path(readable=False), metavar="FILE...", nargs=-1, required=True
+)
 @click.option(
     "-o",
     "out",

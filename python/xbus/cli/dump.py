@@ -45,7 +45,7 @@ def _mid(value: str) -> int | str:
 
 
 @click.command(epilog="Example: xbus dump --mid Error --mid Warning walk.mtb")
-@click.argument("file", type=click.Path(), metavar="FILE")
+@click.argument("file", type=click.Path(readable=False), metavar="FILE")
 @click.option(
     "--mid",
     "wanted",

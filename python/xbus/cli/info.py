@@ -15,7 +15,9 @@ __all__ = ["info"]
 
 
 @click.command(epilog="Example: xbus info walk.mtb")
-@click.argument("files", type=click.Path(), metavar="FILE...", nargs=-1, required=True)
+@click.argument(
+    "files", type=click.Path(readable=False), metavar="FILE...", nargs=-1, required=True
+)
 @click.option("--json", "as_json", is_flag=True, help="A JSON list with one object for each FILE.")
 def info(files: tuple[str, ...], as_json: bool) -> None:
     """What is in a log: device, times, quantities, gaps, damage.

@@ -50,7 +50,8 @@ class Notice(NamedTuple):
     detail: str | None
 
     def __str__(self) -> str:
-        return f"{self.code}: {self.text}" + (f" (detail {self.detail})" if self.detail else "")
+        code = "" if self.code is None else f"{self.code}: "
+        return f"{code}{self.text}" + (f" (detail {self.detail})" if self.detail else "")
 
 
 def notice(message: Message) -> Notice:

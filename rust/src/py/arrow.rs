@@ -61,7 +61,7 @@ impl ArrowStream {
                 }
                 columns.iter().map(|it| it.index).collect()
             }
-            None => (0..shared.part.columns.len()).filter(|&it| shared.part.columns[it].rows > 0).collect(),
+            None => (0..shared.part.columns.len()).collect(),
         };
         Ok(Self { shared, shape: Shape::Wide(chosen) })
     }
@@ -343,19 +343,20 @@ fn made<T: ArrowPrimitiveType>(values: Vec<T::Native>) -> Source {
     Source::Made(Arc::new(PrimitiveArray::<T>::new(values.into(), None)))
 }
 
-/// Numbers of a part as an Arrow buffer, without a copy.
-fn lend<T: ArrowPrimitiveType>(shared: &Arc<Shared>, numbers: &[T::Native]) -> PrimitiveArray<T> {
+/// Numbers as an Arrow buffer, without a copy.
+fn lend<T: ArrowPrimitiveType, O: Send + Sync + 'static>(owner: &Arc<O>, numbers: &[T::Native]) -> PrimitiveArray<T> {
     let bytes = std::ptr::NonNull::from(numbers).cast();
-    // SAFETY: the numbers belong to `shared`, which the buffer keeps alive, and which nobody changes after it was made.
+    let keep = Arc::new(Keep(owner.clone()));
+    // SAFETY: the numbers belong to `owner`, which the buffer keeps alive, and which nobody changes after it was made.
     #[allow(unsafe_code)]
-    let buffer = unsafe { Buffer::from_custom_allocation(bytes, size_of_val(numbers), Arc::new(Keep(shared.clone()))) };
+    let buffer = unsafe { Buffer::from_custom_allocation(bytes, size_of_val(numbers), keep) };
     PrimitiveArray::new(ScalarBuffer::new(buffer, 0, numbers.len()), None)
 }
 
-/// Keeps a part alive for a buffer.
-struct Keep(#[allow(dead_code)] Arc<Shared>);
+/// Keeps what a buffer borrows from alive.
+struct Keep<O>(#[allow(dead_code)] Arc<O>);
 
-impl std::panic::RefUnwindSafe for Keep {}
+impl<O> std::panic::RefUnwindSafe for Keep<O> {}
 
 impl Series {
     /// Whether the values are handed over as they are.
@@ -377,7 +378,7 @@ impl Series {
             Source::Time(shared) => {
                 let time = &shared.times().time;
                 if self.is_lent() {
-                    return Arc::new(lend::<Float64Type>(shared, time).slice(from, to - from));
+                    return Arc::new(lend::<Float64Type, _>(shared, time).slice(from, to - from));
                 }
                 let array = self.gather::<Float64Type>(from, to, |row| time[row]);
                 let valid: NullBuffer = array.values().iter().map(|it| !it.is_nan()).collect();
@@ -385,17 +386,16 @@ impl Series {
             }
             Source::Numbers { shared, column, element } => {
                 let values = &shared.part.columns[*column];
-                let width = values.width;
                 match &values.values {
-                    Values::U8(it) => self.numbers::<UInt8Type>(shared, it, width, *element, from, to),
-                    Values::U16(it) => self.numbers::<UInt16Type>(shared, it, width, *element, from, to),
-                    Values::U32(it) => self.numbers::<UInt32Type>(shared, it, width, *element, from, to),
-                    Values::U64(it) => self.numbers::<UInt64Type>(shared, it, width, *element, from, to),
-                    Values::I8(it) => self.numbers::<Int8Type>(shared, it, width, *element, from, to),
-                    Values::I16(it) => self.numbers::<Int16Type>(shared, it, width, *element, from, to),
-                    Values::I32(it) => self.numbers::<Int32Type>(shared, it, width, *element, from, to),
-                    Values::F32(it) => self.numbers::<Float32Type>(shared, it, width, *element, from, to),
-                    Values::F64(it) => self.numbers::<Float64Type>(shared, it, width, *element, from, to),
+                    Values::U8(it) => self.numbers::<UInt8Type>(values, it, *element, from, to),
+                    Values::U16(it) => self.numbers::<UInt16Type>(values, it, *element, from, to),
+                    Values::U32(it) => self.numbers::<UInt32Type>(values, it, *element, from, to),
+                    Values::U64(it) => self.numbers::<UInt64Type>(values, it, *element, from, to),
+                    Values::I8(it) => self.numbers::<Int8Type>(values, it, *element, from, to),
+                    Values::I16(it) => self.numbers::<Int16Type>(values, it, *element, from, to),
+                    Values::I32(it) => self.numbers::<Int32Type>(values, it, *element, from, to),
+                    Values::F32(it) => self.numbers::<Float32Type>(values, it, *element, from, to),
+                    Values::F64(it) => self.numbers::<Float64Type>(values, it, *element, from, to),
                     Values::Records(_) | Values::Raw(_) => unreachable!("records have a source of their own"),
                 }
             }
@@ -434,15 +434,15 @@ impl Series {
 
     fn numbers<T: ArrowPrimitiveType>(
         &self,
-        shared: &Arc<Shared>,
+        column: &Arc<Column>,
         numbers: &[T::Native],
-        width: usize,
         element: usize,
         from: usize,
         to: usize,
     ) -> ArrayRef {
+        let width = column.width;
         if width == 1 && matches!(self.places, Places::Same) {
-            return Arc::new(lend::<T>(shared, numbers).slice(from, to - from));
+            return Arc::new(lend::<T, _>(column, numbers).slice(from, to - from));
         }
         Arc::new(self.gather::<T>(from, to, |row| numbers[row * width + element]))
     }

@@ -217,11 +217,11 @@ impl Shared {
 pub struct Part(pub Arc<Shared>);
 
 /// A read-only array over numbers that `owner` keeps alive.
-fn lend<'py, T: Element>(numbers: &[T], owner: &Bound<'py, PyAny>) -> Bound<'py, PyArray1<T>> {
+fn lend<'py, T: Element, O>(numbers: &[T], owner: &Bound<'py, O>) -> Bound<'py, PyArray1<T>> {
     // SAFETY: `owner` is the base object of the array, so it lives as long as the array. The numbers belong to it, are
     // never moved or changed after it was made, and the array does not let anybody write to them.
     #[allow(unsafe_code)]
-    let array = unsafe { PyArray1::borrow_from_array(&aview1(numbers), owner.clone()) };
+    let array = unsafe { PyArray1::borrow_from_array(&aview1(numbers), owner.clone().into_any()) };
     array.readwrite().make_nonwriteable();
     array
 }
@@ -239,11 +239,10 @@ impl Part {
         self.0.part.first
     }
 
-    /// The columns that have rows.
+    /// The columns.
     #[getter]
     fn columns(&self) -> Vec<Column> {
-        let columns = self.0.part.columns.iter().enumerate();
-        columns.filter(|(_, it)| it.rows > 0).map(|(index, _)| Column { shared: self.0.clone(), index }).collect()
+        (0..self.0.part.columns.len()).map(|index| Column { shared: self.0.clone(), index }).collect()
     }
 
     /// What was counted.
@@ -285,12 +284,12 @@ impl Part {
     ) {
         let messages = &slf.get().0.part.messages;
         (
-            lend(&messages.mid, slf.as_any()),
-            lend(&messages.bid, slf.as_any()),
-            lend(&messages.offset, slf.as_any()),
-            lend(&messages.sample, slf.as_any()),
-            lend(&messages.payload.ends, slf.as_any()),
-            lend(&messages.payload.bytes, slf.as_any()),
+            lend(&messages.mid, slf),
+            lend(&messages.bid, slf),
+            lend(&messages.offset, slf),
+            lend(&messages.sample, slf),
+            lend(&messages.payload.ends, slf),
+            lend(&messages.payload.bytes, slf),
         )
     }
 
@@ -299,7 +298,7 @@ impl Part {
     fn time<'py>(slf: &Bound<'py, Self>) -> Bound<'py, PyArray1<f64>> {
         let shared = &slf.get().0;
         let times = slf.py().detach(|| shared.times());
-        lend(&times.time, slf.as_any())
+        lend(&times.time, slf)
     }
 
     /// Per sample: the packet counter, unwrapped.
@@ -307,7 +306,7 @@ impl Part {
     fn packet_counter<'py>(slf: &Bound<'py, Self>) -> Bound<'py, PyArray1<i64>> {
         let shared = &slf.get().0;
         let times = slf.py().detach(|| shared.times());
-        lend(&times.counter, slf.as_any())
+        lend(&times.counter, slf)
     }
 
     /// Per sample: where its frame begins.
@@ -330,8 +329,12 @@ pub struct Column {
     pub index: usize,
 }
 
+/// Keeps the numbers of one column alive for its arrays, and nothing else of the log.
+#[pyclass(module = "xbus._core", frozen)]
+struct Owner(Arc<crate::column::Column>);
+
 impl Column {
-    pub fn column(&self) -> &crate::column::Column {
+    pub fn column(&self) -> &Arc<crate::column::Column> {
         &self.shared.part.columns[self.index]
     }
 }
@@ -385,19 +388,21 @@ impl Column {
 
     /// The numbers, in one dimension; records and raw packets as bytes.
     #[getter]
-    fn values<'py>(slf: &Bound<'py, Self>) -> Bound<'py, PyAny> {
-        match &slf.get().column().values {
-            Values::U8(it) | Values::Records(it) => lend(it, slf.as_any()).into_any(),
-            Values::U16(it) => lend(it, slf.as_any()).into_any(),
-            Values::U32(it) => lend(it, slf.as_any()).into_any(),
-            Values::U64(it) => lend(it, slf.as_any()).into_any(),
-            Values::I8(it) => lend(it, slf.as_any()).into_any(),
-            Values::I16(it) => lend(it, slf.as_any()).into_any(),
-            Values::I32(it) => lend(it, slf.as_any()).into_any(),
-            Values::F32(it) => lend(it, slf.as_any()).into_any(),
-            Values::F64(it) => lend(it, slf.as_any()).into_any(),
-            Values::Raw(it) => lend(&it.bytes, slf.as_any()).into_any(),
-        }
+    fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        let owner = Bound::new(py, Owner(self.column().clone()))?;
+        let array = match &owner.get().0.values {
+            Values::U8(it) | Values::Records(it) => lend(it, &owner).into_any(),
+            Values::U16(it) => lend(it, &owner).into_any(),
+            Values::U32(it) => lend(it, &owner).into_any(),
+            Values::U64(it) => lend(it, &owner).into_any(),
+            Values::I8(it) => lend(it, &owner).into_any(),
+            Values::I16(it) => lend(it, &owner).into_any(),
+            Values::I32(it) => lend(it, &owner).into_any(),
+            Values::F32(it) => lend(it, &owner).into_any(),
+            Values::F64(it) => lend(it, &owner).into_any(),
+            Values::Raw(it) => lend(&it.bytes, &owner).into_any(),
+        };
+        Ok(array)
     }
 
     /// The records of `UtcTime` as nanoseconds since 1970; the least integer where the date or time does not exist.
@@ -412,16 +417,18 @@ impl Column {
 
     /// The entries of a list quantity, all of them, as bytes.
     #[getter]
-    fn entries<'py>(slf: &Bound<'py, Self>) -> Bound<'py, PyArray1<u8>> {
-        lend(&slf.get().column().entries, slf.as_any())
+    fn entries<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u8>>> {
+        let owner = Bound::new(py, Owner(self.column().clone()))?;
+        Ok(lend(&owner.get().0.entries, &owner))
     }
 
     /// Where each raw packet ends in `values`.
     #[getter]
-    fn ends<'py>(slf: &Bound<'py, Self>) -> Option<Bound<'py, PyArray1<u64>>> {
-        match &slf.get().column().values {
-            Values::Raw(it) => Some(lend(&it.ends, slf.as_any())),
-            _ => None,
+    fn ends<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<u64>>>> {
+        let owner = Bound::new(py, Owner(self.column().clone()))?;
+        match &owner.get().0.values {
+            Values::Raw(it) => Ok(Some(lend(&it.ends, &owner))),
+            _ => Ok(None),
         }
     }
 

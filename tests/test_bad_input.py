@@ -1,0 +1,359 @@
+"""Files that are not what they should be, and readers that do not do what they should.
+
+Hostile bytes have a folder of their own: ``attacks``.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import reference
+import streams
+import xbus
+from conftest import OWN_CAPTURES, counter, differences, facts, facts_of, fine, read
+from streams import frame, mtdata2, real
+
+READERS: list[Callable[[Any], Any]] = [
+    xbus.read_log,
+    lambda source: list(xbus.iter_log(source, block_bytes=1000)),
+]
+both = pytest.mark.parametrize("reader", READERS, ids=["read_log", "iter_log"])
+
+WALK = (OWN_CAPTURES / "walk.mtb").read_bytes()
+
+# ---------------------------------------------------------------------------------------------
+# Damaged recordings
+# ---------------------------------------------------------------------------------------------
+
+SOUND = [mtdata2(counter(i), fine(25 * i), real(0x4020, i, 0, 9.81)) for i in range(6)]
+SIZE = len(SOUND[0])
+
+
+@pytest.mark.parametrize("end", range(3 * SIZE, 5 * SIZE))
+def test_truncated(end: int) -> None:
+    """Only the last message is lost, and where it begins is told."""
+    log = xbus.read_log(b"".join(SOUND)[:end])
+    whole, rest = divmod(end, SIZE)
+    assert log["acceleration"].values[:, 0].tolist() == list(range(whole))
+    assert log.damage.tolist() == ([(whole * SIZE, rest, "truncated")] if rest else [])
+
+
+@pytest.mark.parametrize("start", range(1, 2 * SIZE))
+def test_starts_in_the_middle(start: int) -> None:
+    """A recorder that was switched on late."""
+    log = xbus.read_log(b"".join(SOUND)[start:])
+    lost = -(-start // SIZE)
+    assert log["acceleration"].values[:, 0].tolist() == list(range(lost, 6))
+    assert log.stats.skipped_bytes == lost * SIZE - start
+    assert log.stats.lost_samples == 0  # the counter cannot know
+
+
+@pytest.mark.parametrize("size", range(40))
+@pytest.mark.parametrize("garbage", [b"\0", b"\xfa", b"\xff", b"Xsens"])
+def test_garbage_between(garbage: bytes, size: int) -> None:
+    """A burst of any length; the vendor's recorder leaves five letters at the start."""
+    noise = (garbage * 40)[:size]
+    log = xbus.read_log(noise + noise.join(SOUND))
+    assert log["acceleration"].values[:, 0].tolist() == list(range(6))
+    assert log.stats.skipped_bytes == 6 * size
+    assert len(log.damage) == (6 if size else 0)
+
+
+@pytest.mark.parametrize("at", range(SIZE))
+def test_a_byte_lost(at: int) -> None:
+    """One message, and the counter knows."""
+    log = xbus.read_log(b"".join([*SOUND[:3], SOUND[3][:at] + SOUND[3][at + 1 :], *SOUND[4:]]))
+    assert log["acceleration"].values[:, 0].tolist() == [0, 1, 2, 4, 5]
+    assert (log.stats.lost_samples, log.stats.gaps) == (1, 1)
+    assert log.stats.skipped_bytes == SIZE - 1
+
+
+def test_swapped_blocks() -> None:
+    """A file system that lost its order: everything is there, and the counter says where it jumps."""
+    data = WALK[:20_000] + WALK[60_000:80_000] + WALK[40_000:60_000]
+    log = xbus.read_log(data)
+    assert differences(facts(log), facts_of(reference.decode(data))) == []
+    assert len(log) > 350
+    assert log.stats.gaps >= 1
+
+
+# ---------------------------------------------------------------------------------------------
+# Files that are none
+# ---------------------------------------------------------------------------------------------
+
+
+@both
+def test_missing(reader: Callable[[Any], Any], tmp_path: Path) -> None:
+    """Python's own error, which says which file."""
+    path = tmp_path / "no.mtb"
+    for source in (path, str(path)):
+        with pytest.raises(FileNotFoundError) as caught:
+            reader(source)
+        assert caught.value.filename == str(path)
+
+
+@both
+def test_directory(reader: Callable[[Any], Any], tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError) as caught:
+        reader(tmp_path)
+    assert caught.value.filename == str(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root reads everything")
+def test_no_rights(tmp_path: Path) -> None:
+    path = tmp_path / "secret.mtb"
+    path.touch(0o000)
+    with pytest.raises(PermissionError) as caught:
+        xbus.read_log(path)
+    assert caught.value.filename == str(path)
+
+
+def test_empty(tmp_path: Path) -> None:
+    path = tmp_path / "empty.mtb"
+    path.touch()
+    log = xbus.read_log(path)
+    assert (len(log), len(log.messages), len(log.damage), log.stats.bytes) == (0, 0, 0, 0)
+    assert [len(it) for it in xbus.iter_log(path)] == [0]
+
+
+def png() -> bytes:
+    """A picture of noise."""
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return (
+            struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
+        )
+
+    rows = b"".join(b"\0" + bytes((x * y * 37) % 256 for x in range(256)) for y in range(256))
+    head = struct.pack(">IIBBBBB", 256, 256, 8, 0, 0, 0, 0)
+    return (
+        b"\x89PNG\r\n\x1a\n"
+        + chunk(b"IHDR", head)
+        + chunk(b"IDAT", zlib.compress(rows))
+        + chunk(b"IEND", b"")
+    )
+
+
+OTHER_FILES = {
+    "PNG": png(),
+    "text": Path(reference.__file__).read_bytes(),
+    "NMEA": b"$GPGGA,091507.00,5214.4043,N,00650.3034,E,1,09,1.1,45.2,M,42.8,M,,*54\r\n" * 100,
+    "zip": zlib.compress(WALK),
+    "hex dump": WALK[:2000].hex(" ").encode(),
+    "one byte": b"\xfa",
+    "UTF-16": "FA FF 30 00 D1".encode("utf-16"),
+}
+
+
+@pytest.mark.parametrize("data", OTHER_FILES.values(), ids=OTHER_FILES)
+@both
+def test_no_xbus_at_all(reader: Callable[[Any], Any], data: bytes, tmp_path: Path) -> None:
+    """An empty log, all of it damage; what to make of that is left to who asked."""
+    path = tmp_path / "what.mtb"
+    path.write_bytes(data)
+    found = reader(path)
+    parts = found if isinstance(found, list) else [found]
+    said = facts(*parts)
+    assert differences(said, facts_of(reference.decode(data))) == []
+    assert said["stats"]["samples"] == 0
+    assert said["stats"]["skipped_bytes"] >= len(data) - 20
+    assert "0 samples" in repr(xbus.read_log(path))
+
+
+@pytest.mark.parametrize(
+    "source",
+    [None, 3, 3.5, ["a", "b"], {"a": 1}, object(), xbus.read_log, b"".join],
+    ids=lambda it: type(it).__name__,
+)
+@both
+def test_no_source_at_all(reader: Callable[[Any], Any], source: Any) -> None:
+    with pytest.raises(TypeError) as caught:
+        reader(source)
+    assert (
+        f"a log is read from a path, bytes, a uint8 array or a binary file object, not {type(source).__name__}"
+        in (str(caught.value))
+    )
+
+
+@pytest.mark.parametrize(
+    ("dtype", "shape"),
+    [("i1", (10,)), ("u2", (10,)), ("f8", (10,)), ("?", (10,)), ("u1", (2, 5)), ("u1", ())],
+)
+def test_arrays_of_something_else(dtype: str, shape: tuple[int, ...]) -> None:
+    np = pytest.importorskip("numpy")
+    with pytest.raises(TypeError, match="an array of bytes must be uint8 with one dimension"):
+        xbus.read_log(np.zeros(shape, dtype))
+
+
+# ---------------------------------------------------------------------------------------------
+# Files that change while they are read
+# ---------------------------------------------------------------------------------------------
+
+
+def test_a_file_cut_short(tmp_path: Path) -> None:
+    """Another program truncates it between two parts: the log just ends there. Nothing is mapped."""
+    path = tmp_path / "log.mtb"
+    data = streams.ahrs(40_000)
+    path.write_bytes(data)
+    parts = xbus.iter_log(path, block_bytes=10_000)
+    first = [next(parts), next(parts)]
+    os.truncate(path, 30_000)
+    rest = list(parts)
+    said = facts(*first, *rest)
+    got = said["stats"]["bytes"]
+    assert 30_000 <= got < len(data)
+    assert differences(said, facts(read(data[:got]))) == []
+
+
+def test_a_file_cut_to_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(streams.ahrs(40_000))
+    parts = xbus.iter_log(path, block_bytes=10_000)
+    next(parts)
+    path.write_bytes(b"")
+    assert sum(len(it) for it in parts) < 40_000
+
+
+def test_a_file_that_grows(tmp_path: Path) -> None:
+    """A recorder is still at it: what is there when the reader comes is read."""
+    path = tmp_path / "log.mtb"
+    data = streams.ahrs(40_000)
+    path.write_bytes(data[:2_000_000])
+    parts = xbus.iter_log(path, block_bytes=100_000)
+    first = [next(parts)]
+    with path.open("ab") as file:
+        file.write(data[2_000_000:])
+    said = facts(*first, *parts)
+    assert said["stats"]["bytes"] == len(data)
+    assert differences(said, facts(read(data))) == []
+
+
+def test_a_file_that_is_replaced(tmp_path: Path) -> None:
+    """It is read to its end all the same."""
+    path, other = tmp_path / "log.mtb", tmp_path / "other.mtb"
+    data = streams.ahrs(40_000)
+    path.write_bytes(data)
+    other.write_bytes(b"something else")
+    parts = xbus.iter_log(path, block_bytes=100_000)
+    first = next(parts)
+    other.replace(path)
+    assert len(first) + sum(len(it) for it in parts) == 40_000
+
+
+# ---------------------------------------------------------------------------------------------
+# Readers that do not do what they should
+# ---------------------------------------------------------------------------------------------
+
+
+class Reader:
+    """Gives these answers, one after the other; raises those that are exceptions."""
+
+    def __init__(self, *answers: Any) -> None:
+        self.answers = list(answers)
+
+    def read(self, size: int = -1, /) -> Any:
+        answer = self.answers.pop(0) if self.answers else b""
+        if isinstance(answer, BaseException):
+            raise answer
+        return answer(size) if callable(answer) else answer
+
+
+@pytest.mark.parametrize(
+    ("answer", "text"),
+    [
+        ("text", "read() must return bytes; open the file in binary mode"),
+        (None, "read() must return bytes; open the file in binary mode"),
+        (7, "read() must return bytes; open the file in binary mode"),
+        ([1, 2], "read() must return bytes; open the file in binary mode"),
+        (lambda size: bytes(size + 1), "read() returned more bytes than were asked for"),
+    ],
+)
+@both
+def test_wrong_answers(reader: Callable[[Any], Any], answer: Any, text: str) -> None:
+    """At once, and after sound bytes."""
+    for answers in ([answer], [SOUND[0], answer]):
+        with pytest.raises(TypeError) as caught:
+            reader(Reader(*answers))
+        assert str(caught.value) == text
+
+
+@both
+def test_text_mode(reader: Callable[[Any], Any], tmp_path: Path) -> None:
+    """The commonest mistake gets a sentence that says what to do."""
+    path = tmp_path / "log.mtb"
+    path.write_bytes(frame(0x30)[:1] * 0 + b"only ASCII")
+    with path.open() as file, pytest.raises(TypeError, match="open the file in binary mode"):
+        reader(file)
+    with pytest.raises(TypeError, match="open the file in binary mode"):
+        reader(io.StringIO("text"))
+
+
+class Unheard(Exception):
+    """An error of the reader's own."""
+
+
+@pytest.mark.parametrize(
+    "error", [OSError(5, "Input/output error"), Unheard("lost"), KeyboardInterrupt()]
+)
+@both
+def test_errors_are_the_readers_own(reader: Callable[[Any], Any], error: BaseException) -> None:
+    """The very exception comes out, not one that wraps it."""
+    for answers in ([error], [SOUND[0], error]):
+        with pytest.raises(type(error)) as caught:
+            reader(Reader(*answers))
+        assert caught.value is error
+
+
+def test_what_came_before_an_error_is_handed_over() -> None:
+    """As far as whole parts go."""
+    calls = iter([b"".join(SOUND) * 30_000])
+
+    def some(size: int) -> bytes:
+        data = next(calls, None)
+        if data is None:
+            raise OSError("gone")
+        return data[:size]
+
+    parts = xbus.iter_log(Reader(some, some), block_bytes=10_000)
+    assert len(next(parts)) > 200
+
+
+def test_closed_file(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(SOUND[0])
+    with path.open("rb") as file:
+        pass
+    with pytest.raises(ValueError, match="closed file"):
+        xbus.read_log(file)
+
+
+def test_a_file_open_for_writing(tmp_path: Path) -> None:
+    with (tmp_path / "log.mtb").open("wb") as file, pytest.raises(io.UnsupportedOperation):
+        xbus.read_log(file)
+
+
+def test_short_answers_are_no_end() -> None:
+    """Only an answer of no bytes is."""
+    log = xbus.read_log(Reader(*[bytes([it]) for it in SOUND[0]], *SOUND[1:]))
+    assert len(log) == 6
+    assert len(xbus.read_log(Reader(SOUND[0], b"", SOUND[1]))) == 1
+
+
+def test_a_reader_that_reads_a_log_itself() -> None:
+    """Re-entrance: another log is read while this one is."""
+    inner: list[int] = []
+
+    def some(size: int) -> bytes:
+        inner.append(len(xbus.read_log(SOUND[0] * 3)))
+        return SOUND[0] if len(inner) == 1 else b""
+
+    assert len(xbus.read_log(Reader(some, some))) == 1
+    assert inner == [3, 3]
