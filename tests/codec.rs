@@ -331,7 +331,7 @@ fn a_list_that_counts_nonsense_is_refused() {
 #[test]
 fn a_list_may_be_counted_in_any_type_of_number() {
     let info = quantity_named("gnss_sat_info").unwrap();
-    let counted = |count, satellites| {
+    let counted = |count, satellites: usize| {
         let mut numbers = vec![Number::Integer(7); 5 + 4 * satellites];
         numbers[1] = count;
         let mut payload = vec![];

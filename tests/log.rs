@@ -196,7 +196,7 @@ fn a_short_frame_behind_a_long_one_loses_no_row() {
     let known = [long.clone(), short.clone()].concat().repeat(4);
     for tail in 0..100 {
         // The command is not known: before it and behind it frames of known layouts are gathered apart.
-        let stream = [&known, &frame(0x08, &[]), &long, &short, &vec![0; tail]].concat();
+        let stream = [&known[..], &frame(0x08, &[]), &long, &short, &vec![0; tail]].concat();
         assert_eq!(read(&stream).column("packet_counter").rows.len(), 10, "{tail}");
     }
 }

@@ -2,11 +2,11 @@
 
 use crate::table::{self, Series};
 
-/// Where `SampleTimeFine` of the device with this 32-bit identifier wraps, if its family is known.
+/// Where `SampleTimeFine` of the device with this identifier wraps, if its family is known.
 #[must_use]
-pub const fn wrap_of_id(id: u32) -> Option<u64> {
+pub const fn wrap_of_id(id: u64) -> Option<u64> {
     // Bit 31 marks the serial numbers of the 600-series and later, which carry no family.
-    if id >> 31 == 1 {
+    if id >> 31 != 0 {
         return Some(Series::SixHundred.fine_wrap());
     }
     match id >> 20 & 0xF {
@@ -122,12 +122,10 @@ impl Configuration {
 /// Where `SampleTimeFine` wraps, if this message names the device.
 #[must_use]
 pub fn wrap_of_message(mid: u8, payload: &[u8]) -> Option<u64> {
-    #[allow(clippy::cast_possible_truncation)] // the low half
-    let of_id = |id: u64| wrap_of_id(id as u32);
     match mid {
-        table::DEVICE_ID => device_id(payload).and_then(of_id),
-        table::INIT_BUS_RESULTS if payload.len() == 4 => device_id(payload).and_then(of_id),
-        table::CONFIGURATION => Configuration::read(payload).and_then(|it| of_id(it.device_id)),
+        table::DEVICE_ID => device_id(payload).and_then(wrap_of_id),
+        table::INIT_BUS_RESULTS if payload.len() == 4 => device_id(payload).and_then(wrap_of_id),
+        table::CONFIGURATION => Configuration::read(payload).and_then(|it| wrap_of_id(it.device_id)),
         table::PRODUCT_CODE => wrap_of_product(&product_code(payload)?),
         _ => None,
     }

@@ -360,10 +360,10 @@ impl Layouts {
         }
         moves.sort_by_key(|(_, it)| it.column); // stable: the layout that came first goes first
         let mut starts = [0; BATCH + 1];
-        let stride = match batch.starts() {
-            [one, two, ..] if batch.starts().windows(2).fold(true, |even, pair| even & (pair[1] - pair[0] == two - one)) => two - one,
-            _ => 0,
-        };
+        // Frames of one length, right behind each other: their positions need not be looked up.
+        let length = self.known[usize::from(batch.layouts()[batch.len() - 1])].frame;
+        let even = batch.starts().windows(2).fold(true, |all, pair| all & (pair[1] - pair[0] == length));
+        let stride = if even { length } else { 0 };
         for moves in moves.chunk_by(|one, other| one.1.column == other.1.column) {
             let (_, first) = moves[0];
             let column = &mut columns[first.column];

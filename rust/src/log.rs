@@ -206,7 +206,8 @@ impl Part {
                 counter: counter.last(layout, sample).map(|it| it as u16),
                 fine: fine.last(layout, sample),
                 coarse: coarse.last(layout, sample),
-                trigger: triggers.iter_mut().filter_map(|it| it.last(layout, sample)).next_back(),
+                // Every track is moved on, whether or not a later one counts.
+                trigger: triggers.iter_mut().fold(None, |stamp, it| it.last(layout, sample).or(stamp)),
                 gnss: gnss.iter_mut().map(|it| it.rows(layout, sample)).sum::<usize>() > 0,
             };
             let (time, count) = clocks.of(bid).sample(stamps, &mut losses);
