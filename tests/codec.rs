@@ -263,7 +263,21 @@ fn fixed_point_saturates_and_rounds_half_away_from_zero() {
 // What the encoder refuses
 // ---------------------------------------------------------------------------------------------
 
+fn refuse(
+    name: &str,
+    precision: Option<Precision>,
+    coordinates: Option<Coordinates>,
+    numbers: &[Number],
+    sentence: &str,
+) {
+    let mut payload = vec![1, 2, 3];
+    let error = write_packet(&mut payload, quantity_named(name).unwrap(), precision, coordinates, numbers);
+    assert_eq!(error.expect_err(sentence).to_string(), sentence);
+    assert_eq!(payload, [1, 2, 3], "{sentence}");
+}
+
 #[test]
+#[rustfmt::skip]
 fn what_cannot_be_written_is_refused_with_a_sentence() {
     use Number::{Double, Integer, Single, Wide};
     let one = [Integer(1); 35];
@@ -273,35 +287,26 @@ fn what_cannot_be_written_is_refused_with_a_sentence() {
     pvt[1] = Integer(-1); // a year cannot
     let (fp1220, fp1632) = (Some(Precision::Fp1220), Some(Precision::Fp1632));
     let enu = Some(Coordinates::Enu);
-    #[rustfmt::skip]
-    let rows: &[(&str, Option<Precision>, Option<Coordinates>, &[Number], &str)] = &[
-        ("acceleration",   None,   None, &one[..2],           "acceleration takes 3 numbers, not 2"),
-        ("acceleration",   None,   None, &[],                 "acceleration takes 3 numbers, not 0"),
-        ("acceleration",   fp1220, None, &nan,                "acceleration: Fp1220 has no NaN; use Float32 or Float64"),
-        ("acceleration",   fp1632, None, &nan,                "acceleration: Fp1632 has no NaN; use Float32 or Float64"),
-        ("acceleration",   None,   enu,  &one[..3],           "acceleration has no coordinate system in the manual"),
-        ("status_word",    fp1220, None, &one[..1],           "status_word is made of integers; it takes no precision"),
-        ("status_byte",    None,   None, &[Integer(256)],     "status_byte: 256 is outside U1 (0 to 255)"),
-        ("packet_counter", None,   None, &[Integer(-1)],      "packet_counter: -1 is outside U2 (0 to 65535)"),
-        ("status_word",    None,   None, &[Wide(1 << 32)],    "status_word: 4294967296 is outside U4 (0 to 4294967295)"),
-        ("rssi",           None,   None, &[Integer(-129)],    "rssi: -129 is outside I1 (-128 to 127)"),
-        ("status_word",    None,   None, &[Double(0.5)],      "status_word: 0.5 is outside the integers"),
-        ("status_word",    None,   None, &[Double(f64::INFINITY)], "status_word: inf is outside the integers"),
-        ("status_word",    None,   None, &[Single(f32::NAN)], "status_word: NaN is outside the integers"),
-        ("device_id",      None,   None, &[Integer(1 << 32)], "device_id: 4294967296 is outside U4 (0 to 4294967295)"),
-        ("device_id",      None,   None, &one[..2],           "device_id takes 1 numbers, not 2"),
-        ("gnss_pvt_data",  None,   None, &one[..34],          "gnss_pvt_data takes 35 numbers, not 34"),
-        ("gnss_pvt_data",  None,   None, &pvt,                "year: -1 is outside U2 (0 to 65535)"),
-        ("gnss_sat_info",  None,   None, &one[..5],           "gnss_sat_info takes 9 numbers, not 5"),
-        ("gnss_sat_info",  None,   None, &one[..4],           "gnss_sat_info takes 9 numbers, not 4"),
-        ("gnss_sat_info",  None,   None, &[],                 "gnss_sat_info takes 5 numbers, not 0"),
-    ];
-    for &(name, precision, coordinates, numbers, sentence) in rows {
-        let mut payload = vec![1, 2, 3];
-        let error = write_packet(&mut payload, quantity_named(name).unwrap(), precision, coordinates, numbers);
-        assert_eq!(error.expect_err(sentence).to_string(), sentence);
-        assert_eq!(payload, [1, 2, 3], "{sentence}");
-    }
+    refuse("acceleration",   None,   None, &one[..2],                "acceleration takes 3 numbers, not 2");
+    refuse("acceleration",   None,   None, &[],                      "acceleration takes 3 numbers, not 0");
+    refuse("acceleration",   fp1220, None, &nan,                     "acceleration: Fp1220 has no NaN; use Float32 or Float64");
+    refuse("acceleration",   fp1632, None, &nan,                     "acceleration: Fp1632 has no NaN; use Float32 or Float64");
+    refuse("acceleration",   None,   enu,  &one[..3],                "acceleration has no coordinate system in the manual");
+    refuse("status_word",    fp1220, None, &one[..1],                "status_word is made of integers; it takes no precision");
+    refuse("status_byte",    None,   None, &[Integer(256)],          "status_byte: 256 is outside U1 (0 to 255)");
+    refuse("packet_counter", None,   None, &[Integer(-1)],           "packet_counter: -1 is outside U2 (0 to 65535)");
+    refuse("status_word",    None,   None, &[Wide(1 << 32)],         "status_word: 4294967296 is outside U4 (0 to 4294967295)");
+    refuse("rssi",           None,   None, &[Integer(-129)],         "rssi: -129 is outside I1 (-128 to 127)");
+    refuse("status_word",    None,   None, &[Double(0.5)],           "status_word: 0.5 is outside the integers");
+    refuse("status_word",    None,   None, &[Double(f64::INFINITY)], "status_word: inf is outside the integers");
+    refuse("status_word",    None,   None, &[Single(f32::NAN)],      "status_word: NaN is outside the integers");
+    refuse("device_id",      None,   None, &[Integer(1 << 32)],      "device_id: 4294967296 is outside U4 (0 to 4294967295)");
+    refuse("device_id",      None,   None, &one[..2],                "device_id takes 1 numbers, not 2");
+    refuse("gnss_pvt_data",  None,   None, &one[..34],               "gnss_pvt_data takes 35 numbers, not 34");
+    refuse("gnss_pvt_data",  None,   None, &pvt,                     "year: -1 is outside U2 (0 to 65535)");
+    refuse("gnss_sat_info",  None,   None, &one[..5],                "gnss_sat_info takes 9 numbers, not 5");
+    refuse("gnss_sat_info",  None,   None, &one[..4],                "gnss_sat_info takes 9 numbers, not 4");
+    refuse("gnss_sat_info",  None,   None, &[],                      "gnss_sat_info takes 5 numbers, not 0");
 }
 
 #[test]

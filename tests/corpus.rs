@@ -12,8 +12,10 @@ use std::path::PathBuf;
 
 use fuzz::checks;
 
+type Check = fn(&[u8]);
+
 /// The fuzz targets, and what each calls.
-const TARGETS: [(&str, fn(&[u8])); 5] = [
+const TARGETS: [(&str, Check); 5] = [
     ("chunking", checks::chunking),
     ("codec", checks::codec),
     ("decode", checks::decode),

@@ -321,51 +321,53 @@ fn a_strict_reader_stops_at_the_first_fault() {
 // Clocks and counters
 // ---------------------------------------------------------------------------------------------
 
-const DAY: u32 = 864_000_000;
-
-/// A message whose only packet is `SampleTimeFine`.
-fn fine(ticks: u32) -> Vec<u8> {
-    sample(&[(0x1060, &ticks.to_be_bytes())])
-}
-
-/// What names the device, and what follows from it.
-fn device(id: u32) -> Vec<u8> {
-    frame(0x01, &id.to_be_bytes())
-}
+/// Where the fine time of the older families wraps, in ticks of 0.1 ms; that of the others does at 32 bits.
+const DAY: i64 = 864_000_000;
+const ALL: i64 = 1 << 32;
 
 const MTI_1: u32 = 0x0880_0001;
 const MTI_30: u32 = 0x0360_08A6;
 const MTI_630: u32 = 0x8000_40D2;
 
-/// The times of a log in ticks of 0.1 ms.
-fn ticks(log: &Log) -> Vec<f64> {
-    log.times.iter().map(|it| (f64::from_bits(it.0) * 1e4).round()).collect()
+/// A message whose only packet is `SampleTimeFine`, cut to its 32 bits.
+#[allow(clippy::cast_possible_truncation)] // as devices do
+fn fine(ticks: i64) -> Vec<u8> {
+    sample(&[(0x1060, &(ticks.cast_unsigned() as u32).to_be_bytes())])
+}
+
+/// What names the device.
+fn device(id: u32) -> Vec<u8> {
+    frame(0x01, &id.to_be_bytes())
+}
+
+/// The times of a log in ticks.
+#[allow(clippy::cast_possible_truncation)] // below 2^53
+fn ticks(log: &Log) -> Vec<i64> {
+    log.times.iter().map(|it| (f64::from_bits(it.0) * 1e4).round() as i64).collect()
+}
+
+/// A device sends these fine times, and the log makes those of them.
+fn unwrap(what: &str, id: Option<u32>, sent: &[i64], expected: &[i64]) {
+    let samples = sent.iter().map(|it| fine(*it));
+    let stream: Vec<u8> = id.map(device).into_iter().chain(samples).flatten().collect();
+    assert_eq!(ticks(&read(&stream)), expected, "{what}");
 }
 
 #[test]
+#[rustfmt::skip]
 fn the_fine_time_goes_on_where_it_wraps() {
-    let day = f64::from(DAY);
-    let all = 2f64.powi(32);
-    #[rustfmt::skip]
-    let rows: [(&str, Option<u32>, &[u32], &[f64]); 10] = [
-        ("no wrap",                     None,          &[0, 25, 50],         &[0.0, 25.0, 50.0]),
-        ("a day, device known",         Some(MTI_30),  &[DAY - 25, 0, 25],   &[day - 25.0, day, day + 25.0]),
-        ("32 bits, device known",       Some(MTI_630), &[u32::MAX, 24],      &[all - 1.0, all + 24.0]),
-        ("32 bits, another family",     Some(MTI_1),   &[u32::MAX - 9, 15],  &[all - 10.0, all + 15.0]),
-        ("a day is nothing to these",   Some(MTI_630), &[DAY - 25, DAY, DAY + 25], &[day - 25.0, day, day + 25.0]),
-        ("a day, by the value before",  None,          &[DAY - 25, 0],       &[day - 25.0, day]),
-        ("32 bits, by the value before", None,         &[u32::MAX - 24, 0],  &[all - 25.0, all]),
-        ("twice",                       Some(MTI_30),  &[DAY - 1, DAY / 2 - 1, DAY - 1, 0],
-            &[day - 1.0, day * 1.5 - 1.0, day * 2.0 - 1.0, day * 2.0]),
-        ("a small step back",           Some(MTI_30),  &[1000, 900, 1100],   &[1000.0, 900.0, 1100.0]),
-        ("back over the wrap",          Some(MTI_30),  &[DAY - 5, 5, DAY - 1, 10],
-            &[day - 5.0, day + 5.0, day - 1.0, day + 10.0]),
-    ];
-    for (what, id, times, expected) in rows {
-        let samples = times.iter().map(|it| fine(*it));
-        let stream: Vec<u8> = id.map(device).into_iter().chain(samples).flatten().collect();
-        assert_eq!(ticks(&read(&stream)), expected, "{what}");
-    }
+    unwrap("no wrap",                      None,          &[0, 25, 50],               &[0, 25, 50]);
+    unwrap("a day, device known",          Some(MTI_30),  &[DAY - 25, 0, 25],         &[DAY - 25, DAY, DAY + 25]);
+    unwrap("32 bits, device known",        Some(MTI_630), &[ALL - 1, 24],             &[ALL - 1, ALL + 24]);
+    unwrap("32 bits, another family",      Some(MTI_1),   &[ALL - 10, 15],            &[ALL - 10, ALL + 15]);
+    unwrap("a day is nothing to these",    Some(MTI_630), &[DAY - 25, DAY, DAY + 25], &[DAY - 25, DAY, DAY + 25]);
+    unwrap("a day, by the value before",   None,          &[DAY - 25, 0],             &[DAY - 25, DAY]);
+    unwrap("32 bits, by the value before", None,          &[ALL - 25, 0],             &[ALL - 25, ALL]);
+    unwrap("twice",                        Some(MTI_30),  &[DAY - 1, DAY / 2 - 1, DAY - 1, 0],
+                                                          &[DAY - 1, DAY * 3 / 2 - 1, DAY * 2 - 1, DAY * 2]);
+    unwrap("a small step back",            Some(MTI_30),  &[1000, 900, 1100],         &[1000, 900, 1100]);
+    unwrap("back over the wrap",           Some(MTI_30),  &[DAY - 5, 5, DAY - 1, 10], &[DAY - 5, DAY + 5, DAY - 1, DAY + 10]);
+    unwrap("never below zero",             Some(MTI_30),  &[10, DAY - 10],            &[10, DAY - 10]);
 }
 
 #[test]
@@ -373,50 +375,47 @@ fn every_message_that_names_the_device_names_its_clock() {
     let mut configuration = vec![0; 118];
     configuration[..4].copy_from_slice(&MTI_630.to_be_bytes());
     let code = |text: &str| frame(0x1D, format!("{text:<20}").as_bytes());
-    let wide = [0, 0, 0, 0].into_iter().chain(MTI_630.to_be_bytes()).collect::<Vec<u8>>();
-    #[rustfmt::skip]
+    let wide = u64::from(MTI_630).to_be_bytes();
     let rows = [
-        (device(MTI_30),                 DAY.into()),
-        (device(MTI_630),                1 << 32),
-        (device(MTI_1),                  1 << 32),
-        (frame(0x01, &wide),             1 << 32),
-        (frame(0x03, &MTI_630.to_be_bytes()), 1 << 32),
-        (frame(0x0D, &configuration),    1_i64 << 32),
-        (code("MTi-30-2A5G4"),           DAY.into()),
-        (code("MTi-G-710"),              DAY.into()),
-        (code("MTi-680G"),               1 << 32),
-        (code("MTi-3-8A7G6"),            1 << 32),
+        (device(MTI_30), DAY),
+        (device(MTI_630), ALL),
+        (device(MTI_1), ALL),
+        (frame(0x01, &wide), ALL),
+        (frame(0x03, &MTI_630.to_be_bytes()), ALL),
+        (frame(0x0D, &configuration), ALL),
+        (code("MTi-30-2A5G4"), DAY),
+        (code("MTi-G-710"), DAY),
+        (code("MTi-680G"), ALL),
+        (code("MTi-3-8A7G6"), ALL),
         // Nobody is named: then a day, for the last time was within one.
-        (frame(0x42, &[4]),              DAY.into()),
-        (code("something else"),         DAY.into()),
+        (frame(0x42, &[4]), DAY),
+        (code("something else"), DAY),
     ];
     for (naming, wrap) in rows {
         let log = read(&[naming.clone(), fine(DAY - 1), fine(0)].concat());
-        #[allow(clippy::cast_precision_loss)] // far below 2^53
-        let expected = wrap as f64;
-        // Where the wrap is far away, a step back by a day cannot be one: it would be longer back than forth.
-        let expected = if wrap == DAY.into() { expected } else { 0.0 };
-        assert_eq!(ticks(&log)[1], expected, "{naming:02X?}");
+        // Where the wrap is far away this is a step back: forth it would be longer.
+        assert_eq!(ticks(&log)[1], if wrap == DAY { DAY } else { 0 }, "{naming:02X?}");
     }
 }
 
+/// A device sends these counters: what the log makes of them, and how many samples are missing at how many places.
+fn count(what: &str, sent: &[u16], expected: &[i64], missing: u64, places: u64) {
+    let stream: Vec<u8> = sent.iter().flat_map(|it| sample(&[(0x1020, &it.to_be_bytes())])).collect();
+    let log = read(&stream);
+    assert_eq!(log.counters, expected, "{what}");
+    assert_eq!((log.losses.samples, log.losses.gaps), (missing, places), "{what}");
+}
+
 #[test]
+#[rustfmt::skip]
 fn counters_wrap_and_count_losses() {
-    #[rustfmt::skip]
-    let rows: [(&str, &[u16], &[i64], u64, u64); 6] = [
-        ("no loss",        &[5, 6, 7],             &[5, 6, 7],             0, 0),
-        ("the wrap",       &[65534, 65535, 0, 1],  &[65534, 65535, 65536, 65537], 0, 0),
-        ("one is missing", &[5, 7, 8],             &[5, 7, 8],             1, 1),
-        ("at the wrap",    &[65535, 2],            &[65535, 65538],        2, 1),
-        ("two places",     &[5, 7, 17],            &[5, 7, 17],            10, 2),
-        ("an older one",   &[500, 490, 501],       &[500, 490, 501],       10, 1),
-    ];
-    for (what, counters, expected, samples, gaps) in rows {
-        let stream: Vec<u8> = counters.iter().flat_map(|it| sample(&[(0x1020, &it.to_be_bytes())])).collect();
-        let log = read(&stream);
-        assert_eq!(log.counters, expected, "{what}");
-        assert_eq!((log.losses.samples, log.losses.gaps), (samples, gaps), "{what}");
-    }
+    count("no loss",        &[5, 6, 7],            &[5, 6, 7],                    0, 0);
+    count("the wrap",       &[65534, 65535, 0, 1], &[65534, 65535, 65536, 65537], 0, 0);
+    count("one is missing", &[5, 7, 8],            &[5, 7, 8],                    1, 1);
+    count("at the wrap",    &[65535, 2],           &[65535, 65538],               2, 1);
+    count("two places",     &[5, 7, 17],           &[5, 7, 17],                   10, 2);
+    count("an older one",   &[500, 490, 501],      &[500, 490, 501],              10, 1);
+    count("the same again", &[500, 500, 501],      &[500, 500, 501],              0, 0);
 }
 
 #[test]
@@ -439,19 +438,19 @@ fn each_device_on_the_bus_has_a_clock_and_a_counter_of_its_own() {
 
 #[test]
 fn a_gnss_sample_does_not_move_the_clock() {
-    let gnss = |ticks: u32| sample(&[(0x7010, &[0; 94]), (0x1060, &ticks.to_be_bytes())]);
+    let gnss = |ticks: i64| [&packet(0x7010, &[0; 94])[..], &fine(ticks)[4..11]].concat();
+    let gnss = |ticks: i64| frame(table::MTDATA2, &gnss(ticks));
     let stream = [device(MTI_30), fine(DAY - 25), fine(0), gnss(DAY - 450), fine(25), gnss(3), fine(50)].concat();
-    let day = f64::from(DAY);
-    assert_eq!(ticks(&read(&stream)), [day - 25.0, day, day - 450.0, day + 25.0, day + 3.0, day + 50.0]);
+    assert_eq!(ticks(&read(&stream)), [DAY - 25, DAY, DAY - 450, DAY + 25, DAY + 3, DAY + 50]);
 }
 
 #[test]
 fn a_coarse_time_makes_the_big_timestamp() {
     let both = |coarse: u32, fine: u32| sample(&[(0x1060, &fine.to_be_bytes()), (0x1070, &coarse.to_be_bytes())]);
     let log = read(&[both(0, 9999), both(1, 10_000), both(500_000, 25), fine(50)].concat());
-    assert_eq!(ticks(&log)[..3], [9999.0, 10_000.0, 5e9 + 25.0]);
+    assert_eq!(ticks(&log)[..3], [9999, 10_000, 5_000_000_025]);
     // Coarse time alone is time as well.
-    assert_eq!(ticks(&read(&sample(&[(0x1070, &[0, 0, 0, 7])]))), [70_000.0]);
+    assert_eq!(ticks(&read(&sample(&[(0x1070, &[0, 0, 0, 7])]))), [70_000]);
 }
 
 #[test]
@@ -464,7 +463,7 @@ fn a_trigger_brings_its_own_time() {
     assert_eq!(log.counters, [-1; 3]);
     // Microseconds wrap every 2^32, that is 72 minutes, and follow the clock.
     let log = read(&[fine(42_949_672), trigger(0x4810, 1_000_000)].concat());
-    assert_eq!(ticks(&log)[1], (2f64.powi(32) / 100.0 + 10_000.0).round());
+    assert_eq!(ticks(&log)[1], (ALL + 1_000_000 + 50) / 100);
 }
 
 #[test]
@@ -473,7 +472,7 @@ fn several_triggers_in_one_sample_do_not_lose_their_place() {
     let both = sample(&[(0x4810, &stamp(1_000_000)), (0x4820, &stamp(2_000_000))]);
     let first = sample(&[(0x4810, &stamp(3_000_000))]);
     let log = read(&[both, first].concat());
-    assert_eq!(ticks(&log), [20_000.0, 30_000.0]);
+    assert_eq!(ticks(&log), [20_000, 30_000]);
 }
 
 #[test]

@@ -234,6 +234,7 @@ OUTPUTS = [
     ["info", FIELD],
     ["dump", FIELD],
     ["items"],
+    ["items", "gnss"],
     ["messages", "--json"],
     ["--help"],
     ["info", "-h"],
@@ -251,7 +252,7 @@ def test_full_disk(args: list[str]) -> None:
     )
 
 
-@pytest.mark.parametrize("args", OUTPUTS[:4], ids=" ".join)
+@pytest.mark.parametrize("args", OUTPUTS[:5], ids=" ".join)
 def test_closed_output(args: list[str]) -> None:
     code, said = shell('exec "$@" >&-', *args)
     assert code == 1

@@ -172,16 +172,13 @@ fn write_anything(data: &[u8], random: &mut Random) {
     };
     let coordinates = (quantity.rotates || random.once_in(9)).then(|| random.pick(&Coordinates::ALL));
     let mut payload = vec![0xAA];
-    match write_packet(&mut payload, &quantity, precision, coordinates, &values) {
-        Err(error) => {
-            assert_eq!(payload, [0xAA], "{error}");
-            assert!(!error.to_string().is_empty());
-        }
-        Ok(()) => {
-            let all: Vec<_> = packets(&payload[1..]).collect();
-            let [Ok(packet)] = &all[..] else { panic!("{all:?}") };
-            assert!(is_canonical(packet), "{} {values:?}: {packet:?}", quantity.name);
-            rewrite(packet);
-        }
+    if let Err(error) = write_packet(&mut payload, &quantity, precision, coordinates, &values) {
+        assert_eq!(payload, [0xAA], "{error}");
+        assert!(!error.to_string().is_empty());
+        return;
     }
+    let all: Vec<_> = packets(&payload[1..]).collect();
+    let [Ok(packet)] = &all[..] else { panic!("{all:?}") };
+    assert!(is_canonical(packet), "{} {values:?}: {packet:?}", quantity.name);
+    rewrite(packet);
 }

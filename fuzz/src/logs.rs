@@ -21,7 +21,7 @@ use super::streams::Random;
 pub struct Log {
     /// Index of the first sample.
     pub first: u64,
-    pub columns: Vec<Rows>,
+    pub columns: Vec<Contents>,
     pub offsets: Vec<i64>,
     pub bids: Vec<u8>,
     pub times: Vec<Bits>,
@@ -32,9 +32,9 @@ pub struct Log {
     pub stats: Stats,
 }
 
-/// A column.
+/// What is in a column.
 #[derive(Debug, PartialEq)]
-pub struct Rows {
+pub struct Contents {
     /// Name and coordinates, or the identifier of packets that the tables cannot explain.
     pub subject: String,
     /// Type of its numbers.
@@ -43,7 +43,7 @@ pub struct Rows {
     pub mixed_ids: bool,
     pub mixed_precisions: bool,
     pub samples: Vec<i64>,
-    /// Each row: the numbers of its packet in the order of the wire, entries of lists too.
+    /// The rows: each has the numbers of its packet in the order of the wire, entries of lists too.
     pub rows: Vec<Vec<Bits>>,
 }
 
@@ -115,7 +115,7 @@ impl Log {
         let (times, counters, losses) = part.unwrap(clocks);
         let log = Self {
             first: part.first,
-            columns: part.columns.iter().map(|column| Rows::of(part, column)).collect(),
+            columns: part.columns.iter().map(|column| Contents::of(part, column)).collect(),
             offsets: part.offsets(),
             bids: part.bids(),
             times: times.into_iter().map(|it| Bits(it.to_bits())).collect(),
@@ -162,7 +162,7 @@ impl Log {
     /// Panics where another log differs, and says where.
     pub fn same_as(&self, other: &Self, what: &str) {
         for (one, other) in self.columns.iter().zip(&other.columns) {
-            let head = |it: &Rows| (it.subject.clone(), it.numbers, it.id, it.mixed_ids, it.mixed_precisions);
+            let head = |it: &Contents| (it.subject.clone(), it.numbers, it.id, it.mixed_ids, it.mixed_precisions);
             assert_eq!(head(one), head(other), "{what}");
             assert_eq!(one.samples, other.samples, "{what}: {}", one.subject);
             let differs = one.rows.iter().zip(&other.rows).position(|(one, other)| one != other);
@@ -179,8 +179,8 @@ impl Log {
     }
 
     /// The column of a quantity, in its only coordinate system.
-    pub fn column(&self, subject: &str) -> &Rows {
-        let named = |it: &&Rows| it.subject == subject;
+    pub fn column(&self, subject: &str) -> &Contents {
+        let named = |it: &&Contents| it.subject == subject;
         self.columns.iter().find(named).unwrap_or_else(|| panic!("there is no {subject} among {:?}", self.subjects()))
     }
 
@@ -194,7 +194,7 @@ fn count(many: u64) -> usize {
     usize::try_from(many).expect("a number of things in memory")
 }
 
-impl Rows {
+impl Contents {
     fn of(part: &Part, column: &Column) -> Self {
         let samples = part.samples_of(column);
         assert_eq!(samples.len(), column.rows);
@@ -357,7 +357,7 @@ impl ByHand {
         let tiles: Result<Vec<_>, _> = packets(frame.payload).collect();
         match tiles {
             Ok(packets) if frame.mid == table::MTDATA2 && !packets.is_empty() => {
-                self.sample(frame.bid, &packets, offset)
+                self.sample(frame.bid, &packets, offset);
             }
             tiles => {
                 if frame.mid == table::MTDATA2 {
@@ -432,13 +432,21 @@ impl ByHand {
         let columns = &mut self.log.columns;
         let place = *self.places.entry(subject.clone()).or_insert_with(|| {
             let (samples, rows) = (vec![], vec![]);
-            columns.push(Rows { subject, numbers, id, mixed_ids: false, mixed_precisions: false, samples, rows });
+            columns.push(Contents { subject, numbers, id, mixed_ids: false, mixed_precisions: false, samples, rows });
             columns.len() - 1
         });
         let sample = self.log.offsets.len() as u64;
         let (samples, rows) = (vec![sample.cast_signed()], vec![row]);
         let subject = columns[place].subject.clone();
-        columns[place].join(Rows { subject, numbers, id, mixed_ids: false, mixed_precisions: false, samples, rows });
+        columns[place].join(Contents {
+            subject,
+            numbers,
+            id,
+            mixed_ids: false,
+            mixed_precisions: false,
+            samples,
+            rows,
+        });
     }
 }
 

@@ -84,7 +84,7 @@ pub fn packet(id: u16, data: &[u8]) -> Vec<u8> {
     [&[high, low, size], data].concat()
 }
 
-/// An MTData2 frame of these packets.
+/// An `MTData2` frame of these packets.
 pub fn sample(packets: &[(u16, &[u8])]) -> Vec<u8> {
     let packets: Vec<_> = packets.iter().map(|&(id, data)| packet(id, data)).collect();
     frame(table::MTDATA2, &packets.concat())
@@ -159,7 +159,7 @@ pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
                 let first = recipe.below(layouts.len());
                 let among = 1 + recipe.below(layouts.len() - first).min(3);
                 let bid = if recipe.below(6) == 0 { bid(&mut recipe) } else { MASTER };
-                for i in 0..1 + recipe.below(80) {
+                for i in 0..=recipe.below(80) {
                     stream.extend(message(&layouts[first + i % among], bid, random));
                 }
             }
@@ -251,11 +251,11 @@ fn shape(recipe: &mut Recipe<'_>) -> Shape {
 }
 
 /// Bytes of a packet of this quantity.
-pub fn size(quantity: &Quantity, precision: Precision, entries: usize, wide: bool) -> usize {
+pub fn size(quantity: &Quantity, precision: Precision, entries: usize, long_id: bool) -> usize {
     match quantity.kind {
         Kind::Real(n) => n * precision.size(),
         Kind::Fixed(wire, n) => n * wire.size(),
-        Kind::Id => [4, 8][usize::from(wide)],
+        Kind::Id => [4, 8][usize::from(long_id)],
         Kind::Struct(fields) => record_size(fields),
         Kind::List(head, entry) => record_size(head) + entries * record_size(entry),
     }
