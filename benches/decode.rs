@@ -28,7 +28,10 @@ fn main() {
         ("gnssins", common::gnssins, 152, 0.22, 0.32),
         ("dirty", common::dirty, 88, 0.18, 0.27),
     ];
-    println!("{:<18}{:>10}{:>10}{:>10}{:>10}   x memcpy, {megabytes} MiB, fresh columns", "", "fast", "plain", "must", "goal");
+    println!(
+        "{:<18}{:>10}{:>10}{:>10}{:>10}   x memcpy, {megabytes} MiB, fresh columns",
+        "", "fast", "plain", "must", "goal"
+    );
     let chosen: Vec<String> = std::env::args().skip(1).filter(|it| !it.starts_with('-')).collect();
     for (name, make, frame, must, goal) in streams {
         if !chosen.is_empty() && !chosen.iter().any(|it| it == name) {

@@ -470,12 +470,16 @@ fn hostile_input_ends_in_time() {
 }
 
 #[test]
-fn a_true_message_behind_hostile_input_has_its_credit_back() {
-    // The packets of extended candidates are walked on credit. Whoever has used it up gets one packet for each byte.
-    let packets = [0xF0, 0x00, 0x00].repeat(2000);
+fn a_true_message_behind_hostile_input_is_found_again() {
+    // The packets of extended candidates are walked on credit, which such input uses up. A while later all is well.
     let attack = [0xFA, 0xFF, 0x36, 0xFF, 0xFF, 0xFF, 0xF0, 0x00, 0x00].repeat(10_000);
+    let packets = packet(0x2010, &[0x3F; 16]).repeat(1000);
     let long = extended(MASTER, table::MTDATA2, &packets);
-    let stream = [&attack[..], &vec![0; 2100], &long].concat();
+    let stream = [&attack[..], &vec![0; 1 << 16], &long].concat();
     let scan = Scan::whole(&stream, LIMIT);
     assert_eq!(scan.frames, [(stream.len() - long.len(), long.len())]);
+    // In step it needs no credit but for its own packets.
+    let short = frame(0x31, &[]);
+    let stream = [&attack[..], &short, &extended(MASTER, table::MTDATA2, &packets[..19])].concat();
+    assert_eq!(Scan::whole(&stream, LIMIT).frames.len(), 2);
 }

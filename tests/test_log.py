@@ -176,6 +176,18 @@ def test_many_layouts(count: int) -> None:
     assert_as_the_oracle(one_by_one + in_turn)
 
 
+@pytest.mark.parametrize("count", [2, 4, 255])
+def test_a_count_that_lies(count: int) -> None:
+    """GnssSatInfo of the usual size that counts other satellites is none: it is kept as it is."""
+    sound = packet(0x7020, bytes([0, 0, 0, 1, 3, 0, 0, 0]) + bytes(12))
+    lying = packet(0x7020, bytes([0, 0, 0, 1, count, 0, 0, 0]) + bytes(12))
+    data = mtdata2(sound) * 5 + mtdata2(lying) + mtdata2(sound) * 5
+    log = xbus.read_log(data)
+    assert [it[4] for it in log.unknown[0x7020]] == [count]
+    assert log["gnss_sat_info"].sample.tolist() == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]
+    assert_as_the_oracle(data)
+
+
 @pytest.mark.parametrize("bid", [0, 1, 2, 31, 32, 0xFE, 0xFF])
 def test_layouts_of_every_bus_identifier(bid: int) -> None:
     own = mtdata2(counter(1), fine(25), bid=bid)
@@ -1155,6 +1167,10 @@ UNWRAPPING: dict[str, tuple[list[bytes], list[float]]] = {
         [at(1000), mtdata2(coarse(77), fine(1025)), at(1050)],
         [1000, 771_025, 1050],
     ),
+    "coarse behind fine belongs to no wrap": (
+        [mtdata2(coarse(0), fine(DAY + 5)), at(DAY + 30)],
+        [5, DAY + 30],
+    ),
     "coarse alone": ([at(1000), mtdata2(coarse(77)), at(1025)], [1000, 770_000, 1025]),
     "coarse beside GNSS": ([at(1000), mtdata2(coarse(86_400), fine(0), GNSS), at(1025)], [1000, DAY, 1025]),
     "coarse starts again with fine": (
@@ -1446,7 +1462,9 @@ MEASURE = """\
     held = anonymous("RssAnon:") - before[0]
     pages = len(data) if how == "memmap" else 0
     peak = anonymous("VmHWM:") - before[1] - pages
-    print(len(log), columns, held, peak)
+    samples, words = len(log), log["status_word"].values
+    del log
+    print(samples, columns, held, peak, anonymous("RssAnon:") - before[0])
 """
 
 
@@ -1462,8 +1480,10 @@ def test_memory(how: str, tmp_path: Path) -> None:
     assert path.stat().st_size > 64e6
     program = [sys.executable, "-c", textwrap.dedent(MEASURE), str(path), how]
     result = subprocess.run(program, check=True, capture_output=True, text=True)  # noqa: S603
-    samples, columns, held, peak = map(int, result.stdout.split())
+    samples, columns, held, peak, kept = map(int, result.stdout.split())
     assert samples == 12 * 65_536
     assert columns == samples * (2 + 4 + 16 + 3 * 12 + 4)
     assert held < 1.5 * columns, (held / columns, peak / columns)
     assert peak < 1.5 * columns, (held / columns, peak / columns)
+    # An array keeps its own column alive, not those beside it.
+    assert kept < 0.5 * columns, kept / columns

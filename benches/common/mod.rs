@@ -146,7 +146,7 @@ pub fn dirty(n: usize) -> Vec<u8> {
 /// How many times as fast as `yardstick` is `work`? The two run in turns, and the median of the ratios counts: a machine
 /// that slows down or speeds up meanwhile does so for both.
 pub fn ratio(rounds: usize, mut yardstick: impl FnMut(), mut work: impl FnMut()) -> f64 {
-    let mut time = |work: &mut dyn FnMut()| {
+    let time = |work: &mut dyn FnMut()| {
         let start = Instant::now();
         work();
         start.elapsed().as_secs_f64()

@@ -14,6 +14,8 @@ pub fn seeds(target: &str) -> Vec<(String, Vec<u8>)> {
         ("odd", odd()),
         ("layouts", layouts()),
         ("packets", packets()),
+        ("gaps", gaps()),
+        ("triggers", triggers()),
     ];
     // An even seed: the rest is the stream. An odd one: it is a recipe.
     let streams =
@@ -82,6 +84,20 @@ fn layouts() -> Vec<u8> {
         turn.concat()
     };
     (0..12).map(turn).collect::<Vec<_>>().concat()
+}
+
+/// Frames at even distances, and fewer bytes than that behind the last: once a row was lost there.
+fn gaps() -> Vec<u8> {
+    let one = [vec![0; 50], inertial(3)].concat();
+    [one.repeat(5), vec![0; 10], inertial(4).repeat(3), inertial(5), vec![0; 40]].concat()
+}
+
+/// Two triggers in one sample, then one: once the second was looked for in the wrong row.
+fn triggers() -> Vec<u8> {
+    let stamp = |i: u8| [9, 1, 0, 0, i, 0, 0, 0];
+    let both = |i| sample(&[(0x4810, &stamp(i)), (0x4820, &stamp(i + 1)), (0x1020, &[0, i])]);
+    let first = |i| sample(&[(0x4810, &stamp(i)), (0x1060, &[0, 0, i, 0])]);
+    (0..5).flat_map(|i| [both(10 * i), first(10 * i + 5)].concat()).collect()
 }
 
 /// No frames but packets: one in each precision, a record, a list.

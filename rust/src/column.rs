@@ -200,7 +200,9 @@ impl Column {
     pub fn gather(&mut self, form: Option<Form>, packets: Packets<'_>, progress: Progress) {
         let more = packets.starts.len();
         match (&mut self.values, form) {
-            (Values::F32(out), Some(Form::Real(Precision::Float32, n))) => packets.numbers(out, n, progress, real::float32),
+            (Values::F32(out), Some(Form::Real(Precision::Float32, n))) => {
+                packets.numbers(out, n, progress, real::float32);
+            }
             (Values::F64(out), Some(Form::Real(precision, n))) => match precision {
                 Precision::Float32 => packets.numbers(out, n, progress, |bytes| f64::from(real::float32(bytes))),
                 Precision::Fp1220 => packets.numbers(out, n, progress, real::fp1220),

@@ -11,7 +11,7 @@ pub const fn wrap_of_id(id: u64) -> Option<u64> {
     }
     match id >> 20 & 0xF {
         6 => Some(Series::Ten.fine_wrap()),
-        7 => Some(Series::Hundred.fine_wrap()), // and MTi-G
+        7 => Some(Series::Hundred.fine_wrap()),   // and MTi-G
         8 | 0xD => Some(Series::One.fine_wrap()), // the 3x0 too, as far as is known
         _ => None,
     }

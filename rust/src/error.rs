@@ -65,7 +65,10 @@ impl fmt::Display for Fault {
                 write!(f, "MTData2 at byte {offset}: its packets do not fill the message")
             }
             Self::Size { offset, id, size } => {
-                write!(f, "MTData2 at byte {offset}: packet {id:#06X} with {size} bytes, which its identifier rules out")
+                write!(
+                    f,
+                    "MTData2 at byte {offset}: packet {id:#06X} with {size} bytes, which its identifier rules out"
+                )
             }
         }
     }

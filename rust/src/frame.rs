@@ -95,8 +95,7 @@ impl<'a> Frame<'a> {
     /// [`EncodeError::PayloadTooLong`] if the payload does not fit the 16-bit length.
     pub fn encode(&self) -> Result<Vec<u8>, EncodeError> {
         let length = self.payload.len();
-        let [high, low] =
-            u16::try_from(length).map_err(|_| EncodeError::PayloadTooLong { length })?.to_be_bytes();
+        let [high, low] = u16::try_from(length).map_err(|_| EncodeError::PayloadTooLong { length })?.to_be_bytes();
         let mut bytes = Vec::with_capacity(length + 7);
         bytes.extend([PREAMBLE, self.bid, self.mid]);
         if length < EXTENDED_FROM {

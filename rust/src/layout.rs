@@ -308,7 +308,14 @@ impl Layouts {
     }
 
     #[inline(always)]
-    fn run_family<const N: usize>(&self, family: &Family, bytes: &[u8], mut at: usize, until: usize, batch: &mut Batch) -> usize {
+    fn run_family<const N: usize>(
+        &self,
+        family: &Family,
+        bytes: &[u8],
+        mut at: usize,
+        until: usize,
+        batch: &mut Batch,
+    ) -> usize {
         if let [only] = family.members[..] {
             let layout = &self.known[usize::from(only)];
             while at < until && !batch.is_full() {

@@ -143,9 +143,7 @@ impl Packet<'_> {
             Kind::Id if size == 8 => (Form::Fixed(Wire::U8, 1), true),
             Kind::Id => (Form::Fixed(Wire::U4, 1), size == 4),
             Kind::Struct(fields) => (Form::Struct(fields), size == record_size(fields)),
-            Kind::List(head, entry) => {
-                (Form::List(head, entry), list_length(self.data, head, entry).is_some())
-            }
+            Kind::List(head, entry) => (Form::List(head, entry), list_length(self.data, head, entry).is_some()),
         };
         fits.then_some(Reading { quantity, coordinates, form })
     }

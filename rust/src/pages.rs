@@ -26,20 +26,8 @@ pub fn make_room<T>(out: &mut Vec<T>, more: usize, progress: Progress) {
     // No number takes less than a byte of input.
     let most = needed as u128 + u128::from(progress.total.saturating_sub(progress.done));
     let expected = usize::try_from((expected + expected / 64).min(most)).unwrap_or(needed);
-    let room = whole_huge_pages::<T>(doubled.max(expected));
-    out.reserve_exact(room - out.len());
+    out.reserve_exact(doubled.max(expected) - out.len());
     welcome_huge_pages(out);
-}
-
-const WORTHWHILE: usize = 4 << 20;
-
-fn whole_huge_pages<T>(room: usize) -> usize {
-    let size = size_of::<T>();
-    let bytes = room * size;
-    if bytes < WORTHWHILE {
-        return room;
-    }
-    ((bytes + 4096).next_multiple_of(2 << 20) - 4096) / size
 }
 
 /// A vector with room for `length` numbers.
@@ -52,10 +40,12 @@ pub fn with_room<T>(length: usize) -> Vec<T> {
 
 #[cfg(target_os = "linux")]
 fn welcome_huge_pages<T>(out: &mut Vec<T>) {
+    /// Smaller ones would waste most of a huge page of 2 MiB.
+    const WORTHWHILE: usize = 4 << 20;
     const PAGE: usize = 4096;
-    let from = out.as_ptr().addr() / PAGE * PAGE;
-    let to = (out.as_ptr().addr() + out.capacity() * size_of::<T>()).next_multiple_of(PAGE);
-    if to - from < WORTHWHILE {
+    let from = out.as_ptr().addr().next_multiple_of(PAGE);
+    let to = (out.as_ptr().addr() + out.capacity() * size_of::<T>()) / PAGE * PAGE;
+    if to.saturating_sub(from) < WORTHWHILE {
         return;
     }
     // SAFETY: MADV_HUGEPAGE changes how the kernel backs a range, never what is in it. The range lies inside memory that

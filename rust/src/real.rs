@@ -3,8 +3,8 @@
 //! Decoding is exact: a double holds every Fp1220 and Fp1632 value. All formats are big-endian; Fp1632 sends its 32
 //! fraction bits first and the 16 integer bits behind them.
 
-const ONE_1220: f64 = (1u64 << 20) as f64;
-const ONE_1632: f64 = (1u64 << 32) as f64;
+const ONE_1220: f64 = 1_048_576.0; // 2^20
+const ONE_1632: f64 = 4_294_967_296.0; // 2^32
 
 /// Reads a Float32; every bit of a NaN arrives.
 #[inline]
@@ -48,7 +48,7 @@ pub fn to_fp1220(value: f64) -> Option<[u8; 4]> {
 #[must_use]
 #[allow(clippy::cast_possible_truncation)] // within 48 bits
 pub fn to_fp1632(value: f64) -> Option<[u8; 6]> {
-    const LIMIT: f64 = (1u64 << 47) as f64;
+    const LIMIT: f64 = 32_768.0 * ONE_1632;
     if value.is_nan() {
         return None;
     }

@@ -38,8 +38,7 @@ pub enum Reason {
 
 impl Reason {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 5] =
-        [Self::NoPreamble, Self::TooLong, Self::Truncated, Self::Checksum, Self::Implausible];
+    pub const ALL: [Self; 5] = [Self::NoPreamble, Self::TooLong, Self::Truncated, Self::Checksum, Self::Implausible];
 
     /// The word for it in reports.
     #[must_use]
@@ -145,7 +144,7 @@ impl Scanner {
                         Verdict::Wait => return Step::More,
                         Verdict::Refused(reason) => {
                             self.refuse(reason);
-                            self.go_to(self.at + 1);
+                            self.go_to(self.at + self.to_candidate(rest, 1) as u64);
                         }
                         Verdict::Frame(length) => {
                             let damage = self.end_damage();
@@ -156,11 +155,38 @@ impl Scanner {
                 }
                 Some(_) => {
                     self.refuse(Reason::NoPreamble);
-                    let skipped = memchr::memchr(PREAMBLE, rest).unwrap_or(rest.len());
-                    self.go_to(self.at + skipped as u64);
+                    self.go_to(self.at + self.to_candidate(rest, 0) as u64);
                 }
             }
         }
+    }
+
+    /// Where in `bytes`, which begin at the present position, the next candidate is that could be plausible as far as its
+    /// first bytes say: the only kind that counts behind damage. From `at` on.
+    ///
+    /// This loop is what hostile input meets most. It says nothing that [`Self::judge`] would not say as well.
+    fn to_candidate(&self, bytes: &[u8], mut at: usize) -> usize {
+        const NEAR: usize = 8; // so far a plain loop is faster than a search
+        while at < bytes.len() {
+            let near = &bytes[at..bytes.len().min(at + NEAR)];
+            at += match near.iter().position(|byte| *byte == PREAMBLE) {
+                Some(found) => found,
+                None => match memchr::memchr(PREAMBLE, &bytes[at..]) {
+                    Some(found) => found,
+                    None => break,
+                },
+            };
+            let hopeless = match bytes[at + 1..] {
+                [bid, table::MTDATA2, EXTENDED, ..] => !is_bid(bid) || !self.walk.can_afford(at as u64),
+                [bid, ..] => !is_bid(bid),
+                [] => false,
+            };
+            if !hopeless {
+                return at;
+            }
+            at += 1;
+        }
+        bytes.len()
     }
 
     fn go_to(&mut self, to: u64) {
@@ -245,9 +271,14 @@ impl Scanner {
     }
 }
 
+/// Whether devices use this bus identifier.
+const fn is_bid(bid: u8) -> bool {
+    matches!(bid, frame::MASTER | 1..=31)
+}
+
 /// What the header alone says for a frame.
 fn is_plausible(header: &Header) -> bool {
-    matches!(header.bid, frame::MASTER | 1..=31) && table::device_sends(header.mid, header.payload)
+    is_bid(header.bid) && table::device_sends(header.mid, header.payload)
 }
 
 enum Tiling {
@@ -259,8 +290,9 @@ enum Tiling {
 /// Walks the packets of an MTData2 candidate, and goes on where it stood when more bytes come.
 ///
 /// A candidate in extended form can claim thousands of packets, and hostile input a candidate every six bytes. So their
-/// packets are walked on credit: one for each byte the scanner has passed, up to 65536. A true message pays for itself.
-/// Only an extended MTData2 right behind a long stretch of such input can be refused for want of credit.
+/// packets are walked on credit: a packet costs 16, and each byte that the scanner passes pays 1: about what a true
+/// message pays back. Only an extended MTData2 right behind a long stretch of such input can be refused
+/// for want of credit.
 #[derive(Debug)]
 struct Walk {
     candidate: u64,
@@ -268,7 +300,9 @@ struct Walk {
     credit: u64,
 }
 
-const MOST_CREDIT: u64 = 1 << 16;
+/// What a packet of an extended candidate costs, and the most that can be saved up: the packets of several messages.
+const PACKET_COST: u64 = 16;
+const MOST_CREDIT: u64 = PACKET_COST << 16;
 
 impl Default for Walk {
     fn default() -> Self {
@@ -281,8 +315,14 @@ impl Walk {
         self.credit = (self.credit + bytes).min(MOST_CREDIT);
     }
 
+    /// Whether there is credit for a packet after so many bytes more.
+    fn can_afford(&self, more: u64) -> bool {
+        self.credit + more >= PACKET_COST
+    }
+
     fn tiles(&mut self, candidate: u64, bytes: &[u8], header: &Header) -> Tiling {
         let payload = &bytes[header.size..bytes.len().min(header.size + header.payload)];
+        let cost = if header.size > 4 { PACKET_COST } else { 0 };
         let resumed = self.candidate == candidate;
         let mut at = if resumed { self.at } else { 0 };
         let tiling = loop {
@@ -295,14 +335,14 @@ impl Walk {
             }
             let Some(&[high, low, size]) = payload[at..].first_chunk() else { break Tiling::Cut };
             let end = at + PACKET_HEADER + usize::from(size);
-            if end > header.payload || (header.size > 4 && self.credit == 0) {
+            if end > header.payload || self.credit < cost {
                 break Tiling::Broken;
             }
             let Some(data) = payload.get(at + PACKET_HEADER..end) else { break Tiling::Cut };
             if !(Packet { id: u16::from_be_bytes([high, low]), at, data }).is_sound() {
                 break Tiling::Broken;
             }
-            self.credit -= u64::from(header.size > 4);
+            self.credit -= cost;
             at = end;
         };
         (self.candidate, self.at) = (candidate, at);

@@ -152,8 +152,9 @@ fn write(
             write_fields(&mut data, numbers, fields.iter())?;
         }
         (Kind::List(head, entry), None) => {
+            // The count is a U1; one that does not fit is refused with the others below.
             let count = match numbers.get(1) {
-                Some(Number::Integer(count)) => usize::try_from(*count).unwrap_or(0),
+                Some(Number::Integer(count)) => usize::from(u8::try_from(*count).unwrap_or(0)),
                 _ => 0,
             };
             expect(head.len() + count * entry.len())?;
@@ -177,12 +178,7 @@ fn write_fields<'a>(
 }
 
 #[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // to the precision that was asked for
-fn write_real(
-    data: &mut Vec<u8>,
-    name: &'static str,
-    precision: Precision,
-    number: Number,
-) -> Result<(), EncodeError> {
+fn write_real(data: &mut Vec<u8>, name: &'static str, precision: Precision, number: Number) -> Result<(), EncodeError> {
     let value = match number {
         Number::Integer(value) => value as f64,
         Number::Wide(value) => value as f64,

@@ -79,7 +79,7 @@ impl ArrowStream {
     fn __arrow_c_stream__<'py>(
         &self,
         py: Python<'py>,
-        requested_schema: Option<Bound<'py, PyAny>>,
+        requested_schema: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyCapsule>> {
         let _ = requested_schema;
         let (shared, shape) = (self.shared.clone(), self.shape.clone());
@@ -105,7 +105,7 @@ fn batches(shared: &Arc<Shared>, shape: &Shape) -> (SchemaRef, Batches) {
     };
     let schema = Arc::new(Schema::new(series.iter().map(|it| it.field.clone()).collect::<Vec<_>>()));
     // Whole, where nothing has to be made; otherwise in pieces, so that no more than a piece is held twice.
-    let step = if series.iter().all(|it| it.is_lent()) { rows.max(1) } else { BATCH };
+    let step = if series.iter().all(Series::is_lent) { rows.max(1) } else { BATCH };
     let made = schema.clone();
     let batches = (0..rows.div_ceil(step)).map(move |batch| {
         let (from, to) = (batch * step, rows.min((batch + 1) * step));
@@ -244,7 +244,11 @@ fn entries(shared: &Arc<Shared>, column: usize) -> (usize, Vec<Series>) {
 /// The unit of a raw integer: `"1e-7 deg"`.
 fn raw_unit(field: &table::Field) -> String {
     #[allow(clippy::float_cmp)] // a constant of the table
-    if field.scale == 1.0 { field.unit.to_owned() } else { format!("{:e} {}", field.scale, field.unit).trim().to_owned() }
+    if field.scale == 1.0 {
+        field.unit.to_owned()
+    } else {
+        format!("{:e} {}", field.scale, field.unit).trim().to_owned()
+    }
 }
 
 /// The table columns that a column of the log becomes.
@@ -289,7 +293,8 @@ fn of_column(shared: &Arc<Shared>, index: usize, places: &Places, chosen: &[usiz
             let mut at = 0;
             let mut list = vec![];
             for field in fields {
-                let source = Source::Records { shared: shared.clone(), column: index, entries: false, at, wire: field.wire };
+                let source =
+                    Source::Records { shared: shared.clone(), column: index, entries: false, at, wire: field.wire };
                 list.push(series(format!("{stem}_{}", field.name), arrow_type(field.wire), &raw_unit(field), source));
                 at += field.wire.size();
             }
@@ -366,7 +371,9 @@ impl Series {
             Source::Numbers { shared, column, .. } => {
                 matches!(self.places, Places::Same) && shared.part.columns[*column].width == 1
             }
-            Source::Time(shared) => matches!(self.places, Places::Same) && !shared.times().time.iter().any(|it| it.is_nan()),
+            Source::Time(shared) => {
+                matches!(self.places, Places::Same) && !shared.times().time.iter().any(|it| it.is_nan())
+            }
             Source::Records { .. } | Source::Utc { .. } => false,
         }
     }
@@ -410,12 +417,24 @@ impl Series {
                 match wire {
                     Wire::U1 => Arc::new(self.gather::<UInt8Type>(from, to, |row| field(row)[0])),
                     Wire::I1 => Arc::new(self.gather::<Int8Type>(from, to, |row| field(row)[0].cast_signed())),
-                    Wire::U2 => Arc::new(self.gather::<UInt16Type>(from, to, |row| u16::from_ne_bytes(head(field(row))))),
-                    Wire::I2 => Arc::new(self.gather::<Int16Type>(from, to, |row| i16::from_ne_bytes(head(field(row))))),
-                    Wire::U4 => Arc::new(self.gather::<UInt32Type>(from, to, |row| u32::from_ne_bytes(head(field(row))))),
-                    Wire::I4 => Arc::new(self.gather::<Int32Type>(from, to, |row| i32::from_ne_bytes(head(field(row))))),
-                    Wire::U8 => Arc::new(self.gather::<UInt64Type>(from, to, |row| u64::from_ne_bytes(head(field(row))))),
-                    Wire::F4 => Arc::new(self.gather::<Float32Type>(from, to, |row| f32::from_ne_bytes(head(field(row))))),
+                    Wire::U2 => {
+                        Arc::new(self.gather::<UInt16Type>(from, to, |row| u16::from_ne_bytes(head(field(row)))))
+                    }
+                    Wire::I2 => {
+                        Arc::new(self.gather::<Int16Type>(from, to, |row| i16::from_ne_bytes(head(field(row)))))
+                    }
+                    Wire::U4 => {
+                        Arc::new(self.gather::<UInt32Type>(from, to, |row| u32::from_ne_bytes(head(field(row)))))
+                    }
+                    Wire::I4 => {
+                        Arc::new(self.gather::<Int32Type>(from, to, |row| i32::from_ne_bytes(head(field(row)))))
+                    }
+                    Wire::U8 => {
+                        Arc::new(self.gather::<UInt64Type>(from, to, |row| u64::from_ne_bytes(head(field(row)))))
+                    }
+                    Wire::F4 => {
+                        Arc::new(self.gather::<Float32Type>(from, to, |row| f32::from_ne_bytes(head(field(row)))))
+                    }
                 }
             }
             Source::Utc { shared, column } => {
@@ -457,9 +476,10 @@ impl Series {
     ) -> PrimitiveArray<T> {
         match &self.places {
             Places::Same => PrimitiveArray::new((from..to).map(value).collect::<Vec<_>>().into(), None),
-            Places::From(rows) => {
-                PrimitiveArray::new(rows[from..to].iter().map(|row| value(*row as usize)).collect::<Vec<_>>().into(), None)
-            }
+            Places::From(rows) => PrimitiveArray::new(
+                rows[from..to].iter().map(|row| value(*row as usize)).collect::<Vec<_>>().into(),
+                None,
+            ),
             Places::At(places) => {
                 let first = places.partition_point(|place| *place < from as i64);
                 let last = places.partition_point(|place| *place < to as i64);

@@ -58,10 +58,7 @@ pub fn named<T: Copy>(all: &'static [T], name: fn(T) -> &'static str) -> impl Fn
 
 /// The numbers of an array of one of the four types that lose nothing.
 fn numbers_of(array: &Bound<'_, PyAny>) -> PyResult<Vec<Number>> {
-    fn list<'py, T: numpy::Element + Copy>(
-        array: &Bound<'py, PyAny>,
-        number: fn(T) -> Number,
-    ) -> Option<Vec<Number>> {
+    fn list<'py, T: numpy::Element + Copy>(array: &Bound<'py, PyAny>, number: fn(T) -> Number) -> Option<Vec<Number>> {
         let array: PyReadonlyArray1<'py, T> = array.extract().ok()?;
         Some(array.as_array().iter().copied().map(number).collect())
     }

@@ -13,7 +13,8 @@ pub fn nanoseconds(record: &[u8]) -> Option<i64> {
     if second > 60 || nanos > 1_000_000_000 {
         return None;
     }
-    let minute = NaiveDate::from_ymd_opt(year.into(), month.into(), day.into())?.and_hms_opt(hour.into(), minute.into(), 0)?;
+    let minute =
+        NaiveDate::from_ymd_opt(year.into(), month.into(), day.into())?.and_hms_opt(hour.into(), minute.into(), 0)?;
     let time = minute + TimeDelta::seconds(second.into()) + TimeDelta::nanoseconds(nanos.into());
     time.and_utc().timestamp_nanos_opt()
 }
@@ -37,7 +38,9 @@ mod tests {
 
     #[test]
     fn dates_that_do_not_exist() {
-        for rest in [[0, 1, 0, 0, 0, 0], [13, 1, 0, 0, 0, 0], [2, 29, 0, 0, 0, 0], [1, 1, 24, 0, 0, 0], [1, 1, 0, 60, 0, 0]] {
+        for rest in
+            [[0, 1, 0, 0, 0, 0], [13, 1, 0, 0, 0, 0], [2, 29, 0, 0, 0, 0], [1, 1, 24, 0, 0, 0], [1, 1, 0, 60, 0, 0]]
+        {
             assert_eq!(nanoseconds(&record(0, 2026, rest)), None, "{rest:?}");
         }
         assert_eq!(nanoseconds(&record(0, 0, [0; 6])), None);

@@ -17,7 +17,9 @@ pub fn scan(input: &[u8], limit: usize) -> (Vec<(usize, usize)>, Vec<Damage>, u6
     let mut at = 0;
     while at < input.len() {
         match candidate(input, at, limit) {
-            Ok(length) if is_plausible(&input[at..at + length]) || (at == due && is_followed(input, at + length, limit)) => {
+            Ok(length)
+                if is_plausible(&input[at..at + length]) || (at == due && is_followed(input, at + length, limit)) =>
+            {
                 damage.extend(refused.take().map(|reason| stretch(due, at, reason)));
                 frames.push((at, length));
                 at += length;

@@ -1,0 +1,88 @@
+//! Input made to be slow: `cargo bench --bench hostile`.
+//!
+//! Of garbage, time per byte at 8 MB must stay within 1.3 times that at 1 MB, and it must not be read slower than a
+//! fiftieth of `memcpy`. What holds messages to keep may take longer, but no longer the more there is of it. Asserted.
+
+mod common;
+
+use std::hint::black_box;
+
+use common::{Random, against_memcpy, ratio};
+use xbus::frame::{Frame, sum};
+use xbus::log::{Options, Part, Reader};
+use xbus::scan::Window;
+
+fn read(bytes: &[u8]) -> Part {
+    let mut reader = Reader::new(Options::default(), bytes.len() as u64);
+    reader.read(Window { bytes, offset: 0, last: true }, u64::MAX).unwrap();
+    reader.take()
+}
+
+fn repeated(pattern: &[u8], size: usize) -> Vec<u8> {
+    pattern.iter().copied().cycle().take(size).collect()
+}
+
+/// Headers of MTData2 messages with so many bytes of payload.
+fn claims(length: u16, size: usize) -> Vec<u8> {
+    let [high, low] = length.to_be_bytes();
+    repeated(&[0xFA, 0xFF, 0x36, 0xFF, high, low], size)
+}
+
+/// The same, with a seventh byte that makes nearly every checksum hold: candidates that only their packets refuse.
+fn good_checksums(size: usize) -> Vec<u8> {
+    let claimed = 7 * 9000 - 6 - 1; // a frame of 9000 whole patterns
+    let [high, low] = u16::try_from(claimed).unwrap().to_be_bytes();
+    let pattern = |last: u8| [0xFA, 0xFF, 0x36, 0xFF, high, low, last];
+    let holds = |last: &u8| sum(&repeated(&pattern(*last), 7 * 9000)[1..]) == 0;
+    repeated(&pattern((0..=255).find(holds).unwrap_or(0)), size)
+}
+
+/// Small sound messages, each before a false header of the longest kind.
+fn sound_and_false(size: usize) -> Vec<u8> {
+    let sound = Frame { bid: 0xFF, mid: 0x31, payload: &[] }.encode().unwrap();
+    repeated(&[&sound[..], &[0xFA, 0xFF, 0xF3, 0xFF, 0xFF, 0xF0]].concat(), size)
+}
+
+/// Extended messages full of empty packets with unknown identifiers.
+fn empty_packets(size: usize) -> Vec<u8> {
+    let payload = repeated(&[0x77, 0x70, 0x00], 8184);
+    repeated(&Frame { bid: 0xFF, mid: 0x36, payload: &payload }.encode().unwrap(), size)
+}
+
+fn noise(size: usize) -> Vec<u8> {
+    let mut random = Random(9);
+    (0..size).map(|_| if random.chance(0.2) { 0xFA } else { random.next() as u8 }).collect()
+}
+
+fn main() {
+    // Of made-up input, how much must be skipped to the last byte.
+    let inputs: [(&str, fn(usize) -> Vec<u8>, bool); 9] = [
+        ("FA only", |size| repeated(&[0xFA], size), true),
+        ("FA FF 36 FF FF FF", |size| claims(0xFFFF, size), true),
+        ("claims of 8185 bytes", |size| claims(8185, size), true),
+        ("claims of 65535, odd BID", |size| repeated(&[0xFA, 0x40, 0x36, 0xFF, 0xFF, 0xFF], size), true),
+        ("zeros", |size| vec![0; size], true),
+        ("good checksums", good_checksums, false),
+        ("sound and false in turn", sound_and_false, false),
+        ("empty packets", empty_packets, false),
+        ("noise", noise, false),
+    ];
+    println!("{:<26}{:>12}{:>22}", "", "x memcpy", "8 MB : 1 MB per byte");
+    for (name, make, is_garbage) in inputs {
+        let (large, small) = (make(8_000_000), make(1_000_000));
+        let part = read(&large);
+        assert_eq!(part.stats.bytes, 8_000_000);
+        assert!(!is_garbage || part.stats.skipped_bytes == 8_000_000, "{name}");
+        drop(part);
+        let speed = against_memcpy(&large, 5, || {
+            black_box(read(black_box(&large)));
+        });
+        let eight_small = || (0..8).for_each(|_| drop(black_box(read(black_box(&small)))));
+        let growth = 1.0 / ratio(9, eight_small, || drop(black_box(read(black_box(&large)))));
+        println!("{name:<26}{speed:>12.4}{growth:>22.2}");
+        // Where every eleventh byte begins a message that is kept, keeping it is most of the work.
+        let (least, most) = if is_garbage { (1.0 / 50.0, 1.3) } else { (1.0 / 400.0, 2.0) };
+        assert!(speed > least, "{name} is read at {speed:.4} times memcpy");
+        assert!(growth < most, "{name} costs {growth:.2} times as much per byte at 8 MB as at 1 MB");
+    }
+}
