@@ -10,7 +10,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from streams import ahrs  # noqa: E402 - found by the line above
+from streams import ahrs
 
 __all__ = ["ahrs_stream", "medians", "ratio"]
 

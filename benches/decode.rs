@@ -3,7 +3,8 @@
 //! Each stream is decoded whole into fresh columns; the plain path stands beside the fast one. Before anything is timed
 //! the two are compared on a part of the stream, and each run checks its number of samples.
 
-#[path = "common/mod.rs"]
+#![allow(clippy::print_stdout, clippy::type_complexity, clippy::cast_possible_truncation)] // it reports
+
 mod common;
 
 use std::hint::black_box;

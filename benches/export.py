@@ -22,12 +22,16 @@ MEBIBYTES = float(sys.argv[1]) if len(sys.argv) > 1 else 256
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
-        log, ours, theirs = (Path(folder) / it for it in ("big.mtb", "ours.parquet", "theirs.parquet"))
+        log, ours, theirs = (
+            Path(folder) / it for it in ("big.mtb", "ours.parquet", "theirs.parquet")
+        )
         log.write_bytes(ahrs_stream(MEBIBYTES))
         table = xbus.read_log(log).to_arrow()
 
         def command() -> None:
-            subprocess.run([sys.executable, "-m", "xbus", "decode", "-q", log, "-o", ours], check=True)
+            subprocess.run(
+                [sys.executable, "-m", "xbus", "decode", "-q", log, "-o", ours], check=True
+            )
 
         def pyarrow() -> None:
             pq.write_table(table, theirs, **parquet_options(table.schema))
@@ -36,7 +40,8 @@ def main() -> None:
         pyarrow()
         assert pq.read_table(ours).equals(pq.read_table(theirs))
         mine, other = medians(3, command, pyarrow)
-        print(f"{table.num_rows} rows, {table.num_columns} columns, {ours.stat().st_size >> 20} MiB of Parquet")
+        size = ours.stat().st_size >> 20
+        print(f"{table.num_rows} rows, {table.num_columns} columns, {size} MiB of Parquet")
         print(f"xbus decode takes {mine / other:.2f} times what pyarrow takes to write the table")
 
 

@@ -3,6 +3,8 @@
 //! Of garbage, time per byte at 8 MB must stay within 1.3 times that at 1 MB, and it must not be read slower than a
 //! fiftieth of `memcpy`. What holds messages to keep may take longer, but no longer the more there is of it. Asserted.
 
+#![allow(clippy::print_stdout, clippy::type_complexity, clippy::cast_possible_truncation)] // it reports
+
 mod common;
 
 use std::hint::black_box;
@@ -81,7 +83,7 @@ fn main() {
         let growth = 1.0 / ratio(9, eight_small, || drop(black_box(read(black_box(&large)))));
         println!("{name:<26}{speed:>12.4}{growth:>22.2}");
         // Where every eleventh byte begins a message that is kept, keeping it is most of the work.
-        let (least, most) = if is_garbage { (1.0 / 50.0, 1.3) } else { (1.0 / 400.0, 2.0) };
+        let (least, most) = if is_garbage { (1.0 / 50.0, 1.3) } else { (1.0 / 1000.0, 2.0) };
         assert!(speed > least, "{name} is read at {speed:.4} times memcpy");
         assert!(growth < most, "{name} costs {growth:.2} times as much per byte at 8 MB as at 1 MB");
     }

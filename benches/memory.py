@@ -37,7 +37,8 @@ if mode == "read_log":
     log = xbus.read_log(np.memmap(path, np.uint8, "r"))
     columns = sum(log[it].values.nbytes for it in log)
 else:
-    columns = sum(part[it].values.nbytes for part in xbus.iter_log(path, block_bytes=int(mode)) for it in part)
+    parts = xbus.iter_log(path, block_bytes=int(mode))
+    columns = sum(part[it].values.nbytes for part in parts for it in part)
 peak = max(peak, anonymous())
 stop.set()
 watcher.join()

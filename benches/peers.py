@@ -83,9 +83,17 @@ def main() -> None:
     (struct_,) = medians(1, lambda: by_struct(small))
     struct_ *= len(large) / len(small)
 
-    print(f"{len(large) >> 20} MiB of 88-byte messages, equal answers; memcpy of the same bytes = 1")
-    for name, seconds in (("xbus", xbus_), ("numpy, one fixed layout", numpy_), ("struct loop", struct_)):
-        print(f"  {name:<24}{copy / seconds:8.4f} x memcpy   xbus is {seconds / xbus_:6.1f} times as fast")
+    print(
+        f"{len(large) >> 20} MiB of 88-byte messages, equal answers; memcpy of the same bytes = 1"
+    )
+    for name, seconds in (
+        ("xbus", xbus_),
+        ("numpy, one fixed layout", numpy_),
+        ("struct loop", struct_),
+    ):
+        print(
+            f"  {name:<24}{copy / seconds:8.4f} x memcpy   xbus is {seconds / xbus_:6.1f} times as fast"
+        )
 
 
 if __name__ == "__main__":

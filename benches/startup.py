@@ -19,7 +19,12 @@ def cpu(*args: str) -> float:
         before = os.times()
         subprocess.run([sys.executable, *args], check=True, stdout=subprocess.DEVNULL)
         after = os.times()
-        return after.children_user + after.children_system - before.children_user - before.children_system
+        return (
+            after.children_user
+            + after.children_system
+            - before.children_user
+            - before.children_system
+        )
 
     return min(once() for _ in range(ROUNDS))
 

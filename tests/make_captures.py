@@ -18,6 +18,8 @@ from xbus import MessageId, encode_frame, encode_sample
 HERE = Path(__file__).parent / "captures"
 RATE = 100
 SECONDS = 10
+#: Dilutions of precision, Table 25.
+DOPS = ("gdop", "pdop", "tdop", "vdop", "hdop", "ndop", "edop")
 #: Unix time is no part of the protocol; this is just a date to begin at.
 START = (2026, 11, 22, 9, 30, 0)
 
@@ -56,7 +58,7 @@ def walk() -> list[bytes]:
     counter = 65000  # so that it wraps on the way
     start = 4_294_967_296 - 50_000  # and the time as well, after five seconds
 
-    def stamp(ticks: int) -> dict[str, object]:
+    def stamp(ticks: int) -> dict[object, object]:
         nonlocal counter
         counter = (counter + 1) % 65536
         return {"packet_counter": counter, "sample_time_fine": (start + ticks) % 2**32}
@@ -110,12 +112,10 @@ def walk() -> list[bytes]:
 
 
 def receiver(
-    stamps: dict[str, object], utc: dict[str, int], lat: float, lon: float
+    stamps: dict[object, object], utc: dict[str, int], lat: float, lon: float
 ) -> dict[object, object]:
     """What the GNSS receiver sends, in a message of its own, some tens of milliseconds late."""
-    pvt = dict.fromkeys(
-        "velD Reserved1 nano headMot headVeh gdop pdop tdop vdop hdop ndop edop".split(), 0
-    )
+    pvt = dict.fromkeys(("velD", "Reserved1", "nano", "headMot", "headVeh", *DOPS), 0)
     date = {"year": utc["year"], "month": utc["month"], "day": utc["day"], "hour": utc["hour"]}
     pvt |= date | {"min": utc["minute"], "sec": utc["second"], "valid": 7, "tAcc": 25}
     pvt |= {"itow": 34_200_000 + utc["second"] * 1000, "fixtype": 3, "flags": 0x83, "numSV": 19}

@@ -68,7 +68,7 @@ LENGTHS: dict[int, Collection[int]] = {
     0x49: (0, 4),  # OptionFlagsAck
     0x61: (0, 12),  # UTCTime
     0x63: range(22, 221, 22),  # AvailableFilterProfiles
-    0x65: range(0, 63),  # FilterProfileAck
+    0x65: range(63),  # FilterProfileAck
     0x67: (),  # GravityMagnitudeAck
     0x69: (0, 12),  # GnssLeverArmAck
     0x6B: (),  # MagneticFieldAck
@@ -683,8 +683,8 @@ def array(log: Reference, key: Key) -> NDArray[Any]:
     """The values of a column as the package should give them, bit for bit.
 
     Float32 alone is float32; any other precision, or several, is float64. Integers keep their
-    width (DeviceId is uint64 once one of eight bytes is among them). A rotation matrix is (N, 3, 3) with rows first. Structs are
-    structured arrays; of GnssSatInfo only the head, see `satellites`.
+    width (DeviceId is uint64 once one of eight bytes is among them). A rotation matrix is (N, 3, 3)
+    with rows first. Structs are structured arrays; of GnssSatInfo only the head, see `satellites`.
     """
     name, _ = key
     rows = [row.values for row in log.columns[key]]

@@ -341,8 +341,7 @@ def random_number(rng: random.Random, precision: int) -> bytes:
         case 1 if precision in (0, 3):
             width = reference.WIDTHS[precision]
             quiet = rng.choice((0x7FF8, 0xFFF4, 0x7FF0, 0xFFF0) if precision else (0x7FC0, 0x7F80))
-            bits = quiet.to_bytes(2, "big") + rng.choice((bytes(width - 2), b"\1" * (width - 2)))
-            return bits
+            return quiet.to_bytes(2, "big") + rng.choice((bytes(width - 2), b"\1" * (width - 2)))
         case 1:
             return number(rng.uniform(-2000, 2000), precision)
     return rng.randbytes(reference.WIDTHS[precision])

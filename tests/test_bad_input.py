@@ -178,8 +178,8 @@ def test_no_source_at_all(reader: Callable[[Any], Any], source: Any) -> None:
     with pytest.raises(TypeError) as caught:
         reader(source)
     assert (
-        f"a log is read from a path, bytes, a uint8 array or a binary file object, not {type(source).__name__}"
-        in (str(caught.value))
+        "a log is read from a path, bytes, a uint8 array or a binary file object, "
+        f"not {type(source).__name__}" in str(caught.value)
     )
 
 
@@ -296,7 +296,7 @@ def test_text_mode(reader: Callable[[Any], Any], tmp_path: Path) -> None:
         reader(io.StringIO("text"))
 
 
-class Unheard(Exception):
+class Unheard(Exception):  # noqa: N818 - a name for this test
     """An error of the reader's own."""
 
 

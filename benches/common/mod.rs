@@ -4,6 +4,7 @@
 //! run and in turns with it, so that a busy machine slows both.
 
 #![allow(dead_code)] // each bench uses some of it
+#![allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_precision_loss)] // made-up numbers
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -91,7 +92,7 @@ pub fn hr(n: usize) -> Vec<u8> {
         let sample = Sample::new().integers("sample_time_fine", &[i * 5]);
         sample.reals("acceleration_hr", Precision::Float32, &vector).frame()
     };
-    (0..n as i64).flat_map(|i| frame(i)).collect()
+    (0..n as i64).flat_map(&mut frame).collect()
 }
 
 /// The same with both high-rate vectors, in no regular order.
@@ -102,7 +103,7 @@ pub fn hr_mixed(n: usize) -> Vec<u8> {
         let name = if random.chance(0.44) { "rate_of_turn_hr" } else { "acceleration_hr" };
         Sample::new().integers("sample_time_fine", &[i * 5]).reals(name, Precision::Float32, &vector).frame()
     };
-    (0..n as i64).flat_map(|i| frame(i)).collect()
+    (0..n as i64).flat_map(&mut frame).collect()
 }
 
 /// `ahrs` with position, velocity and UTC, and the receiver's own solution in every 25th message.
@@ -122,7 +123,7 @@ pub fn gnssins(n: usize) -> Vec<u8> {
         }
         sample.integers("status_word", &[0x0180_0007]).frame()
     };
-    (0..n as i64).flat_map(|i| frame(i)).collect()
+    (0..n as i64).flat_map(&mut frame).collect()
 }
 
 /// `ahrs` with 0.1 % of the bytes flipped, 0.1 % dropped, and bursts of garbage that are rich in preambles.
@@ -151,7 +152,7 @@ pub fn ratio(rounds: usize, mut yardstick: impl FnMut(), mut work: impl FnMut())
         work();
         start.elapsed().as_secs_f64()
     };
-    (time(&mut yardstick), time(&mut work)); // warms up
+    let _warm = (time(&mut yardstick), time(&mut work));
     let mut ratios: Vec<f64> = (0..rounds).map(|_| time(&mut yardstick) / time(&mut work)).collect();
     ratios.sort_by(f64::total_cmp);
     ratios[rounds / 2]
