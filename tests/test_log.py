@@ -379,6 +379,18 @@ def test_read_only_arrays() -> None:
     assert len(xbus.read_log(data)) == len(xbus.read_log(DATA))
 
 
+def test_threads() -> None:
+    """Many read at once, and ask one log at once for what is worked out when it is asked for."""
+    data = streams.gnssins(500)
+    expected = facts(read(data))
+    log = xbus.read_log(data)
+    with concurrent.futures.ThreadPoolExecutor(8) as pool:
+        logs = list(pool.map(xbus.read_log, [data] * 16))
+        times = list(pool.map(lambda _: log.time.tolist(), range(16)))
+    assert all(differences(facts(it), expected) == [] for it in logs)
+    assert times == [expected["time"].tolist()] * 16
+
+
 def test_long_input(tmp_path: Path) -> None:
     """Files are read in pieces; frames lie across their ends, long ones too."""
     rng = random.Random(3)
@@ -706,8 +718,9 @@ def test_two_coordinate_systems() -> None:
     assert (enu.coordinates, ned.coordinates) == ("ENU", "NED")
     assert (enu.data_id, ned.data_id) == (0x2010, 0x2014)
     assert (enu.values[0].tolist(), ned.values[0].tolist()) == ([1, 0, 0, 0], [0, 1, 0, 0])
-    for key in log:
+    for key in log.keys():  # noqa: SIM118 - they are the same
         assert len(log[key]) > 0
+    assert log.keys() == list(log)
 
 
 @pytest.mark.parametrize(
@@ -1199,6 +1212,51 @@ def test_unwrapping(frames: list[bytes], expected: list[float]) -> None:
     """Section 5.3.6: SampleTimeFine wraps after a day, or at 2^32."""
     assert ticks(*frames) == expected
     assert_as_the_oracle(b"".join(frames))
+
+
+@pytest.mark.parametrize(
+    ("name", "modulus"),
+    [
+        ("MTi-1-2A8G4", ALL_BITS),
+        ("MTi-8", ALL_BITS),
+        ("MTi-20", DAY),
+        ("MTi-30-2A5G4", DAY),
+        ("MTi-300-2A5G4", DAY),
+        ("MTi-28A53G35", DAY),
+        ("MTi-320-8A1G6", ALL_BITS),
+        ("MTi-330", ALL_BITS),
+        ("MTi-G-700-2A5G4", DAY),
+        ("MTi-G-710-2A5G4", DAY),
+        ("MTi-630R", ALL_BITS),
+        ("MTi-680G-8A1G6", ALL_BITS),
+        ("MTi-700", None),
+        ("MTi-", None),
+        ("Avior-OEM", ALL_BITS),
+        ("Sirius-AHRS", ALL_BITS),
+        ("MTw2-3A7G6", None),
+        ("", None),
+    ],
+)
+def test_products(name: str, modulus: int | None) -> None:
+    """Where the clock wraps on each. A late sample shows whether it is known."""
+    code = frame(0x1D, name.encode().ljust(20))
+    expected = {
+        DAY: [DAY - 25, DAY, DAY - 50],
+        ALL_BITS: [DAY - 25, 0, DAY - 50],
+        None: [DAY - 25, DAY, 2 * DAY - 50],
+    }
+    assert ticks(code, at(DAY - 25, 0, DAY - 50)) == expected[modulus]
+
+
+def test_duration_and_rate() -> None:
+    """Between the first and the last stamp; of fewer than two there is neither."""
+    log = xbus.read_log(at(1000, 1100, 1200) + mtdata2(real(0x4040, 1, 2, 3)))
+    assert log.duration == pytest.approx(0.02)
+    assert log["sample_time_fine"].rate == pytest.approx(100)
+    assert math.isnan(log["acceleration_hr"].rate)
+    for few in (b"", at(1000), mtdata2(counter(1)) * 3):
+        assert math.isnan(xbus.read_log(few).duration)
+    assert math.isnan(xbus.read_log(at(1000, 1000))["sample_time_fine"].rate)
 
 
 def test_no_stamp() -> None:

@@ -26,7 +26,10 @@ pub fn make_room<T>(out: &mut Vec<T>, more: usize, progress: Progress) {
     // No number takes less than a byte of input.
     let most = needed as u128 + u128::from(progress.total.saturating_sub(progress.done));
     let expected = usize::try_from((expected + expected / 64).min(most)).unwrap_or(needed);
-    out.reserve_exact(doubled.max(expected) - out.len());
+    // An input that says it is longer than it can be must not be believed.
+    if out.try_reserve_exact(expected.max(doubled) - out.len()).is_err() {
+        out.reserve_exact(doubled - out.len());
+    }
     welcome_huge_pages(out);
 }
 

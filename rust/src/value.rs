@@ -152,13 +152,9 @@ fn write(
             write_fields(&mut data, numbers, fields.iter())?;
         }
         (Kind::List(head, entry), None) => {
-            // The count is a U1; one that does not fit is refused with the others below.
-            let count = match numbers.get(1) {
-                Some(Number::Integer(count)) => usize::from(u8::try_from(*count).unwrap_or(0)),
-                _ => 0,
-            };
-            expect(head.len() + count * entry.len())?;
             write_fields(&mut data, numbers, head.iter().chain(entry.iter().cycle()))?;
+            let count = data.get(head[0].wire.size()).copied().map_or(0, usize::from);
+            expect(head.len() + count * entry.len())?;
         }
     }
     let length = data.len();
