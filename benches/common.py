@@ -17,8 +17,7 @@ __all__ = ["ahrs_stream", "medians", "ratio"]
 
 def ahrs_stream(mebibytes: float) -> bytes:
     """Counter, time, orientation, inertial and magnetic vectors, status: 88-byte frames, Float32."""
-    some = ahrs(10_000)
-    return some * max(1, round(mebibytes * 2**20 / len(some)))
+    return ahrs(max(1, round(mebibytes * 2**20 / 88)))
 
 
 def medians(rounds: int, *works: Callable[[], object]) -> list[float]:
