@@ -2,6 +2,7 @@
 
 ``import xbus`` with all that reading takes, over ``import numpy``, and the processor time of
 ``xbus --help``.
+"""
 
 from __future__ import annotations
 
