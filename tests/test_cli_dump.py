@@ -122,8 +122,9 @@ def test_memory_is_bounded() -> None:
     frames = [*[frame(mid, bytes(65535)) for mid in (0x36, 0x07, 0xF1)] * 5, ack]
     teller = Teller([], with_hex=True, as_json=False)
     lines = []
-    for piece in [*frames, *[bytes(100_000)] * 5, ack]:
-        lines += teller.feed(piece)
+    data = b"".join([*frames, bytes(500_000), ack])
+    for at in range(0, len(data), 9999):
+        lines += teller.feed(data[at : at + 9999])
         assert len(teller._kept) <= KEPT
     *hexes, damage, _ = [it.partition("  | ")[2] for it in lines + teller.close()]
     assert [bytes.fromhex(it) for it in hexes] == frames

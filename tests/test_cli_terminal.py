@@ -15,7 +15,8 @@ from pathlib import Path
 import pytest
 
 from test_cli import ENVIRONMENT, FIELD, PROGRAM, WALK, run, sentence
-from xbus.cli.progress import DELAY
+from xbus.cli.inputs import Input
+from xbus.cli.progress import DELAY, Progress
 from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES
 
 
@@ -126,6 +127,21 @@ def test_progress_knows_the_size(tmp_path: Path) -> None:
         os.close(theirs)
         terminal.wait_for_the_end()
         assert child.wait() == 0
+
+
+def test_reading_tells_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Bytes of all files, of a pipe without a total."""
+    told: list[tuple[str, int, int | None]] = []
+    monkeypatch.setattr(Progress, "update", lambda _, *args: told.append(args))
+    size = Path(WALK).stat().st_size + Path(FIELD).stat().st_size
+    with Progress("") as progress, Input([WALK, FIELD], progress) as source:
+        while source.read(99_999):
+            pass
+    assert told[0] == ("reading walk.mtb", 99_999, size)
+    assert told[-1] == ("reading field.mtb", size, size)
+    told.clear()
+    run("info", "-", stdin=Path(WALK).read_bytes())
+    assert {it[2] for it in told} == {None}
 
 
 @pytest.mark.parametrize(
