@@ -249,8 +249,6 @@ pub struct Packets<'a> {
     pub bytes: &'a [u8],
     pub starts: &'a [usize],
     pub shift: usize,
-    /// Bytes from each start to the next, if it is always the same; else 0.
-    pub stride: usize,
 }
 
 impl<'a> Packets<'a> {
@@ -264,7 +262,7 @@ impl<'a> Packets<'a> {
 
     /// Appends the `n` numbers of each packet. The row lengths that occur at high rates are compiled with their length.
     #[inline(always)]
-    fn numbers<const SIZE: usize, T: Copy>(
+    fn numbers<const SIZE: usize, T: Copy + Default>(
         self,
         out: &mut Vec<T>,
         n: usize,
@@ -273,11 +271,11 @@ impl<'a> Packets<'a> {
     ) {
         pages::make_room(out, n * self.starts.len(), progress);
         match n {
-            1 => self.rows::<SIZE, 1, T>(out, read),
-            2 => self.rows::<SIZE, 2, T>(out, read),
-            3 => self.rows::<SIZE, 3, T>(out, read),
-            4 => self.rows::<SIZE, 4, T>(out, read),
-            9 => self.rows::<SIZE, 9, T>(out, read),
+            1 => self.rows::<SIZE, 1, 1, T>(out, read),
+            2 => self.rows::<SIZE, 2, 2, T>(out, read),
+            3 => self.rows::<SIZE, 3, 4, T>(out, read),
+            4 => self.rows::<SIZE, 4, 4, T>(out, read),
+            9 => self.rows::<SIZE, 9, 9, T>(out, read),
             _ => {
                 for start in self.starts {
                     let (numbers, _) = self.bytes[start + self.shift..][..SIZE * n].as_chunks();
@@ -287,49 +285,81 @@ impl<'a> Packets<'a> {
         }
     }
 
+    /// The same for rows of `N`, which are read `W` numbers at a time: processors have registers for four numbers and none
+    /// for three.
     #[inline(always)]
-    fn rows<const SIZE: usize, const N: usize, T: Copy>(self, out: &mut Vec<T>, read: impl Fn([u8; SIZE]) -> T + Copy) {
-        let row = |bytes: &[u8]| {
-            let (numbers, _) = bytes[self.shift..][..SIZE * N].as_chunks::<SIZE>();
-            std::array::from_fn::<T, N, _>(|i| read(numbers[i]))
+    fn rows<const SIZE: usize, const N: usize, const W: usize, T: Copy + Default>(
+        self,
+        out: &mut Vec<T>,
+        read: impl Fn([u8; SIZE]) -> T + Copy,
+    ) {
+        let old = out.len();
+        out.resize(old + N * self.starts.len(), T::default());
+        let (rows, _) = out[old..].as_chunks_mut::<N>();
+        let rows = rows.iter_mut().zip(self.starts.iter().map(|start| start + self.shift));
+        let exactly = |(row, at): (&mut [T; N], usize)| {
+            let (numbers, _) = self.bytes[at..][..SIZE * N].as_chunks();
+            *row = std::array::from_fn(|i| read(numbers[i]));
         };
-        if self.stride != 0 {
-            let frames = self.bytes[self.starts[0]..].chunks_exact(self.stride);
-            out.extend(frames.take(self.starts.len()).flat_map(row));
-        } else {
-            out.extend(self.starts.iter().flat_map(|start| row(&self.bytes[*start..])));
+        let Some(last) = self.bytes.len().checked_sub(SIZE * W) else { return rows.for_each(exactly) };
+        for (row, at) in rows {
+            if at <= last {
+                let (numbers, _) = self.bytes[at..][..SIZE * W].as_chunks();
+                let numbers: [T; W] = std::array::from_fn(|i| read(numbers[i]));
+                row.copy_from_slice(&numbers[..N]);
+            } else {
+                exactly((row, at));
+            }
         }
     }
 
-    /// Appends a record of each packet, field after field.
+    /// Appends a record of each packet, one field of all of them after the other; neighbours of one byte go together.
     #[inline(always)]
     fn records(self, out: &mut Vec<u8>, fields: &[Field], progress: Progress) {
         let (old, size) = (out.len(), record_size(fields));
         pages::make_room(out, size * self.starts.len(), progress);
         out.resize(old + size * self.starts.len(), 0);
         let mut at = 0;
-        for field in fields {
+        let mut fields = fields;
+        while let [field, rest @ ..] = fields {
             let rows = out[old..].chunks_exact_mut(size);
-            match field.wire.size() {
-                1 => self.field::<1>(rows, at),
-                2 => self.field::<2>(rows, at),
-                4 => self.field::<4>(rows, at),
-                _ => self.field::<8>(rows, at),
-            }
-            at += field.wire.size();
+            let bytes = fields.iter().take_while(|it| it.wire.size() == 1).count();
+            let taken = match (field.wire.size(), bytes) {
+                (1, 8..) => self.piece::<8>(rows, at, |it| it),
+                (1, 4..) => self.piece::<4>(rows, at, |it| it),
+                (1, 2..) => self.piece::<2>(rows, at, |it| it),
+                (1, _) => self.piece::<1>(rows, at, |it| it),
+                (2, _) => self.piece::<2>(rows, at, swapped),
+                (4, _) => self.piece::<4>(rows, at, swapped),
+                (_, _) => self.piece::<8>(rows, at, swapped),
+            };
+            at += taken;
+            fields = if bytes == 0 { rest } else { &fields[taken..] };
         }
     }
 
     #[inline(always)]
-    fn field<const SIZE: usize>(self, rows: ChunksExactMut<'_, u8>, at: usize) {
+    fn piece<const SIZE: usize>(
+        self,
+        rows: ChunksExactMut<'_, u8>,
+        at: usize,
+        order: impl Fn([u8; SIZE]) -> [u8; SIZE],
+    ) -> usize {
         for (row, start) in rows.zip(self.starts) {
-            let number = &mut row[at..][..SIZE];
-            number.copy_from_slice(&self.bytes[start + self.shift + at..][..SIZE]);
-            if cfg!(target_endian = "little") {
-                number.reverse();
-            }
+            let (piece, _) = self.bytes[start + self.shift + at..].split_first_chunk().expect("packets lie inside");
+            row[at..at + SIZE].copy_from_slice(&order(*piece));
         }
+        SIZE
     }
+}
+
+/// A number in the machine's byte order.
+#[inline(always)]
+fn swapped<const SIZE: usize>(mut big_endian: [u8; SIZE]) -> [u8; SIZE] {
+    if cfg!(target_endian = "little") {
+        big_endian.reverse();
+    }
+    big_endian
 }
 
 /// Copies records and turns each field from big-endian into the machine's byte order.

@@ -21,5 +21,6 @@ mod pages;
 mod py;
 pub mod real;
 pub mod scan;
+mod simd;
 pub mod table;
 pub mod value;

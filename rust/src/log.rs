@@ -491,7 +491,7 @@ impl Reader {
             let form = reading.as_ref().map(|it| it.form);
             column.admit(packet.id, reading.as_ref(), progress);
             let start = packet.at + PACKET_HEADER;
-            column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0, stride: 0 }, progress);
+            column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0 }, progress);
             column.single.push(sample);
         }
         self.part.layout.push(0);

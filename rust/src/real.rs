@@ -25,7 +25,7 @@ pub fn fp1220(bytes: [u8; 4]) -> f64 {
 #[must_use]
 #[allow(clippy::cast_precision_loss)] // 48 bits fit the 53 of a double
 pub fn fp1632([b3, b2, b1, b0, b5, b4]: [u8; 6]) -> f64 {
-    let integer = i64::from_be_bytes([b5, b4, b3, b2, b1, b0, 0, 0]) >> 16;
+    let integer = i64::from(i16::from_be_bytes([b5, b4])) << 32 | i64::from(u32::from_be_bytes([b3, b2, b1, b0]));
     integer as f64 * (1.0 / ONE_1632)
 }
 
