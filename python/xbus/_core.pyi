@@ -13,6 +13,7 @@ __all__ = [
     "Scanner",
     "__version__",
     "configuration",
+    "damage_reasons",
     "device_id",
     "encode_frame",
     "encode_packet",
@@ -42,6 +43,9 @@ def status_flags() -> list[dict[str, Any]]:
 
 def result_codes() -> list[tuple[int, str]]:
     """What the numbers in Error and Warning messages mean."""
+
+def damage_reasons() -> list[str]:
+    """Why bytes were refused, in the order of their numbers."""
 
 def message_name(mid: int, length: int) -> str | None:
     """The manual's name of a message with a payload of this length, or None."""
@@ -138,16 +142,16 @@ class Part:
     def stats(self) -> dict[str, int]:
         """What was counted: see `xbus.log.Stats`."""
     @property
-    def damage(self) -> list[tuple[int, int, str]]:
-        """The damage that ends in this part: offset, length, reason."""
+    def damage(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.uint8]]:
+        """The damage that ends in this part: offset, length, place in `damage_reasons`."""
     @property
     def messages(
         self,
     ) -> tuple[
         npt.NDArray[np.uint8],
         npt.NDArray[np.uint8],
-        npt.NDArray[np.uint64],
-        npt.NDArray[np.uint64],
+        npt.NDArray[np.int64],
+        npt.NDArray[np.int64],
         npt.NDArray[np.uint64],
         npt.NDArray[np.uint8],
     ]:

@@ -318,22 +318,22 @@ class Log:
 
     @cached_property
     def offset(self) -> npt.NDArray[np.int64]:
-        """Per sample: where its frame begins, in bytes from the start of the input."""
+        """Where the frame of each sample begins, in bytes from the start of the input."""
         return self._core.offset
 
     @cached_property
     def time(self) -> npt.NDArray[np.float64]:
-        """Per sample: seconds on the device clock, unwrapped; NaN where it carries no stamp."""
+        """Seconds on the device clock of each sample, unwrapped; NaN where it carries no stamp."""
         return self._core.time
 
     @cached_property
     def packet_counter(self) -> npt.NDArray[np.int64]:
-        """Per sample: the packet counter, unwrapped; -1 where it carries none."""
+        """The packet counter of each sample, unwrapped; -1 where it carries none."""
         return self._core.packet_counter
 
     @cached_property
     def bid(self) -> npt.NDArray[np.uint8]:
-        """Per sample: the bus identifier of its frame."""
+        """The bus identifier of each sample's frame."""
         return self._core.bid
 
     @property
@@ -362,8 +362,12 @@ class Log:
         ``"too long"`` or ``"truncated"`` (more bytes claimed than allowed, or than there are), or
         ``"implausible"`` (checksum good, but nothing that a device sends, and nothing follows).
         """
+        offset, length, reason = self._core.damage
         dtype = [("offset", "i8"), ("length", "i8"), ("reason", "U12")]
-        return np.array(self._core.damage, dtype)
+        damage = np.empty(len(offset), dtype)
+        damage["offset"], damage["length"] = offset, length
+        damage["reason"] = np.array(_core.damage_reasons())[reason]
+        return damage
 
     @cached_property
     def stats(self) -> Stats:

@@ -45,9 +45,22 @@ def open_reader(
     part_bytes: int | None = None,
 ) -> _core.Reader:
     """A reader at the beginning of ``source``; ``part_bytes`` of it go into a part, or all."""
+    opened = _opened(source)
+    if part_bytes is None:
+        part_bytes = _size(opened)
     return _core.Reader(
-        _opened(source), limit=LONGEST, strict=strict, wanted=wanted, part_bytes=part_bytes
+        opened, limit=LONGEST, strict=strict, wanted=wanted, part_bytes=part_bytes
     )
+
+
+def _size(opened: object) -> int | None:
+    """Bytes of a file object that knows: columns get their room at once then."""
+    if (total := getattr(opened, "total", None)) is not None:
+        return int(total)
+    try:
+        return os.fstat(opened.fileno()).st_size  # type: ignore[attr-defined]
+    except (AttributeError, OSError):
+        return None
 
 
 def wishes(quantities: Iterable[Key] | None) -> list[Wish] | None:

@@ -266,7 +266,11 @@ impl<'a> Track<'a> {
     }
 
     /// How many rows the next sample has.
+    #[inline]
     fn rows(&mut self, layout: u8, sample: u64) -> usize {
+        if self.column.is_none() {
+            return 0; // most logs have no trigger, no GNSS and no coarse time
+        }
         let rows = if layout == 0 {
             let rows = self.single.iter().take_while(|it| **it == sample).count();
             self.single = &self.single[rows..];

@@ -152,7 +152,7 @@ def _read(files: Sequence[str], key: Key | None, *, strict: bool, progress: Prog
             joined = f", which is {source.place(error.offset)}" if len(files) > 1 else ""
             names = ", ".join(map(label, files))
             raise Failure(f"{names}: {what}{joined}; leave out --strict to read on") from error
-    if not log.stats.frames:
+    if not len(log) and not len(log.messages):
         raise no_frame(files, log.stats.bytes)
     return log
 

@@ -231,7 +231,7 @@ fn entries(shared: &Arc<Shared>, column: usize) -> (usize, Vec<Series>) {
     for (list, entries, places) in [(head, false, Places::From(rows.clone())), (entry, true, Places::Same)] {
         let mut at = 0;
         for field in list {
-            let meta = Metadata::from([("unit".to_owned(), raw_unit(field))]);
+            let meta = metadata(source, &raw_unit(field));
             let source = Source::Records { shared: shared.clone(), column, entries, at, wire: field.wire };
             let arrow = Field::new(field.name, arrow_type(field.wire), false).with_metadata(meta);
             series.push(Series { field: arrow, source, places: places.clone() });
@@ -239,6 +239,23 @@ fn entries(shared: &Arc<Shared>, column: usize) -> (usize, Vec<Series>) {
         }
     }
     (rows.len(), series)
+}
+
+/// What a field of a table says of the column that it comes from.
+fn metadata(column: &Column, unit: &str) -> Metadata {
+    let Subject::Known(quantity, coordinates) = column.subject else { return Metadata::default() };
+    let id = if column.mixed_ids { quantity.id } else { column.id };
+    let mut meta = vec![("data_id".to_owned(), format!("{id:#06X}"))];
+    if !unit.is_empty() {
+        meta.push(("unit".to_owned(), unit.to_owned()));
+    }
+    if let Some(coordinates) = coordinates {
+        meta.push(("coordinates".to_owned(), coordinates.name().to_owned()));
+    }
+    if matches!(quantity.kind, Kind::Real(_)) && !column.mixed_precisions {
+        meta.push(("precision".to_owned(), Precision::of(column.id).name().to_owned()));
+    }
+    meta.into_iter().collect()
 }
 
 /// The unit of a raw integer: `"1e-7 deg"`.
@@ -262,23 +279,9 @@ fn of_column(shared: &Arc<Shared>, index: usize, places: &Places, chosen: &[usiz
     if let (true, Some(coordinates)) = (mixed, coordinates) {
         stem = format!("{stem}_{}", coordinates.name().to_lowercase());
     }
-    let id = if column.mixed_ids { quantity.id } else { column.id };
-    let meta = |unit: &str| {
-        let mut meta = vec![("data_id".to_owned(), format!("{id:#06X}"))];
-        if !unit.is_empty() {
-            meta.push(("unit".to_owned(), unit.to_owned()));
-        }
-        if let Some(coordinates) = coordinates {
-            meta.push(("coordinates".to_owned(), coordinates.name().to_owned()));
-        }
-        if matches!(quantity.kind, Kind::Real(_)) && !column.mixed_precisions {
-            meta.push(("precision".to_owned(), Precision::of(column.id).name().to_owned()));
-        }
-        meta.into_iter().collect::<Metadata>()
-    };
     let nullable = !matches!(places, Places::Same);
     let series = |name: String, data_type: DataType, unit: &str, source: Source| Series {
-        field: Field::new(name, data_type, nullable).with_metadata(meta(unit)),
+        field: Field::new(name, data_type, nullable).with_metadata(metadata(column, unit)),
         source,
         places: places.clone(),
     };

@@ -20,7 +20,7 @@ mod _core {
     #[pymodule_export]
     use super::reader::{Column, Part, Reader};
     #[pymodule_export]
-    use super::tables::{message_name, messages, products, quantities, result_codes, status_flags};
+    use super::tables::{damage_reasons, message_name, messages, products, quantities, result_codes, status_flags};
 
     /// The version stands in Cargo.toml and nowhere else.
     #[pymodule_init]

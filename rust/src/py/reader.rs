@@ -18,10 +18,12 @@ use crate::column::{Subject, Values};
 use crate::error::Fault;
 use crate::log::{self, Options, Stats};
 use crate::packet::{Coordinates, Precision};
-use crate::scan::Window;
+use crate::scan::{Damage, Window};
 use crate::table;
 
 pyo3::import_exception!(xbus.errors, DecodeError);
+
+type Array<'py, T> = Bound<'py, PyArray1<T>>;
 
 impl From<Fault> for PyErr {
     fn from(fault: Fault) -> Self {
@@ -217,13 +219,19 @@ impl Shared {
 pub struct Part(pub Arc<Shared>);
 
 /// A read-only array over numbers that `owner` keeps alive.
-fn lend<'py, T: Element, O>(numbers: &[T], owner: &Bound<'py, O>) -> Bound<'py, PyArray1<T>> {
+fn lend<'py, T: Element, O>(numbers: &[T], owner: &Bound<'py, O>) -> Array<'py, T> {
     // SAFETY: `owner` is the base object of the array, so it lives as long as the array. The numbers belong to it, are
     // never moved or changed after it was made, and the array does not let anybody write to them.
     #[allow(unsafe_code)]
     let array = unsafe { PyArray1::borrow_from_array(&aview1(numbers), owner.clone().into_any()) };
     array.readwrite().make_nonwriteable();
     array
+}
+
+/// Positions and counts as a new int64 array, the type that numpy counts with.
+fn signed(py: Python<'_>, numbers: impl Iterator<Item = u64>) -> Array<'_, i64> {
+    let numbers: Vec<i64> = numbers.map(u64::cast_signed).collect();
+    numbers.into_pyarray(py)
 }
 
 #[pymethods]
@@ -263,10 +271,13 @@ impl Part {
         Ok(row)
     }
 
-    /// The damage, each as (offset, length, reason).
+    /// The damage: offset, length, and the reason's place in `damage_reasons`.
     #[getter]
-    fn damage(&self) -> Vec<(u64, u64, &'static str)> {
-        self.0.part.damage.iter().map(|it| (it.offset, it.length, it.reason.name())).collect()
+    fn damage<'py>(&self, py: Python<'py>) -> (Array<'py, i64>, Array<'py, i64>, Array<'py, u8>) {
+        let damage = &self.0.part.damage;
+        let numbers = |number: fn(&Damage) -> u64| signed(py, damage.iter().map(number));
+        let reasons: Vec<u8> = damage.iter().map(|it| it.reason as u8).collect();
+        (numbers(|it| it.offset), numbers(|it| it.length), reasons.into_pyarray(py))
     }
 
     /// The other messages: mid, bid, offset, sample, end of each payload, and all payloads.
@@ -274,20 +285,13 @@ impl Part {
     #[allow(clippy::type_complexity)]
     fn messages<'py>(
         slf: &Bound<'py, Self>,
-    ) -> (
-        Bound<'py, PyArray1<u8>>,
-        Bound<'py, PyArray1<u8>>,
-        Bound<'py, PyArray1<u64>>,
-        Bound<'py, PyArray1<u64>>,
-        Bound<'py, PyArray1<u64>>,
-        Bound<'py, PyArray1<u8>>,
-    ) {
+    ) -> (Array<'py, u8>, Array<'py, u8>, Array<'py, i64>, Array<'py, i64>, Array<'py, u64>, Array<'py, u8>) {
         let messages = &slf.get().0.part.messages;
         (
             lend(&messages.mid, slf),
             lend(&messages.bid, slf),
-            lend(&messages.offset, slf),
-            lend(&messages.sample, slf),
+            signed(slf.py(), messages.offset.iter().copied()),
+            signed(slf.py(), messages.sample.iter().copied()),
             lend(&messages.payload.ends, slf),
             lend(&messages.payload.bytes, slf),
         )
@@ -295,7 +299,7 @@ impl Part {
 
     /// Per sample: seconds on the device clock, unwrapped.
     #[getter]
-    fn time<'py>(slf: &Bound<'py, Self>) -> Bound<'py, PyArray1<f64>> {
+    fn time<'py>(slf: &Bound<'py, Self>) -> Array<'py, f64> {
         let shared = &slf.get().0;
         let times = slf.py().detach(|| shared.times());
         lend(&times.time, slf)
@@ -303,7 +307,7 @@ impl Part {
 
     /// Per sample: the packet counter, unwrapped.
     #[getter]
-    fn packet_counter<'py>(slf: &Bound<'py, Self>) -> Bound<'py, PyArray1<i64>> {
+    fn packet_counter<'py>(slf: &Bound<'py, Self>) -> Array<'py, i64> {
         let shared = &slf.get().0;
         let times = slf.py().detach(|| shared.times());
         lend(&times.counter, slf)
@@ -311,13 +315,13 @@ impl Part {
 
     /// Per sample: where its frame begins.
     #[getter]
-    fn offset<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+    fn offset<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
         py.detach(|| self.0.part.offsets()).into_pyarray(py)
     }
 
     /// Per sample: the bus identifier of its frame.
     #[getter]
-    fn bid<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<u8>> {
+    fn bid<'py>(&self, py: Python<'py>) -> Array<'py, u8> {
         py.detach(|| self.0.part.bids()).into_pyarray(py)
     }
 }
@@ -407,7 +411,7 @@ impl Column {
 
     /// The records of `UtcTime` as nanoseconds since 1970; the least integer where the date or time does not exist.
     #[getter]
-    fn nanoseconds<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray1<i64>>> {
+    fn nanoseconds<'py>(&self, py: Python<'py>) -> Option<Array<'py, i64>> {
         let column = self.column();
         let Values::Records(bytes) = &column.values else { return None };
         let stamp = |record: &[u8]| utc::nanoseconds(record).unwrap_or(i64::MIN);
@@ -417,14 +421,14 @@ impl Column {
 
     /// The entries of a list quantity, all of them, as bytes.
     #[getter]
-    fn entries<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<u8>>> {
+    fn entries<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, u8>> {
         let owner = Bound::new(py, Owner(self.column().clone()))?;
         Ok(lend(&owner.get().0.entries, &owner))
     }
 
     /// Where each raw packet ends in `values`.
     #[getter]
-    fn ends<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<u64>>>> {
+    fn ends<'py>(&self, py: Python<'py>) -> PyResult<Option<Array<'py, u64>>> {
         let owner = Bound::new(py, Owner(self.column().clone()))?;
         match &owner.get().0.values {
             Values::Raw(it) => Ok(Some(lend(&it.ends, &owner))),
@@ -434,7 +438,7 @@ impl Column {
 
     /// Which sample each row belongs to.
     #[getter]
-    fn sample<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<i64>> {
+    fn sample<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
         py.detach(|| self.shared.part.samples_of(self.column())).into_pyarray(py)
     }
 }

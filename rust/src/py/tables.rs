@@ -6,6 +6,7 @@ use pyo3::types::PyDict;
 
 use super::Row;
 use crate::packet::record_size;
+use crate::scan::Reason;
 use crate::table::{self, Direction, Field, Kind, Lengths};
 
 fn fields<'py>(py: Python<'py>, fields: &[Field]) -> PyResult<Vec<Row<'py>>> {
@@ -118,6 +119,12 @@ pub fn status_flags(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
 #[pyfunction]
 pub fn result_codes() -> Vec<(u32, &'static str)> {
     table::RESULT_CODES.to_vec()
+}
+
+/// Why bytes were refused, in the order of their numbers.
+#[pyfunction]
+pub fn damage_reasons() -> Vec<&'static str> {
+    Reason::ALL.map(Reason::name).to_vec()
 }
 
 /// The manual's name of a message with a payload of this length, if it has one.
