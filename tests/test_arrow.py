@@ -182,8 +182,9 @@ def test_satellites() -> None:
         (2, 0.02, 1000, 2, 6, 24, 39, 16),
         (5, 0.03, 1250, 1, 1, 120, 7, 1),
     ]
-    assert table.schema.field("itow").metadata[b"unit"] == b"1e-3 s"
-    assert table.schema.field("cno").metadata[b"unit"] == b"dBHz"
+    assert table.schema.field("itow").metadata == {b"data_id": b"0x7020", b"unit": b"1e-3 s"}
+    assert table.schema.field("cno").metadata == {b"data_id": b"0x7020", b"unit": b"dBHz"}
+    assert table.schema.field("gnssId").metadata == {b"data_id": b"0x7020"}
 
 
 def test_the_columns_of_a_part() -> None:

@@ -108,28 +108,23 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
     It is written beside ``path`` and removed if anything goes wrong, so neither a full disk nor Ctrl-C
     leaves half a file. What is no regular file (``/dev/stdout``, a pipe) is written directly.
     """
-    import tempfile  # these two take longer to import than the rest of xbus
-    from pathlib import Path
+    import secrets
+    from pathlib import Path  # takes longer to import than the rest of xbus
 
     target = Path(path)
     if target.exists() and not target.is_file():
         with target.open("wb") as out:
             yield out
         return
-    # Through a link, and with the rights that a new file would have.
+    # Through a link, and with the rights that the file has, or that a new one gets.
     target = target.resolve()
-    handle, name = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
+    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
-        with os.fdopen(handle, "wb") as out:
+        with part.open("xb") as out:
             yield out
-        Path(name).chmod(target.stat().st_mode & 0o777 if target.exists() else 0o666 & ~_umask())
-        Path(name).replace(target)
+        if target.exists():
+            part.chmod(target.stat().st_mode & 0o777)
+        part.replace(target)
     except BaseException:
-        Path(name).unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
         raise
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -48,9 +48,7 @@ def open_reader(
     opened = _opened(source)
     if part_bytes is None:
         part_bytes = _size(opened)
-    return _core.Reader(
-        opened, limit=LONGEST, strict=strict, wanted=wanted, part_bytes=part_bytes
-    )
+    return _core.Reader(opened, limit=LONGEST, strict=strict, wanted=wanted, part_bytes=part_bytes)
 
 
 def _size(opened: object) -> int | None:
