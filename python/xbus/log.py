@@ -242,6 +242,10 @@ def _piece(data: npt.NDArray[np.uint8], ends: npt.NDArray[np.uint64], at: int) -
     return data[start : int(ends[at])].tobytes()
 
 
+def _count(number: int, one: str, many: str | None = None) -> str:
+    return f"{number} {one if number == 1 else many or one + 's'}"
+
+
 class Log:
     """A recording, decoded: columns of numbers, the other messages, and what was damaged.
 
@@ -495,14 +499,17 @@ class Log:
     # Print
 
     def _summary(self) -> str:
-        parts = [f"{len(self)} samples"]
+        stats = self.stats
+        parts = [_count(len(self), "sample")]
         if np.isfinite(self.duration):
             parts.append(f"{self.duration:.2f} s")
-        parts.append(f"{len(self._columns)} quantities")
-        if self.stats.lost_samples:
-            parts.append(f"{self.stats.lost_samples} samples lost in {self.stats.gaps} gaps")
-        if self.stats.skipped_bytes:
-            parts.append(f"{self.stats.skipped_bytes} bytes skipped in {len(self.damage)} places")
+        parts.append(_count(len(self._columns), "quantity", "quantities"))
+        if stats.lost_samples:
+            lost = _count(stats.lost_samples, "sample")
+            parts.append(f"{lost} lost in {_count(stats.gaps, 'gap')}")
+        if stats.skipped_bytes:
+            skipped = _count(stats.skipped_bytes, "byte")
+            parts.append(f"{skipped} skipped in {_count(len(self.damage), 'place')}")
         if self.product_code:
             parts.append(self.product_code)
         return ", ".join(parts)

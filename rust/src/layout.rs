@@ -230,12 +230,16 @@ impl Layouts {
         self.known
     }
 
-    /// Learns the layout of an intact, plausible MTData2 frame in standard form that feeds no column twice, once it has
-    /// been seen often enough.
+    /// Learns the layout of an intact, plausible MTData2 frame in standard form, once it has been seen often enough; not
+    /// of one that feeds a column twice.
     ///
     /// The layouts in use agree on how each column is fed. One that does not, because the device was configured anew,
     /// replaces them all in the end.
     pub fn learn(&mut self, bytes: &[u8], moves: &[Move]) {
+        let is_twice = |(at, it): (usize, &Move)| moves[..at].iter().any(|before| before.column == it.column);
+        if moves.iter().enumerate().any(is_twice) {
+            return;
+        }
         let place = self.candidates.iter().position(|it| it.is(bytes, moves)).unwrap_or_else(|| {
             self.candidates.truncate(MOST_CANDIDATES - 1);
             self.candidates.push(Candidate { frame: bytes.len(), moves: moves.to_vec(), sightings: 0 });

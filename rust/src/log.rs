@@ -3,8 +3,9 @@
 //! [`Reader`] takes the input in windows of any size and hands over what it has decoded as [`Part`]s. The parts of a log,
 //! joined, are the log: a part is decided by what came before it, never by what comes later.
 
-use std::collections::HashMap;
 use std::sync::Arc;
+
+use rustc_hash::FxHashMap;
 
 use crate::clock::{Clocks, Losses, Stamps};
 use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
@@ -309,7 +310,9 @@ pub struct Reader {
     layouts: Layouts,
     batch: Batch,
     columns: Vec<Column>,
-    places: HashMap<Key, usize>,
+    places: FxHashMap<Key, usize>,
+    /// The packets of the sample at hand; kept for its room.
+    moves: Vec<Move>,
     part: Part,
     /// Where the part began in the input, and how many bytes of input it will take, as far as that is known.
     began: u64,
@@ -339,7 +342,8 @@ impl Reader {
             layouts: Layouts::default(),
             batch: Batch::default(),
             columns: vec![],
-            places: HashMap::new(),
+            places: FxHashMap::default(),
+            moves: vec![],
             part: Part::default(),
             began: 0,
             part_bytes,
@@ -468,18 +472,18 @@ impl Reader {
     fn sample(&mut self, bytes: &[u8], frame: Frame<'_>, offset: u64) -> Result<(), Fault> {
         let sample = self.next_sample();
         let header = bytes.len() - frame.payload.len() - 1;
-        let mut moves = Vec::new();
+        let mut moves = std::mem::take(&mut self.moves);
         let mut fault = Ok(());
         let mut is_sound = true;
         let progress = self.progress(offset);
         for packet in packets(frame.payload).flatten() {
-            if !packet.is_sound() {
+            let reading = packet.reading();
+            if reading.is_none() && !packet.is_sound() {
                 is_sound = false;
                 if self.options.strict && fault.is_ok() {
                     fault = Err(Fault::Size { offset, id: packet.id, size: packet.data.len() });
                 }
             }
-            let reading = packet.reading();
             let key = match &reading {
                 Some(reading) if !self.is_wanted(reading.quantity, reading.coordinates) => continue,
                 Some(reading) => Key::Known(reading.quantity.id, reading.coordinates),
@@ -501,12 +505,11 @@ impl Reader {
         self.part.layout.push(0);
         self.part.singles.push(Single { offset, bid: frame.bid });
         self.end = u64::MAX;
-        let mut fed: Vec<usize> = moves.iter().map(|it| it.column).collect();
-        fed.sort_unstable();
-        let once = fed.windows(2).all(|pair| pair[0] != pair[1]);
-        if self.options.fast && is_sound && once && header == 4 && matches!(frame.bid, 1..=31 | 0xFF) {
+        if self.options.fast && is_sound && header == 4 && matches!(frame.bid, 1..=31 | 0xFF) {
             self.layouts.learn(bytes, &moves);
         }
+        moves.clear();
+        self.moves = moves;
         fault
     }
 
