@@ -359,6 +359,10 @@ def test_pandas() -> None:
     assert frame["utc_time"].isna().tolist() == [True, False, True, True]
     assert log.to_pandas("acceleration")["acceleration_z"].tolist() == [3.0, 6.0, 9.0]
     assert xbus.read_log(b"").to_pandas().shape == (0, 2)
+    ticks = 2**63 + 1  # no float64 holds it
+    wide = xbus.read_log(DATA + xbus.encode_sample({"sample_time64": ticks})).to_pandas()
+    assert wide["sample_time64"].isna().sum() == len(wide) - 1
+    assert wide["sample_time64"].iloc[-1] == ticks
 
 
 def test_polars() -> None:

@@ -24,8 +24,10 @@ def arrow(stream: _core.ArrowStream) -> Any:
 
 def pandas(stream: _core.ArrowStream) -> Any:
     """A pandas DataFrame."""
-    require("pandas", "pandas", "to make pandas DataFrames")
-    return arrow(stream).to_pandas()
+    pd = require("pandas", "pandas", "to make pandas DataFrames")
+    pa = require("pyarrow", "arrow", "to make pandas DataFrames")
+    # With nulls, pandas makes float64 of integers, which holds no more than 53 bits of them.
+    return arrow(stream).to_pandas(types_mapper={pa.uint64(): pd.UInt64Dtype()}.get)
 
 
 def polars(stream: _core.ArrowStream) -> Any:

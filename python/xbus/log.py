@@ -433,7 +433,7 @@ class Log:
         return table
 
     def to_pandas(self, key: Key | None = None) -> pd.DataFrame:
-        """The same as a pandas DataFrame.
+        """The same as a pandas DataFrame; integers with nulls become float64, those of 64 bits UInt64.
 
         Raises:
             ImportError: The extra ``pandas`` is not installed.
