@@ -55,6 +55,17 @@ def test_parquet(log: xbus.Log, tmp_path: Path) -> None:
         assert (other.metadata or {}).items() <= (one.metadata or {}).items()
 
 
+def test_parquet_has_statistics_of_what_rows_are_picked_by(tmp_path: Path) -> None:
+    log = xbus.read_log(LOGS["walk"])
+    log.to_parquet(tmp_path / "it.parquet")
+    group = pq.read_metadata(tmp_path / "it.parquet").row_group(0)
+    columns = {it.path_in_schema: it for it in map(group.column, range(group.num_columns))}
+    kept = [name for name, it in columns.items() if it.statistics]
+    assert kept == ["sample", "time", "utc_time"]
+    assert columns["time"].statistics.min == np.nanmin(log.time)
+    assert columns["time"].statistics.max == np.nanmax(log.time)
+
+
 def test_feather(log: xbus.Log, tmp_path: Path) -> None:
     log.to_feather(tmp_path / "it.arrow")
     with pa.ipc.open_file(tmp_path / "it.arrow") as file:

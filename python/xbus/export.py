@@ -62,7 +62,10 @@ def _ahead(batches: Iterator[Any]) -> Iterator[Any]:
 def parquet_options(schema: Any) -> dict[str, Any]:
     """How numbers of a sensor are stored best: without dictionaries, floats byte by byte.
 
-    Measured on a wide table: a third of the size of the default, in a third of the time.
+    Statistics, by which a query skips what it need not read, are kept for what rows are picked by: the
+    least and greatest acceleration of 262,144 rows rule nothing out.
+
+    Measured on a wide table: little more than half the size of the default, in less than half the time.
     """
     types = require("pyarrow.types", "arrow", "to write Parquet")
     floats = [it.name for it in schema if types.is_floating(it.type)]
@@ -70,7 +73,13 @@ def parquet_options(schema: Any) -> dict[str, Any]:
     encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT") | dict.fromkeys(
         integers, "DELTA_BINARY_PACKED"
     )
-    return {"compression": "zstd", "use_dictionary": False, "column_encoding": encoding}
+    moments = [it.name for it in schema if types.is_timestamp(it.type)]
+    return {
+        "compression": "zstd",
+        "use_dictionary": False,
+        "column_encoding": encoding,
+        "write_statistics": ["sample", "time", *moments],
+    }
 
 
 def _delta_types() -> list[Any]:
