@@ -51,6 +51,17 @@ fn empty_packets(size: usize) -> Vec<u8> {
     repeated(&Frame { bid: 0xFF, mid: 0x36, payload: &payload }.encode().unwrap(), size)
 }
 
+/// Layouts of as many columns as fit, each seen often enough to be learned, and none for long.
+fn ever_new_layouts(size: usize) -> Vec<u8> {
+    let layout = |number: u16| {
+        let ids = (0..84u16).map(|packet| 0x0100 + number * 84 + packet);
+        let payload: Vec<u8> = ids.flat_map(|id| [(id >> 8) as u8, id as u8, 0]).collect();
+        Frame { bid: 0xFF, mid: 0x36, payload: &payload }.encode().unwrap().repeat(4)
+    };
+    let period: Vec<u8> = (0..60).flat_map(layout).collect();
+    repeated(&period, size)
+}
+
 fn noise(size: usize) -> Vec<u8> {
     let mut random = Random(9);
     (0..size).map(|_| if random.chance(0.2) { 0xFA } else { random.next() as u8 }).collect()
@@ -58,7 +69,7 @@ fn noise(size: usize) -> Vec<u8> {
 
 fn main() {
     // Of made-up input, how much must be skipped to the last byte.
-    let inputs: [(&str, fn(usize) -> Vec<u8>, bool); 9] = [
+    let inputs: [(&str, fn(usize) -> Vec<u8>, bool); 10] = [
         ("FA only", |size| repeated(&[0xFA], size), true),
         ("FA FF 36 FF FF FF", |size| claims(0xFFFF, size), true),
         ("claims of 8185 bytes", |size| claims(8185, size), true),
@@ -67,6 +78,7 @@ fn main() {
         ("good checksums", good_checksums, false),
         ("sound and false in turn", sound_and_false, false),
         ("empty packets", empty_packets, false),
+        ("ever new layouts", ever_new_layouts, false),
         ("noise", noise, false),
     ];
     println!("{:<26}{:>12}{:>22}", "", "x memcpy", "8 MB : 1 MB per byte");

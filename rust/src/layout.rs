@@ -10,6 +10,8 @@
 //! length to be loaded. Frames of one length are told apart by one byte, without a branch. And a column's loop knows its
 //! type and its row length.
 
+use rustc_hash::FxHashMap;
+
 use crate::column::{Column, Packets, Progress};
 use crate::frame::{self, Frame, PREAMBLE};
 use crate::packet::{Form, PACKET_HEADER, Reading, packets};
@@ -129,7 +131,6 @@ struct Family {
 /// How the layouts in use feed one column.
 #[derive(Clone, Debug)]
 struct Feed {
-    column: usize,
     form: Option<Form>,
     /// Where the packet's data begin, by layout; 0 in layouts that lack it.
     offsets: Box<[u16; 256]>,
@@ -162,7 +163,7 @@ pub struct Layouts {
     /// Family by LEN byte, plus one.
     by_length: Vec<u8>,
     /// The columns that the layouts in use feed.
-    feeds: Vec<Feed>,
+    feeds: FxHashMap<usize, Feed>,
 }
 
 /// Frames of known layouts that wait to be gathered: their positions in the window, and their layouts.
@@ -248,7 +249,7 @@ impl Layouts {
         self.candidates[..=place].rotate_right(1); // what was seen last goes first
         let candidate = &mut self.candidates[0];
         candidate.sightings += 1;
-        let agrees = |it: &Move| self.feeds.iter().all(|feed| feed.column != it.column || feed.form == it.form());
+        let agrees = |it: &Move| self.feeds.get(&it.column).is_none_or(|feed| feed.form == it.form());
         let enough = if moves.iter().all(agrees) { SIGHTINGS } else { SIGHTINGS_TO_REPLACE };
         if candidate.sightings < enough {
             return;
@@ -259,7 +260,7 @@ impl Layouts {
             self.by_length.clear();
             self.feeds.clear();
         }
-        if self.families.iter().map(|it| it.members.len()).sum::<usize>() == MOST_IN_USE {
+        if self.in_use() == MOST_IN_USE {
             return;
         }
         let layout = Layout::of(bytes, moves);
@@ -293,30 +294,30 @@ impl Layouts {
         if !family.members.contains(&number) {
             family.members.push(number);
             family.tell_apart(&self.known);
-            self.feed();
+            self.feed(number);
         }
     }
 
-    /// Works out anew how the layouts in use feed the columns.
-    fn feed(&mut self) {
-        self.feeds.clear();
-        let members: Vec<u8> = self.families.iter().flat_map(|it| &it.members).copied().collect();
-        for &member in &members {
-            for it in &self.known[usize::from(member)].moves {
-                let place = self.feeds.iter().position(|feed| feed.column == it.column).unwrap_or_else(|| {
-                    let offsets = Box::new([0; 256]);
-                    self.feeds.push(Feed { column: it.column, form: it.form(), offsets, common: None });
-                    self.feeds.len() - 1
-                });
-                #[allow(clippy::cast_possible_truncation)] // inside a frame in standard form
-                (self.feeds[place].offsets[usize::from(member)] = it.offset as u16);
-            }
+    /// Notes how a layout that is in use from now on feeds the columns.
+    fn feed(&mut self, number: u8) {
+        let is_first = self.in_use() == 1;
+        for it in &self.known[usize::from(number)].moves {
+            let feed = self.feeds.entry(it.column).or_insert_with(|| {
+                let common = is_first.then_some(it.offset);
+                Feed { form: it.form(), offsets: Box::new([0; 256]), common }
+            });
+            #[allow(clippy::cast_possible_truncation)] // inside a frame in standard form
+            (feed.offsets[usize::from(number)] = it.offset as u16);
         }
-        for feed in &mut self.feeds {
-            let offset = feed.offsets[usize::from(members[0])];
-            let is_common = offset != 0 && members.iter().all(|it| feed.offsets[usize::from(*it)] == offset);
-            feed.common = is_common.then_some(offset.into());
+        for feed in self.feeds.values_mut() {
+            let offset = usize::from(feed.offsets[usize::from(number)]);
+            feed.common = feed.common.filter(|common| *common == offset);
         }
+    }
+
+    /// How many layouts are in use.
+    fn in_use(&self) -> usize {
+        self.families.iter().map(|it| it.members.len()).sum()
     }
 
     /// Puts the frames from position `at` on the list, as far as each follows the one before, is intact and has a known
@@ -413,7 +414,7 @@ impl Layouts {
             return;
         }
         let mut own = [0; BATCH];
-        for feed in &self.feeds {
+        for (&column, feed) in &self.feeds {
             let packets = feed.common.map_or_else(
                 || {
                     // Some layouts lack the packet or have it elsewhere. Without a branch, which would be mispredicted.
@@ -427,7 +428,7 @@ impl Layouts {
                 },
                 |shift| Packets { bytes, starts, shift },
             );
-            columns[feed.column].gather(feed.form, packets, progress);
+            columns[column].gather(feed.form, packets, progress);
         }
     }
 }
