@@ -130,25 +130,6 @@ impl Column {
         }
     }
 
-    /// The same column without its rows, for the next part of a log.
-    #[must_use]
-    pub fn emptied(&self) -> Self {
-        let values = match self.values {
-            Values::U8(_) => Values::U8(vec![]),
-            Values::U16(_) => Values::U16(vec![]),
-            Values::U32(_) => Values::U32(vec![]),
-            Values::U64(_) => Values::U64(vec![]),
-            Values::I8(_) => Values::I8(vec![]),
-            Values::I16(_) => Values::I16(vec![]),
-            Values::I32(_) => Values::I32(vec![]),
-            Values::F32(_) => Values::F32(vec![]),
-            Values::F64(_) => Values::F64(vec![]),
-            Values::Records(_) => Values::Records(vec![]),
-            Values::Raw(_) => Values::Raw(Pieces::default()),
-        };
-        Self { values, rows: 0, entries: vec![], single: vec![], ..*self }
-    }
-
     /// Gives back the room that was reserved and not needed.
     pub fn trim(&mut self) {
         match &mut self.values {
@@ -168,15 +149,7 @@ impl Column {
     /// Makes room for packets with this identifier and reading: numbers that no longer fit the type of the column widen
     /// it (Float32 among wider reals, 4-byte among 8-byte device identifiers).
     pub fn admit(&mut self, id: u16, reading: Option<&Reading>, progress: Progress) {
-        if id == self.id || self.rows == 0 {
-            if self.rows == 0 {
-                let fresh = Self::new(id, reading);
-                (self.id, self.mixed_ids, self.mixed_precisions) = (id, false, false);
-                (self.values, self.width) = (fresh.values, fresh.width);
-            }
-        } else {
-            self.mixed_ids = true;
-        }
+        self.mixed_ids |= id != self.id;
         let Some(reading) = reading else { return };
         match (&self.values, reading.form) {
             (Values::F32(narrow), Form::Real(precision, _)) if precision != Precision::Float32 => {

@@ -14,7 +14,7 @@ use rustc_hash::FxHashMap;
 
 use crate::column::{Column, Packets, Progress};
 use crate::frame::{self, Frame, PREAMBLE};
-use crate::packet::{Form, PACKET_HEADER, Reading, packets};
+use crate::packet::{Form, PACKET_HEADER, packets};
 use crate::simd::widest;
 
 /// Frames gathered before the columns take their packets: enough to make the loops worth it, few enough for the frames
@@ -54,14 +54,8 @@ pub struct Move {
     pub offset: usize,
     /// Data identifier as received.
     pub id: u16,
-    /// How the data are read; `None` for a packet that is kept as it is.
-    pub reading: Option<Reading>,
-}
-
-impl Move {
-    fn form(&self) -> Option<Form> {
-        self.reading.map(|reading| reading.form)
-    }
+    /// How the data lie; `None` for a packet that is kept as it is.
+    pub form: Option<Form>,
 }
 
 /// One layout.
@@ -249,7 +243,7 @@ impl Layouts {
         self.candidates[..=place].rotate_right(1); // what was seen last goes first
         let candidate = &mut self.candidates[0];
         candidate.sightings += 1;
-        let agrees = |it: &Move| self.feeds.get(&it.column).is_none_or(|feed| feed.form == it.form());
+        let agrees = |it: &Move| self.feeds.get(&it.column).is_none_or(|feed| feed.form == it.form);
         let enough = if moves.iter().all(agrees) { SIGHTINGS } else { SIGHTINGS_TO_REPLACE };
         if candidate.sightings < enough {
             return;
@@ -304,7 +298,7 @@ impl Layouts {
         for it in &self.known[usize::from(number)].moves {
             let feed = self.feeds.entry(it.column).or_insert_with(|| {
                 let common = is_first.then_some(it.offset);
-                Feed { form: it.form(), offsets: Box::new([0; 256]), common }
+                Feed { form: it.form, offsets: Box::new([0; 256]), common }
             });
             #[allow(clippy::cast_possible_truncation)] // inside a frame in standard form
             (feed.offsets[usize::from(number)] = it.offset as u16);
@@ -409,7 +403,7 @@ impl Layouts {
         let first = layouts[0];
         if layouts.iter().fold(true, |all, layout| all & (*layout == first)) {
             for it in &self.known[usize::from(first)].moves {
-                columns[it.column].gather(it.form(), Packets { bytes, starts, shift: it.offset }, progress);
+                columns[it.column].gather(it.form, Packets { bytes, starts, shift: it.offset }, progress);
             }
             return;
         }
@@ -502,7 +496,8 @@ mod tests {
                 let reading = packet.reading();
                 let column = usize::from(packet.id == 0x1020);
                 columns.resize_with(columns.len().max(column + 1), || Column::new(packet.id, reading.as_ref()));
-                moves.push(Move { column, offset: 4 + packet.at + PACKET_HEADER, id: packet.id, reading });
+                let form = reading.map(|it| it.form);
+                moves.push(Move { column, offset: 4 + packet.at + PACKET_HEADER, id: packet.id, form });
             }
             if frame::sum(&frame[1..]) == 0 {
                 layouts.learn(&frame, &moves);

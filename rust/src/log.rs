@@ -15,8 +15,8 @@ use crate::frame::Frame;
 use crate::layout::{Batch, Layout, Layouts, Move};
 use crate::packet::{Coordinates, PACKET_HEADER, packets};
 use crate::pages;
-use crate::scan::{Damage, Scanner, Step, Window};
-use crate::table::{self, Quantity};
+use crate::scan::{Damage, Scanner, Step, Window, is_bid};
+use crate::table::{self, Quantity, data_id};
 
 /// Which quantities a reader keeps: name, and coordinate system or any.
 pub type Wanted = Vec<(&'static Quantity, Option<Coordinates>)>;
@@ -225,11 +225,11 @@ impl Part {
     }
 }
 
-const PACKET_COUNTER: u16 = 0x1020;
-const FINE: u16 = 0x1060;
-const COARSE: u16 = 0x1070;
-const TRIGGERS: [u16; 3] = [0x4810, 0x4820, 0x4830];
-const GNSS: [u16; 2] = [0x7010, 0x7020];
+const PACKET_COUNTER: u16 = data_id("packet_counter");
+const FINE: u16 = data_id("sample_time_fine");
+const COARSE: u16 = data_id("sample_time_coarse");
+const TRIGGERS: [u16; 3] = [data_id("trigger_in1"), data_id("trigger_in2"), data_id("trigger_in3")];
+const GNSS: [u16; 2] = [data_id("gnss_pvt_data"), data_id("gnss_sat_info")];
 
 /// Whether clocks and counters need this quantity.
 fn is_stamp(id: u16) -> bool {
@@ -494,9 +494,9 @@ impl Reader {
                 columns.push(Column::new(packet.id, reading.as_ref()));
                 columns.len() - 1
             });
-            moves.push(Move { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, reading });
-            let column = &mut self.columns[column];
             let form = reading.as_ref().map(|it| it.form);
+            moves.push(Move { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, form });
+            let column = &mut self.columns[column];
             column.admit(packet.id, reading.as_ref(), progress);
             let start = packet.at + PACKET_HEADER;
             column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0 }, progress);
@@ -505,7 +505,7 @@ impl Reader {
         self.part.layout.push(0);
         self.part.singles.push(Single { offset, bid: frame.bid });
         self.end = u64::MAX;
-        if self.options.fast && is_sound && header == 4 && matches!(frame.bid, 1..=31 | 0xFF) {
+        if self.options.fast && is_sound && header == 4 && is_bid(frame.bid) {
             self.layouts.learn(bytes, &moves);
         }
         moves.clear();

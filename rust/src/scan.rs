@@ -272,7 +272,7 @@ impl Scanner {
 }
 
 /// Whether devices use this bus identifier.
-const fn is_bid(bid: u8) -> bool {
+pub(crate) const fn is_bid(bid: u8) -> bool {
     matches!(bid, frame::MASTER | 1..=31)
 }
 
@@ -290,9 +290,9 @@ enum Tiling {
 /// Walks the packets of an MTData2 candidate, and goes on where it stood when more bytes come.
 ///
 /// A candidate in extended form can claim thousands of packets, and hostile input a candidate every six bytes. So their
-/// packets are walked on credit: a packet costs 16, and each byte that the scanner passes pays 1: about what a true
-/// message pays back. Only an extended MTData2 right behind a long stretch of such input can be refused
-/// for want of credit.
+/// packets are walked on credit: a packet costs 16, about what one of a true message pays back, since each byte that the
+/// scanner passes pays 1. Only an extended MTData2 right behind a long stretch of such input can be refused for want of
+/// credit.
 #[derive(Debug)]
 struct Walk {
     candidate: u64,

@@ -8,7 +8,7 @@
 //! both rows of such a MID allow both. `Unknown` stays where no source tells.
 
 use super::Lengths::{OneOf, Range, Unknown};
-use super::{Direction, Lengths, Message, Products, States};
+use super::{Direction, Lengths, Message, Products, States, same};
 
 /// The longest payload that a live device is believed to send. The manual says 2048; the vendor's own code allows 8192
 /// bytes for a whole message, and the extended header takes 6 and the checksum 1 of these.
@@ -339,15 +339,6 @@ const fn mid(name: &str) -> u8 {
         i += 1;
     }
     panic!("no message of that name")
-}
-
-const fn same(a: &str, b: &str) -> bool {
-    let (a, b) = (a.as_bytes(), b.as_bytes());
-    let mut i = 0;
-    while i < a.len() && i < b.len() && a[i] == b[i] {
-        i += 1;
-    }
-    i == a.len() && i == b.len()
 }
 
 const _: () = assert!(sorted(MESSAGES), "MIDs must not fall");

@@ -226,6 +226,27 @@ pub fn quantity_named(name: &str) -> Option<&'static Quantity> {
     QUANTITIES.iter().find(|quantity| quantity.name == name)
 }
 
+/// The base identifier of the quantity of this name; a name that no row has does not compile.
+pub(crate) const fn data_id(name: &str) -> u16 {
+    let mut i = 0;
+    while i < QUANTITIES.len() {
+        if same(QUANTITIES[i].name, name) {
+            return QUANTITIES[i].id;
+        }
+        i += 1;
+    }
+    panic!("no quantity of that name")
+}
+
+const fn same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut i = 0;
+    while i < a.len() && i < b.len() && a[i] == b[i] {
+        i += 1;
+    }
+    i == a.len() && i == b.len()
+}
+
 /// The rows of a MID.
 pub fn messages(mid: u8) -> impl Iterator<Item = &'static Message> {
     let first = MESSAGES.partition_point(|message| message.mid < mid);
