@@ -40,13 +40,5 @@ def aliases_by_name(*event: Any) -> tuple[str | None, str | None]:
     return signature or None, returns or None
 
 
-def no_type_before_a_colon(*event: Any) -> None:
-    """In the first line of a property, napoleon takes what stands before a colon for its type."""
-    _, what, *_, lines = event
-    if what == "property":
-        lines[0] = lines[0].replace(": ", " -- ", 1)
-
-
 def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-signature", aliases_by_name)
-    app.connect("autodoc-process-docstring", no_type_before_a_colon, priority=400)

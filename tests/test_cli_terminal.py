@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 import os
 import pty
 import re
@@ -135,6 +136,7 @@ def test_reading_tells_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Progress, "update", lambda _, *args: told.append(args))
     size = Path(WALK).stat().st_size + Path(FIELD).stat().st_size
     with Progress("") as progress, Input([WALK, FIELD], progress) as source:
+        assert operator.length_hint(source) == size
         while source.read(99_999):
             pass
     assert told[0] == ("reading walk.mtb", 99_999, size)

@@ -1487,6 +1487,16 @@ def test_arrays_are_views() -> None:
         assert address(getattr(log, name)) == address(getattr(log._core, name))
 
 
+def test_positions_are_signed() -> None:
+    """As numpy's own: what is subtracted from them may be larger."""
+    log = xbus.read_log(OWN_CAPTURES / "field.mtb")
+    assert len(log.messages) > 0
+    assert len(log.damage) > 0
+    positions = [log.offset, log.messages.offset, log.messages.sample]
+    positions += [log.damage["offset"], log.damage["length"]]
+    assert {it.dtype for it in positions} == {np.dtype(np.int64)}
+
+
 def test_arrays_outlive_the_log() -> None:
     log = xbus.read_log(OWN_CAPTURES / "walk.mtb")
     arrays = {str(key): log[key].values for key in log} | {"time": log.time, "offset": log.offset}

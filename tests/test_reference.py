@@ -13,7 +13,6 @@ import math
 import random
 import re
 import struct
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,39 +20,9 @@ import pytest
 
 import reference
 import streams
+from conftest import coarse, counter, fine, shared, trigger
 from reference import DAY, Damage, array, decode, number, same_bits, scan
 from streams import frame, mtdata2, packet, real
-
-SHARED = Path(__file__).resolve().parents[2] / "shared"
-
-
-def shared(path: str) -> Path:
-    """A file that lies beside the repository; skips the test where it is absent."""
-    found = SHARED / path
-    if not found.exists():
-        pytest.skip(f"{found} is absent")
-    return found
-
-
-def fine(ticks: int) -> bytes:
-    """A SampleTimeFine packet."""
-    return packet(0x1060, struct.pack(">I", ticks))
-
-
-def coarse(seconds: int) -> bytes:
-    """A SampleTimeCoarse packet."""
-    return packet(0x1070, struct.pack(">I", seconds))
-
-
-def counter(value: int) -> bytes:
-    """A PacketCounter packet."""
-    return packet(0x1020, struct.pack(">H", value))
-
-
-def trigger(microseconds: int, data_id: int = 0x4810) -> bytes:
-    """A TriggerIn packet."""
-    return packet(data_id, struct.pack(">BBIH", 9, 1, microseconds, 0))
-
 
 SAT_INFO = packet(0x7020, bytes(8))
 

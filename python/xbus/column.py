@@ -129,7 +129,7 @@ class Column:
 
     @cached_property
     def satellites(self) -> npt.NDArray[Any]:
-        """One structured row for each satellite of ``gnss_sat_info``: gnssId, svId, cno, flags.
+        """One structured row (gnssId, svId, cno, flags) for each satellite of ``gnss_sat_info``.
 
         Those of row ``n`` are ``satellites[offsets[n]:offsets[n + 1]]`` (Table 26).
 

@@ -5,24 +5,31 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from xbus import _core
 from xbus.extras import require
 
 __all__ = ["arrow", "csv", "feather", "npz", "pandas", "parquet", "polars", "replacing"]
 
 
-def arrow(stream: _core.ArrowStream) -> Any:
+class Stream(Protocol):
+    """A table that can be asked for by the Arrow C stream interface."""
+
+    def __arrow_c_stream__(self, requested_schema: Any = None) -> object:
+        """The stream, in a capsule."""
+        ...
+
+
+def arrow(stream: Stream) -> Any:
     """A pyarrow table."""
     pa = require("pyarrow", "arrow", "to make Arrow tables")
     return pa.RecordBatchReader.from_stream(stream).read_all()
 
 
-def pandas(stream: _core.ArrowStream) -> Any:
+def pandas(stream: Stream) -> Any:
     """A pandas DataFrame."""
     pd = require("pandas", "pandas", "to make pandas DataFrames")
     pa = require("pyarrow", "arrow", "to make pandas DataFrames")
@@ -30,12 +37,12 @@ def pandas(stream: _core.ArrowStream) -> Any:
     return arrow(stream).to_pandas(types_mapper={pa.uint64(): pd.UInt64Dtype()}.get)
 
 
-def polars(stream: _core.ArrowStream) -> Any:
+def polars(stream: Stream) -> Any:
     """A polars DataFrame."""
     return require("polars", "polars", "to make polars DataFrames").DataFrame(stream)
 
 
-def parquet(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
+def parquet(stream: Stream, path: str | os.PathLike[str]) -> None:
     """Writes a Parquet file."""
     pa = require("pyarrow", "arrow", "to write Parquet")
     pq = require("pyarrow.parquet", "arrow", "to write Parquet")
@@ -87,7 +94,7 @@ def _delta_types() -> list[Any]:
     return [pa.int32(), pa.int64(), pa.uint32(), pa.uint64()]
 
 
-def csv(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
+def csv(stream: Stream, path: str | os.PathLike[str]) -> None:
     """Writes a CSV file."""
     pa = require("pyarrow", "arrow", "to write CSV")
     pc = require("pyarrow.csv", "arrow", "to write CSV")
@@ -97,7 +104,7 @@ def csv(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
             writer.write_batch(batch)
 
 
-def feather(stream: _core.ArrowStream, path: str | os.PathLike[str]) -> None:
+def feather(stream: Stream, path: str | os.PathLike[str]) -> None:
     """Writes an Arrow file."""
     pa = require("pyarrow", "arrow", "to write Arrow files")
     reader = pa.RecordBatchReader.from_stream(stream)

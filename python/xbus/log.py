@@ -360,7 +360,7 @@ class Log:
 
     @cached_property
     def damage(self) -> npt.NDArray[Any]:
-        """Stretches of bytes that are no frame: structured array of offset, length, reason.
+        """Stretches of bytes that are no frame, as a structured array of offset, length and reason.
 
         The reason is what was wrong where the next frame was due: ``"no preamble"``, ``"checksum"``,
         ``"too long"`` or ``"truncated"`` (more bytes claimed than allowed, or than there are), or

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 import os
 import stat
 from collections.abc import Iterable
@@ -53,8 +54,10 @@ def open_reader(
 
 def _size(opened: object) -> int | None:
     """Bytes of a file object that knows: columns get their room at once then."""
-    if (total := getattr(opened, "total", None)) is not None:
-        return int(total)
+    if isinstance(opened, str | bytes | np.ndarray):
+        return None  # the extension knows
+    if hint := operator.length_hint(opened):
+        return hint
     try:
         return os.fstat(opened.fileno()).st_size  # type: ignore[attr-defined]
     except (AttributeError, OSError):

@@ -22,13 +22,13 @@ if TYPE_CHECKING:
 
 __all__ = ["decode"]
 
-#: The method of a log that writes each kind of file.
+#: What writes a table as each kind of file, in `xbus.export`; an npz is no table.
 WRITERS = {
-    ".parquet": "to_parquet",
-    ".csv": "to_csv",
-    ".arrow": "to_feather",
-    ".feather": "to_feather",
-    ".npz": "to_npz",
+    ".parquet": "parquet",
+    ".csv": "csv",
+    ".arrow": "feather",
+    ".feather": "feather",
+    ".npz": None,
 }
 
 
@@ -159,16 +159,19 @@ def _read(files: Sequence[str], key: Key | None, *, strict: bool, progress: Prog
 
 def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
     """Writes OUT; its rows and columns, of an npz samples and quantities."""
-    writer = getattr(log, WRITERS[_suffix(out)])
-    if _suffix(out) == ".npz":
+    writer = WRITERS[_suffix(out)]
+    if writer is None:
         with _writing(out):
-            writer(out)
+            log.to_npz(out)
         return len(log), len(log.keys())
     from pyarrow import RecordBatchReader
 
-    columns = len(RecordBatchReader.from_stream(table).schema)
+    from xbus import export
+
+    reader = RecordBatchReader.from_stream(table)
+    columns = len(reader.schema)
     with _writing(out):
-        writer(out, key)
+        getattr(export, writer)(reader, out)
     rows = len(table.satellites) if key == "gnss_sat_info" else len(table)
     return rows, columns
 

@@ -76,6 +76,10 @@ class Input:
     def __exit__(self, *_: object) -> None:
         self._close()
 
+    def __length_hint__(self) -> int:
+        """Bytes of all files, 0 where nobody knows: how much room a reader should make."""
+        return self.total or 0
+
     def _close(self) -> None:
         if self._file is not None and self._starts[-1][1] != STDIN:
             self._file.close()
