@@ -237,6 +237,10 @@ def test_json_of_a_log_that_names_its_device() -> None:
         "time": "09295900",
         "devices": 1,
         "filter_profile": 0,
+        "output_mode": None,
+        "output_settings": None,
+        "filter_type": None,
+        "filter_version": [0, 0],
     }
 
 

@@ -1327,7 +1327,7 @@ def configuration(head: str, code: bytes = b"") -> bytes:
     payload[32 : 32 + len(code)] = code
     payload[96:98] = b"\0\1"
     payload[98:106] = payload[:8]
-    payload[110:115] = bytes.fromhex("0027 010802")
+    payload[110:118] = bytes.fromhex("0027 010802 49 0501")
     return frame(0x0D, bytes(payload))
 
 
@@ -1346,6 +1346,7 @@ def test_configuration_of_the_100_series() -> None:
     assert log.configuration == xbus.Configuration(
         device_id=0x037003F8, product_code=None, sampling_period=1152, output_skip_factor=1,
         date="20261122", time="09295950", devices=1, filter_profile=39, firmware=xbus.Firmware(1, 8, 2),
+        output_mode=1, output_settings=0, filter_type="I", filter_version=(5, 1),
     )  # fmt: skip
     assert (log.device_id, log.product_code, log.firmware) == (
         0x037003F8,

@@ -42,6 +42,10 @@ class Configuration:
         devices: Number of devices on the bus.
         filter_profile: Number of the filter profile.
         firmware: Firmware revision.
+        output_mode: Output mode of the older MTData; None on devices with 8-byte identifiers.
+        output_settings: Output settings of the older MTData; None on devices with 8-byte identifiers.
+        filter_type: Letter of the kind of filter, or None.
+        filter_version: Major and minor version of the filter.
     """
 
     device_id: int
@@ -53,6 +57,17 @@ class Configuration:
     devices: int
     filter_profile: int
     firmware: Firmware
+    output_mode: int | None = None
+    output_settings: int | None = None
+    filter_type: str | None = None
+    filter_version: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def read(cls, payload: bytes) -> Configuration | None:
+        """What a payload of 118 bytes says; None for one that is shorter."""
+        if (fields := _core.configuration(payload)) is None:
+            return None
+        return cls(**{**fields, "firmware": Firmware(*fields["firmware"])})
 
 
 #: The messages that say something about the device.
@@ -97,8 +112,7 @@ def _said(message: Message) -> Identity:
             return Identity(product_code=_core.product_code(payload))
         case "FirmwareRev" if len(payload) >= 3:
             return Identity(firmware=_firmware(payload))
-        case "Configuration" if (row := _core.configuration(payload)) is not None:
-            it = Configuration(**{**row, "firmware": Firmware(*row["firmware"])})
+        case "Configuration" if (it := Configuration.read(payload)) is not None:
             return Identity(it.device_id, it.product_code, it.firmware, it)
     return Identity()
 

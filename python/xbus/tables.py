@@ -101,12 +101,25 @@ class MessageRow(NamedTuple):
 
 
 class Product(NamedTuple):
-    """A product of the manual's section 3."""
+    """A product of the manual's section 3.
+
+    Attributes:
+        number: The manual's number: 630.
+        name: The model: ``"MTi-630"``.
+        title: The model and what it is.
+        series: Its family: ``"600-series"``.
+        kind: What it computes: ``"IMU"``, ``"VRU"``, ``"AHRS"`` or ``"GNSS/INS"``.
+        id_size: Bytes of its device identifier.
+        fine_wrap: Ticks of 0.1 ms after which SampleTimeFine starts again at zero.
+    """
 
     number: int
     name: str
     title: str
     series: str
+    kind: str
+    id_size: int
+    fine_wrap: int
 
 
 class StatusFlag(NamedTuple):

@@ -82,6 +82,14 @@ pub struct Configuration {
     pub filter_profile: u16,
     /// Firmware: major, minor, revision.
     pub firmware: [u8; 3],
+    /// Output mode of the older `MTData`; devices with 8-byte identifiers have none.
+    pub output_mode: Option<u16>,
+    /// Output settings of the older `MTData`; devices with 8-byte identifiers have none.
+    pub output_settings: Option<u32>,
+    /// Letter of the kind of filter, where there is one.
+    pub filter_type: Option<char>,
+    /// Filter: major, minor.
+    pub filter_version: [u8; 2],
 }
 
 impl Configuration {
@@ -115,6 +123,10 @@ impl Configuration {
             devices: u16_at(payload, 96)?,
             filter_profile: u16_at(payload, 110)?,
             firmware: [payload[112], payload[113], payload[114]],
+            output_mode: if wide { None } else { u16_at(payload, 104) },
+            output_settings: if wide { None } else { u32_at(payload, 106) },
+            filter_type: payload[115].is_ascii_graphic().then_some(char::from(payload[115])),
+            filter_version: [payload[116], payload[117]],
         })
     }
 }

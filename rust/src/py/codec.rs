@@ -120,6 +120,11 @@ pub fn configuration<'py>(py: Python<'py>, payload: &[u8]) -> PyResult<Option<Ro
     row.set_item("filter_profile", it.filter_profile)?;
     let [major, minor, revision] = it.firmware;
     row.set_item("firmware", (major, minor, revision))?;
+    row.set_item("output_mode", it.output_mode)?;
+    row.set_item("output_settings", it.output_settings)?;
+    row.set_item("filter_type", it.filter_type)?;
+    let [major, minor] = it.filter_version;
+    row.set_item("filter_version", (major, minor))?;
     Ok(Some(row))
 }
 

@@ -96,6 +96,9 @@ pub fn products(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row.set_item("name", product.name)?;
         row.set_item("title", product.title)?;
         row.set_item("series", product.series.label())?;
+        row.set_item("kind", product.class.label())?;
+        row.set_item("id_size", product.series.id_size())?;
+        row.set_item("fine_wrap", product.series.fine_wrap())?;
         Ok(row)
     };
     table::PRODUCTS.iter().map(row).collect()

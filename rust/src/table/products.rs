@@ -57,6 +57,19 @@ pub enum Class {
     Gnss,
 }
 
+impl Class {
+    /// The manual's name: `"AHRS"`.
+    #[must_use]
+    pub const fn label(self) -> &'static str {
+        match self {
+            Self::Imu => "IMU",
+            Self::Vru => "VRU",
+            Self::Ahrs => "AHRS",
+            Self::Gnss => "GNSS/INS",
+        }
+    }
+}
+
 /// One product.
 #[derive(Clone, Copy, Debug)]
 pub struct Product {
