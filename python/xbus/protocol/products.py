@@ -1,0 +1,454 @@
+"""What each product can do, and how it comes from the factory: plain tables.
+
+Which messages and quantities a product knows stands with these, in `xbus.tables`; here are rates,
+synchronization, flags, strings, profiles, baud rates and defaults. Where the manual is silent or its text is
+lost the vendor's open code decides, and published settings of real devices.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cache
+
+from xbus.configuration import Firmware
+from xbus.ids import DataId
+from xbus.protocol.values import (
+    BAUD_CODES,
+    EVERY,
+    AvailableProfile,
+    HardwareVersion,
+    OptionFlag,
+    Output,
+    Polarity,
+    StringType,
+    SyncFunction,
+    SyncLine,
+    SyncSetting,
+)
+from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES, Product
+
+__all__ = ["Identity", "Support", "find_product", "product_of_code", "support"]
+
+# Rates (Table 16, Tables 23 and 24)
+
+#: The columns of `RATES`.
+_FAMILIES = {
+    1: "one", 2: "one", 3: "one", 7: "seven", 10: "ten", 20: "ten", 30: "ten",
+    100: "hundred", 200: "hundred", 300: "hundred", 710: "g710",
+    610: "six", 620: "six", 630: "six", 670: "six", 680: "six",
+}  # fmt: skip
+
+
+def _rates(one: int, seven: int, ten: int, hundred: int, g710: int, six: int) -> dict[str, int]:
+    return {"one": one, "seven": seven, "ten": ten, "hundred": hundred, "g710": g710, "six": six}
+
+
+#: The highest rate of each quantity, Hz: 1/2/3, 7, 10-series, 100-series, 710, 600-series. `EVERY`: with every
+#: message, on every event, or whenever the receiver delivers. 0: not on these.
+# Table 16 has temperature at 1 Hz, but an MTi-G-710 took 100 Hz; and the pressure at 50 Hz, which the
+# 600-series exceeds.
+RATES: dict[str, dict[str, int]] = {
+    "temperature":          _rates(100, 100, 400, 400, 400, 400),
+    "quaternion":           _rates(100, 100, 400, 400, 400, 400),
+    "rotation_matrix":      _rates(100, 100, 400, 400, 400, 400),
+    "euler_angles":         _rates(100, 100, 400, 400, 400, 400),
+    "baro_pressure":        _rates(0, 50, 0, 50, 50, 100),
+    "delta_v":              _rates(100, 100, 400, 400, 400, 400),
+    "acceleration":         _rates(100, 100, 400, 400, 400, 400),
+    "free_acceleration":    _rates(100, 100, 400, 400, 400, 400),
+    "acceleration_hr":      _rates(800, 800, 1000, 1000, 1000, 2000),
+    "altitude_ellipsoid":   _rates(0, 100, 0, 0, 400, 400),
+    "position_ecef":        _rates(0, 100, 0, 0, 400, 400),
+    "lat_lon":              _rates(0, 100, 0, 0, 400, 400),
+    "gnss_pvt_data":        _rates(0, 4, 0, 0, 4, EVERY),
+    "gnss_sat_info":        _rates(0, 0, 0, 0, 4, EVERY),
+    "gnss_pvt_pulse":       _rates(0, 0, 0, 0, 0, EVERY),
+    "rate_of_turn":         _rates(100, 100, 400, 400, 400, 400),
+    "delta_q":              _rates(100, 100, 400, 400, 400, 400),
+    "rate_of_turn_hr":      _rates(800, 800, 1000, 1000, 1000, 1600),
+    "raw_acc_gyr_mag_temp": _rates(0, 0, 2000, 2000, 2000, 0),
+    "raw_gyro_temp":        _rates(0, 0, 2000, 2000, 2000, 0),
+    "magnetic_field":       _rates(100, 100, 100, 100, 100, 100),
+    "velocity_xyz":         _rates(0, 100, 0, 0, 400, 400),
+}  # fmt: skip
+#: Groups that come with every message or on an event, whatever is asked for (Table 16, notes 7 and 10).
+_EVERY_GROUPS = ("Timestamp", "Status", "Indication")
+#: High-rate quantities whose rate is fixed: the 10- and 100-series, and the first hardware of the 1-series.
+_HR = ("acceleration_hr", "rate_of_turn_hr")
+
+
+def _highest(product: Product, quantity: str, hardware: HardwareVersion | None) -> int:
+    """The highest rate, with what the version of the hardware changes (Tables 23 and 24)."""
+    row = QUANTITIES[quantity]
+    if row.group in _EVERY_GROUPS:
+        return EVERY
+    rate = RATES[quantity][_FAMILIES[product.number]]
+    if hardware is not None and quantity in _HR:
+        if product.series == "1-series" and hardware.major != 2:
+            return 1000
+        if product.series == "600-series" and hardware.major == 2:
+            return 2000
+    return rate
+
+
+def _is_fixed(product: Product, quantity: str, hardware: HardwareVersion | None) -> bool:
+    old = product.series == "1-series" and hardware is not None and hardware.major < 2
+    fixed_hr = quantity in _HR and (product.series in ("10-series", "100-series") or old)
+    return fixed_hr or QUANTITIES[quantity].group == "GNSS"
+
+
+# Synchronization (Tables 11 and 12)
+
+_F, _L = SyncFunction, SyncLine
+_Lines = dict[SyncFunction, tuple[SyncLine, ...]]
+_IN, _IN_SOFTWARE = (_L.IN1,), (_L.IN1, _L.SOFTWARE)
+_INS, _INS_SOFTWARE = (_L.IN1, _L.IN2), (_L.IN1, _L.IN2, _L.SOFTWARE)
+
+_SYNC_1: _Lines = {_F.SEND_LATEST: _IN_SOFTWARE}
+_SYNC_7: _Lines = {
+    _F.SEND_LATEST: _IN_SOFTWARE,
+    # In1 takes an external reference clock (Table 12, note 3).
+    _F.CLOCK_BIAS_ESTIMATION: (_L.IN1, _L.GNSS_CLOCK_IN),
+    _F.GNSS_1PPS: (_L.GNSS_1PPS,),
+}
+_SYNC_10: _Lines = {
+    _F.TRIGGER_INDICATION: _IN,
+    _F.INTERVAL_TRANSITION_MEASUREMENT: (_L.BI_OUT,),
+    _F.SEND_LATEST: _IN_SOFTWARE,
+    _F.CLOCK_BIAS_ESTIMATION: (_L.CLOCK_IN,),
+    _F.START_SAMPLING: _IN,
+}
+_SYNC_710: _Lines = {
+    **_SYNC_10,
+    _F.CLOCK_BIAS_ESTIMATION: (_L.CLOCK_IN, _L.GNSS_CLOCK_IN),
+    _F.GNSS_1PPS: (_L.BI_OUT,),
+}
+_SYNC_600: _Lines = {
+    _F.TRIGGER_INDICATION: _INS,
+    _F.INTERVAL_TRANSITION_MEASUREMENT: (_L.SYNC_OUT,),
+    _F.SEND_LATEST: _INS_SOFTWARE,
+    _F.CLOCK_BIAS_ESTIMATION: _INS,
+    _F.START_SAMPLING: _INS,
+}
+_SYNC_670: _Lines = {**_SYNC_600, _F.GNSS_1PPS: _INS}
+# The receiver is inside: its pulse comes on In3 and nowhere else.
+_SYNC_680: _Lines = {**_SYNC_600, _F.CLOCK_BIAS_ESTIMATION: (_L.IN3,), _F.GNSS_1PPS: (_L.IN3,)}
+
+_SYNC = {
+    1: _SYNC_1, 2: _SYNC_1, 3: _SYNC_1, 7: _SYNC_7,
+    10: _SYNC_10, 20: _SYNC_10, 30: _SYNC_10, 100: _SYNC_10, 200: _SYNC_10, 300: _SYNC_10,
+    710: _SYNC_710,
+    610: _SYNC_600, 620: _SYNC_600, 630: _SYNC_600, 670: _SYNC_670, 680: _SYNC_680,
+}  # fmt: skip
+
+# Option flags (Table 8)
+
+_ONE, _TEN, _HUNDRED, _SIX = "1-series", "10-series", "100-series", "600-series"
+#: Flag: the products, by number or series, that have it.
+_FLAGS: dict[OptionFlag, tuple[int | str, ...]] = {
+    OptionFlag.DISABLE_AUTO_STORE: (_ONE,),
+    OptionFlag.DISABLE_AUTO_MEASUREMENT: (_ONE,),
+    OptionFlag.ENABLE_BEIDOU: (7, 670, 710),
+    OptionFlag.ENABLE_AHS: (_ONE, _TEN, _HUNDRED),
+    OptionFlag.ENABLE_ORIENTATION_SMOOTHER: (7, 670, 680, 710),
+    OptionFlag.ENABLE_CONFIGURABLE_BUS_ID: (_TEN, _HUNDRED, _SIX),
+    OptionFlag.ENABLE_IN_RUN_COMPASS_CALIBRATION: (_ONE, _TEN, _HUNDRED, _SIX),
+    # Table 8 names the 1-series only, but the settings of an MTi-680G have it, too.
+    OptionFlag.ENABLE_CONFIG_MESSAGE_AT_STARTUP: (_ONE, _SIX),
+    OptionFlag.ENABLE_COLD_FILTER_RESETS: (670, 680),
+    OptionFlag.ENABLE_POSITION_VELOCITY_SMOOTHER: (680,),
+    OptionFlag.ENABLE_CONTINUOUS_ZRU: (680,),
+}
+
+# Strings (the manual names the products that have strings, the vendor's open code which)
+
+_S = StringType
+_STRINGS_IMU = _S.PSONCMS | _S.HCMTW | _S.HEROT | _S.PTCF | _S.GPZDA
+_STRINGS_VRU = _STRINGS_IMU | _S.TSS2 | _S.PHTRO | _S.PRDID | _S.EM1000 | _S.HEHDT
+_STRINGS_AHRS = _STRINGS_VRU | _S.HCHDM | _S.HCHDG
+_STRINGS_ALL = _STRINGS_AHRS | _S.GPGGA | _S.XSVEL | _S.GPRMC
+
+
+def _strings(product: Product) -> StringType:
+    if product.series == _ONE:
+        return StringType(0)
+    if product.series == _SIX:
+        return _STRINGS_ALL
+    return {"IMU": _STRINGS_IMU, "VRU": _STRINGS_VRU, "AHRS": _STRINGS_AHRS}.get(
+        product.kind, _STRINGS_ALL
+    )
+
+
+# Filter profiles (Table 30; for the 600-series, whose profiles have names, the product's own manual)
+
+#: Kinds of profiles on the 600-series.
+BASE, ADDITIONAL, HEADING = 195, 196, 197
+
+
+def _profiles(version: int, *rows: tuple[int, str]) -> tuple[AvailableProfile, ...]:
+    return tuple(AvailableProfile(number, version, label) for number, label in rows)
+
+
+_AHRS_10 = _profiles(
+    15,
+    (39, "general"),
+    (40, "high_mag_dep"),
+    (41, "dynamic"),
+    (42, "low_mag_dep"),
+    (43, "vru_general"),
+)
+_AHRS_1 = _profiles(
+    1,
+    (50, "General"),
+    (51, "High_mag_dep"),
+    (52, "Dynamic"),
+    (53, "North_reference"),
+    (54, "VRU_general"),
+)
+_VRU_600 = _profiles(
+    1, (BASE, "Responsive"), (BASE, "Robust"), (HEADING, "VRU"), (HEADING, "VRUAHS")
+)
+_AHRS_600 = (*_VRU_600, *_profiles(1, (HEADING, "NorthReference"), (HEADING, "FixedMagRef")))
+
+_PROFILES: dict[int, tuple[AvailableProfile, ...]] = {
+    2: _AHRS_1[4:],
+    3: _AHRS_1,
+    7: _profiles(1, (11, "General"), (12, "GeneralNoBaro"), (13, "GeneralMag")),
+    20: _AHRS_10[4:],
+    30: _AHRS_10,
+    200: _AHRS_10[4:],
+    300: _AHRS_10,
+    710: _profiles(
+        1,
+        (1, "General"),
+        (2, "GeneralNoBaro"),
+        (3, "GeneralMag"),
+        (4, "Automotive"),
+        (5, "HighPerformanceEDR"),
+    ),
+    620: _VRU_600,
+    630: _AHRS_600,
+    670: _profiles(1, (BASE, "General"), (BASE, "GeneralNoBaro"), (BASE, "GeneralMag")),
+    680: _profiles(1, (BASE, "General_RTK"), (BASE, "GeneralNoBaro_RTK"), (BASE, "GeneralMag_RTK")),
+}
+
+#: The profile that is set at first (Table 2): its number, or on the 600-series its names.
+_DEFAULT_PROFILES: dict[int, int | str] = {
+    2: 54, 3: 50, 7: 11, 20: 43, 30: 39, 200: 43, 300: 39, 710: 1,
+    620: "Responsive/VRU", 630: "Responsive/NorthReference", 670: "General", 680: "General_RTK",
+}  # fmt: skip
+
+# Defaults (Tables 2, 18, 40, 41)
+
+_D = DataId
+_FP1632 = 2
+#: Between counter and time in front and status word behind, at 100 Hz.
+_DEFAULT_OUTPUTS = {
+    "IMU": (_D.DeltaQ, _D.DeltaV, _D.MagneticField),
+    "VRU": (_D.Quaternion,),
+    "AHRS": (_D.Quaternion,),
+    "GNSS/INS": (
+        _D.Quaternion,
+        _D.AltitudeEllipsoid | _FP1632,
+        _D.LatLon | _FP1632,
+        _D.VelocityXYZ | _FP1632,
+    ),
+}
+
+
+def _default_outputs(product: Product) -> tuple[Output, ...]:
+    measured = (Output(int(it), 100) for it in _DEFAULT_OUTPUTS[product.kind])
+    return (Output(_D.PacketCounter), Output(_D.SampleTimeFine), *measured, Output(_D.StatusWord))
+
+
+def _clock_bias(line: SyncLine, period: int) -> SyncSetting:
+    return SyncSetting(SyncFunction.CLOCK_BIAS_ESTIMATION, line, Polarity.RISING, offset=period)
+
+
+#: SyncIn of the GNSS/INS products (Table 2: GPS_Clock_Sync); lines and periods of published settings.
+_DEFAULT_SYNC: dict[int, tuple[SyncSetting, ...]] = {
+    7: (_clock_bias(SyncLine.GNSS_CLOCK_IN, 1000),),
+    710: (_clock_bias(SyncLine.GNSS_CLOCK_IN, 250),),
+    670: (_clock_bias(SyncLine.IN1, 1000),),
+    680: (_clock_bias(SyncLine.IN3, 1000),),
+}
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What a virtual device of this product calls itself: where a real one was published, like that."""
+
+    device_id: int
+    product_code: str
+    firmware: Firmware
+    hardware: HardwareVersion
+
+
+def _identity(
+    device_id: int, code: str, firmware: tuple[int, ...], hardware: tuple[int, int]
+) -> Identity:
+    return Identity(device_id, code, Firmware(*firmware), HardwareVersion(*hardware))
+
+
+_IDENTITIES = {
+    1: _identity(0x0188_0001, "MTi-1-8A7G6", (1, 5, 0, 33, 85107), (2, 0)),
+    2: _identity(0x0288_0001, "MTi-2-8A7G6", (1, 5, 0, 33, 85107), (2, 0)),
+    3: _identity(0x0388_7B6D, "MTi-3-8A7G6", (1, 5, 0, 33, 85107), (2, 0)),
+    7: _identity(0x0788_1322, "MTi-7-8A7G6", (1, 14, 0, 33, 85107), (2, 0)),
+    10: _identity(0x0160_0001, "MTi-10-2A5G4", (1, 8, 2, 37, 70964), (1, 0)),
+    20: _identity(0x0260_0001, "MTi-20-2A5G4", (1, 8, 2, 37, 70964), (1, 0)),
+    30: _identity(0x0360_08A6, "MTi-30-2A5G4", (1, 8, 2, 37, 70964), (1, 0)),
+    100: _identity(0x0170_0001, "MTi-100-2A5G4", (1, 8, 2, 37, 70964), (1, 0)),
+    200: _identity(0x0270_0001, "MTi-200-2A5G4", (1, 8, 2, 37, 70964), (1, 0)),
+    300: _identity(0x0370_03F8, "MTi-300-2A5G4", (1, 8, 2, 37, 70964), (1, 0)),
+    710: _identity(0x0770_10E6, "MTi-G-710-2A5G4", (1, 8, 2, 37, 70964), (1, 0)),
+    610: _identity(0x8000_4001, "MTi-610-8A1G6", (1, 6, 0, 114, 108021), (1, 0)),
+    620: _identity(0x8000_4002, "MTi-620-8A1G6", (1, 6, 0, 114, 108021), (1, 0)),
+    630: _identity(0x8000_40D2, "MTi-630-8A1G6", (1, 6, 0, 114, 108021), (1, 0)),
+    670: _identity(0x8000_4003, "MTi-670-8A1G6", (1, 6, 0, 114, 108021), (1, 0)),
+    680: _identity(0x8000_A1B2, "MTi-680G-8A1G6", (1, 8, 0, 114, 108021), (1, 0)),
+}
+
+# 7.2.1 says at most 921,600, and Table 7 lists more: the later products have them.
+_ALL_BAUDRATES = tuple(sorted(set(BAUD_CODES.values())))
+_BAUDRATES = {
+    _ONE: _ALL_BAUDRATES,
+    _TEN: tuple(it for it in _ALL_BAUDRATES if it <= 921_600),
+    _HUNDRED: tuple(it for it in _ALL_BAUDRATES if it <= 921_600),
+    _SIX: _ALL_BAUDRATES,
+}
+
+
+@dataclass(frozen=True)
+class Support:
+    """What a product supports, and its factory settings.
+
+    Attributes:
+        product: The product.
+        hardware: The version of the hardware that the rates are for; None: the manual's.
+        messages: Names of the messages that it knows.
+        rates: Every quantity that it offers, with the highest rate, Hz; 0xFFFF where it comes with every
+            message, on every event, or when the GNSS receiver delivers.
+        sync: Synchronization functions, with their lines.
+        option_flags: The option flags that it has.
+        string_types: The strings that it can send.
+        filter_profiles: The filter profiles on board.
+        baudrates: Bits per second that its port can be set to.
+        outputs: Output configuration at first.
+        sync_settings: Synchronization at first.
+        filter_profile: Filter profile at first: a number, from the 600-series on names; None on an IMU.
+        identity: What a virtual device of this product calls itself.
+    """
+
+    product: Product
+    hardware: HardwareVersion | None
+    messages: frozenset[str]
+    rates: Mapping[str, int]
+    sync: Mapping[SyncFunction, tuple[SyncLine, ...]]
+    option_flags: OptionFlag
+    string_types: StringType
+    filter_profiles: tuple[AvailableProfile, ...]
+    baudrates: tuple[int, ...]
+    outputs: tuple[Output, ...]
+    sync_settings: tuple[SyncSetting, ...]
+    filter_profile: int | str | None
+    identity: Identity
+
+    def rates_of(self, quantity: str) -> tuple[int, ...]:
+        """The rates at which a quantity can be had, Hz, the highest first; none where it cannot be had.
+
+        They are the highest one divided by whole numbers, where that gives whole numbers.
+
+        >>> support("MTi-3").rates_of("acceleration")
+        (100, 50, 25, 20, 10, 5, 4, 2, 1)
+        """
+        highest = self.rates.get(quantity, 0)
+        if highest in (0, EVERY) or _is_fixed(self.product, quantity, self.hardware):
+            return (highest,) if highest else ()
+        return tuple(highest // it for it in range(1, highest + 1) if highest % it == 0)
+
+    def acknowledged(self, output: Output) -> Output | None:
+        """The line as the device answers it: with the rate in effect; None where it refuses the identifier.
+
+        A rate that it cannot do becomes the next lower one that it can.
+        """
+        rates = self.rates_of(output.quantity or "")
+        if not rates:
+            return None
+        asked = output.frequency if 0 < output.frequency < EVERY else rates[0]
+        return Output(output.data_id, next((it for it in rates if it <= asked), rates[-1]))
+
+
+@cache
+def _support(number: int, hardware: HardwareVersion | None) -> Support:
+    product = PRODUCTS[number]
+    offered = {
+        it.name: _highest(product, it.name, hardware)
+        for it in QUANTITIES.values()
+        if number in it.products
+    }
+    return Support(
+        product=product,
+        hardware=hardware,
+        messages=frozenset(it.name for it in MESSAGES if number in it.products),
+        rates=offered,
+        sync=_SYNC[number],
+        option_flags=OptionFlag(
+            sum(flag for flag, who in _FLAGS.items() if number in who or product.series in who)
+        ),
+        string_types=_strings(product),
+        filter_profiles=_PROFILES.get(number, ()),
+        baudrates=_BAUDRATES[product.series],
+        outputs=_default_outputs(product),
+        sync_settings=_DEFAULT_SYNC.get(number, ()),
+        filter_profile=_DEFAULT_PROFILES.get(number),
+        identity=_IDENTITIES[number],
+    )
+
+
+def find_product(product: str | int | Product) -> Product:
+    """A product by its model, its number or itself.
+
+    Raises:
+        ValueError: There is no such product.
+
+    >>> find_product("mti-630").title
+    'MTi-630 AHRS'
+    """
+    if isinstance(product, Product):
+        return product
+    wanted = str(product).upper().removeprefix("MTI-").removeprefix("G-").removesuffix("G")
+    for row in PRODUCTS.values():
+        if wanted == str(row.number):
+            return row
+    names = ", ".join(it.name for it in PRODUCTS.values())
+    raise ValueError(f"no product is called {product!r}; there are {names}")
+
+
+def product_of_code(code: str) -> Product | None:
+    """The product of a code such as ``MTi-630-8A1G6``; None for one that the manual does not describe.
+
+    The MTi-G-700 counts as its successor, which has the same messages.
+    """
+    if (found := re.match(r"MTi-(?:G-)?(\d+)", code)) is None:
+        return None
+    number = int(found[1])
+    return PRODUCTS.get(710 if number == 700 else number)
+
+
+def support(product: str | int | Product, hardware: HardwareVersion | None = None) -> Support:
+    """What a product supports, and its factory settings.
+
+    Args:
+        product: Model, number or `xbus.tables.Product`.
+        hardware: The version of its hardware, which changes the high rates (Tables 23 and 24).
+
+    Raises:
+        ValueError: There is no such product.
+
+    >>> support("MTi-630").rates["acceleration_hr"], support("MTi-630").filter_profile
+    (2000, 'Responsive/NorthReference')
+    """
+    return _support(find_product(product).number, hardware)

@@ -1,0 +1,695 @@
+"""What the numbers in messages mean: enumerations, flags and records, with the manual's names.
+
+A device may send a number that no source explains. It stays what it is: flags keep bits without a name, and
+where an enumeration has no member the plain integer is given. Only what is sent to a device is checked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+from typing import NamedTuple, TypeVar
+
+from xbus.ids import Coordinates, Precision
+from xbus.tables import QUANTITIES
+
+__all__ = [
+    "BAUD_CODES",
+    "CAN_BAUD_CODES",
+    "EVERY",
+    "Alignment",
+    "AlignmentRotation",
+    "AvailableProfile",
+    "CanConfig",
+    "CanDataId",
+    "CanOutput",
+    "DeviceErrorInfo",
+    "DeviceWarning",
+    "ExtOutputMode",
+    "FilterProfile",
+    "GnssLeverArm",
+    "GnssPlatform",
+    "GnssReceiver",
+    "GnssReceiverSettings",
+    "HardwareVersion",
+    "IccCommand",
+    "IccReply",
+    "IccResult",
+    "IccStatus",
+    "LatLonAlt",
+    "OptionFlag",
+    "OptionFlags",
+    "Output",
+    "Polarity",
+    "PortConfig",
+    "PortProtocol",
+    "ResetCode",
+    "Selftest",
+    "StringOutput",
+    "StringType",
+    "SyncFunction",
+    "SyncLine",
+    "SyncSetting",
+    "UtcTime",
+    "baud_code",
+    "baudrate",
+    "known",
+]
+
+E = TypeVar("E", bound=IntEnum)
+
+
+def known(kind: type[E], number: int) -> E | int:
+    """The member of an enumeration, or the number itself where there is none.
+
+    >>> known(ResetCode, 1), known(ResetCode, 99)
+    (<ResetCode.HEADING: 1>, 99)
+    """
+    try:
+        return kind(number)
+    except ValueError:
+        return number
+
+
+# Baud rates
+
+#: Bits per second by code: Table 7. The text has "76k6" where it means 76,800, and two codes for 921,600.
+BAUD_CODES = {
+    0x0D: 4_000_000,
+    0x0E: 3_686_400,
+    0x0C: 2_000_000,
+    0x80: 921_600,
+    0x0A: 921_600,
+    0x00: 460_800,
+    0x01: 230_400,
+    0x02: 115_200,
+    0x03: 76_800,
+    0x04: 57_600,
+    0x05: 38_400,
+    0x06: 28_800,
+    0x07: 19_200,
+    0x08: 14_400,
+    0x09: 9_600,
+    0x0B: 4_800,
+}
+#: The first code of each rate is the one to send: 0x80 for 921,600, which all firmware knows.
+_CODE_OF_RATE = {rate: code for code, rate in reversed(BAUD_CODES.items())}
+
+#: Bits per second on the CAN bus by code; they are not those of Table 7 (the CAN protocol document).
+CAN_BAUD_CODES = {
+    0x0C: 1_000_000,
+    0x0B: 800_000,
+    0x0A: 500_000,
+    0x00: 250_000,
+    0x01: 125_000,
+    0x02: 100_000,
+    0x03: 83_300,
+    0x04: 62_500,
+    0x05: 50_000,
+    0x06: 33_300,
+    0x07: 20_000,
+    0x08: 10_000,
+    0x09: 5_000,
+}
+
+
+def baudrate(code: int) -> int | None:
+    """Bits per second of a code of Table 7; None where the table has no such code.
+
+    >>> baudrate(0x80), baudrate(0x55)
+    (921600, None)
+    """
+    return BAUD_CODES.get(code)
+
+
+def baud_code(rate: int) -> int:
+    """The code to send for a rate in bits per second (Table 7).
+
+    Raises:
+        ValueError: The table has no such rate.
+
+    >>> hex(baud_code(921600))
+    '0x80'
+    """
+    if rate not in _CODE_OF_RATE:
+        rates = ", ".join(f"{it:,}" for it in sorted(_CODE_OF_RATE))
+        raise ValueError(f"no device talks at {rate:,} baud; there are {rates}")
+    return _CODE_OF_RATE[rate]
+
+
+# Section 5.3.2: information
+
+
+class HardwareVersion(NamedTuple):
+    """Version of the hardware."""
+
+    major: int
+    minor: int
+
+    def __str__(self) -> str:
+        return f"{self.major}.{self.minor}"
+
+
+class Selftest(IntFlag):
+    """``SelftestResults``: a bit for each part that passed.
+
+    From ``BATTERY`` on by the vendor's code. What a bit says of a part that the product lacks is not written
+    down.
+    """
+
+    ACC_X = 1 << 0
+    ACC_Y = 1 << 1
+    ACC_Z = 1 << 2
+    GYR_X = 1 << 3
+    GYR_Y = 1 << 4
+    GYR_Z = 1 << 5
+    MAG_X = 1 << 6
+    MAG_Y = 1 << 7
+    MAG_Z = 1 << 8
+    BARO = 1 << 9
+    GNSS = 1 << 10
+    BATTERY = 1 << 11
+    FLASH = 1 << 12
+    BUTTON = 1 << 13
+    SYNC = 1 << 14
+
+    @property
+    def passed(self) -> bool:
+        """Whether all nine inertial and magnetic sensors passed."""
+        return int(self) & 0x1FF == 0x1FF
+
+
+class DeviceErrorInfo(NamedTuple):
+    """``Error``: its code (Table 5), and the bytes behind it, which code 40 has four of."""
+
+    code: int
+    extra: bytes = b""
+
+
+class DeviceWarning(NamedTuple):
+    """``Warning``: its code (Table 6) and text."""
+
+    code: int
+    text: str = ""
+
+
+# Section 5.3.3: the device
+
+
+class OptionFlag(IntFlag):
+    """Option flags: Table 8, and from the vendor's code the ones that it calls reserved or does not have."""
+
+    DISABLE_AUTO_STORE = 0x0001
+    DISABLE_AUTO_MEASUREMENT = 0x0002
+    ENABLE_BEIDOU = 0x0004
+    DISABLE_GPS = 0x0008
+    ENABLE_AHS = 0x0010
+    ENABLE_ORIENTATION_SMOOTHER = 0x0020
+    ENABLE_CONFIGURABLE_BUS_ID = 0x0040
+    ENABLE_IN_RUN_COMPASS_CALIBRATION = 0x0080
+    DISABLE_SLEEP_MODE = 0x0100
+    ENABLE_CONFIG_MESSAGE_AT_STARTUP = 0x0200
+    ENABLE_COLD_FILTER_RESETS = 0x0400
+    ENABLE_POSITION_VELOCITY_SMOOTHER = 0x0800
+    ENABLE_CONTINUOUS_ZRU = 0x1000
+    ENABLE_RAW_GNSS_INPUT_FORWARDING = 0x2000
+
+
+class OptionFlags(NamedTuple):
+    """``SetOptionFlags``: flags to set and flags to clear; one that is in both is set."""
+
+    set: OptionFlag = OptionFlag(0)
+    clear: OptionFlag = OptionFlag(0)
+
+
+# Section 5.3.4: synchronization
+
+
+class SyncFunction(IntEnum):
+    """What a pulse does, or what makes one: Table 11, and the vendor's names of the others."""
+
+    START_RECORDING_IN = 0
+    STOP_RECORDING_IN = 1
+    RESET_TIMER = 2
+    TRIGGER_INDICATION = 3
+    INTERVAL_TRANSITION_MEASUREMENT = 4
+    INTERVAL_TRANSITION_RECORDING = 5
+    GOTO_OPERATIONAL = 6
+    SAMPLE_AND_SEND = 7
+    SEND_LATEST = 8
+    CLOCK_BIAS_ESTIMATION = 9
+    PWM = 10
+    START_SAMPLING = 11
+    START_RECORDING_OUT = 12
+    STOP_RECORDING_OUT = 13
+    GNSS_1PPS = 14
+    BUS_SYNC = 15
+
+
+class SyncLine(IntEnum):
+    """Lines (Table 12). The pulse goes out on SYNC_OUT, on the 10- and 100-series on BI_OUT."""
+
+    CLOCK_IN = 0
+    GNSS_CLOCK_IN = 1
+    IN1 = 2
+    BI_IN = 3
+    BI_OUT = 4
+    EXT_TIMEPULSE_IN = 5
+    SOFTWARE = 6
+    SYNC_OUT = 7
+    GNSS_1PPS = 8
+    IN2 = 9
+    IN3 = 10
+
+
+class Polarity(IntEnum):
+    """Which edge counts, or what a pulse looks like (Tables 9 and 10)."""
+
+    DISABLED = 0
+    RISING = 1
+    FALLING = 2
+    BOTH = 3
+
+
+#: The functions that drive a line; the others listen to one (Tables 9 and 10).
+SYNC_OUT_FUNCTIONS = frozenset(
+    {SyncFunction.INTERVAL_TRANSITION_MEASUREMENT, SyncFunction.GNSS_1PPS}
+)
+
+
+@dataclass(frozen=True)
+class SyncSetting:
+    """One synchronization setting (Tables 9 and 10).
+
+    Attributes:
+        function: What it does.
+        line: The line; which of them there are depends on the product.
+        polarity: Which edge counts.
+        trigger_once: Whether only the first event counts.
+        skip_first: Events to pass by at first.
+        skip_factor: Events to pass by after each that counts.
+        pulse_width: Width of a pulse that goes out, 0.1 ms.
+        offset: Delay of what a pulse triggers, or offset of a pulse that goes out, 0.1 ms; for clock bias
+            estimation the period of the reference clock, ms.
+    """
+
+    function: SyncFunction | int
+    line: SyncLine | int
+    polarity: Polarity | int = Polarity.RISING
+    trigger_once: bool = False
+    skip_first: int = 0
+    skip_factor: int = 0
+    pulse_width: int = 0
+    offset: int = 0
+
+
+# Section 5.3.5: configuration
+
+#: The output frequency of what comes with every message; asked for, it is the highest that there is.
+EVERY = 0xFFFF
+
+
+class Output(NamedTuple):
+    """One line of the output configuration (Table 15).
+
+    Attributes:
+        data_id: Data identifier with its format bits.
+        frequency: Hz; 0 or 0xFFFF ask for the highest, 0xFFFF is what comes with every message.
+    """
+
+    data_id: int
+    frequency: int = EVERY
+
+    @property
+    def quantity(self) -> str | None:
+        """Name of the quantity, or None where the tables do not have the identifier."""
+        return _NAMES.get(self.data_id & 0xFFF0)
+
+    @property
+    def precision(self) -> Precision | None:
+        """Precision; None where the quantity is no real number."""
+        row = QUANTITIES.get(self.quantity or "")
+        return Precision(self.data_id & 3) if row and row.kind == "real" else None
+
+    @property
+    def coordinates(self) -> Coordinates | int | None:
+        """Coordinate system; None where the quantity has none."""
+        row = QUANTITIES.get(self.quantity or "")
+        return known(Coordinates, self.data_id & 0xC) if row and row.coordinates else None
+
+
+_NAMES = {it.id: it.name for it in QUANTITIES.values()}
+
+
+class StringType(IntFlag):
+    """Strings that a device can send instead of MTData2 (section 5.3.5, ReqStringOutputType)."""
+
+    HCHDM = 1 << 0
+    HCHDG = 1 << 1
+    TSS2 = 1 << 2
+    PHTRO = 1 << 3
+    PRDID = 1 << 4
+    EM1000 = 1 << 5
+    PSONCMS = 1 << 6
+    HCMTW = 1 << 7
+    HEHDT = 1 << 8
+    HEROT = 1 << 9
+    GPGGA = 1 << 10
+    PTCF = 1 << 11
+    XSVEL = 1 << 12
+    GPZDA = 1 << 13
+    GPRMC = 1 << 14
+
+
+class StringOutput(NamedTuple):
+    """``StringOutputType``: which strings, and on the 600-series how often, in Hz.
+
+    The 10- and 100-series take their rate from ``Period`` and ``OutputSkipFactor``; there it is None.
+    """
+
+    types: StringType
+    frequency: int | None = None
+
+
+class Alignment(IntEnum):
+    """Which rotation ``AlignmentRotation`` is about (Table 20)."""
+
+    ROT_SENSOR = 0
+    ROT_LOCAL = 1
+
+
+@dataclass(frozen=True)
+class AlignmentRotation:
+    """An alignment rotation (Table 20): output orientation = RotLocal q RotSensor.
+
+    Attributes:
+        parameter: Which one; None in replies of old firmware, which leave it out.
+        quaternion: q0, q1, q2, q3.
+    """
+
+    parameter: Alignment | int | None
+    quaternion: tuple[float, float, float, float]
+
+
+class ExtOutputMode(IntFlag):
+    """Extended output mode (Table 21)."""
+
+    ALTERNATIVE_UART = 1 << 4
+    USB_LOW_LATENCY = 1 << 5
+
+
+class PortProtocol(IntEnum):
+    """What a port of the 600-series speaks (figure 2)."""
+
+    NONE = 0
+    XBUS = 1
+    NMEA = 5
+    RTCM = 6
+
+
+@dataclass(frozen=True)
+class PortConfig:
+    """One port of the 600-series: RS232, UART, or the RS232 that takes RTCM (Table 22, figure 2).
+
+    Attributes:
+        protocol: What it speaks; NONE where the product does not have it.
+        baud_code: Code of Table 7; `baudrate` translates.
+        flow_control: RTS and CTS; on the first port only.
+        two_stop_bits: Two stop bits and not one.
+        parity: Whether there is a parity bit.
+        parity_even: Which one. Which of the two the bit means is not known for sure.
+        reserved: Bits that no source explains, kept as they came.
+    """
+
+    protocol: PortProtocol | int
+    baud_code: int
+    flow_control: bool = False
+    two_stop_bits: bool = False
+    parity: bool = False
+    parity_even: bool = False
+    reserved: int = 0
+
+    @property
+    def baudrate(self) -> int | None:
+        """Bits per second; None for a code that Table 7 does not have."""
+        return baudrate(self.baud_code)
+
+    def __int__(self) -> int:
+        bits = (self.flow_control << 8) | (self.two_stop_bits << 9) | (self.parity << 10)
+        return (
+            self.baud_code | bits | (self.parity_even << 11) | (self.protocol << 16) | self.reserved
+        )
+
+    @classmethod
+    def from_word(cls, word: int) -> PortConfig:
+        """The port that a word of the message describes.
+
+        >>> PortConfig.from_word(0x00010080)
+        PortConfig(protocol=<PortProtocol.XBUS: 1>, baud_code=128, flow_control=False, two_stop_bits=False, \
+parity=False, parity_even=False, reserved=0)
+        """
+        flow, stop, parity, even = (bool(word >> bit & 1) for bit in (8, 9, 10, 11))
+        protocol = known(PortProtocol, word >> 16 & 0xF)
+        return cls(protocol, word & 0xFF, flow, stop, parity, even, word & 0xFFF0_F000)
+
+
+class CanDataId(IntEnum):
+    """Data identifiers on the CAN bus (the CAN protocol document)."""
+
+    ERROR = 0x01
+    WARNING = 0x02
+    SAMPLE_TIME = 0x05
+    GROUP_COUNTER = 0x06
+    UTC_TIME = 0x07
+    STATUS_WORD = 0x11
+    QUATERNION = 0x21
+    EULER_ANGLES = 0x22
+    ROTATION_MATRIX = 0x23
+    DELTA_V = 0x31
+    RATE_OF_TURN = 0x32
+    DELTA_Q = 0x33
+    ACCELERATION = 0x34
+    FREE_ACCELERATION = 0x35
+    MAGNETIC_FIELD = 0x41
+    TEMPERATURE = 0x51
+    BARO_PRESSURE = 0x52
+    RATE_OF_TURN_HR = 0x61
+    ACCELERATION_HR = 0x62
+    LAT_LON = 0x71
+    ALTITUDE_ELLIPSOID = 0x72
+    POSITION_ECEF_X = 0x73
+    POSITION_ECEF_Y = 0x74
+    POSITION_ECEF_Z = 0x75
+    VELOCITY_XYZ = 0x76
+    LATITUDE = 0x77
+    LONGITUDE = 0x78
+    GNSS_RECEIVER_STATUS = 0x79
+    GNSS_RECEIVER_DOP = 0x7A
+
+
+@dataclass(frozen=True)
+class CanOutput:
+    """One line of the CAN output configuration.
+
+    Attributes:
+        data_id: What is sent.
+        extended: Whether the CAN identifier has 29 bits and not 11.
+        can_id: CAN identifier.
+        frequency: Hz; 0x7FF: the highest, or with every group.
+    """
+
+    data_id: CanDataId | int
+    extended: bool
+    can_id: int
+    frequency: int
+
+
+@dataclass(frozen=True)
+class CanConfig:
+    """The CAN transceiver.
+
+    Attributes:
+        baud_code: A key of `CAN_BAUD_CODES`.
+        enabled: Whether CAN is on.
+        reserved: The other bits, which later products use.
+    """
+
+    baud_code: int
+    enabled: bool = True
+    reserved: int = 0
+
+    @property
+    def baudrate(self) -> int | None:
+        """Bits per second; None for an unknown code."""
+        return CAN_BAUD_CODES.get(self.baud_code)
+
+    def __int__(self) -> int:
+        return self.baud_code | self.enabled << 8 | self.reserved
+
+    @classmethod
+    def from_word(cls, word: int) -> CanConfig:
+        """The settings that the message's word holds."""
+        return cls(word & 0xFF, bool(word >> 8 & 1), word & 0xFFFF_FE00)
+
+
+# Section 5.3.7: filters
+
+
+class LatLonAlt(NamedTuple):
+    """The stored place, for local gravity and declination (Table 28): degrees, degrees, metres."""
+
+    lat: float
+    lon: float
+    alt: float
+
+
+class AvailableProfile(NamedTuple):
+    """One of the filter profiles on board (Table 29).
+
+    Attributes:
+        type: Its number; on the 600-series its kind: 195 base, 196 additional, 197 heading. 0: empty slot.
+        version: Its version.
+        label: Its name.
+    """
+
+    type: int
+    version: int
+    label: str
+
+
+class FilterProfile(NamedTuple):
+    """The filter profile in use, as the products before the 600-series name it (Table 30)."""
+
+    version: int
+    profile: int
+
+
+class GnssPlatform(IntEnum):
+    """Dynamic model of the GNSS receiver: Table 31, and the receiver maker's numbers of the others."""
+
+    PORTABLE = 0
+    STATIONARY = 2
+    PEDESTRIAN = 3
+    AUTOMOTIVE = 4
+    SEA = 5
+    AIRBORNE_1G = 6
+    AIRBORNE_2G = 7
+    AIRBORNE_4G = 8
+    WRIST = 9
+
+
+class GnssReceiver(IntEnum):
+    """Kinds of GNSS receivers (not in this revision of the manual; the vendor's open code)."""
+
+    MAX_M8Q = 0
+    NMEA = 1
+    NEO_M8P = 2
+    ZED_F9P = 3
+    SEPTENTRIO = 4
+    TRIMBLE_BX992 = 5
+    UBLOX = 6
+    NONE = 0xFFFF
+
+
+@dataclass(frozen=True)
+class GnssReceiverSettings:
+    """How the device talks to its GNSS receiver (not in this revision of the manual).
+
+    Attributes:
+        receiver: Which receiver.
+        baud_code: Code of Table 7.
+        rate: How often the receiver delivers, Hz.
+        options: For u-blox the platform, for NMEA the talker (0 GL, 1 GN, 2 GP).
+    """
+
+    receiver: GnssReceiver | int
+    baud_code: int
+    rate: int
+    options: int = 0
+
+
+class GnssLeverArm(NamedTuple):
+    """From the origin of the device to the antenna, m, in the sensor frame (Table 32)."""
+
+    x: float
+    y: float
+    z: float
+
+
+class ResetCode(IntEnum):
+    """Orientation resets (Table 33)."""
+
+    STORE = 0
+    HEADING = 1
+    INCLINATION = 3
+    ALIGNMENT = 4
+    DEFAULT_HEADING = 5
+    DEFAULT_INCLINATION = 6
+    DEFAULT_ALIGNMENT = 7
+
+
+@dataclass(frozen=True)
+class UtcTime:
+    """A time (Table 35).
+
+    Attributes:
+        ns: Nanoseconds of the second.
+        year: Year, 1999 to 2099.
+        month: Month.
+        day: Day of the month.
+        hour: Hour.
+        minute: Minute.
+        second: Second.
+        valid: Bit 0 time of week, bit 1 week number, bit 2 UTC.
+    """
+
+    ns: int
+    year: int
+    month: int
+    day: int
+    hour: int
+    minute: int
+    second: int
+    valid: int = 0
+
+
+class IccCommand(IntEnum):
+    """In-run compass calibration (Table 36); STATUS is not in this revision of the manual."""
+
+    START = 0
+    STOP = 1
+    STORE = 2
+    STATE = 3
+    STATUS = 4
+
+
+class IccStatus(IntFlag):
+    """How well a calibration went (Table 39)."""
+
+    DISTURBED = 0x01
+    NOT_ENOUGH_DATA = 0x02
+    OUTPUT_STABLE = 0x10
+    REPRESENTATIVE_MOTION = 0x20
+
+
+class IccResult(NamedTuple):
+    """Result of a representative motion (Table 39).
+
+    Attributes:
+        ddt: Disturbance over noise.
+        dimension: 2 or 3.
+        status: No flag where all is well.
+    """
+
+    ddt: float
+    dimension: int
+    status: IccStatus
+
+
+@dataclass(frozen=True)
+class IccReply:
+    """``IccCommandAck`` (Tables 37 and 38): which command, and its result or state."""
+
+    command: IccCommand | int
+    result: IccResult | None = None
+    active: bool | None = None
