@@ -17,6 +17,7 @@ __all__ = [
     "device_id",
     "encode_frame",
     "encode_packet",
+    "encode_samples",
     "message_name",
     "messages",
     "packets",
@@ -62,6 +63,15 @@ def encode_packet(
     """The packet that carries these numbers: a float32, float64, int64 or uint64 array ``(k,)``.
 
     Raises ValueError for what the encoder refuses, TypeError for another array.
+    """
+
+def encode_samples(
+    packets: list[tuple[int, npt.NDArray[Any]]], bid: int
+) -> tuple[bytes, npt.NDArray[np.uint64]]:
+    """The frames of MTData2 messages that all have these packets, in one piece, and where each ends.
+
+    A packet is a data identifier with its format bits and an array of the types that `encode_packet`
+    takes, ``(n,)`` or ``(n, k)``: a row for each message. Raises as `encode_packet` does.
     """
 
 def packets(

@@ -79,6 +79,11 @@ impl std::error::Error for Fault {}
 /// What the encoder refuses to write.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EncodeError {
+    /// No quantity has this data identifier, or its coordinate bits are undefined.
+    Identifier {
+        /// As it was given.
+        id: u16,
+    },
     /// More bytes than the 16-bit length can say.
     PayloadTooLong {
         /// How many there are.
@@ -131,6 +136,7 @@ pub enum EncodeError {
 impl fmt::Display for EncodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Identifier { id } => write!(f, "no quantity has the data identifier {id:#06x}"),
             Self::PayloadTooLong { length } => {
                 write!(f, "a payload of {length} bytes does not fit a frame; its length has 16 bits")
             }

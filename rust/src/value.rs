@@ -3,9 +3,10 @@
 //! This is the plain path: what `dump` prints, what virtual devices send, and what the tests hold the columns against.
 
 use crate::error::EncodeError;
+use crate::frame::Frame;
 use crate::packet::{Coordinates, Form, Packet, Precision, Reading};
 use crate::real;
-use crate::table::{Field, Kind, Quantity, Wire};
+use crate::table::{self, Field, Kind, Quantity, Wire};
 
 /// One number of a packet.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -244,6 +245,51 @@ pub fn write_as(payload: &mut Vec<u8>, reading: &Reading, numbers: &[Number]) ->
         _ => None,
     };
     write_packet(payload, reading.quantity, precision, reading.coordinates, numbers)
+}
+
+/// The frames of `count` MTData2 messages that have the same packets, one after another, and where each frame ends.
+///
+/// A packet is given by its data identifier with the format bits, as an output configuration names it, and the numbers of
+/// all messages, those of the first message first. They are written as [`write_packet`] writes them.
+///
+/// ```
+/// use xbus::value::{Number, write_samples};
+/// let counters = (0x1020, vec![Number::Integer(1), Number::Integer(2)]);
+/// let (frames, ends) = write_samples(0xFF, 2, &[counters]).unwrap();
+/// assert_eq!(frames[..10], [0xFA, 0xFF, 0x36, 5, 0x10, 0x20, 2, 0, 1, 0x93]);
+/// assert_eq!(ends, [10, 20]);
+/// ```
+///
+/// # Errors
+/// Every [`EncodeError`].
+pub fn write_samples(
+    bid: u8,
+    count: usize,
+    packets: &[(u16, Vec<Number>)],
+) -> Result<(Vec<u8>, Vec<u64>), EncodeError> {
+    let packets = packets.iter().map(|(id, numbers)| format(*id).map(|it| (it, numbers)));
+    let packets = packets.collect::<Result<Vec<_>, _>>()?;
+    let (mut frames, mut ends, mut payload) = (vec![], vec![], vec![]);
+    for message in 0..count {
+        payload.clear();
+        for &((quantity, precision, coordinates), numbers) in &packets {
+            let cut = |message| numbers.len() * message / count;
+            let numbers = &numbers[cut(message)..cut(message + 1)];
+            write_packet(&mut payload, quantity, precision, coordinates, numbers)?;
+        }
+        frames.extend(Frame { bid, mid: table::MTDATA2, payload: &payload }.encode()?);
+        ends.push(frames.len() as u64);
+    }
+    Ok((frames, ends))
+}
+
+/// What an identifier with its format bits asks for, in the terms of [`write_packet`].
+fn format(id: u16) -> Result<(&'static Quantity, Option<Precision>, Option<Coordinates>), EncodeError> {
+    let unknown = EncodeError::Identifier { id };
+    let Some(quantity) = table::quantity(id) else { return Err(unknown) };
+    let precision = matches!(quantity.kind, Kind::Real(_)).then(|| Precision::of(id));
+    let coordinates = if quantity.rotates { Some(Coordinates::of(id).ok_or(unknown)?) } else { None };
+    Ok((quantity, precision, coordinates))
 }
 
 /// Whether the identifier is the one the encoder would write: no format bits that mean nothing.

@@ -1,6 +1,6 @@
 //! Single frames, messages and packets.
 
-use numpy::PyReadonlyArray1;
+use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -46,6 +46,23 @@ pub fn encode_packet<'py>(
     Ok(PyBytes::new(py, &packet))
 }
 
+/// The frames of MTData2 messages that have the same packets, and where each ends.
+#[pyfunction]
+pub fn encode_samples<'py>(
+    py: Python<'py>,
+    packets: Vec<(u16, Bound<'py, PyUntypedArray>)>,
+    bid: u8,
+) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyArray1<u64>>)> {
+    let rows: Vec<_> = packets.iter().map(|(_, array)| array.shape().first().copied()).collect();
+    let count = rows.first().copied().flatten().unwrap_or(0);
+    if rows.iter().any(|it| *it != Some(count)) {
+        return Err(PyValueError::new_err("the arrays must have one row for each message, all as many"));
+    }
+    let packets = packets.into_iter().map(|(id, array)| Ok((id, numbers_of(&array)?))).collect::<PyResult<Vec<_>>>()?;
+    let (frames, ends) = py.detach(|| value::write_samples(bid, count, &packets))?;
+    Ok((PyBytes::new(py, &frames), ends.into_pyarray(py)))
+}
+
 /// Finds one of a few things by its name.
 pub fn named<T: Copy>(all: &'static [T], name: fn(T) -> &'static str) -> impl Fn(&str) -> PyResult<T> {
     move |wanted| {
@@ -56,10 +73,10 @@ pub fn named<T: Copy>(all: &'static [T], name: fn(T) -> &'static str) -> impl Fn
     }
 }
 
-/// The numbers of an array of one of the four types that lose nothing.
+/// The numbers of an array of one of the four types that lose nothing, row by row.
 fn numbers_of(array: &Bound<'_, PyAny>) -> PyResult<Vec<Number>> {
     fn list<'py, T: numpy::Element + Copy>(array: &Bound<'py, PyAny>, number: fn(T) -> Number) -> Option<Vec<Number>> {
-        let array: PyReadonlyArray1<'py, T> = array.extract().ok()?;
+        let array: PyReadonlyArrayDyn<'py, T> = array.extract().ok()?;
         Some(array.as_array().iter().copied().map(number).collect())
     }
     list(array, Number::Single)

@@ -16,7 +16,9 @@ mod _core {
     #[pymodule_export]
     use super::arrow::ArrowStream;
     #[pymodule_export]
-    use super::codec::{Scanner, configuration, device_id, encode_frame, encode_packet, packets, product_code};
+    use super::codec::{
+        Scanner, configuration, device_id, encode_frame, encode_packet, encode_samples, packets, product_code,
+    };
     #[pymodule_export]
     use super::reader::{Column, Part, Reader};
     #[pymodule_export]
