@@ -1,0 +1,1 @@
+"""Virtual devices: an MTi that is made of numbers, for work away from the hardware."""
