@@ -45,8 +45,8 @@ def _rates(one: int, seven: int, ten: int, hundred: int, g710: int, six: int) ->
     return {"one": one, "seven": seven, "ten": ten, "hundred": hundred, "g710": g710, "six": six}
 
 
-#: The highest rate of each quantity, Hz: 1/2/3, 7, 10-series, 100-series, 710, 600-series. `EVERY`: with every
-#: message, on every event, or whenever the receiver delivers. 0: not on these.
+#: The highest rate of each quantity, Hz: 1/2/3, 7, 10-series, 100-series, 710, 600-series. `EVERY`: with
+#: every message, on every event, or whenever the receiver delivers. 0: not on these.
 # Table 16 has temperature at 1 Hz, but an MTi-G-710 took 100 Hz; and the pressure at 50 Hz, which the
 # 600-series exceeds.
 RATES: dict[str, dict[str, int]] = {

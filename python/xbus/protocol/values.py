@@ -7,7 +7,7 @@ where an enumeration has no member the plain integer is given. Only what is sent
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag
+from enum import IntEnum, IntFlag, StrEnum
 from typing import NamedTuple, TypeVar
 
 from xbus.ids import Coordinates, Precision
@@ -45,6 +45,7 @@ __all__ = [
     "PortProtocol",
     "ResetCode",
     "Selftest",
+    "State",
     "StringOutput",
     "StringType",
     "SyncFunction",
@@ -69,6 +70,15 @@ def known(kind: type[E], number: int) -> E | int:
         return kind(number)
     except ValueError:
         return number
+
+
+class State(StrEnum):
+    """State of a device (section 4)."""
+
+    UNKNOWN = "unknown"
+    WAKEUP = "wakeup"
+    CONFIG = "config"
+    MEASUREMENT = "measurement"
 
 
 # Baud rates
