@@ -1,0 +1,164 @@
+"""Lines with faults: what they do to bytes, and that it is the same each time."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from xbus.sim.faults import BUFFER, Faults, FaultyLine
+
+DATA = np.random.default_rng(1).integers(0, 256, 20_000, np.uint8).tobytes()
+
+
+def through(faults: Faults, data: bytes = DATA, time: float = 0.0) -> bytes:
+    """What comes out of a line of what is sent at one time."""
+    line = FaultyLine(faults)
+    line.feed(data, time)
+    return line.take(1e9)
+
+
+def flipped_bits(received: bytes, sent: bytes) -> int:
+    differing = np.frombuffer(received, np.uint8) ^ np.frombuffer(sent, np.uint8)
+    return int(np.unpackbits(differing).sum())
+
+
+@pytest.mark.parametrize("probability", [1e-5, 1e-3, 0.1, 0.9])
+def test_so_many_bits_are_flipped(probability: float) -> None:
+    received = through(Faults(flip=probability))
+    expected = 8 * len(DATA) * probability
+    assert abs(flipped_bits(received, DATA) - expected) < 5 * expected**0.5
+    assert len(received) == len(DATA)
+
+
+@pytest.mark.parametrize("probability", [1e-3, 0.1, 0.9])
+def test_so_many_bytes_are_dropped(probability: float) -> None:
+    received = through(Faults(drop=probability))
+    expected = len(DATA) * probability
+    assert abs(len(DATA) - len(received) - expected) < 5 * expected**0.5
+    rest = iter(DATA)
+    assert all(byte in rest for byte in received), "the others keep their order"
+
+
+def test_the_ends_of_probability() -> None:
+    assert through(Faults()) == DATA
+    assert through(Faults(flip=1e-300, drop=1e-300)) == DATA
+    assert through(Faults(flip=1)) == bytes(byte ^ 0xFF for byte in DATA)
+    assert through(Faults(drop=1)) == b""
+
+
+def test_the_seed_decides() -> None:
+    first, again, other = (through(Faults(flip=1e-3, drop=1e-3, seed=it)) for it in (1, 1, 2))
+    assert first == again
+    assert first != other
+
+
+@given(st.lists(st.integers(0, len(DATA))))
+def test_how_calls_cut_the_bytes_changes_nothing(cuts: list[int]) -> None:
+    faults = Faults(flip=1e-3, drop=1e-3, burst=0.1)
+    line = FaultyLine(faults)
+    ends = [0, *sorted(cuts), len(DATA)]
+    received = b""
+    for start, end in pairwise(ends):
+        line.feed(DATA[start:end], 0.05)
+        received += line.take(0.06)
+    assert received == b""
+    assert line.take(0.1) == through(faults)
+
+
+def arrivals(faults: Faults, times: list[float], until: float = 20.0) -> dict[str, float]:
+    """When bytes sent at these times come, to a tenth of a second."""
+    line = FaultyLine(faults)
+    came: dict[str, float] = {}
+    for tick in range(round(until * 10) + 1):
+        now = tick / 10
+        if now in times:
+            line.feed(str(now).encode() + b" ", now)
+        came |= dict.fromkeys(line.take(now).decode().split(), now)
+    return came
+
+
+@pytest.mark.parametrize(
+    ("faults", "sent", "came"),
+    [
+        (Faults(), [0.0, 0.1, 7.3], {"0.0": 0.0, "0.1": 0.1, "7.3": 7.3}),
+        (Faults(burst=0.5), [0.0, 0.1, 0.5, 0.6], {"0.0": 0.0, "0.1": 0.5, "0.5": 0.5, "0.6": 1.0}),
+        (Faults(stall=(5, 2)), [4.9, 5.0, 6.9, 7.0], {"4.9": 4.9, "5.0": 7.0, "6.9": 7.0, "7.0": 7.0}),
+        (Faults(stall=(5, 2), burst=3), [4.0, 5.5], {"4.0": 6.0, "5.5": 9.0}),
+        (Faults(unplug=(5, 2)), [4.9, 5.0, 6.9, 7.0], {"4.9": 4.9, "7.0": 7.0}),
+        (Faults(unplug=(5, None)), [4.9, 5.0, 19.0], {"4.9": 4.9}),
+        (Faults(unplug=(5, 2), burst=3), [2.0, 4.0, 7.5], {"2.0": 3.0, "7.5": 9.0}),
+        (Faults(unplug=(6, 2), stall=(5, 2)), [4.0, 5.5, 8.0], {"4.0": 4.0, "8.0": 8.0}),
+    ],
+)  # fmt: skip
+def test_when_bytes_come(faults: Faults, sent: list[float], came: dict[str, float]) -> None:
+    assert arrivals(faults, sent) == came
+
+
+def test_a_stall_holds_only_so_much() -> None:
+    line = FaultyLine(Faults(stall=(1, 1)))
+    line.feed(b"a" * (BUFFER - 1), 1.0)
+    line.feed(b"bc", 1.5)
+    line.feed(b"d", 1.6)
+    line.feed(b"e", 2.0)
+    assert line.take(1.9) == b""
+    assert line.take(2.0) == b"a" * (BUFFER - 1) + b"be"
+
+
+def test_the_plug() -> None:
+    line = FaultyLine(Faults(unplug=(5, 2)))
+    assert [line.plugged(it) for it in (0.0, 4.9, 5.0, 6.9, 7.0)] == [
+        True,
+        True,
+        False,
+        False,
+        True,
+    ]
+    assert not FaultyLine(Faults(unplug=(5, None))).plugged(1e9)
+
+
+@pytest.mark.parametrize(
+    ("text", "faults"),
+    [
+        ("", Faults(seed=3)),
+        ("flip=1e-4", Faults(flip=1e-4, seed=3)),
+        ("drop=0.5 burst=0.016", Faults(drop=0.5, burst=0.016, seed=3)),
+        ("stall=5:2 unplug=10:3", Faults(stall=(5, 2), unplug=(10, 3), seed=3)),
+        ("unplug=10", Faults(unplug=(10, None), seed=3)),
+    ],
+)
+def test_parse(text: str, faults: Faults) -> None:
+    assert Faults.parse(text.split(), seed=3) == faults
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("flop=1", "'flop=1' is none of flip=P, "),
+        ("seed=1", "'seed=1' is none of "),
+        ("flip", "'flip' is none of "),
+        ("flip=much", "'flip=much' is none of "),
+        ("stall=5", "'stall=5' is none of "),
+        ("unplug=1:2:3", "'unplug=1:2:3' is none of "),
+        ("flip=0.1 flip=0.1", "flip is there twice"),
+        ("drop=1.5", "drop is a probability, from 0 to 1, not 1.5"),
+        ("flip=nan", "flip is a probability, from 0 to 1, not nan"),
+        ("burst=-1", "burst is in seconds, 0 or more, not -1.0"),
+        ("stall=inf:1", "the time of stall is in seconds, 0 or more, not inf"),
+        ("unplug=1:-1", "the duration of unplug is in seconds, 0 or more, not -1.0"),
+    ],
+)
+def test_parse_refuses(text: str, said: str) -> None:
+    with pytest.raises(ValueError, match="^" + said.replace("(", r"\(")):
+        Faults.parse(text.split())
+
+
+def test_values_are_checked_wherever_they_come_from() -> None:
+    wrong: list[dict[str, Any]] = [{"flip": 2}, {"burst": -1}, {"stall": (-1, 1)}]
+    for it in wrong:
+        with pytest.raises(ValueError, match="not"):
+            Faults(**it)
