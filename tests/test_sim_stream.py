@@ -14,6 +14,7 @@ import xbus
 from xbus import _core
 from xbus.ids import Coordinates, DataId, Precision
 from xbus.sim import earth, quaternion
+from xbus.sim.motion import SampledTrajectory
 from xbus.sim.sensors import Sensors, Ticks
 from xbus.sim.stream import Stream
 from xbus.sim.trajectories import trajectory
@@ -675,6 +676,19 @@ def test_noise_is_white_and_of_the_density_of_a_data_sheet(rate: int) -> None:
     assert turned == pytest.approx(
         log["rate_of_turn"].values - clean["rate_of_turn"].values, abs=1e-6
     )
+
+
+def test_hr_samples_have_noise_of_their_own() -> None:
+    log = log_of(make(630, [*STAMPS, (0x4023, 400), (0x4043, 400)], "still", noise=1.0), 1.0)
+    both = [log[it].values[:399, 0] for it in ("acceleration", "acceleration_hr")]
+    assert abs(np.corrcoef(both)[0, 1]) < 0.2
+
+
+def test_delta_q_is_the_shorter_way_round() -> None:
+    time = np.arange(0, 5, 0.1)
+    spin = SampledTrajectory(time, quaternion.from_euler(np.outer(time, [0, 0, 270])))
+    values = Sensors(spin, PRODUCTS[630]).read("delta_q", Ticks(1, 3, 1))
+    assert values == pytest.approx(np.tile([np.sqrt(0.5), 0, 0, -np.sqrt(0.5)], (3, 1)), abs=1e-6)
 
 
 def test_three_ways_to_say_an_orientation_have_the_same_noise() -> None:
