@@ -5,12 +5,13 @@ A layout is made of the few kinds below. All numbers are big-endian (section 5.1
 
 from __future__ import annotations
 
-import dataclasses
+import inspect
 import struct
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from dataclasses import field as attribute
 from enum import IntEnum, IntFlag
-from types import SimpleNamespace
+from functools import partial
 from typing import Any
 
 from xbus.protocol.values import known
@@ -18,9 +19,9 @@ from xbus.protocol.values import known
 __all__ = [
     "NOTHING",
     "RAW",
+    "Field",
     "Layout",
     "by_length",
-    "field",
     "mapped",
     "number",
     "record",
@@ -43,15 +44,17 @@ class Layout:
 
     encode: Callable[[Any], bytes]
     decode: Callable[[bytes], Any]
-    fields: Mapping[str, Callable[[str], Any]] = dataclasses.field(default_factory=dict)
+    fields: Mapping[str, Callable[[str], Any]] = attribute(default_factory=dict)
     make: Callable[..., Any] = lambda: None
     several: bool = False
 
     def read(self, words: list[str]) -> Any:
         """The value that words describe: ``name=value`` each, or ``name=value,name=value`` for an entry.
 
+        Where there is one field only, its name may be left out.
+
         Raises:
-            ValueError: A name is unknown or missing, or a value cannot be read.
+            ValueError: A name is unknown, missing or there twice, or a value cannot be read.
         """
         if self.several:
             return tuple(self._one(entry.split(",")) for entry in words)
@@ -66,15 +69,19 @@ class Layout:
             if name not in self.fields:
                 names = ", ".join(self.fields) or "none"
                 raise ValueError(f"no field is called {name!r}; there are: {names}")
+            if name in given:
+                raise ValueError(f"{name} is there twice")
             try:
                 given[name] = self.fields[name](value)
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
-        try:
-            return self.make(**given)
-        except TypeError:
-            missing = ", ".join(it for it in self.fields if it not in given)
-            raise ValueError(f"fields are missing: {missing}") from None
+        if missing := [it for it in self.fields if it not in given and self._is_needed(it)]:
+            raise ValueError(f"fields are missing: {', '.join(missing)}")
+        return self.make(**given)
+
+    def _is_needed(self, name: str) -> bool:
+        parameter = inspect.signature(self.make).parameters.get(name)
+        return parameter is None or parameter.default is inspect.Parameter.empty
 
 
 def _no_value(value: None) -> bytes:
@@ -88,26 +95,42 @@ def _no_bytes(payload: bytes) -> None:
         raise ValueError(f"it carries {len(payload)} bytes, not none")
 
 
+def _raw(value: bytes) -> bytes:
+    # bytes(5) would be five zeros.
+    if not isinstance(value, (bytes, bytearray, memoryview)):
+        raise ValueError(f"data cannot be {value!r}: it must be bytes")  # noqa: TRY004 - as all of them
+    return bytes(value)
+
+
 #: A payload of no bytes; its value is None.
 NOTHING = Layout(_no_value, _no_bytes)
 #: A payload that is taken as it is; its value is bytes.
-RAW = Layout(bytes, bytes, {"data": bytes.fromhex}, lambda data: data)
+RAW = Layout(_raw, bytes, {"data": bytes.fromhex}, lambda data: data)
 
 
 @dataclass(frozen=True)
 class Field:
-    """One number: its letter in `struct`, and the type of its value."""
+    """One number of a record, or text of a fixed length.
+
+    Attributes:
+        code: Its letter in `struct`; ``20s`` for text.
+        kind: The type of its value. Text (`str`) is filled with spaces, `bytes` with zeros.
+    """
 
     code: str
     kind: Any = int
 
-    def to_wire(self, value: Any) -> Any:
-        """The number to write."""
-        if self.code in "fd":
-            return float(value)
-        if self.code.endswith("s"):
-            return value.encode("ascii").ljust(int(self.code[:-1]))
-        return int(value)
+    def to_wire(self, name: str, value: Any) -> bytes:
+        """Its bytes; raises ValueError, saying ``name``, for a value that they cannot hold."""
+        try:
+            if self.kind not in (str, bytes):
+                return struct.pack(f">{self.code}", value)
+            data = value.encode("ascii").ljust(self.size) if self.kind is str else value
+            if len(data) <= self.size:
+                return struct.pack(f">{self.code}", data)
+        except (struct.error, OverflowError, TypeError, AttributeError, UnicodeError):
+            pass
+        raise ValueError(f"{name} cannot be {value!r}: it must be {self._range()}")
 
     def from_wire(self, number: Any) -> Any:
         """The value of a number that was read."""
@@ -123,28 +146,36 @@ class Field:
             return word.lower() in ("1", "true")
         if self.kind is str:
             return word
-        if self.code in "fd":
+        if self.kind is float:
             return float(word)
-        members = getattr(self.kind, "__members__", {})
+        members = {name.upper(): it for name, it in getattr(self.kind, "__members__", {}).items()}
         try:
             return self.from_wire(int(word, 0))
         except ValueError:
             if not members:
                 raise ValueError(f"{word!r} is no number") from None
-        try:
-            found = [members[it.strip().upper()] for it in word.split("|")]
-        except KeyError as error:
-            raise ValueError(f"{error.args[0]!r} is none of {', '.join(members)}") from None
+        names = [it.strip().upper() for it in word.split("|")]
+        if unknown := [it for it in names if it not in members]:
+            raise ValueError(f"{unknown[0]!r} is none of {', '.join(members)}")
         if issubclass(self.kind, IntFlag):
-            return self.kind(sum(set(map(int, found))))
-        if len(found) > 1:
+            return self.kind(sum({int(members[it]) for it in names}))
+        if len(names) > 1:
             raise ValueError(f"{word!r}: only one of them can be")
-        return found[0]
+        return members[names[0]]
 
+    @property
+    def size(self) -> int:
+        """How many bytes it has."""
+        return struct.calcsize(f">{self.code}")
 
-def field(code: str, kind: Any = int) -> Field:
-    """One number of a record: its letter in `struct` (``20s``: text filled with spaces), and its type."""
-    return Field(code, kind)
+    def _range(self) -> str:
+        if self.kind is float:
+            return "a number that its format holds"
+        if self.kind in (str, bytes):
+            return f"ASCII of at most {self.size} characters"
+        bits = 8 * self.size
+        least = -(1 << bits - 1) if self.code.islower() else 0
+        return f"an integer from {least} to {least + (1 << bits) - 1}"
 
 
 def record(make: Callable[..., Any], /, **fields: Field) -> Layout:
@@ -152,15 +183,9 @@ def record(make: Callable[..., Any], /, **fields: Field) -> Layout:
     wire = struct.Struct(">" + "".join(it.code for it in fields.values()))
 
     def encode(value: Any) -> bytes:
-        numbers = []
-        for name, it in fields.items():
-            item = getattr(value, name)
-            try:
-                numbers.append(it.to_wire(item))
-                struct.pack(">" + it.code, numbers[-1])
-            except (struct.error, OverflowError, TypeError, ValueError, UnicodeError):
-                raise ValueError(f"{name} cannot be {item!r}: {_range(it)}") from None
-        return wire.pack(*numbers)
+        # A value of another type lacks them.
+        items = ((name, it, getattr(value, name, None)) for name, it in fields.items())
+        return b"".join(it.to_wire(name, item) for name, it, item in items)
 
     def decode(payload: bytes) -> Any:
         if len(payload) != wire.size:
@@ -173,26 +198,9 @@ def record(make: Callable[..., Any], /, **fields: Field) -> Layout:
 
 def number(name: str, code: str, kind: Any = int) -> Layout:
     """A single number; ``name`` is what it is called on the command line."""
-
-    def value(**given: Any) -> Any:
-        if name not in given:
-            raise TypeError
-        return given[name]
-
-    one = record(value, **{name: field(code, kind)})
-    return mapped(one, lambda it: it, lambda it: SimpleNamespace(**{name: it}))
-
-
-def _range(it: Field) -> str:
-    if it.code in "fd":
-        return "it must be a number"
-    if it.code.endswith("s"):
-        return f"it must be ASCII of at most {it.code[:-1]} characters"
-    bits = 8 * struct.calcsize(">" + it.code)
-    least, most = (
-        (-(1 << bits - 1), (1 << bits - 1) - 1) if it.code.islower() else (0, (1 << bits) - 1)
-    )
-    return f"it must be an integer from {least} to {most}"
+    it = Field(code, kind)
+    one = record(lambda **given: given[name], **{name: it})
+    return replace(one, encode=partial(it.to_wire, name))
 
 
 def repeated(entry: Layout, size: int, most: int) -> Layout:
@@ -218,8 +226,11 @@ def repeated(entry: Layout, size: int, most: int) -> Layout:
 
 
 def mapped(layout: Layout, to: Callable[[Any], Any], back: Callable[[Any], Any]) -> Layout:
-    """A layout whose values go through ``to`` when they were read, and ``back`` before they are written."""
-    return dataclasses.replace(
+    """A layout whose values go through ``to`` when they were read, and ``back`` before they are written.
+
+    Words are read as before; where ``back`` does not take what they make, give `fields` and `make` anew.
+    """
+    return replace(
         layout,
         encode=lambda value: layout.encode(back(value)),
         decode=lambda payload: to(layout.decode(payload)),
@@ -249,8 +260,11 @@ def text(most: int, filled: int = 0) -> Layout:
     """
 
     def encode(value: str) -> bytes:
-        if not value or not value.isascii() or len(value) > most:
-            raise ValueError(f"{value!r} is not 1 to {most} ASCII characters")
+        is_plain = isinstance(value, str) and value.isascii() and value.isprintable()
+        if not is_plain or " " in value or not 1 <= len(value) <= most:
+            raise ValueError(
+                f"text cannot be {value!r}: it must be 1 to {most} ASCII letters, no space"
+            )
         return value.encode("ascii").ljust(filled)
 
     def decode(payload: bytes) -> str:

@@ -6,19 +6,21 @@ serves both sides: what the host writes a virtual device reads, and the other wa
 
 from __future__ import annotations
 
-import struct
 from dataclasses import replace
+from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 from xbus import _core
 from xbus.configuration import Configuration, Firmware
+from xbus.ids import DataId
 from xbus.protocol import values as v
 from xbus.protocol.layout import (
     NOTHING,
     RAW,
+    Field,
     Layout,
     by_length,
-    field,
     mapped,
     number,
     record,
@@ -54,115 +56,147 @@ LOCATION_ID = number("location_id", "H")
 
 _version = record(
     Firmware,
-    major=field("B"),
-    minor=field("B"),
-    revision=field("B"),
-    build=field("I"),
-    scm=field("I"),
+    major=Field("B"),
+    minor=Field("B"),
+    revision=Field("B"),
+    build=Field("I"),
+    scm=Field("I"),
 )
-_old_version = record(Firmware, major=field("B"), minor=field("B"), revision=field("B"))
+_old_version = record(Firmware, major=Field("B"), minor=Field("B"), revision=Field("B"))
 FIRMWARE = by_length({11: _version, 3: _old_version}, lambda it: 3 if it.build is None else 11)
-HARDWARE = record(v.HardwareVersion, major=field("B"), minor=field("B"))
+HARDWARE = record(v.HardwareVersion, major=Field("B"), minor=Field("B"))
 UTC_TIME = record(
     v.UtcTime,
-    ns=field("I"),
-    year=field("H"),
-    month=field("B"),
-    day=field("B"),
-    hour=field("B"),
-    minute=field("B"),
-    second=field("B"),
-    valid=field("B"),
+    ns=Field("I"),
+    year=Field("H"),
+    month=Field("B"),
+    day=Field("B"),
+    hour=Field("B"),
+    minute=Field("B"),
+    second=Field("B"),
+    valid=Field("B"),
 )
 LAT_LON_ALT = by_length(
     {
         24: record(
-            v.LatLonAlt, lat=field("d", float), lon=field("d", float), alt=field("d", float)
+            v.LatLonAlt, lat=Field("d", float), lon=Field("d", float), alt=Field("d", float)
         ),
         12: record(
-            v.LatLonAlt, lat=field("f", float), lon=field("f", float), alt=field("f", float)
+            v.LatLonAlt, lat=Field("f", float), lon=Field("f", float), alt=Field("f", float)
         ),
     },
     lambda _: 24,
 )
-LEVER_ARM = record(v.GnssLeverArm, x=field("f", float), y=field("f", float), z=field("f", float))
+LEVER_ARM = record(v.GnssLeverArm, x=Field("f", float), y=Field("f", float), z=Field("f", float))
 RECEIVER = record(
     v.GnssReceiverSettings,
-    receiver=field("H", v.GnssReceiver),
-    baud_code=field("H"),
-    rate=field("H"),
-    options=field("I"),
+    receiver=Field("H", v.GnssReceiver),
+    baud_code=Field("H"),
+    rate=Field("H"),
+    options=Field("I"),
 )
-FILTER_PROFILE = record(v.FilterProfile, version=field("B"), profile=field("B"))
-CAN_CONFIG = mapped(number("word", "I"), v.CanConfig.from_word, int)
+FILTER_PROFILE = record(v.FilterProfile, version=Field("B"), profile=Field("B"))
+CAN_CONFIG = replace(
+    mapped(number("word", "I"), v.CanConfig.from_word, int),
+    fields={"baud_code": Field("B").read, "enabled": Field("B", bool).read},
+    make=v.CanConfig,
+)
 
 # Lists
 
-OUTPUTS = repeated(record(v.Output, data_id=field("H"), frequency=field("H")), 4, 32)
-PORTS = repeated(mapped(number("word", "I"), v.PortConfig.from_word, int), 4, 3)
+_output = record(v.Output, data_id=Field("H"), frequency=Field("H"))
+# Words may name a quantity: the manual's name, in the default format.
+_output = replace(_output, fields={**_output.fields, "data_id": Field("H", DataId).read})
+OUTPUTS = repeated(_output, 4, 32)
+_port = replace(
+    mapped(number("word", "I"), v.PortConfig.from_word, int),
+    fields={
+        "protocol": Field("B", v.PortProtocol).read,
+        "baud_code": Field("B").read,
+        "flow_control": Field("B", bool).read,
+        "two_stop_bits": Field("B", bool).read,
+        "parity": Field("B", bool).read,
+        "parity_even": Field("B", bool).read,
+    },
+    make=v.PortConfig,
+)
+PORTS = repeated(_port, 4, 3)
 CAN_OUTPUTS = repeated(
     record(
         v.CanOutput,
-        data_id=field("B", v.CanDataId),
-        extended=field("B", bool),
-        can_id=field("I"),
-        frequency=field("H"),
+        data_id=Field("B", v.CanDataId),
+        extended=Field("B", bool),
+        can_id=Field("I"),
+        frequency=Field("H"),
     ),
     8,
     16,
 )
 PROFILES = repeated(
-    record(v.AvailableProfile, type=field("B"), version=field("B"), label=field("20s", str)), 22, 10
+    record(v.AvailableProfile, type=Field("B"), version=Field("B"), label=Field("20s", str)), 22, 10
 )
 
 
-def _signed(it: v.SyncSetting) -> v.SyncSetting:
-    """Offsets of pulses that go out have a sign (Table 10); delays and clock periods have none (Table 9)."""
-    if it.function in v.SYNC_OUT_FUNCTIONS and it.offset >= 1 << 15:
-        return replace(it, offset=it.offset - (1 << 16))
-    return it
+def _sync_setting(offset: Field) -> Layout:
+    return record(
+        v.SyncSetting,
+        function=Field("B", v.SyncFunction),
+        line=Field("B", v.SyncLine),
+        polarity=Field("B", v.Polarity),
+        trigger_once=Field("B", bool),
+        skip_first=Field("H"),
+        skip_factor=Field("H"),
+        pulse_width=Field("H"),
+        offset=offset,
+    )
 
 
-def _unsigned(it: v.SyncSetting) -> v.SyncSetting:
-    signed = it.function in v.SYNC_OUT_FUNCTIONS and -(1 << 15) <= it.offset < 0
-    return replace(it, offset=it.offset + (1 << 16)) if signed else it
+# Delays and clock periods have no sign (Table 9), offsets of pulses that go out have one (Table 10).
+_sync_in, _sync_out = _sync_setting(Field("H")), _sync_setting(Field("h"))
 
 
-_sync_setting = record(
-    v.SyncSetting,
-    function=field("B", v.SyncFunction),
-    line=field("B", v.SyncLine),
-    polarity=field("B", v.Polarity),
-    trigger_once=field("B", bool),
-    skip_first=field("H"),
-    skip_factor=field("H"),
-    pulse_width=field("H"),
-    offset=field("H"),
+def _sync(function: int) -> Layout:
+    return _sync_out if function in v.SYNC_OUT_FUNCTIONS else _sync_in
+
+
+SYNC_SETTINGS = repeated(
+    replace(
+        _sync_in,
+        encode=lambda it: _sync(it.function).encode(it),
+        decode=lambda payload: _sync(payload[0]).decode(payload),
+    ),
+    12,
+    10,
 )
-SYNC_SETTINGS = repeated(mapped(_sync_setting, _signed, _unsigned), 12, 10)
 
 # Those that tell by their length what they are
 
 STRINGS = by_length(
     {
-        2: record(v.StringOutput, types=field("H", v.StringType)),
-        6: record(v.StringOutput, types=field("I", v.StringType), frequency=field("H")),
+        6: record(v.StringOutput, types=Field("I", v.StringType), frequency=Field("H")),
+        2: record(v.StringOutput, types=Field("H", v.StringType)),
     },
     lambda it: 2 if it.frequency is None else 6,
 )
 
+_four = {name: Field("f", float) for name in ("q0", "q1", "q2", "q3")}
+_rotation = by_length(
+    {
+        17: record(SimpleNamespace, parameter=Field("B", v.Alignment), **_four),
+        16: record(partial(SimpleNamespace, parameter=None), **_four),
+    },
+    lambda it: 16 if it.parameter is None else 17,
+)
 
-def _encode_rotation(it: v.AlignmentRotation) -> bytes:
-    parameter = b"" if it.parameter is None else bytes([it.parameter])
-    return parameter + struct.pack(">4f", *it.quaternion)
+
+def _rotation_of(it: SimpleNamespace) -> v.AlignmentRotation:
+    return v.AlignmentRotation(it.parameter, (it.q0, it.q1, it.q2, it.q3))
 
 
-def _decode_rotation(payload: bytes) -> v.AlignmentRotation:
-    if len(payload) not in (16, 17):
-        raise ValueError(f"it has {len(payload)} bytes, not 17, or 16 of old firmware")
-    *parameter, q0, q1, q2, q3 = struct.unpack(">B4f" if len(payload) == 17 else ">4f", payload)
-    which = v.known(v.Alignment, parameter[0]) if parameter else None
-    return v.AlignmentRotation(which, (q0, q1, q2, q3))
+def _numbers_of(it: v.AlignmentRotation) -> SimpleNamespace:
+    if len(it.quaternion) != len(_four):
+        raise ValueError(f"quaternion cannot be {it.quaternion!r}: it must be four numbers")
+    return SimpleNamespace(parameter=it.parameter, **dict(zip(_four, it.quaternion, strict=True)))
 
 
 def _quaternion(word: str) -> tuple[float, ...]:
@@ -172,31 +206,32 @@ def _quaternion(word: str) -> tuple[float, ...]:
     return numbers
 
 
-ROTATION = Layout(
-    _encode_rotation,
-    _decode_rotation,
-    {"parameter": field("B", v.Alignment).read, "quaternion": _quaternion},
-    v.AlignmentRotation,
+ROTATION = replace(
+    mapped(_rotation, _rotation_of, _numbers_of),
+    fields={"parameter": Field("B", v.Alignment).read, "quaternion": _quaternion},
+    make=v.AlignmentRotation,
 )
 
-
-def _encode_icc(it: v.IccReply) -> bytes:
-    if it.result is not None:
-        return struct.pack(">BfBB", it.command, *it.result)
-    return bytes([it.command]) if it.active is None else bytes([it.command, it.active])
-
-
-def _decode_icc(payload: bytes) -> v.IccReply:
-    if len(payload) not in (1, 2, 7):
-        raise ValueError(f"it has {len(payload)} bytes, not 1, 2 or 7")
-    command = v.known(v.IccCommand, payload[0])
-    if len(payload) == 7:
-        _, ddt, dimension, status = struct.unpack(">BfBB", payload)
-        return v.IccReply(command, v.IccResult(ddt, dimension, v.IccStatus(status)))
-    return v.IccReply(command, active=bool(payload[1]) if len(payload) == 2 else None)
-
-
-ICC_REPLY = Layout(_encode_icc, _decode_icc)
+_command = Field("B", v.IccCommand)
+_icc_result = record(
+    SimpleNamespace,
+    command=_command,
+    ddt=Field("f", float),
+    dimension=Field("B"),
+    status=Field("B", v.IccStatus),
+)
+ICC_REPLY = by_length(
+    {
+        1: record(v.IccReply, command=_command),
+        2: record(v.IccReply, command=_command, active=Field("B", bool)),
+        7: mapped(
+            _icc_result,
+            lambda it: v.IccReply(it.command, v.IccResult(it.ddt, it.dimension, it.status)),
+            lambda it: SimpleNamespace(command=it.command, **it.result._asdict()),
+        ),
+    },
+    lambda it: 7 if it.result is not None else 1 if it.active is None else 2,
+)
 
 
 def _decode_error(payload: bytes) -> v.DeviceErrorInfo:
@@ -212,8 +247,55 @@ def _decode_warning(payload: bytes) -> v.DeviceWarning:
     return v.DeviceWarning(code, payload[4:].decode("ascii", "replace").rstrip("\0 "))
 
 
-ERROR = Layout(lambda it: bytes([it.code]) + it.extra, _decode_error)
-WARNING = Layout(lambda it: struct.pack(">I", it.code) + it.text.encode("ascii"), _decode_warning)
+_error_code, _warning_code = number("code", "B"), number("code", "I")
+ERROR = Layout(lambda it: _error_code.encode(it.code) + it.extra, _decode_error)
+WARNING = Layout(
+    lambda it: _warning_code.encode(it.code) + it.text.encode("ascii"), _decode_warning
+)
+
+# Configuration: Tables 13 and 14, the tail as devices fill it (`rust/src/device.rs` reads the same)
+
+_middle = {
+    "sync_in": Field("8s", bytes),
+    "date": Field("8s", bytes),
+    "time": Field("8s", bytes),
+    "product_code": Field("20s", bytes),
+    "host": Field("12s", bytes),
+    "client": Field("32s", bytes),
+    "devices": Field("H"),
+}
+_tail = {
+    "filter_profile": Field("H"),
+    "major": Field("B"),
+    "minor": Field("B"),
+    "revision": Field("B"),
+    "filter_type": Field("1s", bytes),
+    "filter_major": Field("B"),
+    "filter_minor": Field("B"),
+}
+_narrow = record(
+    SimpleNamespace,
+    device_id=Field("I"),
+    sampling_period=Field("H"),
+    output_skip_factor=Field("H"),
+    **_middle,
+    same_id=Field("I"),
+    data_length=Field("H"),
+    output_mode=Field("H"),
+    output_settings=Field("I"),
+    **_tail,
+)
+# Eight bytes of identifier stand with their halves exchanged, against the DeviceID message.
+_wide = record(
+    SimpleNamespace,
+    low=Field("I"),
+    high=Field("I"),
+    **_middle,
+    same_low=Field("I"),
+    same_high=Field("I"),
+    reserved=Field("4s", bytes),
+    **_tail,
+)
 
 
 def _decode_configuration(payload: bytes) -> Configuration:
@@ -223,23 +305,35 @@ def _decode_configuration(payload: bytes) -> Configuration:
 
 
 def _encode_configuration(it: Configuration) -> bytes:
-    """Tables 13 and 14, the tail as devices fill it (`rust/src/device.rs` reads the same)."""
-    if it.device_id >> 31:
-        # Eight bytes stand with their halves exchanged, against the DeviceID message.
-        identity = struct.pack(">II", it.device_id & 0xFFFF_FFFF, it.device_id >> 32)
-        head, device = identity, identity + bytes(4)
-    else:
-        head = struct.pack(
-            ">IHH", it.device_id, it.sampling_period or 0, it.output_skip_factor or 0
-        )
-        device = struct.pack(">IHHI", it.device_id, 0, it.output_mode or 0, it.output_settings or 0)
-    date, time = ((text or "").encode("ascii").ljust(8, b"\0") for text in (it.date, it.time))
-    code = (it.product_code or "").encode("ascii").ljust(20 if it.product_code else 0)
-    host = code.ljust(32, b"\0") + bytes(32)
-    kind = (it.filter_type or "\0").encode("ascii")
-    versions = (*it.firmware[:3], kind, *it.filter_version)
-    tail = struct.pack(">H3BcBB", it.filter_profile, *versions)
-    return head + bytes(8) + date + time + host + struct.pack(">H", it.devices) + device + tail
+    low, high = it.device_id & 0xFFFF_FFFF, it.device_id >> 32
+    major, minor, revision, *_ = it.firmware
+    filter_major, filter_minor = it.filter_version
+    wire = SimpleNamespace(
+        device_id=it.device_id,
+        same_id=it.device_id,
+        low=low,
+        high=high,
+        same_low=low,
+        same_high=high,
+        sampling_period=it.sampling_period or 0,
+        output_skip_factor=it.output_skip_factor or 0,
+        date=(it.date or "").encode("ascii"),
+        time=(it.time or "").encode("ascii"),
+        product_code=it.product_code.encode("ascii").ljust(20) if it.product_code else b"",
+        devices=it.devices,
+        data_length=0,
+        **dict.fromkeys(("sync_in", "host", "client", "reserved"), b""),
+        output_mode=it.output_mode or 0,
+        output_settings=it.output_settings or 0,
+        filter_profile=it.filter_profile,
+        major=major,
+        minor=minor,
+        revision=revision,
+        filter_type=(it.filter_type or "").encode("ascii"),
+        filter_major=filter_major,
+        filter_minor=filter_minor,
+    )
+    return (_wide if it.device_id >> 31 else _narrow).encode(wire)
 
 
 CONFIGURATION = Layout(_encode_configuration, _decode_configuration)
@@ -265,7 +359,7 @@ LAYOUTS: dict[str, Layout] = {
     "Error": ERROR,
     "Warning": WARNING,
     "SetOptionFlags": record(
-        v.OptionFlags, set=field("I", v.OptionFlag), clear=field("I", v.OptionFlag)
+        v.OptionFlags, set=Field("I", v.OptionFlag), clear=Field("I", v.OptionFlag)
     ),
     "ReqOptionFlagsAck": OPTION_FLAGS,
     "SetUTCTime": UTC_TIME,
@@ -349,7 +443,7 @@ def encode(name: str, value: Any = None) -> bytes:
     """
     payload = LAYOUTS[name].encode(value)
     row = ROWS[name]
-    if row.direction == "to device" and row.lengths is not None and len(payload) not in row.lengths:
+    if row.lengths is not None and len(payload) not in row.lengths:
         raise ValueError(f"{name} carries {row.payload}, not {len(payload)} bytes")
     return payload
 

@@ -419,9 +419,9 @@ def find_product(product: str | int | Product) -> Product:
     """
     if isinstance(product, Product):
         return product
-    wanted = str(product).upper().removeprefix("MTI-").removeprefix("G-").removesuffix("G")
+    wanted = str(product).upper().removeprefix("MTI-")
     for row in PRODUCTS.values():
-        if wanted == str(row.number):
+        if wanted in (str(row.number), row.name.upper().removeprefix("MTI-")):
             return row
     names = ", ".join(it.name for it in PRODUCTS.values())
     raise ValueError(f"no product is called {product!r}; there are {names}")
@@ -430,9 +430,13 @@ def find_product(product: str | int | Product) -> Product:
 def product_of_code(code: str) -> Product | None:
     """The product of a code such as ``MTi-630-8A1G6``; None for one that the manual does not describe.
 
-    The MTi-G-700 counts as its successor, which has the same messages.
+    The MTi-G-700 counts as its successor, which has the same messages, and a variant (R, G) as what its
+    number says.
+
+    >>> product_of_code("MTi-G-700-2A5G4").name, product_of_code("MTi-320-8A1G6")
+    ('MTi-G-710', None)
     """
-    if (found := re.match(r"MTi-(?:G-)?(\d+)", code)) is None:
+    if (found := re.match(r"MTi-(?:G-)?(\d+)[GR]?\b", code)) is None:
         return None
     number = int(found[1])
     return PRODUCTS.get(710 if number == 700 else number)

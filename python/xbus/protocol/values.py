@@ -25,6 +25,7 @@ __all__ = [
     "CanOutput",
     "DeviceErrorInfo",
     "DeviceWarning",
+    "ErrorCode",
     "ExtOutputMode",
     "FilterProfile",
     "GnssLeverArm",
@@ -194,6 +195,18 @@ class DeviceErrorInfo(NamedTuple):
 
     code: int
     extra: bytes = b""
+
+
+class ErrorCode(IntEnum):
+    """The codes of Table 5, and one that devices were seen to send; `xbus.tables.RESULT_CODES` tells of all."""
+
+    PERIOD = 3
+    MESSAGE = 4
+    TIMER_OVERFLOW = 30
+    BAUDRATE = 32
+    PARAMETER = 33
+    DEVICE_ERROR = 40
+    DATA_OVERFLOW = 41
 
 
 class DeviceWarning(NamedTuple):
@@ -417,6 +430,13 @@ class PortProtocol(IntEnum):
     RTCM = 6
 
 
+def _bits(name: str, value: int, mask: int) -> int:
+    """The value, if it lies within the bits that are its own."""
+    if value & ~mask:
+        raise ValueError(f"{name} cannot be {value!r}: it must lie within the bits 0x{mask:X}")
+    return value
+
+
 @dataclass(frozen=True)
 class PortConfig:
     """One port of the 600-series: RS232, UART, or the RS232 that takes RTCM (Table 22, figure 2).
@@ -445,9 +465,12 @@ class PortConfig:
         return baudrate(self.baud_code)
 
     def __int__(self) -> int:
-        bits = (self.flow_control << 8) | (self.two_stop_bits << 9) | (self.parity << 10)
+        flags = (self.flow_control, self.two_stop_bits, self.parity, self.parity_even)
         return (
-            self.baud_code | bits | (self.parity_even << 11) | (self.protocol << 16) | self.reserved
+            _bits("baud_code", self.baud_code, 0xFF)
+            | sum(bool(it) << bit for bit, it in enumerate(flags, 8))
+            | _bits("protocol", self.protocol, 0xF) << 16
+            | _bits("reserved", self.reserved, 0xFFF0_F000)
         )
 
     @classmethod
@@ -534,7 +557,11 @@ class CanConfig:
         return CAN_BAUD_CODES.get(self.baud_code)
 
     def __int__(self) -> int:
-        return self.baud_code | self.enabled << 8 | self.reserved
+        return (
+            _bits("baud_code", self.baud_code, 0xFF)
+            | bool(self.enabled) << 8
+            | _bits("reserved", self.reserved, 0xFFFF_FE00)
+        )
 
     @classmethod
     def from_word(cls, word: int) -> CanConfig:

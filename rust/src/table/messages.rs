@@ -68,9 +68,9 @@ const GNSS_EXTERNAL: Products = Products::of(&[7, 670, 680]);
 pub const MESSAGES: &[Message] = &[
     req(0x00, "ReqDID"),
     ack(0x01, "DeviceID",            "U4 device id; U8 on the 600-series", OneOf(&[4, 8])),
-    req(0x02, "InitBus").on(SERIES_10_100).status("reserved"),
-    ack(0x03, "InitBusResults",      "U4 device id of each device", Range(4, 32, 4))
-        .on(SERIES_10_100).status("reserved"),
+    // The vendor's software opens every MTi with it, so every product knows it.
+    req(0x02, "InitBus").status("reserved"),
+    ack(0x03, "InitBusResults",      "U4 device id of each device", Range(4, 32, 4)).status("reserved"),
     req(0x04, "ReqPeriod").on(SERIES_10_100),
     set(0x04, "SetPeriod",           "U2 period, 1/115200 s, 225 to 1152", OneOf(&[2])).on(SERIES_10_100),
     ack(0x05, "ReqPeriodAck",        "U2 period", OneOf(&[0, 2])).on(SERIES_10_100),
