@@ -36,7 +36,7 @@ def make(
     product: int, outputs: Sequence[tuple[int, int]], path: str = "walk", **options: Any
 ) -> Stream:
     """The stream of a product; options of the sensors and of the stream."""
-    kinds = ("noise", "seed", "rot_sensor", "rot_local", "utc", "time_to_fix")
+    kinds = ("noise", "seed", "rot_sensor", "rot_local", "utc", "time_to_fix", "rtk")
     chosen = {key: options.pop(key) for key in kinds if key in options}
     sensors = Sensors(trajectory(path), PRODUCTS[product], **chosen)
     series = PRODUCTS[product].series
@@ -448,13 +448,13 @@ def test_satellites() -> None:
 
 
 def test_an_rtk_fix_is_better() -> None:
-    both = [
-        log_of(make(it, [*STAMPS, (PVT, EVERY)]), 1.0)["gnss_pvt_data"].scaled[0]
-        for it in (670, 680)
-    ]
-    assert [int(it["flags"]) for it in both] == [0x01, 0x83]
-    assert both[1]["hAcc"] < 0.02 < 1 < both[0]["hAcc"]
-    assert both[1]["sAcc"] < both[0]["sAcc"]
+    none, floating, fixed = (
+        log_of(make(680, [*STAMPS, (PVT, EVERY)], rtk=it), 1.0)["gnss_pvt_data"].scaled[0]
+        for it in range(3)
+    )
+    assert [int(it["flags"]) for it in (none, floating, fixed)] == [0x01, 0x43, 0x83]
+    assert fixed["hAcc"] < 0.02 < floating["hAcc"] < 1 < none["hAcc"]
+    assert fixed["sAcc"] < floating["sAcc"] < none["sAcc"]
 
 
 def test_send_latest() -> None:

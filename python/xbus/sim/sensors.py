@@ -48,10 +48,8 @@ WEEK_MS = 7 * 86_400_000
 #: What the calendar says at power-up, unless told otherwise.
 UTC = np.datetime64("2020-01-01", "ns")
 
-#: Accuracies that the receiver states: horizontal and vertical in mm, speed in mm/s.
-ACCURACY = (1200, 1900, 120)
-ACCURACY_RTK_FIXED = (14, 20, 40)
-RTK_GAIN = ACCURACY_RTK_FIXED[0] / ACCURACY[0]
+#: Accuracies that the receiver states, by RTK status: horizontal and vertical in mm, speed in mm/s.
+ACCURACIES = ((1200, 1900, 120), (250, 400, 80), (14, 20, 40))
 NOT_PROVIDED = 0xFFFF_FFFF
 #: Geometric, position, time, vertical, horizontal, northing, easting, in hundredths; and without a fix.
 DOPS = (165, 144, 80, 120, 79, 60, 52)
@@ -105,7 +103,7 @@ class Sensors:
 
     Attributes:
         trajectory: How it moves.
-        product: Which product it is; a 680 has an RTK fix.
+        product: Which product it is.
         rot_sensor: RotSensor of SetAlignmentRotation, q0 first: from the frame in which vectors are given to
             that of the housing, whose orientation the trajectory names.
         rot_local: RotLocal, q0 first: turns orientation and `free_acceleration` in the local frame.
@@ -113,6 +111,7 @@ class Sensors:
         seed: Of noise and of the satellites in view, from 0 to 2**64 - 1.
         utc: What the device's calendar says at power-up.
         time_to_fix: Seconds from power-up to the first GNSS fix.
+        rtk: Carrier phases of the receiver: 0 none, 1 floating, 2 fixed.
 
     >>> from xbus.sim.trajectories import trajectory
     >>> from xbus.tables import PRODUCTS
@@ -129,6 +128,7 @@ class Sensors:
     seed: int = 0
     utc: np.datetime64 = UTC
     time_to_fix: float = 0.0
+    rtk: int = 0
     #: What was asked for last, by ticks: the quantities of one message share it.
     _motions: dict[Ticks, Motion] = field(default_factory=dict, init=False, repr=False)
 
@@ -215,10 +215,6 @@ class Sensors:
     def _has_gnss(self) -> bool:
         return self.product.number in QUANTITIES["gnss_pvt_data"].products
 
-    @property
-    def _has_rtk(self) -> bool:
-        return self.product.number == 680
-
     @cached_property
     def _rot_sensor(self) -> FloatArray:
         return _unit(self.rot_sensor)
@@ -299,7 +295,7 @@ class Sensors:
         return self._aligned(seen + self._noise("acceleration", ticks) / ticks.rate)
 
     def _position(self, ticks: Ticks) -> FloatArray:
-        error = self._noise("position", ticks) * (RTK_GAIN if self._has_rtk else 1.0)
+        error = self._noise("position", ticks) * (ACCURACIES[self.rtk][0] / ACCURACIES[0][0])
         return self._motion(ticks).position[1:] + error
 
     def _velocity(self, ticks: Ticks) -> FloatArray:
@@ -331,7 +327,7 @@ class Sensors:
     def _pvt(self, ticks: Ticks) -> IntArray:
         """The fields of Table 25, (n, 35)."""
         utc, itow, fix = self._epochs(ticks)
-        accuracy = ACCURACY_RTK_FIXED if self._has_rtk else ACCURACY
+        accuracy = ACCURACIES[self.rtk]
         east, north, up = (1000 * self._velocity(ticks)).T
         speed = np.hypot(east, north)
         course = np.degrees(np.arctan2(east, north)) % 360
@@ -342,8 +338,8 @@ class Sensors:
             return np.asarray(np.where(fix, np.rint(value), otherwise), np.int64)
 
         columns = [itow, *_calendar(utc), fixed(0x07), fixed(20, NOT_PROVIDED), utc % 10**9]
-        # Fix type 3D; flags: fix, and for RTK differential corrections and a fixed carrier phase.
-        flags = 0x01 | (0x02 | 2 << 6 if self._has_rtk else 0)
+        # Fix type 3D; flags: fix, and for RTK differential corrections and the state of the carrier phases.
+        flags = 0x01 | (self.rtk > 0) << 1 | self.rtk << 6
         columns += [fixed(3), fixed(flags), fixed(self._sky(ticks)[1].sum(axis=1)), fixed(0)]
         columns += [fixed(lon * 1e7), fixed(lat * 1e7), fixed(height * 1e3)]
         columns += [fixed((height - earth.GEOID_SEPARATION) * 1e3)]
@@ -385,7 +381,7 @@ class Sensors:
         # Searching, detected but unusable, or locked and synchronised; then used for navigation, and healthy.
         quality = np.where(used, 7, np.where(strength > 0, 3, 1))
         flags = quality | used << 3 | (strength > 0) << 4
-        if self._has_rtk:
+        if self.rtk:
             flags |= used << 6  # differential corrections
         blocks = np.broadcast_arrays(system, number, strength, flags)
         head = np.zeros((ticks.count, 5), np.int64)
