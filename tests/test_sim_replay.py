@@ -1,0 +1,140 @@
+"""Recordings as the output of virtual devices: every frame, unchanged, at the pace of its stamps."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import xbus
+from conftest import OWN_CAPTURES, fine
+from streams import frame, mtdata2, packet
+from xbus.sim.replay import LONGEST_PAUSE, RATE, Replay
+
+WALK = OWN_CAPTURES / "walk.mtb"
+FIELD = OWN_CAPTURES / "field.mtb"
+
+PLAIN = mtdata2(packet(0x1020, b"\0\1"))
+UNKNOWN = frame(0x5B, b"unheard of")
+ERROR = frame(0x42, b"\x28")
+ACK = frame(0x31)
+WAKE_UP = frame(0x3E)
+
+
+def at(seconds: float) -> bytes:
+    """A sample with this time stamp."""
+    return mtdata2(fine(round(seconds * 10_000)))
+
+
+def gnss(seconds: float) -> bytes:
+    """A sample of the receiver."""
+    return mtdata2(fine(round(seconds * 10_000)), packet(0x7010, bytes(94)))
+
+
+def played(data: bytes) -> list[tuple[float, bytes]]:
+    """What is sent, and when."""
+    return Replay(data).play(0.0).take(1e9)
+
+
+def times(*frames: bytes) -> list[float]:
+    return [round(time, 6) for time, _ in played(b"".join(frames))]
+
+
+@pytest.mark.parametrize("path", [WALK, FIELD])
+def test_all_samples_of_a_recording_come_verbatim(path: Path) -> None:
+    sent = b"".join(it for _, it in Replay(path).play(0.0).take(1e9))
+    recorded, again = xbus.read_log(path), xbus.read_log(sent)
+    assert len(again) == len(recorded)
+    assert again.stats.skipped_bytes == 0
+    assert list(again) == list(recorded)
+    for key in recorded:
+        assert again[key].values.tobytes() == recorded[key].values.tobytes()
+
+
+def test_frames_keep_their_pace() -> None:
+    log = xbus.read_log(WALK)
+    expected = log.time[np.isfinite(log.time)]
+    sent = np.array([time for time, it in played(WALK.read_bytes())])
+    assert sent[-1] == pytest.approx(expected[-1] - expected[0], abs=0.05)
+    assert (np.diff(sent) >= 0).all()
+    assert np.diff(sent).max() < 0.011
+
+
+@pytest.mark.parametrize(
+    ("frames", "expected"),
+    [
+        ([], []),
+        ([at(5.0)], [0.0]),
+        ([at(5.0), at(5.5), at(6.5)], [0.0, 0.5, 1.5]),
+        # Without a stamp, and behind the others: between the neighbours.
+        ([at(5.0), PLAIN, PLAIN, at(5.3)], [0.0, 0.1, 0.2, 0.3]),
+        ([at(5.0), gnss(1.0), at(5.5), gnss(9.0), at(6.0)], [0.0, 0.25, 0.5, 0.75, 1.0]),
+        ([PLAIN, at(5.0), at(5.5), PLAIN], [0.0, 0.0, 0.5, 0.5]),
+        # A device that was restarted, and a recording that was interrupted.
+        ([at(60.0), at(60.5), at(0.1), at(0.2)], [0.0, 0.5, 0.5, 0.6]),
+        ([at(5.0), at(500.0)], [0.0, LONGEST_PAUSE]),
+        # Without any stamp.
+        ([PLAIN] * 3, [0.0, 1 / RATE, 2 / RATE]),
+        # Other messages come with the next sample.
+        ([ERROR, at(5.0), UNKNOWN, at(5.5), ERROR], [0.0, 0.0, 0.5, 0.5, 0.5]),
+        ([ERROR, UNKNOWN], [0.0, 0.0]),
+    ],
+)  # fmt: skip
+def test_when_frames_come(frames: list[bytes], expected: list[float]) -> None:
+    assert times(*frames) == pytest.approx(expected)
+
+
+def test_nothing_comes_that_a_device_says_only_when_asked() -> None:
+    data = b"".join([WAKE_UP, at(5.0), ACK, UNKNOWN, at(5.1), b"damage", ERROR])
+    assert [it for _, it in played(data)] == [at(5.0), UNKNOWN, at(5.1), ERROR]
+
+
+def test_long_frames_and_other_bus_identifiers() -> None:
+    frames = [frame(0x5B, bytes(it), bid=3) for it in (0, 254, 255, 256, 4000)]
+    frames.append(mtdata2(*[packet(0x4020, bytes(12))] * 40, bid=3))
+    assert [it for _, it in played(b"".join(frames))] == frames
+
+
+@given(st.lists(st.floats(0, 12)))
+def test_how_calls_cut_time_changes_nothing(cuts: list[float]) -> None:
+    replay = Replay(WALK)
+    playback = replay.play(0.5)
+    taken = [playback.take(it) for it in sorted(cuts)]
+    for (since, until), frames in zip(pairwise([-1.0, *sorted(cuts)]), taken, strict=True):
+        assert all(since < time <= until + 1e-9 for time, _ in frames)
+    assert [it for part in taken for it in part] + playback.take(99) == replay.play(0.5).take(99)
+    assert playback.take(999) == []
+
+
+def test_every_play_begins_anew() -> None:
+    replay = Replay(WALK)
+    first, later = replay.play(0.0).take(99), replay.play(50.0).take(99)
+    assert [it for _, it in first] == [it for _, it in later]
+    assert later[0][0] == 50.0
+
+
+def test_latest_is_the_newest_sample() -> None:
+    playback = Replay(b"".join([at(5.0), at(5.5), ERROR, at(6.0)])).play(10.0)
+    assert [playback.latest(it) for it in (9.9, 10.0, 10.6, 99)] == [
+        [],
+        [at(5.0)],
+        [at(5.5)],
+        [at(6.0)],
+    ]
+
+
+def test_who_was_recorded() -> None:
+    identity = Replay(WALK).identity
+    assert identity.product_code == "MTi-680G-8A1G6"
+    assert identity.device_id == xbus.read_log(WALK).device_id
+    assert str(identity.firmware) == "1.12.0"
+
+
+def test_no_recording() -> None:
+    assert len(Replay(b"nothing at all")) == 0
+    with pytest.raises(FileNotFoundError):
+        Replay("nowhere.mtb")
