@@ -1,4 +1,4 @@
-"""Logs of Xsens MTi motion trackers as numpy arrays, tables and files: the Xbus protocol, decoded exactly.
+"""Xsens MTi motion trackers: logs as numpy arrays, tables and files, live devices, and virtual ones.
 
 >>> import xbus
 >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -15,7 +15,15 @@ if TYPE_CHECKING:
     from xbus.codec import Scanner, encode_frame, encode_packet, encode_sample
     from xbus.column import Column
     from xbus.configuration import Configuration, Firmware
-    from xbus.errors import DecodeError, DeviceError, StateError, XbusError, XbusTimeout
+    from xbus.device import Device, Sample, Session, connect, find_ports
+    from xbus.errors import (
+        DecodeError,
+        DeviceError,
+        Disconnected,
+        StateError,
+        XbusError,
+        XbusTimeout,
+    )
     from xbus.ids import Coordinates, DataId, MessageId, Precision
     from xbus.log import Log, Message, Stats, iter_log, read_log
 
@@ -25,21 +33,27 @@ __all__ = [
     "Coordinates",
     "DataId",
     "DecodeError",
+    "Device",
     "DeviceError",
+    "Disconnected",
     "Firmware",
     "Log",
     "Message",
     "MessageId",
     "Precision",
+    "Sample",
     "Scanner",
+    "Session",
     "StateError",
     "Stats",
     "XbusError",
     "XbusTimeout",
     "__version__",
+    "connect",
     "encode_frame",
     "encode_packet",
     "encode_sample",
+    "find_ports",
     "iter_log",
     "read_log",
 ]
@@ -49,10 +63,19 @@ _MODULES = {
     "codec": ("Scanner", "encode_frame", "encode_packet", "encode_sample"),
     "column": ("Column",),
     "configuration": ("Configuration", "Firmware"),
-    "errors": ("DecodeError", "DeviceError", "StateError", "XbusError", "XbusTimeout"),
+    "device": ("Device", "Sample", "Session", "connect", "find_ports"),
+    "errors": (
+        "DecodeError",
+        "DeviceError",
+        "Disconnected",
+        "StateError",
+        "XbusError",
+        "XbusTimeout",
+    ),
     "export": (),
     "ids": ("Coordinates", "DataId", "MessageId", "Precision"),
     "log": ("Log", "Message", "Stats", "iter_log", "read_log"),
+    "protocol": (),
     "source": (),
     "tables": (),
 }

@@ -13,7 +13,15 @@ from xbus.ids import Coordinates, MessageId, Precision
 from xbus.log import Message
 from xbus.tables import QUANTITIES, Quantity
 
-__all__ = ["Damage", "PacketKey", "Scanner", "encode_frame", "encode_packet", "encode_sample"]
+__all__ = [
+    "Damage",
+    "PacketKey",
+    "Scanner",
+    "data_id_of",
+    "encode_frame",
+    "encode_packet",
+    "encode_sample",
+]
 
 #: The longest payload that a live device is believed to send: the vendor's limit of 8192 bytes a frame.
 LONGEST_LIVE = 8185
@@ -128,6 +136,23 @@ def encode_sample(
     items = packets.items() if isinstance(packets, Mapping) else packets
     payload = b"".join(encode_packet(key, values) for key, values in items)
     return encode_frame(MessageId.MTData2, payload, bid=bid)
+
+
+def data_id_of(key: PacketKey) -> int:
+    """The data identifier, with its format bits, of what a key names.
+
+    Raises:
+        ValueError: No such quantity.
+
+    >>> hex(data_id_of(("quaternion", "NED", "Fp1632")))
+    '0x2016'
+    """
+    quantity, precision, coordinates = _split(key)
+    if isinstance(key, int):
+        return key
+    if (precision and quantity.kind != "real") or (coordinates and not quantity.coordinates):
+        raise ValueError(f"{key!r}: {quantity.name} comes in one format only")
+    return quantity.id | Precision[precision or "Float32"] | Coordinates[coordinates or "ENU"]
 
 
 def _split(key: PacketKey) -> tuple[Quantity, str | None, str | None]:

@@ -1,15 +1,23 @@
 """What can go wrong.
 
 XbusError
-├─ DecodeError(ValueError)    bytes that do not add up (strict)
-├─ StateError(RuntimeError)   asked too early or of the wrong product; nothing was sent
-├─ DeviceError                the device answered Error (0x42)
-└─ XbusTimeout(TimeoutError)  nothing came
+├─ DecodeError(ValueError)        bytes that do not add up: in a log (strict), or a reply of the wrong length
+├─ StateError(RuntimeError)       asked too early or of the wrong product; nothing was sent
+├─ DeviceError                    the device answered Error (0x42)
+├─ XbusTimeout(TimeoutError)      nothing came
+└─ Disconnected(ConnectionError)  the port is gone
 """
 
 from __future__ import annotations
 
-__all__ = ["DecodeError", "DeviceError", "StateError", "XbusError", "XbusTimeout"]
+__all__ = [
+    "DecodeError",
+    "DeviceError",
+    "Disconnected",
+    "StateError",
+    "XbusError",
+    "XbusTimeout",
+]
 
 
 class XbusError(Exception):
@@ -17,17 +25,21 @@ class XbusError(Exception):
 
 
 class DecodeError(XbusError, ValueError):
-    """Bytes that do not add up, found while reading with ``strict=True``.
+    """Bytes that do not add up: in a log that is read with ``strict=True``, or in a reply.
 
     Attributes:
         offset: Where the damage or the frame at fault begins, in bytes from the start of the input.
         data_id: Data identifier of the packet at fault, or None where the frame itself is.
+        command: Name of the command whose reply it is, or None in a log.
     """
 
-    def __init__(self, message: str, offset: int, data_id: int | None = None) -> None:
-        super().__init__(message, offset, data_id)
+    def __init__(
+        self, message: str, offset: int, data_id: int | None = None, command: str | None = None
+    ) -> None:
+        super().__init__(message, offset, data_id, command)
         self.offset = offset
         self.data_id = data_id
+        self.command = command
 
     def __str__(self) -> str:
         return str(self.args[0])
@@ -79,6 +91,21 @@ class XbusTimeout(XbusError, TimeoutError):  # noqa: N818 - the name says more t
         super().__init__(message, command, waited)
         self.command = command
         self.waited = waited
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
+class Disconnected(XbusError, ConnectionError):  # noqa: N818 - the name says more than an ending would
+    """The port is gone: unplugged, or closed on the other side.
+
+    Attributes:
+        command: Name of the command that was under way, or None when listening.
+    """
+
+    def __init__(self, message: str, command: str | None = None) -> None:
+        super().__init__(message, command)
+        self.command = command
 
     def __str__(self) -> str:
         return str(self.args[0])

@@ -22,6 +22,9 @@ COMMANDS = {
     "dump": "dump",
     "items": "tables",
     "messages": "tables",
+    "ports": "ports",
+    "send": "send",
+    "sim": "sim",
 }
 
 
@@ -59,4 +62,4 @@ class Commands(click.Group):
 )
 @click.version_option(__version__, prog_name="xbus", message="%(prog)s %(version)s")
 def main() -> None:
-    """Reads logs of Xsens MTi motion trackers: .mtb files, or raw bytes from the port."""
+    """Xsens MTi motion trackers: reads their logs (.mtb files, raw bytes), and talks to devices."""

@@ -13,6 +13,8 @@ from typing import IO, Any, NoReturn
 
 import click
 
+from xbus.errors import XbusError
+
 __all__ = ["Failure", "cannot", "guarded"]
 
 #: What to do about it.
@@ -63,7 +65,7 @@ def guarded() -> Iterator[None]:
     except KeyboardInterrupt:
         _hush()
         raise click.exceptions.Exit(128 + signal.SIGINT) from None
-    except ImportError as error:
+    except (ImportError, XbusError) as error:
         raise Failure(str(error)) from error
     except MemoryError as error:
         raise Failure(

@@ -1,0 +1,21 @@
+"""Devices: what a host knows of one, the commands, and the ports that they are behind."""
+
+from xbus.device.device import Device, connect
+from xbus.device.link import Link
+from xbus.device.ports import Port, find_ports
+from xbus.device.sample import Sample
+from xbus.device.session import Event, Notice, Refusal, Reply, Session
+
+__all__ = [
+    "Device",
+    "Event",
+    "Link",
+    "Notice",
+    "Port",
+    "Refusal",
+    "Reply",
+    "Sample",
+    "Session",
+    "connect",
+    "find_ports",
+]

@@ -1,0 +1,184 @@
+"""What can be known to be wrong with a setting before it is sent: a table of commands and what to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from xbus.protocol.products import Support
+from xbus.protocol.values import (
+    EVERY,
+    AlignmentRotation,
+    LatLonAlt,
+    OptionFlag,
+    OptionFlags,
+    Output,
+    Polarity,
+    StringOutput,
+    SyncFunction,
+    SyncLine,
+    SyncSetting,
+    UtcTime,
+    baudrate,
+    known,
+)
+
+__all__ = ["check"]
+
+
+def check(name: str, value: Any, support: Support | None) -> None:
+    """Whether the value of a command makes sense, and whether the product can do it, once that is known.
+
+    Raises:
+        ValueError: It does not; the message says what would.
+    """
+    if name in GENERAL:
+        GENERAL[name](value)
+    if support is not None and name in OF_PRODUCT:
+        OF_PRODUCT[name](value, support)
+
+
+# Of any product
+
+
+def _between(what: str, least: float, most: float, unit: str = "") -> Callable[[float], None]:
+    def check_number(value: float) -> None:
+        if not least <= value <= most:
+            raise ValueError(f"{what} must be from {least} to {most}{unit}, not {value}")
+
+    return check_number
+
+
+def _place(it: LatLonAlt) -> None:
+    _between("lat", -90, 90, " degrees")(it.lat)
+    _between("lon", -180, 180, " degrees")(it.lon)
+
+
+def _time(it: UtcTime) -> None:
+    _between("ns", 0, 999_999_999)(it.ns)
+    _between("year", 1999, 2099)(it.year)
+    _between("month", 1, 12)(it.month)
+    _between("day", 1, 31)(it.day)
+    _between("hour", 0, 23)(it.hour)
+    _between("minute", 0, 59)(it.minute)
+    _between("second", 0, 59)(it.second)
+
+
+def _unit(it: AlignmentRotation) -> None:
+    norm = sum(q * q for q in it.quaternion) ** 0.5
+    if not 0.99 <= norm <= 1.01:
+        raise ValueError(
+            f"a rotation is a quaternion of length 1, and {it.quaternion} has length {norm:.3f}"
+        )
+
+
+#: Limits that the manual gives for the message itself.
+GENERAL: dict[str, Callable[[Any], None]] = {
+    "SetTransmitDelay": _between("the delay", 590, 65_535, " ticks"),
+    "SetErrorMode": _between("the error mode", 0, 3),
+    "SetInitialHeading": _between("the heading", -180, 180, " degrees"),
+    "SetLatLonAlt": _place,
+    "SetUTCTime": _time,
+    "SetAlignmentRotation": _unit,
+}
+
+# Of one product
+
+
+def _names(values: Iterable[Any]) -> str:
+    return ", ".join(getattr(it, "name", None) or str(it) for it in values) or "none"
+
+
+def _check_outputs(outputs: Iterable[Output], support: Support) -> None:
+    product = support.product.name
+    for it in outputs:
+        name = it.quantity or f"0x{it.data_id:04X}"
+        rates = support.rates_of(name)
+        if not rates:
+            raise ValueError(f"the {product} has no output {name}; it has {_names(support.rates)}")
+        if it.frequency in (0, EVERY, *rates) or rates == (EVERY,):
+            continue
+        lower = max((rate for rate in rates if rate < it.frequency), default=rates[-1])
+        higher = min((rate for rate in rates if rate > it.frequency), default=rates[0])
+        near = f"{lower} Hz" if lower == higher else f"{lower} and {higher} Hz"
+        raise ValueError(
+            f"the {product} cannot do {name} at {it.frequency} Hz; the nearest is {near}"
+        )
+
+
+def _check_flags(flags: OptionFlags, support: Support) -> None:
+    if unknown := OptionFlag(flags.set) & ~support.option_flags:
+        product, flags_there = support.product.name, _names(support.option_flags)
+        raise ValueError(
+            f"the {product} has no option flag {_names(unknown)}; it has {flags_there}"
+        )
+
+
+def _check_sync(settings: Iterable[SyncSetting], support: Support) -> None:
+    product = support.product.name
+    for it in settings:
+        if it.polarity == Polarity.DISABLED:
+            continue
+        lines = next((on for key, on in support.sync.items() if key == it.function), None)
+        function = _names([known(SyncFunction, it.function)])
+        if lines is None:
+            raise ValueError(
+                f"the {product} has no sync function {function}; it has {_names(support.sync)}"
+            )
+        if it.line not in lines:
+            line = _names([known(SyncLine, it.line)])
+            raise ValueError(f"the {product} has {function} on {_names(lines)}, not on {line}")
+
+
+def _check_strings(strings: StringOutput, support: Support) -> None:
+    product = support.product
+    if unknown := strings.types & ~support.string_types:
+        raise ValueError(
+            f"the {product.name} has no string {_names(unknown)}; it has {_names(support.string_types)}"
+        )
+    has_rate = product.series == "600-series"
+    if has_rate != (strings.frequency is not None):
+        how = (
+            "takes the rate with the types"
+            if has_rate
+            else "takes the rate by SetPeriod and SetOutputSkipFactor"
+        )
+        raise ValueError(f"the {product.name} {how}")
+
+
+def _check_profile(number: int, support: Support) -> None:
+    if number not in (it.type for it in support.filter_profiles):
+        profiles = ", ".join(f"{it.type} {it.label}" for it in support.filter_profiles)
+        raise ValueError(
+            f"the {support.product.name} has no filter profile {number}; it has {profiles}"
+        )
+
+
+def _check_profile_names(text: str, support: Support) -> None:
+    labels = [it.label for it in support.filter_profiles]
+    for name in text.split("/"):
+        if name not in labels:
+            product = support.product.name
+            raise ValueError(
+                f"the {product} has no filter profile {name!r}; it has {', '.join(labels)}"
+            )
+
+
+def _check_baudrate(code: int, support: Support) -> None:
+    rate = baudrate(code)
+    if rate not in support.baudrates:
+        rates = ", ".join(f"{it:,}" for it in support.baudrates)
+        raise ValueError(
+            f"the {support.product.name} cannot talk at {rate or f'code {code}'} baud; it can at {rates}"
+        )
+
+
+OF_PRODUCT: dict[str, Callable[[Any, Support], None]] = {
+    "SetOutputConfiguration": _check_outputs,
+    "SetOptionFlags": _check_flags,
+    "SetSyncSettings": _check_sync,
+    "SetStringOutputType": _check_strings,
+    "SetFilterProfile": _check_profile,
+    "SetFilterProfileModern": _check_profile_names,
+    "SetBaudrate": _check_baudrate,
+}

@@ -1,0 +1,115 @@
+"""What carries the bytes: a port, anything that pyserial opens, or a virtual device in this process."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, Any, Protocol
+
+import serial
+
+if TYPE_CHECKING:
+    from xbus.sim.device import SimulatedDevice
+
+__all__ = ["Link", "SerialLink", "open_link"]
+
+
+class Link(Protocol):
+    """Carries bytes both ways.
+
+    Attributes:
+        name: What the user calls it.
+        baudrate: Bits per second; setting it changes the rate of this side.
+        is_line: Whether the baud rate limits what can be carried, as on a serial line.
+    """
+
+    name: str
+    baudrate: int
+    is_line: bool
+
+    def read(self, timeout: float) -> bytes:
+        """What has come; waits for the first byte, but no longer than ``timeout`` seconds. Raises OSError."""
+
+    def write(self, data: bytes) -> None:
+        """Sends. Raises OSError."""
+
+    def clock(self) -> float:
+        """Seconds, from any beginning, as time-outs count them."""
+
+    def reopen(self) -> None:
+        """Opens it again after it was lost. Raises OSError."""
+
+    def close(self) -> None:
+        """Closes it, if it was opened here."""
+
+
+class SerialLink:
+    """A port of pyserial.
+
+    Args:
+        port: An open or closed port. It is closed by `close` only if ``owned``.
+        owned: Whether it was opened for this link.
+    """
+
+    def __init__(self, port: Any, *, owned: bool) -> None:
+        self._port = port
+        self._owned = owned
+        self._timeout = port.timeout
+        self.name = str(port.port or port.name)
+        # A URL leads somewhere else; what the rate there is, is not known.
+        self.is_line = "://" not in self.name
+        if not port.is_open:
+            port.open()
+
+    @property
+    def baudrate(self) -> int:
+        """Bits per second."""
+        return int(self._port.baudrate)
+
+    @baudrate.setter
+    def baudrate(self, rate: int) -> None:
+        self._port.baudrate = rate
+
+    def read(self, timeout: float) -> bytes:
+        """What has come."""
+        self._port.timeout = timeout
+        first = self._port.read(1)
+        return bytes(first + self._port.read(self._port.in_waiting)) if first else b""
+
+    def write(self, data: bytes) -> None:
+        """Sends."""
+        self._port.write(data)
+
+    def clock(self) -> float:
+        """Seconds."""
+        return time.monotonic()
+
+    def reopen(self) -> None:
+        """Opens the port again."""
+        self._port.close()
+        self._port.open()
+
+    def close(self) -> None:
+        """Closes the port, or gives it back as it was."""
+        if self._owned:
+            self._port.close()
+        else:
+            self._port.timeout = self._timeout
+
+
+def open_link(port: str | serial.SerialBase | SimulatedDevice, baudrate: int) -> Link:
+    """A link to a port: a name, a pyserial URL, a pyserial object, ``"sim:PRODUCT"`` or a virtual device.
+
+    Raises:
+        OSError: The port cannot be opened.
+        ValueError: No such virtual product.
+    """
+    if isinstance(port, serial.SerialBase):
+        return SerialLink(port, owned=False)
+    if not isinstance(port, str) or port.startswith("sim:"):
+        from xbus.sim.link import SimLink  # whoever has a real device need not wait for it
+
+        return SimLink(port)
+    made: Any = serial.serial_for_url(port, do_not_open=True, baudrate=baudrate, write_timeout=5)
+    if "://" not in port:
+        made.exclusive = True
+    return SerialLink(made, owned=True)

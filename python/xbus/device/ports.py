@@ -1,0 +1,46 @@
+"""Serial ports that a device may be behind."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from serial.tools import list_ports
+
+__all__ = ["Port", "find_ports"]
+
+#: USB vendor identifier of Xsens.
+XSENS = 0x2639
+#: FTDI, and its product identifiers that are set aside for converters by Xsens.
+FTDI, XSENS_CONVERTERS = 0x0403, range(0xD388, 0xD390)
+
+
+class Port(NamedTuple):
+    """A serial port.
+
+    Attributes:
+        device: Its name, as `connect` takes it.
+        description: What the system calls it.
+        likely: Whether its USB identifiers say Xsens.
+        serial_number: Serial number of the USB device, or None.
+    """
+
+    device: str
+    description: str
+    likely: bool
+    serial_number: str | None
+
+
+def find_ports() -> list[Port]:
+    """The serial ports of this machine, those that say Xsens first.
+
+    A development kit or a converter of another make says nothing about what is behind it.
+    """
+    found = [
+        Port(it.device, it.description, _likely(it.vid, it.pid), it.serial_number)
+        for it in list_ports.comports()
+    ]
+    return sorted(found, key=lambda it: (not it.likely, it.device))
+
+
+def _likely(vendor: int | None, product: int | None) -> bool:
+    return vendor == XSENS or (vendor == FTDI and product in XSENS_CONVERTERS)

@@ -1,0 +1,110 @@
+"""A sample that has just come: one MTData2 message, read when it is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from xbus import _core
+from xbus.source import Key
+from xbus.tables import QUANTITIES
+
+__all__ = ["Sample"]
+
+#: Data identifier, name, precision, coordinates and numbers: see `xbus._core.packets`.
+Packet = tuple[int, str | None, str | None, str | None, Any]
+#: Reals have in numpy what loses nothing; integers their own type.
+_REALS = {"Float32": np.float32, "Fp1220": np.float64, "Fp1632": np.float64, "Float64": np.float64}
+
+
+class Sample(Mapping[Key, Any]):
+    """One MTData2 message: quantities by name, in the order in which they stand in it.
+
+    The keys and values are those of a `Log` and of a row of its columns: a number for a scalar, an array
+    ``(k,)`` for a vector, ``(3, 3)`` for the rotation matrix, a dict of the manual's fields with raw
+    integers for a struct. Where a packet comes twice the last one counts. Identifiers that no table
+    explains are in `unknown`.
+
+    Attributes:
+        payload: The bytes of the message.
+        bid: Bus identifier.
+
+    >>> sample = Sample(bytes.fromhex("1020 02 DFC5 4020 0C BEDC9AFA 3F549F37 411CBB70"))
+    >>> sample["packet_counter"], sample["acceleration"].tolist()
+    (57285, [-0.43086987733840942, 0.8305544257164001, 9.79576110839844])
+    """
+
+    __slots__ = ("__dict__", "bid", "payload")
+
+    def __init__(self, payload: bytes, bid: int = 0xFF) -> None:
+        self.payload = payload
+        self.bid = bid
+
+    @cached_property
+    def _packets(self) -> dict[Key, Packet]:
+        found: dict[tuple[str, str | None], Packet] = {}
+        for packet in _core.packets(self.payload):
+            _, name, _, coordinates, _ = packet
+            if name is not None:
+                found[name, coordinates] = packet
+        names = [name for name, _ in found]
+        return {
+            (name, system) if system and names.count(name) > 1 else name: packet
+            for (name, system), packet in found.items()
+        }
+
+    @cached_property
+    def unknown(self) -> dict[int, bytes]:
+        """Packets that the tables cannot explain, by data identifier."""
+        packets: list[Packet] = list(_core.packets(self.payload))
+        return {data_id: data for data_id, name, _, _, data in packets if name is None}
+
+    def __getitem__(self, key: Key) -> Any:
+        packets = self._packets
+        if key in packets:
+            return _value(packets[key])
+        if isinstance(key, tuple):
+            packet = packets.get(key[0])
+            if packet is not None and packet[3] == key[1]:
+                return _value(packet)
+        several = [it for it in packets if isinstance(it, tuple) and it[0] == key]
+        if several:
+            raise KeyError(
+                f"{key!r} is in several coordinate systems: {' and '.join(map(str, several))}"
+            )
+        raise KeyError(
+            f"the sample has no {key!r}; it has {', '.join(map(str, packets)) or 'nothing'}"
+        )
+
+    def __iter__(self) -> Iterator[Key]:
+        return iter(self._packets)
+
+    def __len__(self) -> int:
+        return len(self._packets)
+
+    def data_id(self, key: Key) -> int:
+        """The data identifier, as it came, of a quantity."""
+        return self._packets[key][0]
+
+    def __repr__(self) -> str:
+        return f"<Sample {', '.join(map(str, self._packets)) or 'of nothing known'}>"
+
+
+def _value(packet: Packet) -> Any:
+    _, name, precision, _, numbers = packet
+    row = QUANTITIES[name or ""]
+    if row.kind in ("struct", "list"):
+        head = dict(zip((it.name for it in row.fields), numbers, strict=False))
+        if row.kind == "struct":
+            return head
+        fields, at = [it.name for it in row.entry], len(row.fields)
+        entries = range(at, len(numbers), len(fields))
+        head["satellites"] = [dict(zip(fields, numbers[it:], strict=False)) for it in entries]
+        return head
+    if not row.components:
+        return numbers[0]
+    values = np.array(numbers, _REALS[precision] if precision else row.kind)
+    return values.reshape(3, 3).T if row.name == "rotation_matrix" else values

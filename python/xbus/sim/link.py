@@ -1,0 +1,54 @@
+"""The link to a virtual device in the same process."""
+
+from __future__ import annotations
+
+from xbus.sim.device import SimulatedDevice
+
+__all__ = ["SimLink"]
+
+
+class SimLink:
+    """A virtual device in this process, whose time moves while one waits for it."""
+
+    #: Seconds of device time between two looks at what it has sent.
+    STEP = 0.005
+    is_line = True
+
+    def __init__(self, device: str | SimulatedDevice) -> None:
+        if isinstance(device, str):
+            device = SimulatedDevice(device.removeprefix("sim:"))
+        self.device = device
+        self.name = f"sim:{device.product.name}"
+        self.baudrate = device.baudrate
+
+    def read(self, timeout: float) -> bytes:
+        """What has come."""
+        until = self.device.time + timeout
+        while True:
+            self._check()
+            if data := self.device.read(self.baudrate):
+                return data
+            left = until - self.device.time
+            if left <= 1e-9:
+                return b""
+            self.device.advance(min(self.STEP, left))
+
+    def write(self, data: bytes) -> None:
+        """Sends."""
+        self._check()
+        self.device.write(data, self.baudrate)
+
+    def _check(self) -> None:
+        if not self.device.plugged:
+            raise ConnectionResetError(f"{self.name} was unplugged")
+
+    def clock(self) -> float:
+        """Seconds."""
+        return self.device.time
+
+    def reopen(self) -> None:
+        """Looks whether the plug is in again."""
+        self._check()
+
+    def close(self) -> None:
+        """Leaves the device as it is."""

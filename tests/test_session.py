@@ -1,0 +1,417 @@
+"""The session: what goes out, what is made of what comes in, and the state in between. No port, no clock."""
+
+from __future__ import annotations
+
+import contextlib
+from typing import Any
+
+import pytest
+
+import xbus
+from conftest import shared
+from xbus import DecodeError, DeviceError, Sample, Session, StateError, encode_frame, encode_sample
+from xbus.device.session import Notice, Refusal, Reply
+from xbus.protocol import (
+    Alignment,
+    AlignmentRotation,
+    AvailableProfile,
+    FilterProfile,
+    HardwareVersion,
+    IccCommand,
+    IccReply,
+    IccResult,
+    IccStatus,
+    LatLonAlt,
+    OptionFlag,
+    OptionFlags,
+    Output,
+    PortConfig,
+    PortProtocol,
+    ResetCode,
+    Selftest,
+    State,
+    StringOutput,
+    StringType,
+)
+from xbus.protocol.messages import ROWS
+from xbus.protocol.products import support
+from xbus.tables import MESSAGES, PRODUCTS
+
+REQUESTS = [it for it in MESSAGES if it.direction == "to device"]
+ANSWERED = [it for it in REQUESTS if it.reply is not None]
+#: Of these, the ones of whose answer it is known how long it is.
+KNOWN = [
+    it for it in ANSWERED if all(row.lengths is not None for row in MESSAGES if row.mid == it.reply)
+]
+SAMPLE = encode_sample({"packet_counter": 7, "acceleration": [0, 0, 9.81]})
+
+
+def session(state: State = State.CONFIG, product: str | None = None, bid: int = 0xFF) -> Session:
+    it = Session(bid=bid)
+    it.state = state
+    it.identify(None if product is None else support(product))
+    return it
+
+
+def value_for(name: str) -> Any:
+    """Something that the message can say."""
+    values = {
+        "SetPeriod": 1152, "SetBaudrate": 0x02, "SetNoRotation": 6, "SetSyncSettings": (), "SetUTCTime":
+        xbus.protocol.UtcTime(0, 2026, 11, 22, 9, 30, 0), "SetOptionFlags": OptionFlags(),
+        "SetFilterProfile": 39, "SetFilterProfileModern": "General", "SetGnssLeverArm":
+        xbus.protocol.GnssLeverArm(0, 0, 1), "SetLatLonAlt": LatLonAlt(52, 6, 0), "SetLocationID": 1,
+        "SetExtOutputMode": 0, "SetPortConfig": (PortConfig.from_word(0x10002),) * 3,
+        "SetStringOutputType": StringOutput(StringType(0)), "ReqEmts": b"\x00\xff",
+        "SetAlignmentRotation": AlignmentRotation(Alignment.ROT_LOCAL, (1, 0, 0, 0)),
+        "SetGnssReceiverSettings": xbus.protocol.GnssReceiverSettings(3, 2, 4), "SetTransmitDelay": 590,
+        "SetCanConfig": xbus.protocol.CanConfig(0), "SetCanOutputConfig": (), "SetOutputConfiguration": (),
+        "ForwardGnssData": b"\xd3", "SetProcessingFlags": 0, "SetGravityMagnitude": 9.8, "SetHeading": 0,
+        "SetAmd": 0, "ResetOrientation": 1, "AdjustUTCTime": 1, "SetGnssPlatform": 0, "SetOutputMode": 2,
+        "SetOutputSettings": 0, "SetOutputSkipFactor": 0, "SetInitialHeading": 0, "SetErrorMode": 1,
+        "SetTransmitDelayAck": 590, "IccCommand": 3, "ReqAlignmentRotation": 0,
+    }  # fmt: skip
+    if name in values:
+        return values[name]
+    return None if ROWS[name].payload == "empty" else b"\0" * min(ROWS[name].lengths or (1,))
+
+
+# Exchanges: what the host sends, and what devices are known to have answered (the manual's section 6, and
+# published dialogues of an MTi-300, MTi-630, MTi-7 and MTi-680G).
+
+OUTPUTS = (
+    Output(0x1020), Output(0x1060), Output(0x2010, 100), Output(0x4020, 400), Output(0x8020, 400),
+    Output(0xC020, 100), Output(0xE020), Output(0x5042, 100), Output(0x5022, 100), Output(0xD012, 100),
+)  # fmt: skip
+OUTPUTS_WIRE = (
+    "10 20 FF FF 10 60 FF FF 20 10 00 64 40 20 01 90 80 20 01 90 C0 20 00 64 E0 20 FF FF 50 42 00 64"
+    " 50 22 00 64 D0 12 00 64"
+)
+TRIGGERED = (0x1060, 0x4020, 0x8020, 0x2030, 0xE020, 0x4810)
+PROFILES = tuple(
+    AvailableProfile(number, 15, label)
+    for number, label in enumerate(
+        ("general", "high_mag_dep", "dynamic", "low_mag_dep", "vru_general"), 39
+    )
+)
+IDENTITY = AlignmentRotation(Alignment.ROT_SENSOR, (1, 0, 0, 0))
+XBUS_921600 = PortConfig(PortProtocol.XBUS, 0x80)
+NO_PORT = PortConfig(PortProtocol.NONE, 0)
+
+# command, value, frame, answer, what it says
+EXCHANGES: list[tuple[str, Any, str, str, Any]] = [
+    ("GoToConfig", None, "FA FF 30 00 D1", "FA FF 31 00 D0", None),
+    ("SetOutputConfiguration", OUTPUTS, f"FA FF C0 28 {OUTPUTS_WIRE} 73",
+     f"FA FF C1 28 {OUTPUTS_WIRE} 72", OUTPUTS),
+    ("SetBaudrate", 0x80, "FA FF 18 01 80 68", "FA FF 19 00 E8", None),
+    ("SetFilterProfile", 2, "FA FF 64 02 00 02 99", "FA FF 65 00 9C", None),
+    ("GoToMeasurement", None, "FA FF 10 00 F1", "FA FF 11 00 F0", None),
+    ("ReqDID", None, "FA FF 00 00 01", "FA FF 01 04 03 60 08 A6 EB", 0x036008A6),
+    ("InitBus", None, "FA FF 02 00 FF", "FA FF 03 04 03 70 03 F8 8C", (0x037003F8,)),
+    ("ReqFWRev", None, "FA FF 12 00 EF",
+     "FA FF 13 0B 01 08 02 00 00 00 25 00 01 15 34 69", (1, 8, 2, 37, 70964)),
+    ("ReqProductCode", None, "FA FF 1C 00 E5",
+     "FA FF 1D 14 4D 54 69 2D 33 30 2D 32 41 35 47 34 20 20 20 20 20 20 20 20 E6", "MTi-30-2A5G4"),
+    ("ReqAvailableFilterProfiles", None, "FA FF 62 00 9F",
+     "FA FF 63 6E 27 0F 67 65 6E 65 72 61 6C 20 20 20 20 20 20 20 20 20 20 20 20 20 28 0F 68 69"
+     " 67 68 5F 6D 61 67 5F 64 65 70 20 20 20 20 20 20 20 20 29 0F 64 79 6E 61 6D 69 63 20 20 20"
+     " 20 20 20 20 20 20 20 20 20 20 2A 0F 6C 6F 77 5F 6D 61 67 5F 64 65 70 20 20 20 20 20 20 20"
+     " 20 20 2B 0F 76 72 75 5F 67 65 6E 65 72 61 6C 20 20 20 20 20 20 20 20 20 F1", PROFILES),
+    ("SetStringOutputType", StringOutput(StringType(0)), "FA FF 8E 02 00 00 71", "FA FF 8F 00 72", None),
+    ("SetPortConfig", (XBUS_921600, XBUS_921600, NO_PORT),
+     "FA FF 8C 0C 00 01 00 80 00 01 00 80 00 00 00 00 67", "FA FF 8D 00 74", None),
+    ("SetOutputConfiguration", tuple(Output(it, 0xFFFF if it == 0x4810 else 400) for it in TRIGGERED),
+     "FA FF C0 18 10 60 01 90 40 20 01 90 80 20 01 90 20 30 01 90 E0 20 01 90 48 10 FF FF 3E",
+     "FA FF C1 18 10 60 FF FF 40 20 01 90 80 20 01 90 20 30 01 90 E0 20 FF FF 48 10 FF FF 63",
+     tuple(Output(it, 0xFFFF if it in (0x1060, 0xE020, 0x4810) else 400) for it in TRIGGERED)),
+    ("SetAlignmentRotation", IDENTITY,
+     "FA FF EC 11 00 3F 80 00 00 00 00 00 00 00 00 00 00 00 00 00 00 45", "FA FF ED 00 14", None),
+    ("IccCommand", IccCommand.STOP, "FA FF 74 01 01 8B", "FA FF 75 07 01 40 80 3A 85 02 00 03",
+     IccReply(IccCommand.STOP, IccResult(4.007143497467041, 2, IccStatus(0)))),
+    ("SetOptionFlags", OptionFlags(OptionFlag.DISABLE_AUTO_STORE, OptionFlag.DISABLE_AUTO_MEASUREMENT),
+     "FA FF 48 08 00 00 00 01 00 00 00 02 AE", "FA FF 49 00 B8", None),
+    ("SetLatLonAlt", LatLonAlt(52.24049169408207, 6.838216771186439, 0),
+     "FA FF 6E 18 40 4A 1E C8 6E 8C 85 64 40 1B 5A 55 7F 4C D1 61 00 00 00 00 00 00 00 00 21",
+     "FA FF 6F 00 92", None),
+    ("SetNoRotation", 6, "FA FF 22 02 00 06 D7", "FA FF 23 00 DE", None),
+    ("ResetOrientation", ResetCode.ALIGNMENT, "FA FF A4 02 00 04 57", "FA FF A5 00 5C", None),
+    ("ReqPeriod", None, "FA FF 04 00 FD", "FA FF 05 02 04 80 76", 1152),
+    ("RunSelftest", None, "FA FF 24 00 DD", "FA FF 25 02 01 FF DA", Selftest(0x1FF)),
+    ("ReqHardwareVersion", None, "FA FF 1E 00 E3", "FA FF 1F 02 02 00 DE", HardwareVersion(2, 0)),
+    ("Reset", None, "FA FF 40 00 C1", "FA FF 41 00 C0", None),
+    ("RestoreFactoryDef", None, "FA FF 0E 00 F3", "FA FF 0F 00 F2", None),
+    ("ReqOptionFlags", None, "FA FF 48 00 B9", "FA FF 49 04 00 00 00 10 A4", OptionFlag.ENABLE_AHS),
+    # What a device sends back with a setting is read like the answer to the request.
+    ("SetOptionFlags", OptionFlags(OptionFlag.ENABLE_AHS), "FA FF 48 08 00 00 00 10 00 00 00 00 A1",
+     "FA FF 49 04 00 00 00 10 A4", OptionFlag.ENABLE_AHS),
+    ("ReqFilterProfile", None, "FA FF 64 00 9D", "FA FF 65 02 0F 27 64", FilterProfile(15, 39)),
+    ("ReqFilterProfile", None, "FA FF 64 00 9D",
+     "FA FF 65 0A 52 6F 62 75 73 74 2F 56 52 55 E7", "Robust/VRU"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("command", "value", "sent", "came", "says"), EXCHANGES)
+def test_exchanges(command: str, value: Any, sent: str, came: str, says: Any) -> None:
+    """Byte for byte, however the answer is cut, and with samples in between."""
+    answer = bytes.fromhex(came)
+    for cut in range(len(answer)):
+        it = session(State.CONFIG if "config" in ROWS[command].states else State.MEASUREMENT)
+        assert it.request(command, value) == bytes.fromhex(sent)
+        assert it.pending == command
+        events = it.receive(SAMPLE + answer[:cut])
+        events += it.receive(answer[cut:] + SAMPLE)
+        (reply,) = (event for event in events if isinstance(event, Reply))
+        assert (reply.command, reply.value, reply.payload) == (command, says, answer[4:-1])
+        assert sum(isinstance(event, Sample) for event in events) == 2
+        assert it.pending is None
+
+
+# States
+
+
+@pytest.mark.parametrize("state", list(State))
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+def test_a_command_is_sent_in_its_states_only(row: xbus.tables.MessageRow, state: State) -> None:
+    it = session(state)
+    allowed = state in row.states or row.name in ("GoToConfig", "Reset")
+    allowed |= (state, row.name) == (State.UNKNOWN, "ReqDID")
+    if allowed:
+        frame = it.request(row.name, value_for(row.name))
+        assert frame[2] == row.mid
+        assert it.pending == (None if row.reply is None else row.name)
+    else:
+        with pytest.raises(StateError, match=f"{row.name} is valid in") as caught:
+            it.request(row.name, value_for(row.name))
+        assert (caught.value.command, caught.value.state) == (row.name, state)
+        assert it.pending is None
+
+
+# state, what comes, state then
+CHANGES = [
+    (State.UNKNOWN, SAMPLE, State.MEASUREMENT),
+    (State.WAKEUP, SAMPLE, State.MEASUREMENT),
+    (State.CONFIG, SAMPLE, State.CONFIG),
+    (State.MEASUREMENT, SAMPLE, State.MEASUREMENT),
+    *((it, encode_frame(0x3E), State.WAKEUP) for it in State),
+    *((it, encode_frame(0x31), State.CONFIG) for it in State),
+    *((it, encode_frame(0x11), State.MEASUREMENT) for it in State),
+    *((it, encode_frame(0x41), State.UNKNOWN) for it in State),
+    (State.UNKNOWN, encode_frame(0x43, b"\0\0\1\x91no fix"), State.UNKNOWN),
+]
+
+
+@pytest.mark.parametrize(("before", "comes", "after"), CHANGES)
+def test_what_comes_changes_the_state(before: State, comes: bytes, after: State) -> None:
+    it = session(before)
+    it.receive(comes)
+    assert it.state == after
+
+
+def test_wake_up_is_answered_once_and_leads_to_config() -> None:
+    it = session(State.UNKNOWN)
+    assert it.receive(encode_frame(0x3E)) == [Notice("WakeUp", None, b"", 0xFF, 0x3E)]
+    assert it.request("WakeUpAck") == bytes.fromhex("FA FF 3F 00 C2")
+    assert (it.state, it.pending) == (State.CONFIG, None)
+
+
+@pytest.mark.parametrize(
+    ("came", "state"),
+    [("FA FF 01 04 03 60 08 A6 EB", State.CONFIG), ("FA FF 42 01 04 BA", State.MEASUREMENT)],
+)
+def test_a_silent_device_tells_its_state_by_how_it_answers_req_did(came: str, state: State) -> None:
+    it = session(State.UNKNOWN)
+    it.request("ReqDID")
+    it.receive(bytes.fromhex(came))
+    assert it.state == state
+
+
+@pytest.mark.parametrize("row", ANSWERED, ids=lambda it: it.name)
+def test_an_abandoned_command_leaves_a_state_that_is_true(row: xbus.tables.MessageRow) -> None:
+    state = State(row.states[0])
+    it = session(state)
+    it.request(row.name, value_for(row.name))
+    it.abandon()
+    changes = row.name in ("GoToConfig", "GoToMeasurement", "Reset")
+    assert (it.pending, it.state) == (None, State.UNKNOWN if changes else state)
+    it.request("GoToConfig")
+    it.receive(encode_frame(0x31))
+    assert it.state == State.CONFIG
+
+
+def test_one_command_at_a_time() -> None:
+    it = session()
+    it.request("ReqDID")
+    with pytest.raises(StateError, match="ReqDID is not answered yet"):
+        it.request("ReqFWRev")
+
+
+# Products
+
+
+@pytest.mark.parametrize("product", PRODUCTS.values(), ids=lambda it: it.name)
+def test_a_product_is_sent_what_it_knows(product: xbus.tables.Product) -> None:
+    for row in REQUESTS:
+        it = session(State(row.states[0]), product.name)
+        if product.number in row.products:
+            # It has the command, if not always this value.
+            with contextlib.suppress(ValueError):
+                it.request(row.name, value_for(row.name))
+        else:
+            with pytest.raises(
+                StateError, match=f"the {product.name} does not know {row.name}"
+            ) as caught:
+                it.request(row.name, value_for(row.name))
+            assert caught.value.command == row.name
+            assert it.pending is None
+
+
+def test_what_is_no_command() -> None:
+    for name in ("DeviceID", "MTData2", "SetNothing"):
+        with pytest.raises(ValueError, match="is no command"):
+            session().request(name)
+
+
+# product, command, value, what the message says
+REFUSED: list[tuple[str, str, Any, str]] = [
+    ("MTi-1", "SetOutputConfiguration", [Output(0x2010, 100)], "the MTi-1 has no output quaternion"),
+    ("MTi-3", "SetOutputConfiguration", [Output(0x4020, 400)],
+     "cannot do acceleration at 400 Hz; the nearest is 100"),
+    ("MTi-630", "SetOutputConfiguration", [Output(0x4020, 150)],
+     "the nearest is 100 Hz and 200 Hz|100 and 200 Hz"),
+    ("MTi-630", "SetOutputConfiguration", [Output(0x9990, 100)], "no output 0x9990"),
+    ("MTi-630", "SetOutputConfiguration", [Output(0x4020, 1)] * 33, "33 entries, and the message holds 32"),
+    ("MTi-630", "SetOptionFlags", OptionFlags(OptionFlag.ENABLE_BEIDOU), "no option flag ENABLE_BEIDOU"),
+    ("MTi-3", "SetSyncSettings", [xbus.protocol.SyncSetting(3, 2)], "no sync function"),
+    ("MTi-630", "SetSyncSettings", [xbus.protocol.SyncSetting(8, 7)], "SEND_LATEST on IN1, IN2, SOFTWARE"),
+    ("MTi-300", "SetFilterProfile", 50, "no filter profile 50; it has 39 general"),
+    ("MTi-620", "SetFilterProfileModern", "Robust/NorthReference", "no filter profile 'NorthReference'"),
+    ("MTi-300", "SetBaudrate", 0x0D, "cannot talk at 4000000 baud"),
+    ("MTi-300", "SetStringOutputType", StringOutput(StringType.GPGGA), "no string GPGGA"),
+    ("MTi-300", "SetStringOutputType", StringOutput(StringType.HEHDT, 10), "takes the rate by SetPeriod"),
+    ("MTi-630", "SetStringOutputType", StringOutput(StringType.HEHDT), "takes the rate with the types"),
+    ("MTi-300", "SetTransmitDelay", 100, "from 590 to 65535"),
+    ("MTi-680G", "SetInitialHeading", 181.0, "from -180 to 180 degrees"),
+    ("MTi-300", "SetLatLonAlt", LatLonAlt(91, 0, 0), "lat must be from -90 to 90"),
+    ("MTi-300", "SetAlignmentRotation", AlignmentRotation(0, (1, 1, 0, 0)), "length 1.414"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("product", "command", "value", "says"), REFUSED)
+def test_what_a_product_cannot_do_is_not_sent(
+    product: str, command: str, value: Any, says: str
+) -> None:
+    it = session(State.CONFIG, product)
+    with pytest.raises(ValueError, match=says):
+        it.request(command, value)
+    assert it.pending is None
+
+
+# What goes wrong, in the middle of every command
+
+
+@pytest.mark.parametrize("row", ANSWERED, ids=lambda it: it.name)
+def test_an_error_is_the_answer(row: xbus.tables.MessageRow) -> None:
+    it = session(State(row.states[0]))
+    it.request(row.name, value_for(row.name))
+    (refusal,) = it.receive(SAMPLE + encode_frame(0x42, b"\x21"))[1:]
+    assert isinstance(refusal, Refusal)
+    assert isinstance(refusal.error, DeviceError)
+    assert (refusal.error.code, refusal.error.command) == (0x21, row.name)
+    assert "parameter is invalid" in str(refusal.error)
+    assert (it.pending, it.state) == (None, State(row.states[0]))
+
+
+@pytest.mark.parametrize("row", KNOWN, ids=lambda it: it.name)
+def test_an_answer_of_the_wrong_length(row: xbus.tables.MessageRow) -> None:
+    rows = [it for it in MESSAGES if it.mid == row.reply]
+    assert row.reply is not None
+    wrong = next(n for n in range(300) if not any(n in (it.lengths or ()) for it in rows))
+    it = session(State(row.states[0]))
+    it.request(row.name, value_for(row.name))
+    events = it.receive(encode_frame(row.reply, bytes(wrong))) + it.quiet()
+    (refusal,) = events
+    assert isinstance(refusal, Refusal)
+    assert isinstance(refusal.error, DecodeError)
+    assert refusal.error.command == row.name
+    assert row.name in str(refusal.error)
+    assert it.pending is None
+
+
+@pytest.mark.parametrize("row", KNOWN, ids=lambda it: it.name)
+def test_garbage_does_not_hide_the_answer(row: xbus.tables.MessageRow) -> None:
+    assert row.reply is not None
+    length = min(next(it.lengths or () for it in MESSAGES if it.mid == row.reply))
+    answer = encode_frame(row.reply, b"M" * length)
+    it = session(State(row.states[0]))
+    it.request(row.name, value_for(row.name))
+    events = it.receive(b"\xfa\xff\x36\x20\x99\xfa" + answer + SAMPLE) + it.quiet()
+    assert [type(event) for event in events][-1] is Sample
+    assert any(isinstance(event, (Reply, Refusal)) for event in events)
+    assert it.pending is None
+
+
+def test_errors_about_the_stream_answer_no_command() -> None:
+    it = session(State.MEASUREMENT)
+    it.request("SetNoRotation", 3)
+    (notice,) = it.receive(bytes.fromhex("FA FF 42 01 29 95"))
+    assert isinstance(notice, Notice)
+    assert (notice.name, notice.value.code, it.pending) == ("Error", 41, "SetNoRotation")
+
+
+def test_code_40_keeps_its_four_bytes() -> None:
+    it = session()
+    it.request("ReqDID")
+    (refusal,) = it.receive(encode_frame(0x42, bytes.fromhex("28 00000008")))
+    assert isinstance(refusal, Refusal)
+    assert "00 00 00 08" in str(refusal.error)
+
+
+# Bus identifiers
+
+# addressed, comes from, heard
+BUS = [
+    (0xFF, 0xFF, True),
+    (0xFF, 0x01, True),
+    (0xFF, 0x05, True),
+    (0x01, 0x01, True),
+    (0x01, 0xFF, True),
+    (0x01, 0x02, False),
+    (0x05, 0x05, True),
+    (0x05, 0x04, False),
+]
+
+
+@pytest.mark.parametrize(("bid", "sender", "heard"), BUS)
+def test_bus_identifiers(bid: int, sender: int, heard: bool) -> None:
+    it = session(bid=bid)
+    assert it.request("ReqDID")[1] == bid
+    events = it.receive(encode_frame(0x01, bytes.fromhex("036008A6"), bid=sender))
+    assert bool(events) == heard
+
+
+@pytest.mark.parametrize("bid", [0, 32, 254, -1])
+def test_bus_identifiers_that_no_device_has(bid: int) -> None:
+    with pytest.raises(ValueError, match="1 to 31"):
+        Session(bid=bid)
+
+
+# All that is published
+
+
+def test_published_host_frames_are_what_the_session_sends() -> None:
+    """Every request that somebody has published, composed from what it says."""
+    lines = shared("spec/frames.txt").read_text(encoding="utf-8").splitlines()
+    count = 0
+    for line in lines:
+        raw = bytes.fromhex(line.split("#")[0])
+        rows = [it for it in REQUESTS if raw[2:3] == bytes([it.mid])]
+        if not rows or "Config.FilterProfile" in line:  # the latter is filled up by MT Manager
+            continue
+        payload = raw[4:-1]
+        name = next(it.name for it in rows if it.lengths and len(payload) in it.lengths)
+        if name == "SetFilterProfileModern" and len(payload) == 2:
+            name = "SetFilterProfile"
+        value = xbus.protocol.decode(name, payload)
+        it = session(State(ROWS[name].states[0]))
+        assert it.request(name, value) == raw, line
+        count += 1
+    assert count > 30
