@@ -169,6 +169,26 @@ def test_bus_identifiers() -> None:
         ),
         (MessageId.GoToMeasurementAck, "", ""),
         (0x50, "01 02", ""),
+        (MessageId.ReqPeriodAck, "04 80", "1152"),
+        (MessageId.SetPeriodAck, "", ""),
+        (MessageId.InitBusResults, "03 70 03 F8", "037003F8"),
+        (MessageId.UTCTime, "", ""),
+        (
+            MessageId.ReqOutputConfigurationAck,
+            "20 14 00 64 E0 20 FF FF",
+            "data_id=Quaternion|NED,frequency=100 data_id=StatusWord,frequency=65535",
+        ),
+        (MessageId.ReqOutputConfigurationAck, "00 00 00 00", "none"),
+        (MessageId.ReqLatLonAltAck, "40 4A 00" + 21 * " 00", "lat=52 lon=0 alt=0"),
+        (MessageId.ReqFilterProfileAckModern, b"General\x1b[2J".hex(), "General\\x1b[2J"),
+        (
+            MessageId.IccCommandAck,
+            "01 41 1D 00 00 03 03",
+            "command=stop ddt=9.8125 dimension=3 status=disturbed|not_enough_data",
+        ),
+        (MessageId.ReqOptionFlagsAck, "00 00 80 10", "enable_ahs|0x8000"),
+        (MessageId.SelftestResults, "01", "malformed: it has 1 bytes, not 2"),
+        (MessageId.EmtsData, 300 * "55", "300 bytes"),
     ],
 )
 def test_messages_in_words(mid: int, payload: str, words: str) -> None:

@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import is_dataclass
+from enum import IntEnum, IntFlag
 from functools import cache
+from inspect import signature
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from xbus.configuration import Configuration, Identity
+from xbus.ids import Coordinates, Precision
 from xbus.log import Message
+from xbus.protocol.messages import LAYOUTS
+from xbus.protocol.values import Output
 from xbus.tables import QUANTITIES, RESULT_CODES, STATUS_FLAGS, Field
 
 __all__ = [
@@ -23,6 +31,7 @@ __all__ = [
     "recorded",
     "said",
     "seconds",
+    "value_text",
 ]
 
 Number = float | int
@@ -68,7 +77,7 @@ def notice(message: Message) -> Notice:
 
 
 def said(message: Message) -> str:
-    """What a message that is no sample says, in words; empty where that would take a manual."""
+    """What a message that is no sample says, in words; empty where nothing is known of it."""
     if message.name in ("Error", "Warning"):
         return str(notice(message))
     told = Identity().updated([message])
@@ -84,7 +93,79 @@ def said(message: Message) -> str:
         parts.insert(0, device_name(told.device_id))
     if told.product_code is not None:
         parts.insert(0, printable(told.product_code.encode()))
-    return ", ".join(parts)
+    return ", ".join(parts) or _payload(message)
+
+
+def _payload(message: Message) -> str:
+    name, payload = message.name, message.payload
+    # Nothing is what an acknowledgement may carry, also where a value has the same row.
+    if name not in LAYOUTS or not payload:
+        return ""
+    if name == "ReqFilterProfileAck" and len(payload) != PROFILE_NUMBER:
+        name = "ReqFilterProfileAckModern"
+    try:
+        value = LAYOUTS[name].decode(payload)
+    except ValueError as error:
+        return f"malformed: {error}"
+    return " ".join(map(device_name, value)) if name == "InitBusResults" else value_text(value)
+
+
+#: Bytes of a filter profile that has a number; under the same MID later products send names.
+PROFILE_NUMBER = 2
+
+
+def value_text(value: Any) -> str:
+    """The value of a message in the words that its layout reads: ``name=value``; a list by its entries."""
+    if isinstance(value, bytes):
+        return f"{len(value)} bytes"
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        return " ".join(",".join(_pairs(it)) for it in value) or "none"
+    return " ".join(_pairs(value))
+
+
+def _pairs(value: Any) -> list[str]:
+    """The words of a record, without what is zero and need not be said; of anything else its only word."""
+    if not is_dataclass(value) and not hasattr(value, "_fields"):
+        return [_word(value)]
+    pairs = []
+    for name, parameter in signature(type(value)).parameters.items():
+        it = getattr(value, name)
+        if it is None or (not it and it == parameter.default):
+            continue
+        if hasattr(it, "_fields"):
+            pairs += _pairs(it)
+        elif isinstance(value, Output) and name == "data_id":
+            pairs.append(f"{name}={_data_id(value)}")
+        else:
+            pairs.append(f"{name}={_word(it)}")
+    return pairs
+
+
+def _data_id(output: Output) -> str:
+    """The manual's name and the format; in hex where they do not say it all."""
+    row = QUANTITIES.get(output.quantity or "")
+    both = (output.precision, output.coordinates)
+    formats = [it for it in both if it and isinstance(it, Precision | Coordinates)]
+    if row is None or row.id + sum(formats) != output.data_id:
+        return f"0x{output.data_id:04X}"
+    return "|".join([row.manual, *(it.name for it in formats)])
+
+
+def _word(value: Any) -> str:
+    if isinstance(value, IntFlag):
+        names = [str(it.name).lower() for it in value]
+        rest = int(value) & ~sum(value)
+        return "|".join([*names, hex(rest)] if rest else names) or "0"
+    if isinstance(value, IntEnum):
+        return value.name.lower()
+    if isinstance(value, float):
+        # No more digits than it takes; for a single these are fewer.
+        with np.errstate(over="ignore"):
+            single = np.float32(value)
+        return str(single if float(single) == value else np.float64(value)).removesuffix(".0")
+    if isinstance(value, tuple):
+        return ",".join(map(_word, value))
+    return printable(value.encode()) if isinstance(value, str) else str(value).lower()
 
 
 def device_name(number: int) -> str:

@@ -11,7 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from enum import IntEnum, IntFlag
-from functools import partial
+from functools import partial, reduce
+from operator import or_
 from typing import Any
 
 from xbus.protocol.values import known
@@ -148,20 +149,20 @@ class Field:
             return word
         if self.kind is float:
             return float(word)
-        members = {name.upper(): it for name, it in getattr(self.kind, "__members__", {}).items()}
-        try:
-            return self.from_wire(int(word, 0))
-        except ValueError:
-            if not members:
-                raise ValueError(f"{word!r} is no number") from None
-        names = [it.strip().upper() for it in word.split("|")]
-        if unknown := [it for it in names if it not in members]:
-            raise ValueError(f"{unknown[0]!r} is none of {', '.join(members)}")
-        if issubclass(self.kind, IntFlag):
-            return self.kind(sum({int(members[it]) for it in names}))
-        if len(names) > 1:
+        parts = [self._number(it) for it in word.split("|")]
+        if len(parts) > 1 and not issubclass(self.kind, IntFlag):
             raise ValueError(f"{word!r}: only one of them can be")
-        return members[names[0]]
+        return self.from_wire(reduce(or_, parts))
+
+    def _number(self, word: str) -> int:
+        members = {name.upper(): it for name, it in getattr(self.kind, "__members__", {}).items()}
+        if (member := members.get(word.strip().upper())) is not None:
+            return int(member)
+        try:
+            return int(word, 0)
+        except ValueError:
+            wanted = f"none of {', '.join(members)}" if members else "no number"
+            raise ValueError(f"{word!r} is {wanted}") from None
 
     @property
     def size(self) -> int:

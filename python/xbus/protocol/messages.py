@@ -13,7 +13,7 @@ from typing import Any
 
 from xbus import _core
 from xbus.configuration import Configuration, Firmware
-from xbus.ids import DataId
+from xbus.ids import Coordinates, DataId, Precision
 from xbus.protocol import values as v
 from xbus.protocol.layout import (
     NOTHING,
@@ -104,9 +104,19 @@ CAN_CONFIG = replace(
 
 # Lists
 
+
+def _data_id(word: str) -> int:
+    """``0x2014``, or the manual's name with its format: ``Quaternion|NED``."""
+    name, *formats = word.split("|")
+    known = {it.upper(): format_ for it, format_ in _FORMATS.items()}
+    if unknown := [it for it in formats if it.upper() not in known]:
+        raise ValueError(f"{unknown[0]!r} is none of {', '.join(_FORMATS)}")
+    return int(Field("H", DataId).read(name)) + sum(known[it.upper()] for it in formats)
+
+
+_FORMATS = {**Precision.__members__, **Coordinates.__members__}
 _output = record(v.Output, data_id=Field("H"), frequency=Field("H"))
-# Words may name a quantity: the manual's name, in the default format.
-_output = replace(_output, fields={**_output.fields, "data_id": Field("H", DataId).read})
+_output = replace(_output, fields={**_output.fields, "data_id": _data_id})
 OUTPUTS = repeated(_output, 4, 32)
 _port = replace(
     mapped(number("word", "I"), v.PortConfig.from_word, int),
