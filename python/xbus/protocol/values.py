@@ -198,7 +198,7 @@ class DeviceErrorInfo(NamedTuple):
 
 
 class ErrorCode(IntEnum):
-    """The codes of Table 5, and one that devices were seen to send; `xbus.tables.RESULT_CODES` tells of all."""
+    """The codes of Table 5, and one that devices were seen to send: `RESULT_CODES` tells of all."""
 
     PERIOD = 3
     MESSAGE = 4
