@@ -109,7 +109,7 @@ def test_messages() -> None:
 
 
 def test_messages_that_the_text_does_not_settle() -> None:
-    """The vendor's software opens every MTi with InitBus, and stores a filter's state on all but the 1-series."""
+    """The vendor's software opens every MTi with InitBus; all but the 1-series can store a filter state."""
     assert all({"InitBus", "InitBusResults"} <= support(it).messages for it in ALL)
     without = {it for it in ALL if "StoreFilterState" not in support(it).messages}
     assert without == set(SERIES_1)
