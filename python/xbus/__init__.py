@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     )
     from xbus.ids import Coordinates, DataId, MessageId, Precision
     from xbus.log import Log, Message, Stats, iter_log, read_log
+    from xbus.sim.device import SimulatedDevice
+    from xbus.sim.faults import Faults
 
 __all__ = [
     "Column",
@@ -36,6 +38,7 @@ __all__ = [
     "Device",
     "DeviceError",
     "Disconnected",
+    "Faults",
     "Firmware",
     "Log",
     "Message",
@@ -44,6 +47,7 @@ __all__ = [
     "Sample",
     "Scanner",
     "Session",
+    "SimulatedDevice",
     "StateError",
     "Stats",
     "XbusError",
@@ -76,6 +80,8 @@ _MODULES = {
     "ids": ("Coordinates", "DataId", "MessageId", "Precision"),
     "log": ("Log", "Message", "Stats", "iter_log", "read_log"),
     "protocol": (),
+    "sim.device": ("SimulatedDevice",),
+    "sim.faults": ("Faults",),
     "source": (),
     "tables": (),
 }

@@ -75,7 +75,7 @@ class Device(Commands):
         hardware: Version of the hardware, or None.
         outputs: Output configuration in effect as last acknowledged, or None.
         notices: Messages that nobody asked for, the latest 100: errors and warnings among them.
-        lost_samples: Samples that were thrown away because nobody read them.
+        lost_samples: Samples that nobody read before 60,000 others came, or before a new measurement began.
 
     >>> import xbus
     >>> with xbus.connect("sim:MTi-630") as device:
@@ -333,6 +333,12 @@ class Device(Commands):
             self.hardware = self.req_hardware_version()
         if self.product_code is not None and (product := product_of_code(self.product_code)):
             self.session.identify(support(product, self.hardware))
+
+    def go_to_measurement(self) -> None:
+        """GoToMeasurement (0x10): enters Measurement State; what was measured before and not read is gone."""
+        self.lost_samples += len(self._samples)
+        self._samples.clear()
+        super().go_to_measurement()
 
     def reset(self, *, config: bool = False) -> None:
         """Reset (0x40): starts the device anew. It wakes up, and goes to Measurement State by itself.

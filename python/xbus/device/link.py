@@ -42,6 +42,10 @@ class Link(Protocol):
         """Closes it, if it was opened here."""
 
 
+#: Bytes to read at a time from what is no serial line.
+PIECE = 1 << 12
+
+
 class SerialLink:
     """A port of pyserial.
 
@@ -71,9 +75,19 @@ class SerialLink:
 
     def read(self, timeout: float) -> bytes:
         """What has come."""
-        self._port.timeout = timeout
+        self._set_timeout(timeout)
         first = self._port.read(1)
-        return bytes(first + self._port.read(self._port.in_waiting)) if first else b""
+        if not first:
+            return b""
+        if self.is_line:
+            return bytes(first + self._port.read(self._port.in_waiting))
+        # A socket of pyserial knows only whether bytes wait, and not how many.
+        self._set_timeout(0)
+        return bytes(first + self._port.read(PIECE))
+
+    def _set_timeout(self, timeout: float) -> None:
+        if self._port.timeout != timeout:  # pyserial sets the whole port up again
+            self._port.timeout = timeout
 
     def write(self, data: bytes) -> None:
         """Sends."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
+from typing import Any
 
 from xbus.codec import PacketKey, data_id_of
 from xbus.protocol.products import Support
@@ -14,7 +15,7 @@ __all__ = ["Outputs", "bytes_per_second", "check_fits", "outputs_of"]
 
 #: An output configuration: rates in Hz by what is wanted, or lines as the message has them. A rate of
 #: None asks for the highest.
-Outputs = Mapping[PacketKey, int | None] | Iterable[Output]
+Outputs = Mapping[Any, int | None] | Iterable[Output]
 
 #: Preamble, BID, MID, length and checksum.
 _FRAME = 5

@@ -249,7 +249,8 @@ class Session:
             try:
                 if row.lengths is not None and len(payload) not in row.lengths:
                     raise ValueError(f"{row.name} has {row.payload}, not {len(payload)} bytes")  # noqa: TRY301
-                return Reply(command, decode(row.name, payload), payload)
+                value = decode(row.name, payload) if payload else None
+                return Reply(command, value, payload)
             except ValueError as error:
                 problem = problem or str(error)
         text = f"the reply to {command} cannot be read: {problem}; the command may have been obeyed"

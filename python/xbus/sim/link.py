@@ -12,6 +12,8 @@ class SimLink:
 
     #: Seconds of device time between two looks at what it has sent.
     STEP = 0.005
+    #: Seconds that pass at least, so that a wait comes to its end whatever rounding leaves of it.
+    LEAST = 1e-6
     is_line = True
 
     def __init__(self, device: str | SimulatedDevice) -> None:
@@ -23,13 +25,13 @@ class SimLink:
 
     def read(self, timeout: float) -> bytes:
         """What has come."""
-        until = self.device.time + timeout
+        until = self.device.time + max(timeout, self.LEAST)
         while True:
             self._check()
             if data := self.device.read(self.baudrate):
                 return data
             left = until - self.device.time
-            if left <= 1e-9:
+            if left < self.LEAST / 2:
                 return b""
             self.device.advance(min(self.STEP, left))
 

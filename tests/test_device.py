@@ -1,0 +1,489 @@
+"""Devices: opened, configured, read and lost, with virtual ones whose time moves while one waits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xbus
+from xbus import (
+    DecodeError,
+    Device,
+    DeviceError,
+    Disconnected,
+    SimulatedDevice,
+    StateError,
+    XbusTimeout,
+    connect,
+    encode_frame,
+)
+from xbus.device.output import bytes_per_second, check_fits, outputs_of
+from xbus.protocol import OptionFlag, Output, State, StringType
+from xbus.protocol.products import support
+from xbus.sim.link import SimLink
+from xbus.tables import MESSAGES, PRODUCTS
+
+PRODUCT_NAMES = [it.name for it in PRODUCTS.values()]
+
+
+class Meddler(SimLink):
+    """A link that writes down what goes out, and does something to what comes in."""
+
+    def __init__(self, device: SimulatedDevice) -> None:
+        super().__init__(device)
+        self.written: list[bytes] = []
+        self.meddle: Callable[[bytes], bytes] = lambda data: data
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+        super().write(data)
+
+    def read(self, timeout: float) -> bytes:
+        return self.meddle(super().read(timeout))
+
+
+def opened(
+    product: str = "MTi-630", state: State = State.CONFIG, **settings: Any
+) -> tuple[Device, Meddler]:
+    link = Meddler(SimulatedDevice(product, **settings))
+    device = Device(link)
+    device.go_to_config()
+    if state == State.MEASUREMENT:
+        device.go_to_measurement()
+    link.written.clear()
+    return device, link
+
+
+# Opening
+
+
+def test_it_listens_first_and_asks_only_if_nothing_is_heard() -> None:
+    link = Meddler(SimulatedDevice("MTi-630"))
+    device = Device(link)
+    device.find([115_200])
+    assert (device.state, link.written) == (State.MEASUREMENT, [])
+
+
+@pytest.mark.parametrize("state", [State.CONFIG, State.MEASUREMENT])
+@pytest.mark.parametrize("product", PRODUCT_NAMES)
+def test_a_device_is_left_in_the_state_it_was_found_in(product: str, state: State) -> None:
+    sim = SimulatedDevice(product)
+    first = connect(sim)
+    if state == State.CONFIG:
+        first.go_to_config()
+    first.close()
+    with connect(sim) as device:
+        assert (device.state, sim.state, device.product) == (state, state, None)
+        with device.configure() as cfg:
+            assert cfg.state == sim.state == State.CONFIG
+            assert cfg.product is not None
+            assert cfg.product.name == product
+            assert cfg.device_id == support(product).identity.device_id
+            assert cfg.firmware == support(product).identity.firmware
+        assert (device.state, sim.state) == (state, state)
+
+
+def test_a_device_that_measures_and_sends_nothing_is_found_measuring() -> None:
+    sim = SimulatedDevice("MTi-630")
+    with connect(sim) as device, device.configure() as cfg:
+        cfg.set_sync_settings([xbus.protocol.SyncSetting(8, 6)])
+    with connect(sim) as device:
+        assert device.state == sim.state == State.MEASUREMENT
+        device.req_data()
+        assert "quaternion" in device.read_sample()
+
+
+def test_what_goes_wrong_inside_configure_comes_out_and_the_state_is_restored() -> None:
+    sim = SimulatedDevice("MTi-630")
+    device = connect(sim)
+    with pytest.raises(ZeroDivisionError), device.configure():
+        1 / 0  # noqa: B018
+    assert sim.state == State.MEASUREMENT
+
+
+@pytest.mark.parametrize("rate", [115_200, 921_600, 9_600])
+def test_the_baud_rate_is_found_by_trying(rate: int) -> None:
+    device = connect(SimulatedDevice("MTi-300", baudrate=rate))
+    assert (device.link.baudrate, device.state) == (rate, State.MEASUREMENT)
+
+
+def test_the_wrong_baud_rate_is_said() -> None:
+    with pytest.raises(
+        XbusTimeout, match="nothing was heard on sim:MTi-300 at 9600 baud"
+    ) as caught:
+        connect(SimulatedDevice("MTi-300", baudrate=115_200), 9_600)
+    assert caught.value.command is None
+    assert caught.value.waited > 0
+
+
+@pytest.mark.parametrize(
+    ("port", "kind", "says"),
+    [
+        ("sim:MTi-4", ValueError, "no product is called 'MTi-4'"),
+        ("/dev/no-such-port", OSError, "no-such-port"),
+        ("nonsense://x", ValueError, "nonsense"),
+    ],
+)
+def test_ports_that_do_not_exist(port: str, kind: type[Exception], says: str) -> None:
+    with pytest.raises(kind, match=says):
+        connect(port)
+
+
+@pytest.mark.parametrize("bid", [0xFF, 1])
+def test_both_bus_identifiers_reach_it(bid: int) -> None:
+    with connect("sim:MTi-30", bid=bid) as device, device.configure() as cfg:
+        assert cfg.product is not None
+
+
+# Output
+
+
+# outputs, acknowledged: rates as they come back, whatever was asked for stamps and status
+ACKNOWLEDGED = [
+    ("MTi-3", {"acceleration": 50, "packet_counter": 100}, [(0x4020, 50), (0x1020, 0xFFFF)]),
+    ("MTi-630", {"acceleration": None, "status_word": None}, [(0x4020, 400), (0xE020, 0xFFFF)]),
+    ("MTi-630", {("quaternion", "NED", "Fp1632"): 100}, [(0x2016, 100)]),
+    ("MTi-G-710", {"gnss_pvt_data": None, "lat_lon": 0}, [(0x7010, 4), (0x5040, 400)]),
+    ("MTi-630", [Output(0x1060, 400), Output(0x4020, 0)], [(0x1060, 0xFFFF), (0x4020, 400)]),
+    ("MTi-630", {}, []),
+]
+
+
+@pytest.mark.parametrize(("product", "outputs", "acknowledged"), ACKNOWLEDGED)
+def test_the_acknowledged_rates_are_kept(product: str, outputs: Any, acknowledged: Any) -> None:
+    with connect(f"sim:{product}") as device, device.configure() as cfg:
+        lines = cfg.set_output_configuration(outputs)
+        assert lines == cfg.outputs == cfg.req_output_configuration() == tuple(acknowledged)
+
+
+def test_strings_are_switched_off_first() -> None:
+    device, link = opened("MTi-300")
+    device.set_string_output_type(StringType.PSONCMS)
+    with device.configure() as cfg:
+        cfg.set_output_configuration({"acceleration": 100})
+    sent = [frame[2] for frame in link.written]
+    assert sent[-2:] == [0x8E, 0xC0]
+    assert device.req_string_output_type().types == 0
+
+
+@pytest.mark.parametrize(
+    ("outputs", "says"),
+    [
+        ({"nothing": 100}, "no quantity is called 'nothing'"),
+        ({"acceleration": 99.5}, "whole number of Hz"),
+        ({("packet_counter", "Fp1632"): None}, "one format only"),
+        ([Output(0x4020, 100), Output(0x4020, 50)], "acceleration is asked for twice"),
+        ({"acceleration": 300}, "cannot do acceleration at 300 Hz; the nearest is 200 and 400 Hz"),
+        ({"lat_lon": 100}, "the MTi-630 has no output lat_lon"),
+    ],
+)
+def test_outputs_that_cannot_be(outputs: Any, says: str) -> None:
+    device, link = opened("MTi-630")
+    with device.configure() as cfg:
+        link.written.clear()
+        with pytest.raises(ValueError, match=says):
+            cfg.set_output_configuration(outputs)
+        assert link.written == []
+
+
+HIGH_RATE = {"acceleration_hr": 2000, "rate_of_turn_hr": 1600}
+
+
+def test_what_the_baud_rate_cannot_carry_is_refused_with_one_that_can() -> None:
+    device, link = opened("MTi-630")
+    with device.configure() as cfg:
+        link.written.clear()
+        with pytest.raises(ValueError, match="115,200 baud carry 11,520; 921,600 baud would do"):
+            cfg.set_output_configuration(HIGH_RATE)
+        assert link.written == []
+        cfg.set_output_configuration(HIGH_RATE, check_baudrate=False)
+
+
+# outputs, what one second of a virtual device makes of them, within
+SIZES = [
+    (
+        "MTi-630",
+        {"packet_counter": None, "sample_time_fine": None, "quaternion": 100, "status_word": None},
+        0.01,
+    ),
+    (
+        "MTi-630",
+        {"sample_time_fine": None, "acceleration": 400, "quaternion": 100, "baro_pressure": 20},
+        0.01,
+    ),
+    (
+        "MTi-3",
+        {"acceleration": 100, "magnetic_field": 25, "euler_angles": 20, "status_word": None},
+        0.01,
+    ),
+    ("MTi-630", {"packet_counter": None, **HIGH_RATE}, 0.01),
+    ("MTi-G-710", {"lat_lon": 100, "gnss_pvt_data": 4, "packet_counter": None}, 0.02),
+]
+
+
+@pytest.mark.parametrize(("product", "outputs", "within"), SIZES)
+def test_bytes_per_second_are_those_that_come(product: str, outputs: Any, within: float) -> None:
+    sim = SimulatedDevice(product)
+    with connect(sim) as device, device.configure() as cfg:
+        cfg.set_output_configuration(outputs, check_baudrate=False)
+    sim.advance(6)  # the fix comes after five seconds
+    sim.read()
+    sim.advance(10)
+    found = len(sim.read()) / 10
+    assert bytes_per_second(outputs_of(outputs), support(product)) == pytest.approx(
+        found, rel=within
+    )
+
+
+def test_check_fits_says_when_no_rate_would_do() -> None:
+    outputs = [
+        Output(0x4043, 1000),
+        Output(0x8043, 1000),
+        Output(0xA010, 2000),
+        Output(0x2023, 400),
+    ]
+    with pytest.raises(ValueError, match="no baud rate of this product would do; at 921,600 baud"):
+        check_fits(outputs, support("MTi-300"), 921_600)
+
+
+# Samples
+
+
+def test_samples_are_what_a_log_of_them_says() -> None:
+    sim = SimulatedDevice("MTi-680G")
+    outputs = {
+        "packet_counter": None, "sample_time_fine": None, "utc_time": None, ("quaternion", "NED"): 100,
+        "rotation_matrix": 100, ("acceleration", "Fp1632"): 100, "baro_pressure": 100, "status_word": None,
+        "gnss_pvt_data": 4, "gnss_sat_info": 4,
+    }  # fmt: skip
+    with connect(sim) as device:
+        with device.configure() as cfg:
+            cfg.set_output_configuration(outputs, check_baudrate=False)
+        samples = [device.read_sample() for _ in range(300)]
+    log = xbus.read_log(b"".join(encode_frame(0x36, it.payload) for it in samples))
+    assert set(log) == set().union(*samples)
+    for key in log:
+        column = log[key]
+        for row, at in enumerate(column.sample):
+            found = samples[at][key]
+            if isinstance(found, dict):
+                satellites = found.pop("satellites", None)
+                assert tuple(found.values()) == column.values[row].item()
+                if satellites is not None:
+                    first, last = column.offsets[row : row + 2]
+                    rows = [tuple(it.values()) for it in satellites]
+                    assert rows == column.satellites[first:last].tolist()
+            else:
+                assert np.array_equal(found, column.values[row])
+                if isinstance(found, np.ndarray):
+                    assert found.dtype == column.values.dtype
+
+
+def test_samples_that_come_during_a_command_are_given_afterwards() -> None:
+    device, _ = opened("MTi-630", State.MEASUREMENT)
+    first = [device.read_sample()["packet_counter"] for _ in range(3)]
+    device.set_no_rotation(2)
+    device.icc_command(3)
+    after = [device.read_sample()["packet_counter"] for _ in range(50)]
+    assert np.unique(np.diff(first + after)).tolist() == [1]
+
+
+def test_config_state_has_no_samples() -> None:
+    device, _ = opened()
+    while device._samples:
+        device._samples.popleft()
+    with pytest.raises(StateError, match="the device is in Config State"):
+        next(iter(device))
+
+
+def test_a_silent_device_is_noticed() -> None:
+    device, _ = opened()
+    device.set_output_configuration({})
+    device.go_to_measurement()
+    with pytest.raises(XbusTimeout, match="no sample from sim:MTi-630 within 2 s") as caught:
+        device.read_sample(2)
+    assert (caught.value.command, caught.value.waited) == (None, 2)
+
+
+# What goes wrong in the middle of every command
+
+REQUESTS = [
+    it for it in MESSAGES
+    if it.direction == "to device" and it.reply is not None and 680 in it.products and "config" in it.states
+]  # fmt: skip
+#: Requests whose answer has a known length, so that a wrong one can be told.
+MEASURED = [it for it in REQUESTS if all(row.lengths for row in MESSAGES if row.mid == it.reply)]
+
+
+def value_for(name: str, device: Device) -> Any:
+    """Something to say; for a setting what the device has already."""
+    values = {
+        "SetOptionFlags": xbus.protocol.OptionFlags(), "SetBaudrate": 2, "SetInitialHeading": 0.0,
+        "SetFilterProfileModern": "General_RTK", "ReqAlignmentRotation": 0, "ReqEmts": b"\0\xff",
+        "SetUTCTime": xbus.protocol.UtcTime(0, 2026, 1, 1, 0, 0, 0), "AdjustUTCTime": 0,
+        "ResetOrientation": 0, "IccCommand": 2,
+        "SetAlignmentRotation": xbus.protocol.AlignmentRotation(0, (1, 0, 0, 0)),
+    }  # fmt: skip
+    if name in values or not name.startswith("Set"):
+        return values.get(name)
+    return device.command(f"Req{name[3:]}").value
+
+
+def identified(**settings: Any) -> tuple[Device, Meddler]:
+    device, link = opened("MTi-680G", **settings)
+    with device.configure():
+        pass
+    return device, link
+
+
+def works_again(device: Device) -> None:
+    """The state is known, or can be found, and the next command is answered."""
+    device.go_to_config()
+    assert device.state == State.CONFIG
+    assert device.req_did() == device.device_id
+
+
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+def test_no_answer(row: xbus.tables.MessageRow) -> None:
+    device, link = identified()
+    value = value_for(row.name, device)
+    link.meddle = lambda _: b""
+    with pytest.raises(XbusTimeout, match=row.name) as caught:
+        device.command(row.name, value)
+    assert caught.value.command == row.name
+    link.meddle = lambda data: data
+    works_again(device)
+
+
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+def test_a_pulled_plug(row: xbus.tables.MessageRow) -> None:
+    device, link = identified()
+    value = value_for(row.name, device)
+
+    def pull(_: bytes) -> bytes:
+        link.device.unplug()
+        raise ConnectionResetError("unplugged")
+
+    link.meddle = pull
+    with pytest.raises(Disconnected, match=f"{row.name} was under way") as caught:
+        device.command(row.name, value)
+    assert caught.value.command == row.name
+    assert device.state == State.UNKNOWN
+    link.meddle = lambda data: data
+    with pytest.raises(Disconnected):
+        device.req_did()
+    link.device.plug()
+    works_again(device)
+
+
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+def test_an_error_for_an_answer(row: xbus.tables.MessageRow) -> None:
+    device, link = identified()
+    value = value_for(row.name, device)
+    link.meddle = lambda data: encode_frame(0x42, b"\x21") if data else b""
+    with pytest.raises(DeviceError, match=row.name) as caught:
+        device.command(row.name, value)
+    assert (caught.value.code, caught.value.command) == (0x21, row.name)
+    link.meddle = lambda data: data
+    works_again(device)
+
+
+@pytest.mark.parametrize("row", MEASURED, ids=lambda it: it.name)
+def test_an_answer_of_the_wrong_length(row: xbus.tables.MessageRow) -> None:
+    device, link = identified()
+    value = value_for(row.name, device)
+    rows = [it for it in MESSAGES if it.mid == row.reply]
+    wrong = next(n for n in range(300) if not any(n in (it.lengths or ()) for it in rows))
+    assert row.reply is not None
+    frame = encode_frame(row.reply, bytes(wrong))
+    link.meddle = lambda data: frame if data else b""
+    with pytest.raises(DecodeError, match=row.name) as caught:
+        device.command(row.name, value)
+    assert caught.value.command == row.name
+    link.meddle = lambda data: data
+    works_again(device)
+
+
+@pytest.mark.parametrize("row", MEASURED, ids=lambda it: it.name)
+def test_garbage_before_the_answer(row: xbus.tables.MessageRow) -> None:
+    """A header that claims more than comes holds nothing back for longer than silence lasts."""
+    device, link = identified()
+    value = value_for(row.name, device)
+    link.meddle = lambda data: b"\x00\xfa\xff\x36\x80\xfa\xfa" + data if data else b""
+    device.command(row.name, value)
+    link.meddle = lambda data: data
+    works_again(device)
+
+
+# Baud rate, reset, restore
+
+
+@pytest.mark.parametrize("product", ["MTi-3", "MTi-300", "MTi-630", "MTi-680G"])
+def test_set_baudrate_follows_the_device(product: str) -> None:
+    sim = SimulatedDevice(product, baudrate=115_200)
+    device = connect(sim)
+    with device.configure() as cfg:
+        cfg.set_baudrate(921_600)
+        assert (sim.baudrate, cfg.link.baudrate, cfg.state) == (921_600, 921_600, State.CONFIG)
+        assert cfg.req_did() == cfg.device_id
+    assert sim.state == State.MEASUREMENT
+    assert len(device.read_sample()) > 0
+    sim.power_cycle()
+    assert connect(sim).link.baudrate == 921_600
+
+
+def test_set_baudrate_to_what_the_product_cannot_do() -> None:
+    device, link = opened("MTi-300")
+    with device.configure() as cfg:
+        link.written.clear()
+        with pytest.raises(ValueError, match="cannot talk at 4000000 baud"):
+            cfg.set_baudrate(4_000_000)
+        with pytest.raises(ValueError, match="no device talks at 12,345 baud"):
+            cfg.set_baudrate(12_345)
+        assert link.written == []
+
+
+def test_reset_to_config() -> None:
+    device, link = opened()
+    device.reset(config=True)
+    assert device.state == link.device.state == State.CONFIG
+
+
+def test_restore_communication() -> None:
+    """Section 7.2: a device that talks at a rate that nobody knows."""
+    sim = SimulatedDevice("MTi-300", baudrate=38_400)
+    with connect(sim, 38_400) as device, device.configure() as cfg:
+        cfg.set_output_configuration({"acceleration": 10})
+
+    class Plugged(SimLink):
+        """Somebody plugs the device in after a while."""
+
+        written = 0
+
+        def write(self, data: bytes) -> None:
+            self.written += 1
+            if self.written == 100:
+                self.device.power_cycle()
+            super().write(data)
+
+    link = Plugged(sim)
+    device = Device(link)
+    device.restore_communication()
+    assert (link.baudrate, sim.baudrate, device.state) == (115_200, 115_200, State.CONFIG)
+    assert device.req_output_configuration() == support("MTi-300").outputs
+
+
+def test_restore_communication_without_a_device() -> None:
+    device, _ = opened()
+    with pytest.raises(XbusTimeout, match=r"no device woke up within 0\.5 s"):
+        device.restore_communication(0.5)
+
+
+def test_option_flags_with_names() -> None:
+    device, _ = opened("MTi-3")
+    device.set_option_flags(OptionFlag.ENABLE_AHS | OptionFlag.DISABLE_AUTO_STORE)
+    device.set_option_flags(clear=OptionFlag.ENABLE_AHS)
+    assert device.req_option_flags() == OptionFlag.DISABLE_AUTO_STORE

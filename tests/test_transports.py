@@ -1,0 +1,159 @@
+"""The whole command set against every virtual product: in this process, on a pseudo-terminal, and on TCP."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+import xbus
+from xbus import Device, SimulatedDevice, connect
+from xbus.protocol import EVERY, Output, State
+from xbus.protocol.products import support
+from xbus.sim.serve import PtyServer, Server, TcpServer, serve
+from xbus.tables import MESSAGES, PRODUCTS
+
+#: Left out of the round: they change the state, and come in their own place.
+APART = ("GoToConfig", "GoToMeasurement", "Reset", "RestoreFactoryDef", "WakeUpAck", "ReqData")
+
+
+@contextlib.contextmanager
+def in_process(sim: SimulatedDevice) -> Iterator[Any]:
+    yield sim
+
+
+@contextlib.contextmanager
+def served(server: Server) -> Iterator[str]:
+    """The port of a server that runs in a thread."""
+    done = threading.Event()
+    thread = threading.Thread(target=serve, args=(server, done.is_set))
+    thread.start()
+    try:
+        assert server.port is not None
+        yield server.port
+    finally:
+        done.set()
+        thread.join()
+        server.close()
+
+
+@contextlib.contextmanager
+def on_a_pty(sim: SimulatedDevice) -> Iterator[str]:
+    with served(PtyServer(sim)) as port:
+        yield port
+
+
+@contextlib.contextmanager
+def on_tcp(sim: SimulatedDevice) -> Iterator[str]:
+    with served(TcpServer(sim)) as port:
+        yield port
+
+
+def round_of_config(device: Device) -> list[tuple[str, Any]]:
+    """Every request, and every setting with what it has, each with what was answered."""
+    known = device.support
+    assert known is not None
+    said: list[tuple[str, Any]] = []
+    for row in MESSAGES:
+        if row.name not in known.messages or row.direction != "to device" or row.name in APART:
+            continue
+        if "config" not in row.states:
+            continue
+        value = value_for(row.name, device)
+        answer = device.command(row.name, value).value
+        if row.name not in ("ReqUTCTime", "SetUTCTime"):  # time goes on
+            said.append((row.name, answer))
+        if row.name.startswith("Set"):
+            read_back(device, row.name, value)
+    return said
+
+
+def read_back(device: Device, name: str, value: Any) -> None:
+    """What was set is what is there."""
+    assert device.support is not None
+    request = f"Req{name[3:].removesuffix('Modern')}"
+    if request not in device.support.messages or name in ("SetOptionFlags", "SetUTCTime"):
+        return
+    parameter = value.parameter if name == "SetAlignmentRotation" else None
+    found = device.command(request, parameter).value
+    assert (found.profile if name == "SetFilterProfile" else found) == value, name
+
+
+def value_for(name: str, device: Device) -> Any:
+    assert device.support is not None
+    profile = device.support.filter_profile
+    values = {
+        "SetOptionFlags": xbus.protocol.OptionFlags(), "SetBaudrate": 2, "SetFilterProfile": profile,
+        "SetFilterProfileModern": profile, "SetInitialHeading": 12.5, "ReqAlignmentRotation": 1,
+        "SetAlignmentRotation": xbus.protocol.AlignmentRotation(0, (0, 1, 0, 0)), "ReqEmts": b"\0\xff",
+        "SetUTCTime": xbus.protocol.UtcTime(0, 2026, 1, 1, 0, 0, 0), "AdjustUTCTime": 10_000,
+        "ResetOrientation": 0, "IccCommand": 2, "SetLocationID": 4711, "SetTransmitDelay": 1000,
+        "SetLatLonAlt": xbus.protocol.LatLonAlt(-33.9, 151.2, 20.5), "SetErrorMode": 2,
+        "SetGnssLeverArm": xbus.protocol.GnssLeverArm(0.5, -0.25, 1.0), "SetPeriod": 576,
+        "SetOutputSkipFactor": 3,
+    }  # fmt: skip
+    if name in values or not name.startswith("Set"):
+        return values.get(name)
+    return device.command(f"Req{name[3:]}").value
+
+
+def round_of_measurement(device: Device) -> list[tuple[str, Any]]:
+    known = device.support
+    assert known is not None
+    commands = {
+        "SetNoRotation": 2,
+        "IccCommand": 3,
+        "ResetOrientation": 3,
+        "ForwardGnssData": b"\xd3\0\0",
+    }
+    return [
+        (it, device.command(it, value).value)
+        for it, value in commands.items()
+        if it in known.messages
+    ]
+
+
+def exercise(device: Device) -> list[tuple[str, Any]]:
+    """All of it; what was said comes back."""
+    with device.configure() as cfg:
+        said = round_of_config(cfg)
+        assert cfg.support is not None
+        sync = [it for it in cfg.support.sync if 6 in cfg.support.sync[it]]
+        cfg.set_sync_settings([xbus.protocol.SyncSetting(it, 6) for it in sync])
+        cfg.set_output_configuration([Output(0x1020), Output(0x4020, 50)])
+        cfg.go_to_measurement()
+        cfg.req_data()
+        said.append(("ReqData", sorted(map(str, cfg.read_sample()))))
+        cfg.go_to_config()
+        cfg.restore_factory_def()
+        said.append(("RestoreFactoryDef", cfg.req_output_configuration()))
+        cfg.reset(config=True)
+    said += round_of_measurement(device)
+    for _ in range(3):
+        assert "packet_counter" in device.read_sample()
+    return said
+
+
+def awake(product: xbus.tables.Product) -> SimulatedDevice:
+    """One that has been on for a while: nobody has to wait for it to wake up."""
+    sim = SimulatedDevice(product)
+    sim.advance(1)
+    return sim
+
+
+@pytest.mark.parametrize("product", PRODUCTS.values(), ids=lambda it: it.name)
+@pytest.mark.parametrize("transport", [in_process, on_a_pty, on_tcp], ids=lambda it: it.__name__)
+def test_all_commands(
+    product: xbus.tables.Product, transport: Callable[..., contextlib.AbstractContextManager[Any]]
+) -> None:
+    with connect(awake(product)) as device:
+        expected = exercise(device)
+    with transport(awake(product)) as port, connect(port) as device:
+        assert exercise(device) == expected
+        assert device.state == State.MEASUREMENT
+        outputs = dict(dict(expected)["RestoreFactoryDef"])
+        assert outputs == dict(support(product).outputs)
+        assert outputs[0x1020] == EVERY
