@@ -1,0 +1,208 @@
+"""``xbus sim``: a virtual device."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+import click
+
+from xbus.cli.failure import Failure, cannot
+from xbus.cli.inputs import no_frame
+from xbus.cli.output import put
+
+if TYPE_CHECKING:
+    from xbus.sim.device import SimulatedDevice
+    from xbus.sim.replay import Replay
+    from xbus.sim.serve import Server
+
+__all__ = ["sim"]
+
+
+@click.command(epilog="Example: xbus sim --product MTi-680G --trajectory drive --link /tmp/mti")
+@click.option("--product", metavar="NAME", help="Which one: MTi-3, MTi-680G, ...")
+@click.option(
+    "--baudrate",
+    type=int,
+    metavar="RATE",
+    help="Talk like a serial port, at this rate: a client must set the same. Without it any will do, "
+    "as on USB.",
+)
+@click.option(
+    "--trajectory",
+    default="walk",
+    show_default=True,
+    metavar="NAME",
+    help="How it moves: still, turn, tumble, walk, drive, fly or sail.",
+)
+@click.option(
+    "--noise",
+    type=click.FloatRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="X",
+    help="Noise of the sensors: 1 is about that of a data sheet.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    metavar="N",
+    help="Of all that is left to chance.",
+)
+@click.option(
+    "--replay",
+    type=click.Path(readable=False),
+    metavar="FILE",
+    help="Send the samples of this recording, at its pace, and be the product that it names.",
+)
+@click.option(
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="WHAT",
+    help="flip=P, drop=P (probabilities of each bit, byte), burst=S, stall=AT:S, unplug=AT:S or "
+    "unplug=AT, in seconds, AT since power-up; repeatable.",
+)
+@click.option("--tcp", metavar="[HOST:]PORT", help="Serve on TCP; port 0 picks a free one.")
+@click.option("--link", metavar="PATH", help="A symbolic link that leads to the port.")
+@click.option(
+    "--duration", type=click.FloatRange(min=0), metavar="S", help="End after so many seconds."
+)
+def sim(
+    product: str | None,
+    baudrate: int | None,
+    trajectory: str,
+    noise: float,
+    seed: int,
+    replay: str | None,
+    faults: tuple[str, ...],
+    tcp: str | None,
+    link: str | None,
+    duration: float | None,
+) -> None:
+    """A virtual device, in real time, until Ctrl-C.
+
+    For work away from the hardware, and for tests of your own program: it answers every command that
+    its product knows, and keeps its settings while it runs.
+
+    It prints the line "port: PATH". Open PATH like the serial port of a device, with any program; with
+    --tcp it is a URL for pyserial, socket://HOST:PORT, and one client at a time gets in. After a pulled
+    plug there is a new port, and a new line.
+    """
+    with _told_to_stop() as is_stopped:
+        from xbus.sim.device import BOOT_TIME, WAKE_UP_TIME
+        from xbus.sim.serve import serve
+
+        device = _device(product, baudrate, trajectory, noise, seed, replay, faults)
+        # Who has read the line may talk to it: it has started up.
+        device.advance(BOOT_TIME + WAKE_UP_TIME)
+        device.read()
+        end = math.inf if duration is None else device.time + duration
+
+        def until() -> bool:
+            return is_stopped() or device.time >= end
+
+        with _server(device, tcp, link) as server:
+            serve(server, until, lambda port: put(f"port: {port}", now=True))
+
+
+@contextlib.contextmanager
+def _told_to_stop() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C or SIGTERM has come: the way in which this command ends, and no failure."""
+    numbers: list[int] = []
+    # Who is started in the background by a script is not meant to hear Ctrl-C.
+    ours = [it for it in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(it) != signal.SIG_IGN]
+    before = [signal.signal(it, lambda number, _: numbers.append(number)) for it in ours]
+    try:
+        yield lambda: bool(numbers)
+    finally:
+        for number, handler in zip(ours, before, strict=True):
+            signal.signal(number, handler)
+
+
+def _device(
+    product: str | None,
+    baudrate: int | None,
+    trajectory: str,
+    noise: float,
+    seed: int,
+    file: str | None,
+    faults: tuple[str, ...],
+) -> SimulatedDevice:
+    from xbus.sim.device import SimulatedDevice
+    from xbus.sim.faults import Faults
+
+    replay = None if file is None else _replay(file)
+    if product is None:
+        product = _product_of(file, replay)
+    try:
+        return SimulatedDevice(
+            product,
+            trajectory=trajectory,
+            seed=seed,
+            noise=noise,
+            baudrate=baudrate,
+            faults=Faults.parse(faults, seed) if faults else None,
+            replay=replay,
+        )
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+
+
+def _replay(file: str) -> Replay:
+    from xbus.sim.replay import Replay
+
+    try:
+        replay = Replay(file)
+    except OSError as error:
+        raise cannot(f"read {file}", error) from error
+    if not len(replay):
+        raise no_frame([file], os.path.getsize(file))  # noqa: PTH202 - the name as it was given
+    return replay
+
+
+def _product_of(file: str | None, replay: Replay | None) -> str:
+    """The name of the product that a recording names."""
+    from xbus.protocol.products import product_of_code
+    from xbus.tables import PRODUCTS
+
+    names = ", ".join(it.name for it in PRODUCTS.values())
+    if replay is None:
+        raise click.UsageError(f"--product is missing; there are {names}")
+    code = replay.identity.product_code
+    product = None if code is None else product_of_code(code)
+    if product is None:
+        named = "no product" if code is None else f"{code}, which is not known here"
+        raise click.UsageError(f"{file} names {named}; choose a --product: {names}")
+    return product.name
+
+
+def _server(device: SimulatedDevice, tcp: str | None, link: str | None) -> Server:
+    from xbus.sim.serve import PtyServer, TcpServer
+
+    if tcp is None:
+        try:
+            return PtyServer(device, link=link)
+        except NotImplementedError as error:
+            raise Failure(str(error)) from None
+        except OSError as error:
+            raise cannot(f"make {link or 'a pseudo-terminal'}", error) from error
+    if link is not None:
+        raise click.UsageError("--link leads to a pseudo-terminal; with --tcp there is none")
+    host, _, number = tcp.rpartition(":")
+    if not (number.isascii() and number.isdecimal() and int(number) < 1 << 16):
+        raise click.UsageError(
+            f"--tcp takes [HOST:]PORT, such as 5000 or 0.0.0.0:5000, not {tcp!r}"
+        )
+    try:
+        return TcpServer(device, host.strip("[]") or "127.0.0.1", int(number))
+    except OSError as error:
+        raise Failure(
+            f"cannot listen on {tcp}: {error.strerror or error}; choose another port or address"
+        ) from error
