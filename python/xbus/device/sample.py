@@ -34,7 +34,7 @@ class Sample(Mapping[Key, Any]):
 
     >>> sample = Sample(bytes.fromhex("1020 02 DFC5 4020 0C BEDC9AFA 3F549F37 411CBB70"))
     >>> sample["packet_counter"], sample["acceleration"].tolist()
-    (57285, [-0.43086987733840942, 0.8305544257164001, 9.79576110839844])
+    (57285, [-0.4308698773384094, 0.8305544257164001, 9.795761108398438])
     """
 
     __slots__ = ("__dict__", "bid", "payload")
