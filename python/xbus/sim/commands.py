@@ -86,6 +86,11 @@ def _require(is_valid: object, code: ErrorCode = ErrorCode.PARAMETER) -> None:
         raise Refused(code)
 
 
+def _is_within(flags: int, mask: int) -> bool:
+    """Whether all bits that are set are among these, which of them have names or not."""
+    return not int(flags) & ~int(mask)
+
+
 # States
 
 
@@ -121,9 +126,9 @@ def _set_baudrate(unit: Unit, code: int) -> bytes:
 
 
 def _set_option_flags(unit: Unit, flags: OptionFlags) -> bytes:
-    _require(not flags.set & ~unit.support.option_flags)
-    now = unit.settings.option_flags
-    unit.memory.change(option_flags=OptionFlag(now & ~flags.clear | flags.set))
+    _require(_is_within(flags.set, unit.support.option_flags))
+    kept = int(unit.settings.option_flags) & ~int(flags.clear)
+    unit.memory.change(option_flags=OptionFlag(kept | flags.set))
     return b""
 
 
@@ -148,7 +153,7 @@ def _set_outputs(unit: Unit, outputs: tuple[Output, ...]) -> bytes:
 
 
 def _set_strings(unit: Unit, strings: StringOutput) -> bytes:
-    _require(not strings.types & ~unit.support.string_types)
+    _require(_is_within(strings.types, unit.support.string_types))
     if unit.product.series == "600-series":
         # Also two bytes are taken: the manual's way to switch strings off names no product.
         strings = StringOutput(strings.types, strings.frequency or 0)
@@ -358,7 +363,12 @@ _SETTINGS: tuple[tuple[str, str, Callable[[Any, Support], bool], ErrorCode], ...
     ("TransmitDelay", "transmit_delay", lambda it, _: it in DELAYS, ErrorCode.PARAMETER),
     ("ErrorMode", "error_mode", lambda it, _: it in ERROR_MODES, ErrorCode.PARAMETER),
     ("OutputSkipFactor", "skip_factor", lambda _, __: True, ErrorCode.PARAMETER),
-    ("ExtOutputMode", "ext_output_mode", lambda it, _: not it & ~EXT_MODES, ErrorCode.PARAMETER),
+    (
+        "ExtOutputMode",
+        "ext_output_mode",
+        lambda it, _: _is_within(it, EXT_MODES),
+        ErrorCode.PARAMETER,
+    ),
     ("CanConfig", "can", lambda it, _: it.baudrate is not None, ErrorCode.BAUDRATE),
     ("CanOutputConfig", "can_outputs", _are_can_outputs, ErrorCode.PARAMETER),
     ("LatLonAlt", "place", _is_place, ErrorCode.PARAMETER),

@@ -106,7 +106,7 @@ class SimulatedDevice:
         firmware: Firmware | None = None,
         hardware: HardwareVersion | None = None,
         utc: np.datetime64 = UTC,
-        time_to_fix: float = 5.0,
+        time_to_fix: float = 3.0,
         bus_id: int = 1,
         replay: Replay | None = None,
     ) -> None:
