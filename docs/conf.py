@@ -2,6 +2,7 @@
 
 import re
 import sys
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ exclude_patterns = ["_build"]
 default_role = "py:obj"
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"
-autodoc_type_aliases = {"Source": "Source", "Key": "Key", "PacketKey": "PacketKey"}
+autodoc_type_aliases = {it: it for it in ("Source", "Key", "PacketKey", "Outputs")}
 python_use_unqualified_type_names = True
 myst_enable_extensions = ["deflist"]
 myst_heading_anchors = 2
@@ -40,5 +41,13 @@ def aliases_by_name(*event: Any) -> tuple[str | None, str | None]:
     return signature or None, returns or None
 
 
+def is_field(*event: Any) -> bool | None:
+    """Fields of records stand in the signature, and in the docstring where they need words."""
+    _, what, _, member, *_ = event
+    has_own_entry = isinstance(member, Enum | property) or callable(member)
+    return True if what == "class" and not has_own_entry else None
+
+
 def setup(app: Sphinx) -> None:
     app.connect("autodoc-process-signature", aliases_by_name)
+    app.connect("autodoc-skip-member", is_field)

@@ -3,7 +3,12 @@
     ```{protocol} quantities
     ```
 
-shows a table of the protocol: quantities, formats, fields, messages, status, codes or products.
+shows a table of the protocol; `Protocol` names them all.
+
+    ```{commands} 5.3.1
+    ```
+
+shows the methods of `xbus.Device` for the commands of a section of the manual.
 
     ```{help} decode
     ```
@@ -13,6 +18,8 @@ shows what ``xbus decode --help`` prints.
 
 from __future__ import annotations
 
+import inspect
+import re
 from collections.abc import Callable, Iterable
 from typing import ClassVar
 
@@ -21,10 +28,23 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
-from xbus import Coordinates, Precision, encode_packet
+from xbus import Coordinates, Device, Precision, encode_packet
 from xbus.cli import main
 from xbus.cli.tables import _layout, _lengths, _products  # the words of ``xbus items``
-from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES, RESULT_CODES, STATUS_FLAGS, Field
+from xbus.cli.words import value_text
+from xbus.device.commands import Commands
+from xbus.protocol import EVERY, HardwareVersion, OptionFlag, Output, StringType
+from xbus.protocol.products import Support, support
+from xbus.protocol.values import BAUD_CODES
+from xbus.tables import (
+    MESSAGES,
+    PRODUCTS,
+    QUANTITIES,
+    RESULT_CODES,
+    STATUS_FLAGS,
+    Field,
+    MessageRow,
+)
 
 #: What a cell shows: text, or code where it is wrapped.
 Cell = str | nodes.Node
@@ -157,8 +177,201 @@ def codes() -> list[nodes.Node]:
 
 
 def products() -> list[nodes.Node]:
-    rows = ((str(it.number), it.title, it.series) for it in PRODUCTS.values())
-    return [table(("number", "product", "series"), rows)]
+    rows = (
+        (str(it.number), it.title, it.series, it.kind, f"{it.id_size} bytes")
+        for it in PRODUCTS.values()
+    )
+    return [table(("number", "product", "series", "computes", "identifier"), rows)]
+
+
+# What products support
+
+
+def who(has: Callable[[Support], bool]) -> str:
+    """The products of which something is true."""
+    return _products([it for it in PRODUCTS if has(support(it))])
+
+
+def rate(supported: Support, quantity: str) -> str:
+    """The highest rate of a quantity, ``only`` where it is the only one."""
+    highest = supported.rates.get(quantity, 0)
+    if highest == EVERY:
+        return "each"
+    only = " only" if highest > 1 and len(supported.rates_of(quantity)) == 1 else ""
+    return f"{highest}{only}" if highest else ""
+
+
+def rates() -> list[nodes.Node]:
+    families: dict[tuple[str, ...], list[int]] = {}
+    for it in PRODUCTS:
+        column = tuple(rate(support(it), name) for name in QUANTITIES)
+        families.setdefault(column, []).append(it)
+    header = ("quantity", *(", ".join(map(str, it)) for it in families.values()))
+    rows = ((code(name), *it) for name, *it in zip(QUANTITIES, *families, strict=True))
+    return [table(header, (it for it in rows if any(it[1:])))]
+
+
+def hardware_rates() -> list[nodes.Node]:
+    """Where the version of the hardware makes a difference."""
+
+    def cells(number: int, quantity: str) -> list[str]:
+        versions = [None, *(HardwareVersion(it, 0) for it in (1, 2, 3))]
+        return [rate(support(number, it), quantity) for it in versions]
+
+    differing: dict[tuple[str, ...], list[int]] = {}
+    for quantity in QUANTITIES:
+        for number in PRODUCTS:
+            row = cells(number, quantity)
+            if len(set(row)) > 1:
+                differing.setdefault((quantity, *row), []).append(number)
+    header = ("quantity", "products", "not known", "1", "2", "3")
+    return [
+        table(header, ((code(it[0]), _products(who), *it[1:]) for it, who in differing.items()))
+    ]
+
+
+def sync() -> list[nodes.Node]:
+    found: dict[tuple[int, str, str], list[int]] = {}
+    for number in PRODUCTS:
+        for function, lines in support(number).sync.items():
+            key = (int(function), function.name, " ".join(it.name for it in lines))
+            found.setdefault(key, []).append(number)
+    rows = (
+        (str(number), code(function), code(lines), _products(found[number, function, lines]))
+        for number, function, lines in sorted(found)
+    )
+    return [table(("number", "function", "lines", "products"), rows)]
+
+
+def option_flags() -> list[nodes.Node]:
+    rows = (
+        (
+            code(f"{it.value:04X}"),
+            code(it.name or ""),
+            who(lambda its, it=it: it in its.option_flags),
+        )
+        for it in OptionFlag
+    )
+    return [table(("bit", "flag", "products"), rows)]
+
+
+def strings() -> list[nodes.Node]:
+    rows = (
+        (
+            code(f"{it.value:04X}"),
+            code(it.name or ""),
+            who(lambda its, it=it: it in its.string_types),
+        )
+        for it in StringType
+    )
+    return [table(("bit", "string", "products"), rows)]
+
+
+def filter_profiles() -> list[nodes.Node]:
+    found: dict[tuple[int, str], list[int]] = {}
+    for number in PRODUCTS:
+        for it in support(number).filter_profiles:
+            found.setdefault((it.type, it.label), []).append(number)
+    rows = ((str(kind), code(label), _products(found[kind, label])) for kind, label in found)
+    return [table(("number", "profile", "products"), rows)]
+
+
+def baudrates() -> list[nodes.Node]:
+    every = sorted(set(BAUD_CODES.values()))
+    rows = ((f"{it:,}", who(lambda its, it=it: it in its.baudrates)) for it in every)
+    return [table(("bits per second", "products"), rows)]
+
+
+def defaults() -> list[nodes.Node]:
+    def output(it: Output) -> str:
+        precision = "" if it.precision is None else f" {it.precision.name}"
+        return f"{it.quantity}{precision}{'' if it.frequency == EVERY else f' {it.frequency} Hz'}"
+
+    found: dict[tuple[str, ...], list[int]] = {}
+    for number in PRODUCTS:
+        it = support(number)
+        row = (
+            ", ".join(map(output, it.outputs)),
+            str(it.filter_profile or ""),
+            value_text(it.sync_settings) if it.sync_settings else "",
+        )
+        found.setdefault(row, []).append(number)
+    rows = (
+        (_products(who), out, code(profile), code(sync))
+        for (out, profile, sync), who in found.items()
+    )
+    return [table(("products", "output configuration", "filter profile", "synchronization"), rows)]
+
+
+def identities() -> list[nodes.Node]:
+    def cells(it: Support) -> tuple[Cell, ...]:
+        who = it.identity
+        size = 2 * it.product.id_size
+        name = code(f"{who.device_id:0{size}X}")
+        return it.product.name, name, code(who.product_code), str(who.firmware), str(who.hardware)
+
+    header = ("product", "device identifier", "product code", "firmware", "hardware")
+    return [table(header, (cells(support(it)) for it in PRODUCTS))]
+
+
+# Commands
+
+#: Messages to a device by what a method for them is called, without underscores.
+REQUESTS = {it.name.lower(): it for it in MESSAGES if it.direction != "to host"}
+#: The method that waits for WakeUp as well.
+REQUESTS["wakeup"] = REQUESTS["wakeupack"]
+
+
+def request_of(method: str) -> MessageRow | None:
+    return REQUESTS.get(method.replace("_", ""))
+
+
+def sections() -> dict[str, list[str]]:
+    """The methods for commands by the section of the manual, which comments in the source name."""
+    found: dict[str, list[str]] = {}
+    marks = re.compile(r"^    (?:# (5\.3\.\d)|def ([a-z]\w+))", re.MULTILINE)
+    for number, method in marks.findall(inspect.getsource(Commands)):
+        if number:
+            methods = found.setdefault(number, [])
+        elif found:
+            methods.append(method)
+    # What takes more than one message is in `Device`; it stands behind the others of its MID.
+    for name in vars(Device):
+        row = request_of(name)
+        if row is None or any(name in methods for methods in found.values()):
+            continue
+        for methods in found.values():
+            same = [it for it in methods if (other := request_of(it)) and other.mid == row.mid]
+            if same:
+                methods.insert(methods.index(same[-1]) + 1, name)
+                break
+        else:
+            found["5.3.1"].append(name)  # WakeUpAck and Reset have a MID of their own
+    return found
+
+
+def what_it_does(method: str) -> str:
+    """The first paragraphs of a docstring as one, without the message that they begin with."""
+    text = inspect.getdoc(getattr(Device, method)) or ""
+    text = re.split(r"\n(?:Args|Returns|Raises):", text)[0]
+    text = re.sub(r"^\w+ \(0x[0-9A-F]{2}(?:, ([^)]*))?\)[:;.]?\s*", r"\1: ", text)
+    text = " ".join(text.split()).strip(",: ")
+    return text[:1].upper() + text[1:]
+
+
+def variants(row: MessageRow) -> list[MessageRow]:
+    """The message, and what some products have in its place under the same MID."""
+    return [it for it in REQUESTS.values() if it.name in (row.name, f"{row.name}Modern")]
+
+
+def others() -> list[nodes.Node]:
+    have = {row.name for it in sections().values() for name in it if (row := request_of(name))}
+    rows = (
+        (code(f"{it.mid:02X}"), code(it.name), it.payload, _products(it.products), it.status)
+        for it in MESSAGES
+        if it.direction != "to host" and it.name.removesuffix("Modern") not in have
+    )
+    return [table(("MID", "message", "payload", "products", "status"), rows)]
 
 
 class Protocol(SphinxDirective):
@@ -166,7 +379,26 @@ class Protocol(SphinxDirective):
 
     required_arguments = 1
     tables: ClassVar[dict[str, Callable[[], list[nodes.Node]]]] = {
-        it.__name__: it for it in (quantities, formats, fields, messages, status, codes, products)
+        it.__name__: it
+        for it in (
+            quantities,
+            formats,
+            fields,
+            messages,
+            status,
+            codes,
+            products,
+            rates,
+            hardware_rates,
+            sync,
+            option_flags,
+            strings,
+            filter_profiles,
+            baudrates,
+            defaults,
+            identities,
+            others,
+        )
     }
 
     def run(self) -> list[nodes.Node]:
@@ -174,6 +406,38 @@ class Protocol(SphinxDirective):
         if name not in self.tables:
             raise self.error(f"no table {name!r}; there are {', '.join(self.tables)}")
         return self.tables[name]()
+
+
+class CommandTable(SphinxDirective):
+    """``commands SECTION``."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        methods = sections().get(self.arguments[0])
+        if methods is None:
+            raise self.error(f"no section {self.arguments[0]!r}; there are {', '.join(sections())}")
+        header = ("method", "message", "MID", "valid in", "products", "gives", "what it does")
+        return [table(header, map(self.cells, methods))]
+
+    def cells(self, method: str) -> tuple[Cell, ...]:
+        row = request_of(method)
+        if row is None:
+            raise self.error(f"{method} is called like no message")
+        numbers = {number for it in variants(row) for number in it.products}
+        gives = str(inspect.signature(getattr(Device, method)).return_annotation)
+        return (
+            self.text(f"{{py:meth}}`{method} <xbus.Device.{method}>`"),
+            code(row.name),
+            code(f"{row.mid:02X}"),
+            ", ".join(row.states),
+            _products(sorted(numbers)),
+            code("" if gives == "None" else gives.replace("v.", "")),
+            self.text(what_it_does(method)),
+        )
+
+    def text(self, text: str) -> nodes.Node:
+        return nodes.inline("", "", *self.parse_inline(text)[0])
 
 
 class Help(SphinxDirective):
@@ -192,6 +456,7 @@ class Help(SphinxDirective):
 
 def setup(app: Sphinx) -> dict[str, bool]:
     app.add_directive("protocol", Protocol)
+    app.add_directive("commands", CommandTable)
     app.add_directive("help", Help)
     # The tables change with the extension, not with the page.
     return {"parallel_read_safe": True, "parallel_write_safe": True}
