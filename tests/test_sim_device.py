@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import xbus
 from conftest import OWN_CAPTURES
@@ -511,7 +513,7 @@ def test_option_flags() -> None:
     """What is in both masks is set; clearing what a product lacks is no mistake."""
     device = configurable(3)
     a, b = OptionFlag.ENABLE_AHS, OptionFlag.ENABLE_IN_RUN_COMPASS_CALIBRATION
-    for given, flags in [
+    for change, flags in [
         (OptionFlags(set=a), a),
         (OptionFlags(set=b), a | b),
         (OptionFlags(clear=a), b),
@@ -519,7 +521,7 @@ def test_option_flags() -> None:
         (OptionFlags(), a),
         (OptionFlags(clear=OptionFlag(0xFFFF_FFFF)), OptionFlag(0)),
     ]:
-        assert ask(device, "SetOptionFlags", given) is None
+        assert ask(device, "SetOptionFlags", change) is None
         assert ask(device, "ReqOptionFlags") == flags
 
 
@@ -749,6 +751,28 @@ def test_what_begins_like_a_frame_does_not_block_for_long(false: str) -> None:
     early = device.read()
     device.advance(0.06)
     assert early + device.read() == frame("GoToConfigAck")
+
+
+@given(
+    st.sampled_from(sorted(PRODUCTS)),
+    st.lists(
+        st.tuples(
+            st.sampled_from([*REQUESTS, None]),
+            st.binary(max_size=40),
+            st.sampled_from([0.0, 0.01, 1.0]),
+        )
+    ),
+)
+def test_whatever_is_sent_it_goes_on(product: int, sent: list[tuple[Any, bytes, float]]) -> None:
+    device = booted(product)
+    for row, data, pause in sent:
+        device.write(data if row is None else encode_frame(row.mid, data))
+        device.advance(pause)
+    device.advance(1.0)
+    device.power_cycle()
+    device.advance(0.1)
+    device.read()
+    assert mids(exchange(device, frame("GoToConfig"))) == [MessageId.GoToConfigAck]
 
 
 def test_a_header_of_more_than_2048_bytes_is_none() -> None:
@@ -1343,6 +1367,38 @@ def test_fix() -> None:
     device.advance(1.0)
     assert "lat_lon" not in xbus.read_log(device.read())
     assert "lat_lon" in log_of(device, 1.0)
+
+
+def test_a_lost_fix() -> None:
+    """Table 27: coasting for a minute, then without GNSS, until there is a fix again."""
+    device = configurable(710, time_to_fix=1.0)
+    measuring(
+        device,
+        DataId.PacketCounter,
+        Output(0x2010, 10),
+        Output(DataId.GnssPvtData),
+        DataId.StatusWord,
+    )
+    device.advance(2.0)
+    found = []
+    for connected, seconds in [(True, 1.0), (False, 59.0), (False, 1.0), (True, 0.5), (True, 1.0)]:
+        device.connect_antenna(connected)
+        device.advance(seconds)
+        device.read()
+        log = log_of(device, 0.5)
+        word = log["status_word"].values[-1:]
+        fix_type = int(log["gnss_pvt_data"].values["fixtype"][-1])
+        found.append((*flag(word, "gnss_fix"), *flag(word, "filter_mode"), fix_type))
+    assert found == [(1, 3, 3), (0, 1, 0), (0, 0, 0), (0, 0, 0), (1, 3, 3)]
+
+
+def test_power_without_an_antenna() -> None:
+    device = configurable(710)
+    device.connect_antenna(False)
+    device.power_cycle()
+    log = log_of(device, 10.0)
+    assert set(flag(log["status_word"].values, "filter_mode")) == {0}
+    assert "lat_lon" not in log
 
 
 RTCM = bytes.fromhex("D300133ED7D30202980EDEEF34B4BD62AC0941986F33360B98")

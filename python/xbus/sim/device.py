@@ -261,6 +261,14 @@ class SimulatedDevice:
         if self._unit.measurement is not None:
             self._unit.measurement.edge(line, rising=rising)
 
+    def connect_antenna(self, connected: bool) -> None:
+        """Takes the GNSS antenna off, or puts it on: the fix is lost, or comes again after a while.
+
+        For a minute after the loss the filter mode says that it is coasting (Table 27).
+        """
+        if self.product.kind == "GNSS/INS":
+            self._unit.receiver.connect_antenna(connected)
+
     def power_cycle(self) -> None:
         """Takes power away, and gives it back: settings that are not stored are lost."""
         self._start()

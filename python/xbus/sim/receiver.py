@@ -12,6 +12,10 @@ __all__ = ["Receiver", "Rtcm"]
 FLOAT_AFTER, FIXED_AFTER = 2 * SECOND, 8 * SECOND
 #: How long without corrections until there is neither.
 CORRECTIONS_LAST = 10 * SECOND
+#: How long the filter goes on without a fix that it had (Table 27).
+COASTING_LASTS = 60 * SECOND
+#: Later than anything.
+NEVER = 1 << 62
 NO_RTK, RTK_FLOAT, RTK_FIXED = 0, 1, 2
 
 RTCM_PREAMBLE = 0xD3
@@ -62,23 +66,25 @@ def _crc24q(data: bytes | bytearray) -> int:
 
 
 class Receiver:
-    """Has a fix some time after power-up; corrections make it a better one.
+    """Has a fix some time after `start`; corrections make it a better one.
 
     Args:
         clock: The device's clock.
+        time_to_fix: Seconds that it takes to a fix.
         changed: Called whenever it may have a fix, or another state of the carrier phases.
 
     Attributes:
         fix_at: When it has a fix, in ns on the clock.
     """
 
-    def __init__(self, clock: Clock, changed: Callable[[], None]) -> None:
-        self._clock, self._changed = clock, changed
-        self.start(0.0)
+    def __init__(self, clock: Clock, time_to_fix: float, changed: Callable[[], None]) -> None:
+        self._clock, self._time_to_fix, self._changed = clock, round(time_to_fix * SECOND), changed
+        self._has_antenna = True
 
-    def start(self, time_to_fix: float) -> None:
+    def start(self) -> None:
         """Power-up."""
-        self.fix_at = self._clock.now + round(time_to_fix * 1e9)
+        self._lost_at: int | None = None
+        self.fix_at = self._clock.now + self._time_to_fix if self._has_antenna else NEVER
         self._rtcm = Rtcm()
         #: When the corrections began that have come without a pause, and when the last one came.
         self._corrections: tuple[int, int] | None = None
@@ -88,6 +94,24 @@ class Receiver:
     def has_fix(self) -> bool:
         """Whether it knows where it is."""
         return self._clock.now >= self.fix_at
+
+    @property
+    def is_coasting(self) -> bool:
+        """Whether it has lost its fix not long ago."""
+        return self._lost_at is not None and self._clock.now - self._lost_at < COASTING_LASTS
+
+    def connect_antenna(self, connected: bool) -> None:
+        """Puts the antenna on, or takes it off."""
+        if connected == self._has_antenna:
+            return
+        self._has_antenna, had_fix = connected, self.has_fix
+        now = self._clock.now
+        self.fix_at = now + self._time_to_fix if connected else NEVER
+        if had_fix:
+            self._lost_at = now
+            self._clock.at(now + COASTING_LASTS, self._changed)
+        self._clock.at(now, self._changed)
+        self._clock.at(self.fix_at, self._changed)
 
     @property
     def rtk(self) -> int:

@@ -45,7 +45,7 @@ EMTS_SIZE = 1320
 _FILTERS = {300: ("I", (5, 1)), 710: ("7", (4, 1))}
 
 #: Filter modes of the status word.
-WITHOUT_GNSS, WITH_GNSS = 0, 3
+WITHOUT_GNSS, COASTING, WITH_GNSS = 0, 1, 3
 
 #: Requests by MID.
 _REQUESTS: dict[int, list[MessageRow]] = {}
@@ -76,7 +76,7 @@ class World:
 
 
 class Unit:
-    """A device behind its port.
+    """A device behind its port; `power_up` comes first.
 
     Args:
         clock: Its clock.
@@ -120,10 +120,8 @@ class Unit:
         self.identity: Identity = identity
         self.memory = Memory(settings)
         self.send, self.restart = send, restart
-        self.measurement: Measurement | None = None
-        self.receiver = Receiver(clock, self._receiver_changed)
+        self.receiver = Receiver(clock, world.time_to_fix, self._receiver_changed)
         self._bus_id = bus_id
-        self.power_up()
 
     @property
     def settings(self) -> Settings:
@@ -199,7 +197,8 @@ class Unit:
 
     def power_up(self) -> None:
         """Starts anew with the stored settings."""
-        self.state, self.measurement = State.WAKEUP, None
+        self.state = State.WAKEUP
+        self.measurement: Measurement | None = None
         self.memory.load()
         self.no_rotation = 0
         self.reset_rotations: tuple[Rotation, Rotation] | None = None
@@ -207,7 +206,7 @@ class Unit:
         self.powered_at = self.clock.now
         # Nothing keeps the time without power: the calendar starts where it did the first time.
         self.calendar = self.world.utc - _ns(self.clock.now)
-        self.receiver.start(self.world.time_to_fix)
+        self.receiver.start()
 
     def restore_communication(self) -> None:
         """Sets what Table 41 lists to what it was at first."""
@@ -309,17 +308,17 @@ class Unit:
 
     def status(self) -> int:
         """The lasting part of the status word (Table 27)."""
-        has_fix, kind = self._has_fix, self.product.kind
-        measurement = self.measurement
+        has_fix, is_coasting = self._has_fix, self.receiver.is_coasting
+        kind, measurement = self.product.kind, self.measurement
         return status_word(
             selftest=self.product.series != "600-series",
             # An IMU has no filter, and the one of a GNSS/INS needs a position.
-            filter_valid=has_fix if kind == "GNSS/INS" else kind != "IMU",
+            filter_valid=has_fix or is_coasting if kind == "GNSS/INS" else kind != "IMU",
             gnss_fix=has_fix,
             no_rotation_update_status=self.no_rotation,
             representative_motion=measurement is not None and measurement.icc_since is not None,
             clock_bias_estimation=self._is_clock_synced,
-            filter_mode=WITH_GNSS if has_fix else WITHOUT_GNSS,
+            filter_mode=WITH_GNSS if has_fix else COASTING if is_coasting else WITHOUT_GNSS,
             have_gnss_time_pulse=has_fix,
             rtk_status=self.receiver.rtk,
         )
