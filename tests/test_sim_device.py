@@ -1108,6 +1108,16 @@ def test_resets_one_after_the_other() -> None:
         assert angles(device) == after
 
 
+def test_a_reset_is_not_stored_over_a_newer_setting() -> None:
+    device = tilted()
+    ask(device, "ResetOrientation", ResetCode.ALIGNMENT)
+    ask(device, "GoToConfig")
+    rotation = AlignmentRotation(Alignment.ROT_LOCAL, Q)
+    ask(device, "SetAlignmentRotation", rotation)
+    ask(device, "ResetOrientation", ResetCode.STORE)
+    assert ask(device, "ReqAlignmentRotation", Alignment.ROT_LOCAL) == rotation
+
+
 def test_resets_that_are_refused() -> None:
     device = tilted("MTi-670")
     assert ask(device, "ResetOrientation", ResetCode.HEADING) == f"error {PARAMETER}"

@@ -194,6 +194,8 @@ def _set_rotation(unit: Unit, rotation: AlignmentRotation) -> bytes:
     _require(rotation.parameter in _ROTATIONS)
     _require(0 < math.hypot(*rotation.quaternion) < math.inf)
     unit.memory.change(**{_ROTATIONS[Alignment(rotation.parameter)]: rotation})  # type: ignore[arg-type]
+    # What an orientation reset has left is out of date.
+    unit.reset_rotations = None
     return b""
 
 

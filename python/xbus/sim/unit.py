@@ -42,7 +42,7 @@ MASTER, FIRST = 0xFF, 0x01
 #: Bytes of EmtsData; an MTi-300 sends so many.
 EMTS_SIZE = 1320
 #: What the products say in Configuration beyond the manual: letter and version of the filter, as published.
-_FILTERS = {300: ("I", (5, 1)), 710: ("7", (4, 1))}
+_FILTERS = {30: ("I", (5, 1)), 300: ("I", (5, 1)), 710: ("7", (4, 1))}
 
 #: Filter modes of the status word.
 WITHOUT_GNSS, COASTING, WITH_GNSS = 0, 1, 3
