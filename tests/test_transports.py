@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import threading
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -13,7 +12,7 @@ import xbus
 from xbus import Device, SimulatedDevice, connect
 from xbus.protocol import EVERY, Output, State
 from xbus.protocol.products import support
-from xbus.sim.serve import PtyServer, Server, TcpServer, serve
+from xbus.sim import serving
 from xbus.tables import MESSAGES, PRODUCTS
 
 #: Left out of the round: they change the state, and come in their own place.
@@ -25,31 +24,12 @@ def in_process(sim: SimulatedDevice) -> Iterator[Any]:
     yield sim
 
 
-@contextlib.contextmanager
-def served(server: Server) -> Iterator[str]:
-    """The port of a server that runs in a thread."""
-    done = threading.Event()
-    thread = threading.Thread(target=serve, args=(server, done.is_set))
-    thread.start()
-    try:
-        assert server.port is not None
-        yield server.port
-    finally:
-        done.set()
-        thread.join()
-        server.close()
+def on_a_pty(sim: SimulatedDevice) -> contextlib.AbstractContextManager[str]:
+    return serving(sim)
 
 
-@contextlib.contextmanager
-def on_a_pty(sim: SimulatedDevice) -> Iterator[str]:
-    with served(PtyServer(sim)) as port:
-        yield port
-
-
-@contextlib.contextmanager
-def on_tcp(sim: SimulatedDevice) -> Iterator[str]:
-    with served(TcpServer(sim)) as port:
-        yield port
+def on_tcp(sim: SimulatedDevice) -> contextlib.AbstractContextManager[str]:
+    return serving(sim, tcp=True)
 
 
 def round_of_config(device: Device) -> list[tuple[str, Any]]:

@@ -15,7 +15,14 @@ if TYPE_CHECKING:
     from xbus.codec import Scanner, encode_frame, encode_packet, encode_sample
     from xbus.column import Column
     from xbus.configuration import Configuration, Firmware
-    from xbus.device import Device, Sample, Session, connect, find_ports
+    from xbus.device import (
+        Device,
+        Sample,
+        Session,
+        connect,
+        find_ports,
+        restore_communication,
+    )
     from xbus.errors import (
         DecodeError,
         DeviceError,
@@ -60,6 +67,7 @@ __all__ = [
     "find_ports",
     "iter_log",
     "read_log",
+    "restore_communication",
 ]
 
 #: What is imported when it is first asked for, so that ``xbus --help`` need not wait for numpy.
@@ -67,7 +75,14 @@ _MODULES = {
     "codec": ("Scanner", "encode_frame", "encode_packet", "encode_sample"),
     "column": ("Column",),
     "configuration": ("Configuration", "Firmware"),
-    "device": ("Device", "Sample", "Session", "connect", "find_ports"),
+    "device": (
+        "Device",
+        "Sample",
+        "Session",
+        "connect",
+        "find_ports",
+        "restore_communication",
+    ),
     "errors": (
         "DecodeError",
         "DeviceError",

@@ -1,6 +1,6 @@
 """Devices: what a host knows of one, the commands, and the ports that they are behind."""
 
-from xbus.device.device import Device, connect
+from xbus.device.device import Device, connect, restore_communication
 from xbus.device.link import Link
 from xbus.device.ports import Port, find_ports
 from xbus.device.sample import Sample
@@ -18,4 +18,5 @@ __all__ = [
     "Session",
     "connect",
     "find_ports",
+    "restore_communication",
 ]

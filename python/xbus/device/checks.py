@@ -7,7 +7,13 @@ from typing import Any
 
 from xbus.protocol.products import Support
 from xbus.protocol.values import (
+    ERROR_MODES,
     EVERY,
+    PERIODS,
+    PULSE_OFFSETS,
+    SYNC_DELAYS,
+    SYNC_OUT_FUNCTIONS,
+    TRANSMIT_DELAYS,
     AlignmentRotation,
     LatLonAlt,
     OptionFlag,
@@ -15,6 +21,7 @@ from xbus.protocol.values import (
     Output,
     Polarity,
     StringOutput,
+    StringType,
     SyncFunction,
     SyncLine,
     SyncSetting,
@@ -49,6 +56,10 @@ def _between(what: str, least: float, most: float, unit: str = "") -> Callable[[
     return check_number
 
 
+def _within(what: str, numbers: range, unit: str = "") -> Callable[[float], None]:
+    return _between(what, numbers[0], numbers[-1], unit)
+
+
 def _place(it: LatLonAlt) -> None:
     _between("lat", -90, 90, " degrees")(it.lat)
     _between("lon", -180, 180, " degrees")(it.lon)
@@ -72,10 +83,26 @@ def _unit(it: AlignmentRotation) -> None:
         )
 
 
+def _offsets(settings: Iterable[SyncSetting]) -> None:
+    for it in settings:
+        out = it.function in SYNC_OUT_FUNCTIONS
+        _within("the offset", PULSE_OFFSETS if out else SYNC_DELAYS, " x 0.1 ms")(it.offset)
+
+
+def _period(period: int) -> None:
+    slowest = PERIODS[-1]
+    if period > slowest and period % slowest:
+        raise ValueError(f"a period above {slowest} must be a multiple of it, not {period}")
+    if period < PERIODS[0]:
+        raise ValueError(f"the period must be at least {PERIODS[0]}, not {period}")
+
+
 #: Limits that the manual gives for the message itself.
 GENERAL: dict[str, Callable[[Any], None]] = {
-    "SetTransmitDelay": _between("the delay", 590, 65_535, " ticks"),
-    "SetErrorMode": _between("the error mode", 0, 3),
+    "SetPeriod": _period,
+    "SetSyncSettings": _offsets,
+    "SetTransmitDelay": _within("the delay", TRANSMIT_DELAYS, " ticks"),
+    "SetErrorMode": _within("the error mode", ERROR_MODES),
     "SetInitialHeading": _between("the heading", -180, 180, " degrees"),
     "SetLatLonAlt": _place,
     "SetUTCTime": _time,
@@ -106,12 +133,16 @@ def _check_outputs(outputs: Iterable[Output], support: Support) -> None:
         )
 
 
+def _beyond(flags: int, allowed: int) -> int:
+    """The bits that are set and not allowed; `~` of a flag would forget those without a name."""
+    return int(flags) & ~int(allowed)
+
+
 def _check_flags(flags: OptionFlags, support: Support) -> None:
-    if unknown := OptionFlag(flags.set) & ~support.option_flags:
+    if unknown := _beyond(flags.set, support.option_flags):
         product, flags_there = support.product.name, _names(support.option_flags)
-        raise ValueError(
-            f"the {product} has no option flag {_names(unknown)}; it has {flags_there}"
-        )
+        flag = OptionFlag(unknown).name
+        raise ValueError(f"the {product} has no option flag {flag}; it has {flags_there}")
 
 
 def _check_sync(settings: Iterable[SyncSetting], support: Support) -> None:
@@ -132,10 +163,9 @@ def _check_sync(settings: Iterable[SyncSetting], support: Support) -> None:
 
 def _check_strings(strings: StringOutput, support: Support) -> None:
     product = support.product
-    if unknown := strings.types & ~support.string_types:
-        raise ValueError(
-            f"the {product.name} has no string {_names(unknown)}; it has {_names(support.string_types)}"
-        )
+    if unknown := _beyond(strings.types, support.string_types):
+        string, strings_there = StringType(unknown).name, _names(support.string_types)
+        raise ValueError(f"the {product.name} has no string {string}; it has {strings_there}")
     has_rate = product.series == "600-series"
     if has_rate != (strings.frequency is not None):
         how = (

@@ -75,7 +75,7 @@ class Commands(ABC):
         return str(self._ask("ReqProductCode"))
 
     def req_hardware_version(self) -> v.HardwareVersion:
-        """ReqHardwareVersion (0x1E)."""
+        """ReqHardwareVersion (0x1E): the version of the hardware, on which the high rates depend."""
         return v.HardwareVersion(*self._ask("ReqHardwareVersion"))
 
     def req_fw_rev(self) -> Firmware:
@@ -213,7 +213,7 @@ class Commands(ABC):
         return found
 
     def set_can_config(self, config: v.CanConfig) -> bytes:
-        """SetCanConfig (0xE6)."""
+        """SetCanConfig (0xE6): the CAN transceiver; takes effect at the next reset."""
         return self._set("SetCanConfig", config)
 
     def req_can_output_config(self) -> tuple[v.CanOutput, ...]:
@@ -293,7 +293,7 @@ class Commands(ABC):
         return found
 
     def set_gnss_platform(self, platform: v.GnssPlatform | int) -> bytes:
-        """SetGnssPlatform (0x76)."""
+        """SetGnssPlatform (0x76): the dynamic model of the GNSS receiver (Table 31)."""
         return self._set("SetGnssPlatform", platform)
 
     def req_gnss_lever_arm(self) -> v.GnssLeverArm:

@@ -27,7 +27,7 @@ from xbus.tables import Product
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
 
-__all__ = ["Device", "connect"]
+__all__ = ["Device", "connect", "restore_communication"]
 
 #: The order in which the vendor's software tries baud rates.
 BAUDRATES = (115_200, 2_000_000, 921_600, 460_800, 230_400, 57_600, 38_400, 19_200, 9_600)
@@ -136,7 +136,8 @@ class Device(Commands):
             tried.append(str(rate))
         raise XbusTimeout(
             f"nothing was heard on {self.link.name} at {', '.join(tried)} baud; is the device powered and"
-            " connected, and does no other program (ModemManager?) use the port?",
+            " connected, and does no other program (ModemManager?) use the port? restore_communication()"
+            " brings back one that nobody can talk to",
             None,
             self.link.clock() - begun,
         )
@@ -288,13 +289,16 @@ class Device(Commands):
         return heard
 
     @contextlib.contextmanager
-    def configure(self, output: Outputs | None = None) -> Iterator[Device]:
+    def configure(
+        self, output: Outputs | None = None, *, check_baudrate: bool = True
+    ) -> Iterator[Device]:
         """Config State for the length of a ``with`` block; then the state that the device was found in.
 
         The first time the identity of the device is read, too.
 
         Args:
             output: Output configuration to set, as `set_output_configuration` takes it.
+            check_baudrate: See there.
         """
         if self.state == State.UNKNOWN:
             self._mend("GoToConfig")
@@ -305,7 +309,7 @@ class Device(Commands):
         try:
             self._identify()
             if output is not None:
-                self.set_output_configuration(output)
+                self.set_output_configuration(output, check_baudrate=check_baudrate)
             yield self
         except BaseException:
             # What went wrong inside matters more than that the way back is barred as well.
@@ -544,6 +548,29 @@ def connect(
     rates = BAUDRATES if link.is_line else (link.baudrate,)
     try:
         device.find((baudrate,) if baudrate else rates)
+    except BaseException:
+        device.close()
+        raise
+    return device
+
+
+def restore_communication(
+    port: str | serial.SerialBase | SimulatedDevice, timeout: float = 30.0, *, bid: int = 0xFF
+) -> Device:
+    """Opens the port of a device that does not answer, and restores it: see `Device.restore_communication`.
+
+    Args:
+        port: As for `connect`.
+        timeout: Seconds to wait until somebody has powered the device off and on.
+        bid: As for `connect`.
+
+    Raises:
+        XbusTimeout: It did not wake up.
+        OSError: The port cannot be opened.
+    """
+    device = Device(open_link(port, DEFAULT_BAUDRATE), bid=bid)
+    try:
+        device.restore_communication(timeout)
     except BaseException:
         device.close()
         raise

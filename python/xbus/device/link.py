@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import serial
 
+from xbus.device.ports import is_usb_of_device
+
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
 
@@ -59,8 +61,9 @@ class SerialLink:
         self._owned = owned
         self._timeout = port.timeout
         self.name = str(port.port or port.name)
-        # A URL leads somewhere else; what the rate there is, is not known.
-        self.is_line = "://" not in self.name
+        self._is_url = "://" in self.name
+        # Where a URL leads, what the rate is there is not known.
+        self.is_line = not self._is_url and not is_usb_of_device(self.name)
         if not port.is_open:
             port.open()
 
@@ -79,7 +82,7 @@ class SerialLink:
         first = self._port.read(1)
         if not first:
             return b""
-        if self.is_line:
+        if not self._is_url:
             return bytes(first + self._port.read(self._port.in_waiting))
         # A socket of pyserial knows only whether bytes wait, and not how many.
         self._set_timeout(0)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from serial.tools import list_ports
 
-__all__ = ["Port", "find_ports"]
+__all__ = ["Port", "find_ports", "is_usb_of_device"]
 
 #: USB vendor identifier of Xsens.
 XSENS = 0x2639
@@ -40,6 +40,11 @@ def find_ports() -> list[Port]:
         for it in list_ports.comports()
     ]
     return sorted(found, key=lambda it: (not it.likely, it.device))
+
+
+def is_usb_of_device(name: str) -> bool:
+    """Whether a port is the USB port of a device itself, where baud rates mean nothing."""
+    return any(it.device == name and it.vid == XSENS for it in list_ports.comports())
 
 
 def _likely(vendor: int | None, product: int | None) -> bool:

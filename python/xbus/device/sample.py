@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 from xbus import _core
+from xbus.codec import encode_frame
+from xbus.ids import MessageId
 from xbus.source import Key
 from xbus.tables import QUANTITIES
 
@@ -61,6 +63,11 @@ class Sample(Mapping[Key, Any]):
         """Packets that the tables cannot explain, by data identifier."""
         packets: list[Packet] = list(_core.packets(self.payload))
         return {data_id: data for data_id, name, _, _, data in packets if name is None}
+
+    @property
+    def frame(self) -> bytes:
+        """The bytes that `read_log` reads: samples joined are a log of them."""
+        return encode_frame(MessageId.MTData2, self.payload, bid=self.bid)
 
     def __getitem__(self, key: Key) -> Any:
         packets = self._packets

@@ -84,7 +84,7 @@ class State(StrEnum):
 
 # Baud rates
 
-#: Bits per second by code: Table 7. The text has "76k6" where it means 76,800, and two codes for 921,600.
+#: Bits per second by code, Table 7. The text has "76k6" where it means 76,800, and two codes for 921,600.
 BAUD_CODES = {
     0x0D: 4_000_000,
     0x0E: 3_686_400,
@@ -245,6 +245,12 @@ class OptionFlags(NamedTuple):
     clear: OptionFlag = OptionFlag(0)
 
 
+#: Delays before an answer on RS485, in ticks of 1/29.4912 MHz (SetTransmitDelay).
+TRANSMIT_DELAYS = range(590, 1 << 16)
+#: Error modes: 0 ignore, 1 count, 2 count and report, 3 report and go to Config State.
+ERROR_MODES = range(4)
+
+
 # Section 5.3.4: synchronization
 
 
@@ -294,6 +300,8 @@ class Polarity(IntEnum):
     BOTH = 3
 
 
+#: Delays after a pulse that comes in, and offsets of one that goes out, 0.1 ms (Tables 9 and 10).
+SYNC_DELAYS, PULSE_OFFSETS = range(60_000 + 1), range(-30_000, 30_000 + 1)
 #: The functions that drive a line; the others listen to one (Tables 9 and 10).
 SYNC_OUT_FUNCTIONS = frozenset(
     {SyncFunction.INTERVAL_TRANSITION_MEASUREMENT, SyncFunction.GNSS_1PPS}
@@ -362,6 +370,10 @@ class Output(NamedTuple):
 
 
 _NAMES = {it.id: it.name for it in QUANTITIES.values()}
+
+
+#: Sampling periods for strings, 1/115200 s: 512 to 100 Hz (Table 18).
+PERIODS = range(225, 1152 + 1)
 
 
 class StringType(IntFlag):

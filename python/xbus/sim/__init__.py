@@ -1,1 +1,23 @@
-"""Virtual devices: an MTi that is made of numbers, for work away from the hardware."""
+"""Virtual devices: how they move, what they measure, how they answer, and where other programs find them."""
+
+from xbus.sim.device import SimulatedDevice
+from xbus.sim.faults import Faults
+from xbus.sim.motion import Motion, SampledTrajectory, Trajectory
+from xbus.sim.replay import Replay
+from xbus.sim.serve import PtyServer, Server, TcpServer, serve, serving
+from xbus.sim.trajectories import TRAJECTORIES
+
+__all__ = [
+    "TRAJECTORIES",
+    "Faults",
+    "Motion",
+    "PtyServer",
+    "Replay",
+    "SampledTrajectory",
+    "Server",
+    "SimulatedDevice",
+    "TcpServer",
+    "Trajectory",
+    "serve",
+    "serving",
+]

@@ -16,7 +16,12 @@ import numpy as np
 from xbus.protocol.messages import ROWS, encode
 from xbus.protocol.products import BASE, HEADING, Support
 from xbus.protocol.values import (
+    ERROR_MODES,
+    PERIODS,
+    PULSE_OFFSETS,
+    SYNC_DELAYS,
     SYNC_OUT_FUNCTIONS,
+    TRANSMIT_DELAYS,
     Alignment,
     AlignmentRotation,
     AvailableProfile,
@@ -58,11 +63,6 @@ Command: TypeAlias = "Callable[[Unit, Any], bytes]"
 
 #: Slots in AvailableFilterProfiles; those behind the last profile are empty (Table 29).
 PROFILE_SLOTS = 5
-#: Periods of strings in 1/115200 s (Table 18), and delays in 1/29.4912 MHz.
-PERIODS, DELAYS = range(225, 1152 + 1), range(590, 1 << 16)
-#: Delays after an edge, and offsets of pulses, in 0.1 ms (Tables 9 and 10).
-SYNC_DELAYS, PULSE_OFFSETS = range(60_000 + 1), range(-30_000, 30_000 + 1)
-ERROR_MODES = range(4)
 #: The bits of Table 21.
 EXT_MODES = ExtOutputMode.ALTERNATIVE_UART | ExtOutputMode.USB_LOW_LATENCY
 #: Ticks of AdjustUTCTime, in ns.
@@ -362,7 +362,7 @@ def _writer(
 #: Settings without a handler of their own: message, setting, what is valid, and the error code otherwise.
 _SETTINGS: tuple[tuple[str, str, Callable[[Any, Support], bool], ErrorCode], ...] = (
     ("LocationID", "location_id", lambda _, __: True, ErrorCode.PARAMETER),
-    ("TransmitDelay", "transmit_delay", lambda it, _: it in DELAYS, ErrorCode.PARAMETER),
+    ("TransmitDelay", "transmit_delay", lambda it, _: it in TRANSMIT_DELAYS, ErrorCode.PARAMETER),
     ("ErrorMode", "error_mode", lambda it, _: it in ERROR_MODES, ErrorCode.PARAMETER),
     ("OutputSkipFactor", "skip_factor", lambda _, __: True, ErrorCode.PARAMETER),
     (

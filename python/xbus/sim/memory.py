@@ -7,6 +7,8 @@ from typing import Any
 
 from xbus.protocol.products import Support
 from xbus.protocol.values import (
+    PERIODS,
+    TRANSMIT_DELAYS,
     Alignment,
     AlignmentRotation,
     CanConfig,
@@ -33,14 +35,10 @@ __all__ = ["NO_ROTATION", "Memory", "Settings", "factory_settings", "restored"]
 NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
 #: Default of 7.2.1.
 DEFAULT_BAUDRATE = 115_200
-#: 100 Hz in 1/115200 s (Table 18).
-DEFAULT_PERIOD = 1152
 #: The place that devices come with (seen in published settings).
 FACTORY_PLACE = LatLonAlt(52.24049169408207, 6.838216771186439, 0.0)
 #: Table 41.
 DEFAULT_ERROR_MODE = 1
-#: The least that is valid.
-DEFAULT_TRANSMIT_DELAY = 590
 
 #: Receivers that come with the products, as in published settings; an MTi-670 has none of its own.
 _RECEIVERS = {
@@ -137,7 +135,7 @@ def factory_settings(support: Support) -> Settings:
     return Settings(
         outputs=support.outputs,
         strings=strings,
-        period=DEFAULT_PERIOD,
+        period=PERIODS[-1],
         skip_factor=0,
         sync=support.sync_settings,
         option_flags=OptionFlag(0),
@@ -149,7 +147,7 @@ def factory_settings(support: Support) -> Settings:
         rot_sensor=AlignmentRotation(Alignment.ROT_SENSOR, NO_ROTATION),
         rot_local=AlignmentRotation(Alignment.ROT_LOCAL, NO_ROTATION),
         ext_output_mode=ExtOutputMode(0),
-        transmit_delay=DEFAULT_TRANSMIT_DELAY,
+        transmit_delay=TRANSMIT_DELAYS[0],
         error_mode=DEFAULT_ERROR_MODE,
         place=FACTORY_PLACE,
         filter_profile=support.filter_profile,

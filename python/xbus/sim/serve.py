@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import selectors
 import socket
 import struct
 import sys
+import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
 
-__all__ = ["PtyServer", "Server", "TcpServer", "serve"]
+__all__ = ["PtyServer", "Server", "TcpServer", "serve", "serving"]
 
 #: Seconds between two looks at the clock, where no bytes come earlier.
 STEP = 0.01
@@ -371,6 +373,35 @@ class TcpServer(Server):
         self._selector.unregister(self._client)
         self._client.close()
         self._client = None
+
+
+@contextlib.contextmanager
+def serving(device: SimulatedDevice, *, tcp: bool = False) -> Iterator[str]:
+    """Serves a virtual device in a thread, for the length of a ``with`` block.
+
+    Args:
+        device: The virtual device. Nobody else should move it on meanwhile.
+        tcp: Whether on TCP, on this machine, and not on a pseudo-terminal.
+
+    Yields:
+        The port, as `xbus.connect` and pyserial take it.
+
+    >>> import xbus
+    >>> from xbus.sim import serving
+    >>> with serving(xbus.SimulatedDevice("MTi-630")) as port, xbus.connect(port) as device:
+    ...     "quaternion" in device.read_sample()
+    True
+    """
+    with TcpServer(device) if tcp else PtyServer(device) as server:
+        done = threading.Event()
+        thread = threading.Thread(target=serve, args=(server, done.is_set))
+        port = server.port
+        thread.start()
+        try:
+            yield str(port)
+        finally:
+            done.set()
+            thread.join()
 
 
 def serve(
