@@ -357,6 +357,34 @@ def test_errors_about_the_stream_answer_no_command() -> None:
     assert (notice.name, notice.value.code, it.pending) == ("Error", 41, "SetNoRotation")
 
 
+@pytest.mark.parametrize("name", ["ReqBaudrate", "ReqLatLonAlt", "ReqLocationID", "ReqUTCTime"])
+def test_an_empty_answer_to_a_request_is_none(name: str) -> None:
+    it = session()
+    it.request(name)
+    (refusal,) = it.receive(encode_frame(ROWS[name].reply or 0))
+    assert isinstance(refusal, Refusal)
+    assert "it carries nothing" in str(refusal.error)
+
+
+@pytest.mark.parametrize(
+    "name", ["ReqOutputConfiguration", "ReqSyncSettings", "ReqCanOutputConfig"]
+)
+def test_an_empty_list_is_a_list(name: str) -> None:
+    it = session()
+    it.request(name)
+    (reply,) = it.receive(encode_frame(ROWS[name].reply or 0))
+    assert isinstance(reply, Reply)
+    assert reply.value == ()
+
+
+def test_an_error_without_a_code() -> None:
+    it = session()
+    it.request("ReqDID")
+    (refusal,) = it.receive(encode_frame(0x42) + SAMPLE)[:1]
+    assert isinstance(refusal, Refusal)
+    assert isinstance(refusal.error, DecodeError)
+
+
 def test_code_40_keeps_its_four_bytes() -> None:
     it = session()
     it.request("ReqDID")

@@ -157,6 +157,9 @@ class Device(Commands):
             events = self.session.quiet()
         else:
             events = []
+        self._take(events)
+
+    def _take(self, events: Iterable[Event]) -> None:
         for event in events:
             if isinstance(event, Sample):
                 if len(self._samples) >= KEPT:
@@ -175,7 +178,8 @@ class Device(Commands):
             self._lost(error, command)
 
     def _lost(self, error: OSError, command: str | None) -> NoReturn:
-        self.session.lose()
+        self._take(self.session.quiet())
+        self.session.forget()
         self._broken = True
         what = f"while {command} was under way" if command else "while listening"
         raise Disconnected(
@@ -280,7 +284,7 @@ class Device(Commands):
             while self.state == State.WAKEUP and (left := until - self.link.clock()) > 0:
                 self._receive(left)
             if self.state == State.WAKEUP:
-                self.session.lose()
+                self.session.forget()
         if self.state == State.UNKNOWN:
             self._send(self.session.request(PROBE), PROBE)
             answer = self._answer(PROBE, ANSWER)
@@ -392,6 +396,7 @@ class Device(Commands):
                 carries.
         """
         lines = outputs_of(outputs)
+        self.session.check_state("SetOutputConfiguration")
         self._identify()
         if (known := self.session.support) is not None:
             self.session.validate("SetOutputConfiguration", lines)
@@ -415,6 +420,7 @@ class Device(Commands):
             XbusTimeout: It did not come back; the message says whether it still talks at the old rate.
         """
         code = baud_code(baudrate)
+        self.session.check_state("SetBaudrate")
         self._identify()
         self.session.validate("SetBaudrate", code)
         old = self.link.baudrate
@@ -451,7 +457,7 @@ class Device(Commands):
             XbusTimeout: It did not wake up.
         """
         self._mend("restore_communication")
-        self.session.lose()
+        self.session.forget()
         self.link.baudrate = DEFAULT_BAUDRATE
         until = self.link.clock() + timeout
         while self.state != State.WAKEUP:

@@ -137,7 +137,7 @@ class Session:
                 f"{name} has to wait: {self.pending} is not answered yet", name, self.state
             )
         self._check_product(name)
-        self._check_state(name)
+        self.check_state(name)
         payload = self.validate(name, value)
         if row.reply is not None:
             self.pending = name
@@ -167,7 +167,12 @@ class Session:
             self.state,
         )
 
-    def _check_state(self, name: str) -> None:
+    def check_state(self, name: str) -> None:
+        """Whether a command can be sent now.
+
+        Raises:
+            StateError: The device is in another state than those in which the command is valid.
+        """
         valid = ROWS[name].states
         if self.state in valid or name in ALWAYS:
             return
@@ -192,9 +197,8 @@ class Session:
             self.state = State.UNKNOWN
         self.pending = None
 
-    def lose(self) -> None:
-        """Forgets the state: the connection was lost."""
-        self.quiet()
+    def forget(self) -> None:
+        """Forgets the state: the connection was lost, or the device may have done anything meanwhile."""
         self.state = State.UNKNOWN
         self.pending = None
 
@@ -232,7 +236,7 @@ class Session:
             if mid == row.reply:
                 return self._answer(row.name, offset, payload)
             if mid == MessageId.Error and not (payload and payload[0] in UNASKED):
-                return self._refused(row.name, payload)
+                return self._refused(row.name, offset, payload)
         name = _core.message_name(mid, len(payload)) or f"0x{mid:02X}"
         self.state = TRANSITIONS.get(name, self.state)
         try:
@@ -247,10 +251,7 @@ class Session:
         problem = ""
         for row in self._reply_rows(command, len(payload)):
             try:
-                if row.lengths is not None and len(payload) not in row.lengths:
-                    raise ValueError(f"{row.name} has {row.payload}, not {len(payload)} bytes")  # noqa: TRY301
-                value = decode(row.name, payload) if payload else None
-                return Reply(command, value, payload)
+                return Reply(command, _read(row, payload, command), payload)
             except ValueError as error:
                 problem = problem or str(error)
         text = f"the reply to {command} cannot be read: {problem}; the command may have been obeyed"
@@ -276,12 +277,27 @@ class Session:
             rows, key=lambda it: ((it.payload == "empty") != (length == 0), it.name != own)
         )
 
-    def _refused(self, command: str, payload: bytes) -> Refusal:
+    def _refused(self, command: str, offset: int, payload: bytes) -> Refusal:
         self.pending = None
         if command == PROBE and self.state == State.UNKNOWN:
             self.state = State.MEASUREMENT  # the state in which this request is invalid
-        info: DeviceErrorInfo = decode("Error", payload)
+        try:
+            info: DeviceErrorInfo = decode("Error", payload)
+        except ValueError as error:
+            text = f"the device answered {command} with an Error that cannot be read: {error}"
+            return Refusal(command, DecodeError(text, offset, command=command))
         meaning = RESULT_CODES.get(info.code, "a code that no source explains")
         more = f" (and {info.extra.hex(' ')})" if info.extra else ""
         text = f"the device answered {command} with Error {info.code}{more}: {meaning}"
         return Refusal(command, DeviceError(text, info.code, command))
+
+
+def _read(row: MessageRow, payload: bytes, command: str) -> Any:
+    """What a reply says, if it is laid out like this row."""
+    if row.lengths is not None and len(payload) not in row.lengths:
+        raise ValueError(f"{row.name} has {row.payload}, not {len(payload)} bytes")
+    if not payload and not LAYOUTS[row.name].several:
+        if command.startswith("Req"):
+            raise ValueError("it carries nothing")
+        return None  # a setting that was taken
+    return decode(row.name, payload)
