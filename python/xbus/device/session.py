@@ -248,14 +248,31 @@ class Session:
     def _answer(self, command: str, offset: int, payload: bytes) -> Reply | Refusal:
         self.pending = None
         self.state = self._state_after(command)
+        try:
+            _, value = self.read_reply(command, payload)
+        except ValueError as error:
+            text = (
+                f"the reply to {command} cannot be read: {error}; the command may have been obeyed"
+            )
+            return Refusal(command, DecodeError(text, offset, command=command))
+        return Reply(command, value, payload)
+
+    def read_reply(self, command: str, payload: bytes) -> tuple[str, Any]:
+        """The reply to a command: its name, and what it says, None where it carries nothing.
+
+        Raises:
+            ValueError: It cannot be read.
+
+        >>> Session().read_reply("SetOutputConfiguration", bytes.fromhex("4020 0064"))
+        ('SetOutputConfigurationAck', (Output(data_id=16416, frequency=100),))
+        """
         problem = ""
         for row in self._reply_rows(command, len(payload)):
             try:
-                return Reply(command, _read(row, payload, command), payload)
+                return row.name, _read(row, payload, command)
             except ValueError as error:
                 problem = problem or str(error)
-        text = f"the reply to {command} cannot be read: {problem}; the command may have been obeyed"
-        return Refusal(command, DecodeError(text, offset, command=command))
+        raise ValueError(problem)
 
     def _state_after(self, command: str) -> State:
         """The state that an answer proves: where the answer leads, or else where the command is valid."""
