@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from typing import Any
 
 import pytest
@@ -35,7 +34,7 @@ from xbus.protocol import (
 )
 from xbus.protocol.messages import ROWS
 from xbus.protocol.products import support
-from xbus.tables import MESSAGES, PRODUCTS
+from xbus.tables import MESSAGES
 
 REQUESTS = [it for it in MESSAGES if it.direction == "to device"]
 ANSWERED = [it for it in REQUESTS if it.reply is not None]
@@ -245,23 +244,6 @@ def test_one_command_at_a_time() -> None:
 
 
 # Products
-
-
-@pytest.mark.parametrize("product", PRODUCTS.values(), ids=lambda it: it.name)
-def test_a_product_is_sent_what_it_knows(product: xbus.tables.Product) -> None:
-    for row in REQUESTS:
-        it = session(State(row.states[0]), product.name)
-        if product.number in row.products:
-            # It has the command, if not always this value.
-            with contextlib.suppress(ValueError):
-                it.request(row.name, value_for(row.name))
-        else:
-            with pytest.raises(
-                StateError, match=f"the {product.name} does not know {row.name}"
-            ) as caught:
-                it.request(row.name, value_for(row.name))
-            assert caught.value.command == row.name
-            assert it.pending is None
 
 
 def test_what_is_no_command() -> None:

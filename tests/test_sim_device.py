@@ -59,7 +59,7 @@ from xbus.sim import quaternion
 from xbus.sim.replay import Replay
 from xbus.sim.sensors import UTC
 from xbus.sim.trajectories import trajectory
-from xbus.tables import MESSAGES, PRODUCTS, STATUS_FLAGS, MessageRow
+from xbus.tables import MESSAGES, PRODUCTS, STATUS_FLAGS
 
 WAKE_UP, ACK = bytes.fromhex("FAFF3E00C3"), bytes.fromhex("FAFF3F00C2")
 PERIOD, MESSAGE, BAUDRATE, PARAMETER = 3, 4, 32, 33
@@ -195,100 +195,7 @@ def readdressed(text: str, bid: int) -> bytes:
 # States, products and values
 # ---------------------------------------------------------------------------------------------
 
-#: Payloads that are valid for every product that knows the message.
-PAYLOADS: dict[str, bytes] = {
-    "SetPeriod": encode("SetPeriod", 1152),
-    "SetBaudrate": encode("SetBaudrate", 2),
-    "SetNoRotation": encode("SetNoRotation", 2),
-    "SetSyncSettings": bytes(12),
-    "SetOptionFlags": bytes(8),
-    "SetUTCTime": encode("SetUTCTime", UtcTime(0, 2026, 2, 28, 12, 0, 0)),
-    "SetFilterProfileModern": b"General",
-    "SetGnssLeverArm": encode("SetGnssLeverArm", GnssLeverArm(0.1, 0.0, -0.5)),
-    "SetLatLonAlt": encode("SetLatLonAlt", LatLonAlt(48.0, 11.5, 500.0)),
-    "IccCommand": bytes([IccCommand.START]),
-    "SetGnssPlatform": encode("SetGnssPlatform", GnssPlatform.AIRBORNE_4G),
-    "SetLocationID": bytes(2),
-    "SetExtOutputMode": bytes(2),
-    "SetPortConfig": bytes.fromhex("000100020000000000000000"),
-    "SetStringOutputType": bytes(2),
-    "ReqEmts": bytes([0, 0xFF]),
-    "ResetOrientation": encode("ResetOrientation", ResetCode.INCLINATION),
-    "AdjustUTCTime": bytes(4),
-    "SetGnssReceiverSettings": bytes.fromhex("0000 0002 0004 00000000"),
-    "SetOutputConfiguration": bytes(4),
-    "SetOutputSkipFactor": bytes(2),
-    "SetInitialHeading": bytes(4),
-    "SetErrorMode": bytes(2),
-    "SetTransmitDelay": encode("SetTransmitDelay", 590),
-    "ForwardGnssData": b"\0",
-    "SetCanConfig": encode("SetCanConfig", CanConfig(0x0C)),
-    "SetCanOutputConfig": bytes(8),
-    "ReqAlignmentRotation": bytes([Alignment.ROT_LOCAL]),
-    "SetAlignmentRotation": encode(
-        "SetAlignmentRotation", AlignmentRotation(Alignment.ROT_LOCAL, (0.0, 1.0, 0.0, 0.0))
-    ),
-}
 REQUESTS = [it for it in MESSAGES if it.direction == "to device"]
-
-
-def payload_of(row: MessageRow, product: int) -> bytes:
-    if row.name == "SetFilterProfile":
-        # Products with names take those.
-        profiles = support(product).filter_profiles
-        return encode("SetFilterProfile", profiles[-1].type if profiles else 1)
-    if row.name == "SetFilterProfileModern" and support(product).filter_profiles:
-        return support(product).filter_profiles[0].label.encode()
-    if row.name in PAYLOADS:
-        return PAYLOADS[row.name]
-    return bytes(row.lengths[-1] if row.lengths else 0)
-
-
-def in_state(product: int, state: State) -> SimulatedDevice:
-    device = booted(product)
-    if state is not State.WAKEUP:
-        device.write(ACK)
-    if state is State.MEASUREMENT:
-        measuring(device)
-    assert device.state is state
-    return device
-
-
-@pytest.mark.parametrize("state", [State.WAKEUP, State.CONFIG, State.MEASUREMENT])
-@pytest.mark.parametrize("product", PRODUCTS)
-def test_every_message_of_every_product(product: int, state: State) -> None:
-    """The reply of the table where product and state are in it, and else Error 4."""
-    # Whoever has missed WakeUp sends GoToConfig. One code of two messages is for another state.
-    elsewhere = {(State.WAKEUP, "GoToConfig"), (State.MEASUREMENT, "ResetOrientation")}
-    never = {(State.CONFIG, "ResetOrientation"), (State.CONFIG, "IccCommand")}
-    for row in REQUESTS:
-        device = in_state(product, state)
-        found = messages(exchange(device, encode_frame(row.mid, payload_of(row, product))))
-        known = product in row.products
-        if row.name == "SetFilterProfileModern":
-            # The same bytes can be the number of a profile, but no names are two bytes long.
-            assert len(payload_of(row, product)) > 2
-        taken = known and state in row.states and (state, row.name) not in never
-        if taken or ((state, row.name) in elsewhere and known):
-            expected = [] if row.reply is None else [row.reply]
-        else:
-            late = row.name == "WakeUpAck"  # never answered
-            expected = [] if late else [MessageId.Error]
-        assert [it.mid for it in found] == expected, row.name
-        if expected == [MessageId.Error]:
-            code = PARAMETER if is_other_length(row, product, state) else MESSAGE
-            assert found[0].payload == bytes([code]), row.name
-        elif expected:
-            reply = next(it for it in MESSAGES if it.mid == row.reply)
-            lengths = [it.lengths for it in MESSAGES if it.mid == row.reply]
-            assert None in lengths or any(len(found[0].payload) in (it or ()) for it in lengths)
-            assert reply.direction == "to host"
-
-
-def is_other_length(row: MessageRow, product: int, state: State) -> bool:
-    """Whether the product knows the MID in this state, but with other lengths or names."""
-    twins = [it for it in REQUESTS if it.mid == row.mid and product in it.products]
-    return product not in row.products and any(state in it.states for it in twins)
 
 
 @pytest.mark.parametrize(

@@ -99,6 +99,12 @@ def _is_fixed(product: Product, quantity: str, hardware: HardwareVersion | None)
     return fixed_hr or QUANTITIES[quantity].group == "GNSS"
 
 
+@cache
+def _quotients(highest: int) -> tuple[int, ...]:
+    """What a rate divided by whole numbers gives, where that is whole."""
+    return tuple(highest // it for it in range(1, highest + 1) if highest % it == 0)
+
+
 # Synchronization (Tables 11 and 12)
 
 _F, _L = SyncFunction, SyncLine
@@ -367,7 +373,7 @@ class Support:
         highest = self.rates.get(quantity, 0)
         if highest in (0, EVERY) or _is_fixed(self.product, quantity, self.hardware):
             return (highest,) if highest else ()
-        return tuple(highest // it for it in range(1, highest + 1) if highest % it == 0)
+        return _quotients(highest)
 
     def acknowledged(self, output: Output) -> Output | None:
         """The line as the device answers it: with the rate in effect; None where it refuses the identifier.

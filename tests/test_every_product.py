@@ -1,0 +1,318 @@
+"""Every message and every setting on every product: session and virtual device do what the tables say."""
+
+from __future__ import annotations
+
+from itertools import product as product_of
+from typing import Any
+
+import pytest
+
+from xbus import (
+    MessageId,
+    Session,
+    SimulatedDevice,
+    StateError,
+    encode_frame,
+)
+from xbus.device.checks import check
+from xbus.device.session import Refusal, Reply
+from xbus.ids import DataId
+from xbus.protocol import (
+    EVERY,
+    AlignmentRotation,
+    CanConfig,
+    GnssLeverArm,
+    GnssReceiverSettings,
+    IccCommand,
+    LatLonAlt,
+    OptionFlag,
+    OptionFlags,
+    Output,
+    PortConfig,
+    ResetCode,
+    State,
+    StringOutput,
+    StringType,
+    SyncSetting,
+    UtcTime,
+    baudrate,
+    encode,
+)
+from xbus.protocol.messages import ROWS
+from xbus.protocol.products import BASE, HEADING, Support, support
+from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES, MessageRow
+
+STATES = (State.WAKEUP, State.CONFIG, State.MEASUREMENT)
+COMMANDS = [it for it in MESSAGES if it.direction != "to host"]
+#: Codes of Error messages (Table 5).
+MESSAGE, BAUDRATE, PARAMETER = 4, 32, 33
+
+
+def value_for(row: MessageRow, state: State, known: Support) -> Any:
+    """Something that the message can say in this state, to this product if it knows the message."""
+    labels = [it.label for it in known.filter_profiles]
+    numbers = [it.type for it in known.filter_profiles]
+    is_modern = known.product.series == "600-series"
+    values = {
+        "SetPeriod": 1152, "SetBaudrate": 0x02, "SetNoRotation": 6, "SetSyncSettings": (),
+        "SetOptionFlags": OptionFlags(), "SetUTCTime": UtcTime(0, 2026, 11, 22, 9, 30, 0),
+        "SetFilterProfile": numbers[0] if numbers else 1,
+        "SetFilterProfileModern": labels[0] if labels else "General",
+        "SetGnssLeverArm": GnssLeverArm(0, 0, 1), "SetLatLonAlt": LatLonAlt(52, 6, 0),
+        "IccCommand": IccCommand.STORE if state is State.CONFIG else IccCommand.STATE,
+        "SetGnssPlatform": 0, "SetLocationID": 1, "SetExtOutputMode": 0,
+        "SetPortConfig": (PortConfig(1, 2), PortConfig(0, 0), PortConfig(0, 0)),
+        "SetStringOutputType": StringOutput(StringType(0), 0 if is_modern else None),
+        "ReqEmts": b"\x00\xff",
+        "ResetOrientation": ResetCode.STORE if state is State.CONFIG else ResetCode.INCLINATION,
+        "AdjustUTCTime": 0, "SetGnssReceiverSettings": GnssReceiverSettings(3, 2, 4),
+        "SetOutputConfiguration": (), "SetOutputSkipFactor": 0, "SetInitialHeading": 0,
+        "SetErrorMode": 1, "SetTransmitDelay": 590, "SetCanConfig": CanConfig(0x0C),
+        "SetCanOutputConfig": (), "ReqAlignmentRotation": 0,
+        "SetAlignmentRotation": AlignmentRotation(0, (1, 0, 0, 0)), "ForwardGnssData": b"\xd3",
+        # No product knows these.
+        "SetProcessingFlags": 0, "SetGravityMagnitude": 9.8, "SetHeading": 0, "SetAmd": 0,
+        "SetOutputMode": 2, "SetOutputSettings": 0,
+    }  # fmt: skip
+    if row.name in values:
+        return values[row.name]
+    return None if row.payload == "empty" else bytes(min(row.lengths or (0,)))
+
+
+def device_in(state: State, product: int) -> SimulatedDevice:
+    device = SimulatedDevice(product)
+    device.advance(0.1)
+    if state is not State.WAKEUP:
+        device.write(encode_frame(MessageId.WakeUpAck))
+    if state is State.MEASUREMENT:
+        device.write(encode_frame(MessageId.GoToMeasurement))
+    device.read()
+    assert device.state is state
+    return device
+
+
+def session_in(state: State, product: int) -> Session:
+    it = Session()
+    it.state = state
+    it.identify(support(product))
+    return it
+
+
+def exchange(device: SimulatedDevice, wire: bytes) -> bytes:
+    device.write(wire)
+    return device.read()
+
+
+def with_message(name: str) -> list[int]:
+    """Numbers of the products that know a message."""
+    return [it for it in PRODUCTS if it in ROWS[name].products]
+
+
+def frame(name: str, value: Any = None) -> bytes:
+    return encode_frame(ROWS[name].mid, encode(name, value))
+
+
+def error(code: int) -> bytes:
+    return encode_frame(MessageId.Error, bytes([code]))
+
+
+# Messages
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_every_message(product: int, state: State) -> None:
+    """Sent, and answered, where product and state are in its row; else nothing is sent, and Error 4 comes."""
+    device = device_in(state, product)
+    for row in COMMANDS:
+        if device.state is not state:
+            device = device_in(state, product)
+        session, value = session_in(state, product), value_for(row, state, support(product))
+        wire = frame(row.name, value)
+        answer = exchange(device, wire)
+        is_known = product in row.products
+        is_taken = is_known and state in row.states
+        # Whoever has missed WakeUp sends GoToConfig.
+        is_answered = is_taken or (is_known and row.name == "GoToConfig")
+        if row.name == "WakeUpAck" or (is_answered and row.reply is None):
+            assert answer == b"", row.name
+        elif is_answered:
+            assert answer[:3] == bytes([0xFA, 0xFF, row.reply or 0]), row.name
+        else:
+            assert answer == error(PARAMETER if has_twin(row, product, state) else MESSAGE)
+
+        if is_answered or (is_known and row.name == "Reset"):
+            assert session.request(row.name, value) == wire
+        else:
+            name = support(product).product.name
+            reason = "is valid in" if is_known else f"the {name} does not know {row.name}"
+            with pytest.raises(StateError, match=reason) as caught:
+                session.request(row.name, value)
+            assert (caught.value.command, session.pending) == (row.name, None)
+            continue
+        if answer:
+            (event,) = session.receive(answer) + session.quiet()
+            assert isinstance(event, Reply if is_answered else Refusal), row.name
+        if row.name == "Reset":
+            device = device_in(state, product)
+        else:
+            assert session.state is device.state, row.name
+
+
+def has_twin(row: MessageRow, product: int, state: State) -> bool:
+    """Whether the product has another message of this MID, with other lengths."""
+    return any(
+        it.mid == row.mid and product in it.products and state in it.states for it in COMMANDS
+    )
+
+
+@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_what_is_no_command(product: int, state: State) -> None:
+    device, session = device_in(state, product), session_in(state, product)
+    for mid in set(range(256)) - {it.mid for it in COMMANDS}:
+        assert exchange(device, encode_frame(mid)) == error(MESSAGE), mid
+    for row in MESSAGES:
+        if row.direction == "to host":
+            with pytest.raises(ValueError, match="is no command"):
+                session.request(row.name)
+    assert device.state is state
+
+
+# Settings
+
+
+def both(product: int) -> tuple[SimulatedDevice, Support]:
+    return device_in(State.CONFIG, product), support(product)
+
+
+def is_sent(known: Support, name: str, value: Any) -> bool:
+    """Whether the host takes a value for this product."""
+    try:
+        check(name, value, known)
+    except ValueError:
+        return False
+    return True
+
+
+def is_taken(
+    device: SimulatedDevice, known: Support, name: str, value: Any, code: int = PARAMETER
+) -> bool:
+    """Whether host and device take a value, of which both must think the same; a refusal changes nothing."""
+    before = device.settings
+    answer = exchange(device, frame(name, value))
+    # The address may change by it.
+    is_refused = answer[2:-1] == error(code)[2:-1]
+    if is_refused:
+        assert device.settings is before
+    else:
+        assert answer[2] == ROWS[name].reply
+    assert is_sent(known, name, value) != is_refused, (name, value)
+    return not is_refused
+
+
+#: From the slowest to above the fastest, and what asks for the highest.
+RATES = (*range(2002), EVERY - 1, EVERY)
+
+
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_every_rate_of_every_quantity(product: int) -> None:
+    """The host takes the rates of the table; the device acknowledges what the table makes of any."""
+    device, known = both(product)
+    rates_of = {it: known.rates_of(it) for it in known.rates}
+    for rate in RATES:
+        outputs = [Output(QUANTITIES[it].id, rate) for it in rates_of]
+        expected = tuple(known.acknowledged(it) for it in outputs)
+        answer = exchange(device, frame("SetOutputConfiguration", outputs))
+        assert answer == frame("SetOutputConfigurationAck", expected), rate
+        assert device.settings.outputs == expected
+        for rates, output in zip(rates_of.values(), outputs, strict=True):
+            is_there = rate in (0, EVERY, *rates) or rates == (EVERY,)
+            assert is_sent(known, "SetOutputConfiguration", [output]) == is_there, output
+
+
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_every_identifier(product: int) -> None:
+    """One that is not of the product makes the whole message fail."""
+    device, known = both(product)
+    quantities = {it.id: it for it in QUANTITIES.values()}
+    for data_id in range(0, 0x10000, 0x10):
+        outputs = [Output(DataId.PacketCounter), Output(data_id, 1)]
+        is_there = data_id in quantities and quantities[data_id].name in known.rates
+        if data_id in quantities and rates_are_fixed(known, quantities[data_id].name):
+            outputs[1] = Output(data_id)
+        taken = is_taken(device, known, "SetOutputConfiguration", outputs)
+        assert taken == is_there, f"{data_id:04X}"
+
+
+def rates_are_fixed(known: Support, quantity: str) -> bool:
+    return len(known.rates_of(quantity)) == 1
+
+
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_every_sync_function_on_every_line(product: int) -> None:
+    device, known = both(product)
+    for function, line in product_of(range(20), range(16)):
+        is_there = any(function == it and line in known.sync[it] for it in known.sync)
+        settings = (SyncSetting(function, line),)
+        assert is_taken(device, known, "SetSyncSettings", settings) == is_there, (function, line)
+
+
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_every_option_flag(product: int) -> None:
+    """Also bits without a name. Clearing what a product does not have is no mistake."""
+    device, known = both(product)
+    for bit in range(32):
+        flag = OptionFlag(1 << bit)
+        assert is_taken(device, known, "SetOptionFlags", OptionFlags(clear=flag))
+        is_there = flag in known.option_flags
+        assert is_taken(device, known, "SetOptionFlags", OptionFlags(set=flag)) == is_there, flag
+
+
+@pytest.mark.parametrize("product", with_message("SetStringOutputType"))
+def test_every_string(product: int) -> None:
+    device, known = both(product)
+    rates = (0, 10) if known.product.series == "600-series" else (None,)
+    for bit, rate in product_of(range(16), rates):
+        strings = StringOutput(StringType(1 << bit), rate)
+        is_there = bool(known.string_types & (1 << bit))
+        assert is_taken(device, known, "SetStringOutputType", strings) == is_there, strings
+
+
+@pytest.mark.parametrize("product", with_message("SetFilterProfile"))
+def test_every_filter_profile(product: int) -> None:
+    device, known = both(product)
+    numbers = {it.type for it in known.filter_profiles}
+    for number in range(300):
+        assert is_taken(device, known, "SetFilterProfile", number) == (number in numbers), number
+
+
+#: The labels of all products.
+LABELS = {it.label for number in PRODUCTS for it in support(number).filter_profiles}
+
+
+@pytest.mark.parametrize("product", with_message("SetFilterProfileModern"))
+def test_every_label_of_a_filter_profile(product: int) -> None:
+    device, known = both(product)
+    labels = {it.label for it in known.filter_profiles}
+    for label in LABELS:
+        assert is_taken(device, known, "SetFilterProfileModern", label) == (label in labels), label
+
+
+@pytest.mark.xfail(reason="the host takes two of a kind", strict=True)
+@pytest.mark.parametrize("product", with_message("SetFilterProfileModern"))
+def test_every_pair_of_labels(product: int) -> None:
+    """A profile and a heading behaviour; never two of a kind."""
+    device, known = both(product)
+    kinds = {it.label: it.type for it in known.filter_profiles}
+    for pair in product_of(LABELS, LABELS):
+        is_there = sorted(kinds.get(it, 0) for it in pair) == [BASE, HEADING]
+        assert is_taken(device, known, "SetFilterProfileModern", "/".join(pair)) == is_there, pair
+
+
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_every_baud_rate(product: int) -> None:
+    device, known = both(product)
+    for code in range(256):
+        is_there = baudrate(code) in known.baudrates
+        assert is_taken(device, known, "SetBaudrate", code, BAUDRATE) == is_there, code
