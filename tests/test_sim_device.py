@@ -203,13 +203,21 @@ REQUESTS = [it for it in MESSAGES if it.direction == "to device"]
     [
         ("FA FF 99 00 68", MESSAGE),  # nobody knows it
         ("FA FF 36 00 CB", MESSAGE),  # only devices send it
-        ("FA FF 30 01 00 D0", PARAMETER),  # longer than it is
+        ("FA FF 18 02 00 00 E7", PARAMETER),  # longer than it is
         ("FA FF EC 00 15", PARAMETER),  # shorter
     ],
 )
 def test_messages_that_are_none(wire: str, code: int) -> None:
     found = exchange(configurable(630), bytes.fromhex(wire))
     assert found == encode_frame(MessageId.Error, bytes([code]))
+
+
+@pytest.mark.parametrize("mid", [0x00, 0x02, 0x0C, 0x10, 0x12, 0x1C, 0x1E, 0x24, 0x30])
+@pytest.mark.parametrize("data", [b"\0\xff", bytes(30)])
+def test_what_says_nothing_may_carry_anything(mid: int, data: bytes) -> None:
+    plain = exchange(configurable(630), encode_frame(mid))
+    assert exchange(configurable(630), encode_frame(mid, data)) == plain
+    assert plain[2] == mid + 1
 
 
 def sync(function: int, line: int, polarity: int = 1, **options: Any) -> SyncSetting:

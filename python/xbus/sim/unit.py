@@ -160,14 +160,17 @@ class Unit:
             row = self._row(request)
             if row is None:
                 return None
+            # What says nothing may carry anything: the vendor's software sends ReqConfiguration with two
+            # bytes, and GoToConfig with thirty to get through whatever a device waits for.
+            payload = b"" if row.lengths == (0,) else request.payload
             try:
-                value = decode(row.name, request.payload)
+                value = decode(row.name, payload)
             except ValueError:
                 raise Refused(ErrorCode.PARAMETER) from None
-            payload = COMMANDS[row.name](self, value)
+            answer = COMMANDS[row.name](self, value)
         except Refused as refused:
             return MessageId.Error, encode("Error", DeviceErrorInfo(refused.code))
-        return None if row.reply is None else (row.reply, payload)
+        return None if row.reply is None else (row.reply, answer)
 
     def _row(self, request: Request) -> MessageRow | None:
         """The message that a request is; None for one to pass over."""
@@ -184,6 +187,8 @@ class Unit:
         for row in rows:
             if row.lengths is None or length in row.lengths:
                 return row
+        if len(rows) == 1 and rows[0].lengths == (0,):
+            return rows[0]
         # MT Manager sends 65 bytes: the text, spaces, and more behind them.
         if rows[-1].name == "SetFilterProfileModern":
             return rows[-1]
