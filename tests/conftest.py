@@ -1,6 +1,7 @@
 """What the tests share: random streams, and two readings of them side by side.
 
     shared(path)                 a file beside the repository; the test skips where it is absent
+    exchanges()                  what was published of hosts and devices talking, by product
     read(data, ...)              bytes -> Log, with the options that read_log does not show
     facts(log or logs)           everything that a log says, by name; parts of one are joined
     facts_of(reference)          the same of the oracle
@@ -49,6 +50,18 @@ def shared(path: str) -> Path:
     found = SHARED / path
     if not found.exists():
         pytest.skip(f"{found} is absent")
+    return found
+
+
+def exchanges() -> dict[str, list[str]]:
+    """What was published, by product: from Config on, what is sent and what comes back, in turn."""
+    lines = (Path(__file__).parent / "spec" / "exchanges.txt").read_text().splitlines()
+    found: dict[str, list[str]] = {}
+    for line in lines:
+        if line.startswith("["):
+            found[line.strip("[]")] = told = []
+        elif line and not line.startswith("#"):
+            told.append(line)
     return found
 
 

@@ -7,13 +7,12 @@ from typing import Any
 import pytest
 
 import xbus
-from conftest import shared
+from conftest import exchanges, shared
 from xbus import DecodeError, DeviceError, Sample, Session, StateError, encode_frame, encode_sample
 from xbus.device.session import Notice, Refusal, Reply
 from xbus.protocol import (
     Alignment,
     AlignmentRotation,
-    AvailableProfile,
     FilterProfile,
     HardwareVersion,
     IccCommand,
@@ -25,7 +24,6 @@ from xbus.protocol import (
     OptionFlags,
     Output,
     PortConfig,
-    PortProtocol,
     ResetCode,
     Selftest,
     State,
@@ -42,6 +40,7 @@ ANSWERED = [it for it in REQUESTS if it.reply is not None]
 KNOWN = [
     it for it in ANSWERED if all(row.lengths is not None for row in MESSAGES if row.mid == it.reply)
 ]
+EXCHANGES = exchanges()
 SAMPLE = encode_sample({"packet_counter": 7, "acceleration": [0, 0, 9.81]})
 
 
@@ -74,70 +73,61 @@ def value_for(name: str) -> Any:
     return None if ROWS[name].payload == "empty" else b"\0" * min(ROWS[name].lengths or (1,))
 
 
-# Exchanges: what the host sends, and what devices are known to have answered (the manual's section 6, and
-# published dialogues of an MTi-300, MTi-630, MTi-7 and MTi-680G).
+# Exchanges
 
-OUTPUTS = (
-    Output(0x1020), Output(0x1060), Output(0x2010, 100), Output(0x4020, 400), Output(0x8020, 400),
-    Output(0xC020, 100), Output(0xE020), Output(0x5042, 100), Output(0x5022, 100), Output(0xD012, 100),
-)  # fmt: skip
-OUTPUTS_WIRE = (
-    "10 20 FF FF 10 60 FF FF 20 10 00 64 40 20 01 90 80 20 01 90 C0 20 00 64 E0 20 FF FF 50 42 00 64"
-    " 50 22 00 64 D0 12 00 64"
-)
-TRIGGERED = (0x1060, 0x4020, 0x8020, 0x2030, 0xE020, 0x4810)
-PROFILES = tuple(
-    AvailableProfile(number, 15, label)
-    for number, label in enumerate(
-        ("general", "high_mag_dep", "dynamic", "low_mag_dep", "vru_general"), 39
-    )
-)
-IDENTITY = AlignmentRotation(Alignment.ROT_SENSOR, (1, 0, 0, 0))
-XBUS_921600 = PortConfig(PortProtocol.XBUS, 0x80)
-NO_PORT = PortConfig(PortProtocol.NONE, 0)
+#: MT Manager fills a name up with spaces, and then with what was in its memory.
+FILLED_UP = "FA FF 64 41"
 
-# command, value, frame, answer, what it says
-EXCHANGES: list[tuple[str, Any, str, str, Any]] = [
-    ("GoToConfig", None, "FA FF 30 00 D1", "FA FF 31 00 D0", None),
-    ("SetOutputConfiguration", OUTPUTS, f"FA FF C0 28 {OUTPUTS_WIRE} 73",
-     f"FA FF C1 28 {OUTPUTS_WIRE} 72", OUTPUTS),
-    ("SetBaudrate", 0x80, "FA FF 18 01 80 68", "FA FF 19 00 E8", None),
-    ("SetFilterProfile", 2, "FA FF 64 02 00 02 99", "FA FF 65 00 9C", None),
-    ("GoToMeasurement", None, "FA FF 10 00 F1", "FA FF 11 00 F0", None),
-    ("ReqDID", None, "FA FF 00 00 01", "FA FF 01 04 03 60 08 A6 EB", 0x036008A6),
-    ("InitBus", None, "FA FF 02 00 FF", "FA FF 03 04 03 70 03 F8 8C", (0x037003F8,)),
-    ("ReqFWRev", None, "FA FF 12 00 EF",
-     "FA FF 13 0B 01 08 02 00 00 00 25 00 01 15 34 69", (1, 8, 2, 37, 70964)),
-    ("ReqProductCode", None, "FA FF 1C 00 E5",
-     "FA FF 1D 14 4D 54 69 2D 33 30 2D 32 41 35 47 34 20 20 20 20 20 20 20 20 E6", "MTi-30-2A5G4"),
-    ("ReqAvailableFilterProfiles", None, "FA FF 62 00 9F",
-     "FA FF 63 6E 27 0F 67 65 6E 65 72 61 6C 20 20 20 20 20 20 20 20 20 20 20 20 20 28 0F 68 69"
-     " 67 68 5F 6D 61 67 5F 64 65 70 20 20 20 20 20 20 20 20 29 0F 64 79 6E 61 6D 69 63 20 20 20"
-     " 20 20 20 20 20 20 20 20 20 20 2A 0F 6C 6F 77 5F 6D 61 67 5F 64 65 70 20 20 20 20 20 20 20"
-     " 20 20 2B 0F 76 72 75 5F 67 65 6E 65 72 61 6C 20 20 20 20 20 20 20 20 20 F1", PROFILES),
-    ("SetStringOutputType", StringOutput(StringType(0)), "FA FF 8E 02 00 00 71", "FA FF 8F 00 72", None),
-    ("SetPortConfig", (XBUS_921600, XBUS_921600, NO_PORT),
-     "FA FF 8C 0C 00 01 00 80 00 01 00 80 00 00 00 00 67", "FA FF 8D 00 74", None),
-    ("SetOutputConfiguration", tuple(Output(it, 0xFFFF if it == 0x4810 else 400) for it in TRIGGERED),
-     "FA FF C0 18 10 60 01 90 40 20 01 90 80 20 01 90 20 30 01 90 E0 20 01 90 48 10 FF FF 3E",
-     "FA FF C1 18 10 60 FF FF 40 20 01 90 80 20 01 90 20 30 01 90 E0 20 FF FF 48 10 FF FF 63",
-     tuple(Output(it, 0xFFFF if it in (0x1060, 0xE020, 0x4810) else 400) for it in TRIGGERED)),
-    ("SetAlignmentRotation", IDENTITY,
-     "FA FF EC 11 00 3F 80 00 00 00 00 00 00 00 00 00 00 00 00 00 00 45", "FA FF ED 00 14", None),
+
+@pytest.mark.parametrize("product", EXCHANGES)
+def test_published_exchanges(product: str) -> None:
+    """Byte for byte, from what the frames say; however the answer is cut, and with samples in between."""
+    it = session(State.CONFIG, product)
+    lines = EXCHANGES[product]
+    for sent, came in zip(lines[::2], lines[1::2], strict=True):
+        request, answer = bytes.fromhex(sent), bytes.fromhex(came)
+        name = command_of(request, product)
+        value = xbus.protocol.decode(name, request[4:-1])
+        if not sent.startswith(FILLED_UP):
+            assert it.request(name, value) == request
+            assert_answered(it, name, answer)
+        for cut in range(len(answer)):
+            other = session(State(ROWS[name].states[0]), product)
+            other.request(name, value)
+            assert_answered(other, name, answer, cut)
+
+
+def command_of(request: bytes, product: str) -> str:
+    """The command that a frame is, of those that the product knows."""
+    known = support(product).messages
+    length = len(request) - 5
+    rows = [it for it in REQUESTS if it.mid == request[2] and it.name in known]
+    return next((it.name for it in rows if length in (it.lengths or ())), rows[-1].name)
+
+
+def assert_answered(it: Session, command: str, answer: bytes, cut: int = 0) -> Reply:
+    """That it takes an answer, which comes in two pieces and with samples before and behind."""
+    assert it.pending == command
+    events = it.receive(SAMPLE + answer[:cut])
+    events += it.receive(answer[cut:] + SAMPLE)
+    (reply,) = (event for event in events if isinstance(event, Reply))
+    assert (reply.command, reply.payload) == (command, answer[4:-1])
+    assert (reply.value is None) == (not reply.payload)
+    assert sum(isinstance(event, Sample) for event in events) == 2
+    assert it.pending is None
+    return reply
+
+
+# Other answers that devices are known to have given: command, value, frame, answer, what it says.
+ANSWERS: list[tuple[str, Any, str, str, Any]] = [
     ("IccCommand", IccCommand.STOP, "FA FF 74 01 01 8B", "FA FF 75 07 01 40 80 3A 85 02 00 03",
      IccReply(IccCommand.STOP, IccResult(4.007143497467041, 2, IccStatus(0)))),
     ("SetOptionFlags", OptionFlags(OptionFlag.DISABLE_AUTO_STORE, OptionFlag.DISABLE_AUTO_MEASUREMENT),
      "FA FF 48 08 00 00 00 01 00 00 00 02 AE", "FA FF 49 00 B8", None),
-    ("SetLatLonAlt", LatLonAlt(52.24049169408207, 6.838216771186439, 0),
-     "FA FF 6E 18 40 4A 1E C8 6E 8C 85 64 40 1B 5A 55 7F 4C D1 61 00 00 00 00 00 00 00 00 21",
-     "FA FF 6F 00 92", None),
     ("SetNoRotation", 6, "FA FF 22 02 00 06 D7", "FA FF 23 00 DE", None),
     ("ResetOrientation", ResetCode.ALIGNMENT, "FA FF A4 02 00 04 57", "FA FF A5 00 5C", None),
-    ("ReqPeriod", None, "FA FF 04 00 FD", "FA FF 05 02 04 80 76", 1152),
     ("RunSelftest", None, "FA FF 24 00 DD", "FA FF 25 02 01 FF DA", Selftest(0x1FF)),
     ("ReqHardwareVersion", None, "FA FF 1E 00 E3", "FA FF 1F 02 02 00 DE", HardwareVersion(2, 0)),
-    ("Reset", None, "FA FF 40 00 C1", "FA FF 41 00 C0", None),
-    ("RestoreFactoryDef", None, "FA FF 0E 00 F3", "FA FF 0F 00 F2", None),
     ("ReqOptionFlags", None, "FA FF 48 00 B9", "FA FF 49 04 00 00 00 10 A4", OptionFlag.ENABLE_AHS),
     # What a device sends back with a setting is read like the answer to the request.
     ("SetOptionFlags", OptionFlags(OptionFlag.ENABLE_AHS), "FA FF 48 08 00 00 00 10 00 00 00 00 A1",
@@ -148,20 +138,13 @@ EXCHANGES: list[tuple[str, Any, str, str, Any]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("command", "value", "sent", "came", "says"), EXCHANGES)
-def test_exchanges(command: str, value: Any, sent: str, came: str, says: Any) -> None:
-    """Byte for byte, however the answer is cut, and with samples in between."""
+@pytest.mark.parametrize(("command", "value", "sent", "came", "says"), ANSWERS)
+def test_answers(command: str, value: Any, sent: str, came: str, says: Any) -> None:
     answer = bytes.fromhex(came)
     for cut in range(len(answer)):
         it = session(State.CONFIG if "config" in ROWS[command].states else State.MEASUREMENT)
         assert it.request(command, value) == bytes.fromhex(sent)
-        assert it.pending == command
-        events = it.receive(SAMPLE + answer[:cut])
-        events += it.receive(answer[cut:] + SAMPLE)
-        (reply,) = (event for event in events if isinstance(event, Reply))
-        assert (reply.command, reply.value, reply.payload) == (command, says, answer[4:-1])
-        assert sum(isinstance(event, Sample) for event in events) == 2
-        assert it.pending is None
+        assert assert_answered(it, command, answer, cut).value == says
 
 
 # States

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import xbus
-from conftest import OWN_CAPTURES
+from conftest import OWN_CAPTURES, exchanges
 from xbus import Faults, MessageId, Scanner, SimulatedDevice, encode_frame
 from xbus.configuration import Configuration, Firmware
 from xbus.ids import DataId
@@ -156,18 +155,6 @@ def flag(words: Any, name: str) -> list[int]:
 # ---------------------------------------------------------------------------------------------
 # Published exchanges
 # ---------------------------------------------------------------------------------------------
-
-
-def exchanges() -> dict[str, list[str]]:
-    """What was published, by product: from Config on, what is sent and what comes back, in turn."""
-    lines = (Path(__file__).parent / "spec" / "exchanges.txt").read_text().splitlines()
-    found: dict[str, list[str]] = {}
-    for line in lines:
-        if line.startswith("["):
-            found[line.strip("[]")] = told = []
-        elif line and not line.startswith("#"):
-            told.append(line)
-    return found
 
 
 EXCHANGES = exchanges()
