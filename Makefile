@@ -29,6 +29,7 @@ bench:
 	python benches/export.py
 	python benches/memory.py
 	python benches/startup.py
+	python benches/virtual.py
 
 docs:
 	sphinx-build -W -b html docs docs/_build/html
