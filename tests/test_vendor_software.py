@@ -1,0 +1,249 @@
+"""A virtual device in the hands of the vendor's software: what that sends, step by step, and insists on."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import pytest
+import serial
+
+from xbus import MessageId, Sample, Scanner, SimulatedDevice, encode_frame
+from xbus.ids import DataId
+from xbus.log import Message
+from xbus.protocol import EVERY, Output, State, decode, encode
+from xbus.protocol.products import Support, support
+from xbus.sim import serving
+from xbus.tables import PRODUCTS, QUANTITIES
+
+BAUDRATE = 115_200
+#: Seconds that it waits for answers: to GoToConfig while it scans and later, and to most others.
+SCAN_TIMEOUT, CONFIG_TIMEOUT, TIMEOUT = 0.1, 0.2, 0.5
+TIMEOUTS = {MessageId.ReqConfiguration: 5.0, MessageId.ReqEmts: 10.0}
+#: Seconds of one read, and bytes.
+STEP, PIECE = 0.005, 1 << 12
+
+
+class Port(Protocol):
+    """An open port."""
+
+    def write(self, data: bytes, /) -> Any: ...
+    def read(self, size: int, /) -> bytes: ...
+
+
+class PortInProcess:
+    """A port of a device in this process, whose time goes on while one reads."""
+
+    def __init__(self, device: SimulatedDevice) -> None:
+        self.device = device
+        device.read()  # lost while nobody had it open
+
+    def write(self, data: bytes) -> None:
+        self.device.write(data, baudrate=BAUDRATE)
+
+    def read(self, size: int) -> bytes:
+        self.device.advance(STEP)
+        return self.device.read(baudrate=BAUDRATE)
+
+
+class Host:
+    """What sits at the port. Every answer must be the only one, and from the address that was asked.
+
+    Args:
+        port: An open port.
+        patience: By how much it waits longer: real time is not for tests.
+    """
+
+    def __init__(self, port: Port, patience: int = 1) -> None:
+        self.port, self.patience = port, patience
+        self.samples: list[Sample] = []
+        self._scanner = Scanner()
+        self._is_in_step = False
+        self._silence = 0
+
+    def ask(self, mid: MessageId, data: bytes = b"", timeout: float | None = None) -> bytes | None:
+        """The payload of the answer; None for Error."""
+        self.port.write(encode_frame(mid, data))
+        timeout = TIMEOUTS.get(mid, TIMEOUT) if timeout is None else timeout
+        for _ in range(round(timeout / STEP) * self.patience):
+            if answers := self.read():
+                (answer,) = answers
+                assert answer.bid == 0xFF
+                assert answer.mid in (mid + 1, MessageId.Error), mid
+                return None if answer.mid == MessageId.Error else answer.payload
+        raise AssertionError(f"no answer to {mid.name} within {timeout} s")
+
+    def must(self, mid: MessageId, data: bytes = b"", timeout: float | None = None) -> bytes:
+        """The payload of the answer, which must not be Error."""
+        answer = self.ask(mid, data, timeout)
+        assert answer is not None, mid
+        return answer
+
+    def go_to_config(self, data: bytes = b"") -> None:
+        assert self.must(MessageId.GoToConfig, data, SCAN_TIMEOUT) == b""
+
+    def read(self) -> list[Message]:
+        """What comes in a moment and is no sample."""
+        data = self.port.read(PIECE)
+        self._silence = 0 if data else self._silence + 1
+        found = self._scanner.feed(data) if self._silence < 4 else self._scanner.close()
+        messages = [it for it in found if isinstance(it, Message)]
+        # Who opens a port while samples come begins in the middle of one.
+        assert len(messages) == len(found) or not self._is_in_step, found
+        self._is_in_step |= bool(messages)
+        self.samples += [Sample(it.payload) for it in messages if it.mid == MessageId.MTData2]
+        return [it for it in messages if it.mid != MessageId.MTData2]
+
+
+def scan(host: Host) -> None:
+    """Is anybody there, and who?"""
+    host.go_to_config()
+    assert len(host.must(MessageId.ReqDID)) in (4, 8)
+
+
+def initialise(host: Host, known: Support) -> None:
+    """All that it wants to know before a program gets the device."""
+    host.go_to_config()
+    # To get through whatever a device may be waiting for.
+    host.go_to_config(bytes(30))
+    device_id = host.must(MessageId.ReqDID)
+    assert device_id == encode("DeviceID", known.identity.device_id)
+    code = host.must(MessageId.ReqProductCode)
+    assert (len(code), code.decode().split(" ")[0]) == (20, known.identity.product_code)
+    assert len(host.must(MessageId.ReqHardwareVersion)) == 2
+    assert len(host.must(MessageId.ReqFWRev)) == 11
+    high, low = device_id[:-4], device_id[-4:]
+    assert host.must(MessageId.InitBus) == low
+
+    configuration = host.must(MessageId.ReqConfiguration, b"\x00\xff")
+    assert configuration == host.must(MessageId.ReqConfiguration)
+    assert len(configuration) == 118
+    assert configuration[96:98] == b"\x00\x01"
+    # An identifier of eight bytes has its low half first.
+    assert configuration[:4] == configuration[98:102] == low
+    if high:
+        assert configuration[4:8] == configuration[102:106] == high
+    assert tuple(configuration[112:115]) == known.identity.firmware[:3]
+
+    outputs = host.must(MessageId.ReqOutputConfiguration)
+    assert len(outputs) % 4 == 0
+    assert decode("ReqOutputConfigurationAck", outputs) == known.outputs
+    assert len(host.must(MessageId.ReqEmts, b"\x00\xff")) > 0
+    assert len(host.must(MessageId.ReqOptionFlags)) == 4
+    assert len(host.must(MessageId.ReqSyncSettings)) % 12 == 0
+    profiles = host.ask(MessageId.ReqAvailableFilterProfiles)
+    profile = host.ask(MessageId.ReqFilterProfile)
+    if not known.filter_profiles:
+        assert (profiles, profile) == (None, None)
+        return
+    assert profiles is not None
+    assert len(profiles) % 22 == 0
+    # A label ends at its first space.
+    slots = [profiles[it : it + 22] for it in range(0, len(profiles), 22)]
+    labels = [it[2:].decode().split(" ", 1)[0] for it in slots if it[0] and b" " in it]
+    assert labels == [it.label for it in known.filter_profiles]
+    assert profile is not None
+
+
+#: Asked for at 0 Hz: as often as there are samples.
+WITH_EVERY_SAMPLE = (DataId.PacketCounter, DataId.SampleTimeFine, DataId.StatusWord)
+
+
+def configure(host: Host, *measured: Output) -> None:
+    """No line of an output configuration may get lost."""
+    asked = [*(Output(it, 0) for it in WITH_EVERY_SAMPLE), *measured]
+    answer = host.must(MessageId.SetOutputConfiguration, encode("SetOutputConfiguration", asked))
+    assert len(answer) == 4 * len(asked)
+    outputs = decode("SetOutputConfigurationAck", answer)
+    assert outputs == tuple(it._replace(frequency=it.frequency or EVERY) for it in asked)
+    assert host.must(MessageId.ReqOutputConfiguration) == answer
+
+
+def measure(host: Host, known: Support, count: int) -> None:
+    """As many samples, none of which is missing; the gyroscopes' biases are estimated meanwhile."""
+    assert host.must(MessageId.GoToMeasurement) == b""
+    answer = host.ask(MessageId.SetNoRotation, b"\x00\x06")
+    assert answer == (b"" if "SetNoRotation" in known.messages else None)
+    for _ in range(1000 * host.patience):
+        if len(host.samples) >= count:
+            break
+        assert host.read() == []
+    assert [it["packet_counter"] for it in host.samples] == list(range(len(host.samples)))
+    first = int(host.samples[0]["sample_time_fine"])
+    times = [int(it["sample_time_fine"]) - first for it in host.samples]
+    assert times == list(range(0, 100 * len(times), 100))
+    assert len(times) >= count
+
+
+def awake(product: int, baudrate: int | None = BAUDRATE) -> SimulatedDevice:
+    """One that has been measuring for a while."""
+    device = SimulatedDevice(product, baudrate=baudrate)
+    device.advance(1.0)
+    device.read()
+    return device
+
+
+def use(
+    open_port: Callable[[], contextlib.AbstractContextManager[Port]],
+    known: Support,
+    patience: int = 1,
+) -> None:
+    """From the first look to the end; the port is closed and opened again in between."""
+    with open_port() as port:
+        scan(Host(port, patience))
+    with open_port() as port:
+        host = Host(port, patience)
+        initialise(host, known)
+        configure(host, Output(DataId.RateOfTurn, 100), Output(DataId.Acceleration, 100))
+        measure(host, known, 50)
+        host.go_to_config()
+    with open_port() as port:
+        scan(Host(port, patience))
+
+
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_every_product(product: int) -> None:
+    device = awake(product)
+
+    use(lambda: contextlib.nullcontext(PortInProcess(device)), support(product))
+    assert device.state is State.CONFIG
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+@pytest.mark.parametrize("product", [3, 300, 680])
+def test_on_a_port(product: int) -> None:
+    """It locks the port, which nobody else may have done."""
+    with serving(awake(product)) as path:
+
+        def on_a_pty() -> serial.Serial:
+            return serial.Serial(path, BAUDRATE, timeout=STEP, exclusive=True)
+
+        use(on_a_pty, support(product), patience=40)
+
+
+# A serial line that is too slow for all of it has two kilobytes of samples before the answer.
+@pytest.mark.parametrize(
+    ("baudrate", "timeout"), [(None, SCAN_TIMEOUT), (BAUDRATE, CONFIG_TIMEOUT)]
+)
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_go_to_config_is_answered_while_as_much_comes_as_can(
+    product: int, baudrate: int | None, timeout: float
+) -> None:
+    known, device = support(product), awake(product, baudrate)
+    host = Host(PortInProcess(device))
+    host.go_to_config()
+    outputs = [Output(QUANTITIES[it].id, known.rates_of(it)[0]) for it in known.rates]
+    host.must(MessageId.SetOutputConfiguration, encode("SetOutputConfiguration", outputs[:32]))
+    for _ in range(5):
+        host.must(MessageId.GoToMeasurement)
+        device.advance(0.777)
+        host.port.write(encode_frame(MessageId.GoToConfig))
+        before = device.time
+        found: list[int] = []
+        while MessageId.GoToConfigAck not in found:
+            found += [it.mid for it in host.read()]
+            assert device.time - before <= timeout
+        # That samples are lost is said at most once a second.
+        assert found.count(MessageId.Error) <= (device.lost > 0)
