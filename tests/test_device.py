@@ -14,6 +14,7 @@ from xbus import (
     Device,
     DeviceError,
     Disconnected,
+    MessageId,
     SimulatedDevice,
     StateError,
     XbusTimeout,
@@ -356,6 +357,35 @@ def test_no_answer(row: xbus.tables.MessageRow) -> None:
     assert caught.value.command == row.name
     link.meddle = lambda data: data
     works_again(device)
+
+
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+def test_ctrl_c(row: xbus.tables.MessageRow) -> None:
+    device, link = identified()
+    value = value_for(row.name, device)
+
+    def interrupt(_: bytes) -> bytes:
+        link.meddle = lambda data: data
+        raise KeyboardInterrupt
+
+    link.meddle = interrupt
+    with pytest.raises(KeyboardInterrupt):
+        device.command(row.name, value)
+    works_again(device)
+
+
+def test_ctrl_c_inside_configure_restores_the_state() -> None:
+    device, link = opened(state=State.MEASUREMENT)
+
+    def interrupt(data: bytes) -> bytes:
+        if link.written[-1][2] == MessageId.ReqOptionFlags:
+            raise KeyboardInterrupt
+        return data
+
+    link.meddle = interrupt
+    with pytest.raises(KeyboardInterrupt), device.configure():
+        device.req_option_flags()
+    assert device.state == link.device.state == State.MEASUREMENT
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)

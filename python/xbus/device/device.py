@@ -225,12 +225,14 @@ class Device(Commands):
         timeout, tries = self._patience(name)
         for _ in range(tries):
             frame = self.session.request(name, value)
-            self._send(frame, name)
-            if ROWS[name].reply is None:
-                return Reply(name, None, b"")
-            if (answer := self._answer(name, timeout)) is not None:
-                break
-            self.session.abandon()
+            try:
+                self._send(frame, name)
+                if ROWS[name].reply is None:
+                    return Reply(name, None, b"")
+                if (answer := self._answer(name, timeout)) is not None:
+                    break
+            finally:
+                self.session.abandon()  # after Ctrl-C, too: other commands would wait for ever
         else:
             waited = timeout * tries
             raise XbusTimeout(
