@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import click
 
 from xbus.cli.inputs import Input, label, no_frame, task
-from xbus.cli.output import hint, is_terminal, put
+from xbus.cli.output import called, is_terminal, put
 from xbus.cli.progress import Progress
 
 __all__ = ["dump"]
@@ -34,11 +34,7 @@ def _mid(value: str) -> int | str:
     try:
         mid = int(value, 0)
     except ValueError:
-        names = {it.name.lower(): it.name for it in MESSAGES}
-        if value.lower() in names:
-            return names[value.lower()]
-        advice = hint(value, names.values(), "messages")
-        raise click.BadParameter(f"no message is called {value!r}; {advice}") from None
+        return called(value, (it.name for it in MESSAGES), "message", "messages")
     if not 0 <= mid <= 0xFF:
         raise click.BadParameter(f"a message identifier is a byte, not {value}")
     return mid

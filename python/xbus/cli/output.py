@@ -9,9 +9,12 @@ import sys
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import click
+
 __all__ = [
     "aligned",
     "bold",
+    "called",
     "count",
     "hint",
     "is_terminal",
@@ -80,6 +83,19 @@ def hint(text: str, names: Iterable[str], command: str) -> str:
     near = [it for it in by_lower if it.startswith(text.lower())]
     near = near or difflib.get_close_matches(text.lower(), by_lower, n=1)
     return f"did you mean {by_lower[near[0]]}?" if near else f"xbus {command} lists them"
+
+
+def called(text: str, names: Iterable[str], what: str, command: str) -> str:
+    """The one of the names that is ``text``, in whichever case; ``xbus command`` lists them.
+
+    Raises:
+        BadParameter: None is.
+    """
+    by_lower = {it.lower(): it for it in names}
+    if (name := by_lower.get(text.lower())) is None:
+        advice = hint(text, by_lower.values(), command)
+        raise click.BadParameter(f"no {what} is called {text!r}; {advice}")
+    return name
 
 
 def put_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, spare: Sequence[str]) -> None:

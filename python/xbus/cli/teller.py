@@ -7,7 +7,14 @@ from collections.abc import Iterable
 from typing import Any
 
 from xbus import _core
-from xbus.cli.words import is_malformed, notice, packet_facts, packet_text, said, seconds
+from xbus.cli.words import (
+    is_malformed,
+    message_facts,
+    packet_facts,
+    packet_text,
+    said,
+    seconds,
+)
 from xbus.codec import Damage, Scanner
 from xbus.ids import MessageId
 from xbus.log import Message
@@ -99,21 +106,15 @@ def _words(message: Message, frame: bytes | None) -> str:
 
 
 def _facts(message: Message, frame: bytes | None) -> str:
-    facts: dict[str, Any] = {
-        "offset": message.offset,
-        "bid": message.bid,
-        "mid": message.mid,
-        "name": message.name,
-    }
+    facts: dict[str, Any] = {"offset": message.offset}
     if message.mid == MessageId.MTData2:
         packets = _core.packets(message.payload)
+        facts |= {"bid": message.bid, "mid": message.mid, "name": message.name}
         facts["time_s"] = seconds(packets)
         facts["malformed"] = is_malformed(message.payload)
         facts["packets"] = [packet_facts(it) for it in packets]
-    elif message.mid in (MessageId.Error, MessageId.Warning):
-        facts |= notice(message)._asdict()
     else:
-        facts["text"] = said(message)
+        facts |= message_facts(message)
     if frame is not None:
         facts["frame"] = frame.hex().upper()
     return json.dumps(facts)

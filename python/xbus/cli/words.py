@@ -25,6 +25,7 @@ __all__ = [
     "device_name",
     "finite",
     "is_malformed",
+    "message_facts",
     "notice",
     "packet_facts",
     "packet_text",
@@ -94,6 +95,14 @@ def said(message: Message) -> str:
     if told.product_code is not None:
         parts.insert(0, printable(told.product_code.encode()))
     return ", ".join(parts) or _payload(message)
+
+
+def message_facts(message: Message) -> dict[str, Any]:
+    """A message that is no sample, for programs."""
+    facts = {"bid": message.bid, "mid": message.mid, "name": message.name}
+    if message.name in ("Error", "Warning"):
+        return facts | notice(message)._asdict()
+    return facts | {"text": said(message)}
 
 
 def _payload(message: Message) -> str:
