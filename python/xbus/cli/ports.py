@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from xbus.cli.connection import connected
+from xbus.cli.failure import Failure
 from xbus.cli.output import put, put_json_rows, put_table
+from xbus.errors import XbusError, XbusTimeout
 
 if TYPE_CHECKING:
     from xbus.device import Port
@@ -18,8 +22,8 @@ __all__ = ["ports"]
 @click.option(
     "--identify",
     is_flag=True,
-    help="Connect to each port that says Xsens, or to all if none does, and read who is there. A device that"
-    " measures stops for a moment.",
+    help="Connect to each port that says Xsens, or to all if none does, and read who is there: seconds for"
+    " each. A device that measures stops for a moment.",
 )
 @click.option("--json", "as_json", is_flag=True, help="A JSON list.")
 def ports(identify: bool, as_json: bool) -> None:
@@ -30,40 +34,63 @@ def ports(identify: bool, as_json: bool) -> None:
     from xbus.device import find_ports
 
     found = find_ports()
-    likely = [it for it in found if it.likely] or found
-    rows = [_facts(it, identify=identify and it in likely) for it in found]
+    asked = ([it for it in found if it.likely] or found) if identify else []
+    rows = [_facts(it) | (_who(it) if it in asked else {}) for it in found]
     if as_json:
         put_json_rows(rows)
     elif not rows:
         put("no serial port; is the device plugged in?")
     else:
-        head = ["port", "Xsens", "description", "device"]
-        cells = [
-            [it["port"], "yes" if it["likely"] else "", it["description"], it["device"] or ""]
-            for it in rows
-        ]
-        put_table(head, cells, spare=[])
+        _put_rows(rows, identify=identify)
 
 
-def _facts(port: Port, *, identify: bool) -> dict[str, Any]:
-    facts = {"port": port.device, "likely": port.likely, "description": port.description}
+def _facts(port: Port) -> dict[str, Any]:
     return {
-        **facts,
+        "port": port.device,
+        "likely": port.likely,
+        "description": port.description,
         "serial_number": port.serial_number,
-        "device": _who(port) if identify else None,
     }
 
 
-def _who(port: Port) -> str:
-    """Who is behind a port, in a line."""
+def _who(port: Port) -> dict[str, Any]:
+    """Who is behind a port, or why that cannot be told."""
     from xbus.cli.words import device_name
-    from xbus.device import connect
-    from xbus.errors import XbusError
 
+    if sys.stderr is not None and sys.stderr.isatty():
+        click.echo(f"asking {port.device}", err=True)
     try:
-        with connect(port.device) as device, device.configure():
-            number = device_name(device.device_id or 0)
-            code = device.product_code or "no product code"
-            return f"{code} {number}, firmware {device.firmware}, {device.link.baudrate} baud"
-    except (XbusError, OSError) as error:
-        return f"nobody: {error}"
+        with connected(port.device) as device, device.configure():
+            return {
+                "product_code": device.product_code,
+                "device_id": None if device.device_id is None else device_name(device.device_id),
+                "firmware": None if device.firmware is None else str(device.firmware),
+                "baudrate": device.link.baudrate,
+            }
+    except XbusTimeout:
+        return {"problem": "nothing was heard"}
+    except (Failure, XbusError) as error:
+        return {"problem": str(error)}
+
+
+def _put_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
+    head = ["port", "Xsens", "description", "serial number"]
+    cells = [
+        [it["port"], "yes" if it["likely"] else "", it["description"], it["serial_number"] or ""]
+        for it in rows
+    ]
+    if identify:
+        head.append("device")
+        cells = [[*row, _device(it)] for row, it in zip(cells, rows, strict=True)]
+    put_table(head, cells, spare=["serial number"])
+
+
+def _device(facts: dict[str, Any]) -> str:
+    """A device in a line."""
+    from xbus.cli.words import printable
+
+    if "baudrate" not in facts:
+        return str(facts.get("problem", "not asked"))
+    code = printable((facts["product_code"] or "no product code").encode())
+    number = facts["device_id"]
+    return f"{code} {number}, firmware {facts['firmware']}, {facts['baudrate']} baud"

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import contextlib
-import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.output import hint, put
+from xbus.cli.connection import connected, gone
+from xbus.cli.failure import Failure
+from xbus.cli.output import called
+from xbus.errors import StateError, XbusError
 
 if TYPE_CHECKING:
-    from xbus.device import Device, Link
-    from xbus.log import Message
+    from xbus.device import Device, Session
 
 __all__ = ["send"]
 
+#: Seconds to listen after bytes of which nobody knows what answers them.
+LISTEN = 0.5
+
 
 @click.command(
-    epilog="Examples: xbus send /dev/ttyUSB0 GoToConfig. xbus send sim:MTi-630 --config"
-    " SetOutputConfiguration data_id=0x4020,frequency=100 data_id=0x1020. xbus send sim:MTi-300 --hex"
-    " FA FF 30 00 D1"
+    epilog="Example: xbus send sim:MTi-630 --config SetOutputConfiguration"
+    " data_id=Acceleration,frequency=100"
 )
 @click.argument("port")
 @click.argument("words", nargs=-1, required=True, metavar="MESSAGE [FIELD=VALUE]...")
@@ -29,13 +32,28 @@ __all__ = ["send"]
     "--hex",
     "as_hex",
     is_flag=True,
-    help="MESSAGE is a frame in hex, or a MID and its data; not checked.",
+    help="MESSAGE is in hex: a frame (FA FF 30 00 D1), sent as it is, or a MID and data (30).",
 )
 @click.option("--config", is_flag=True, help="Go to Config State for it, and back.")
-@click.option("--baudrate", type=int, help="Bits per second; without it, the usual ones are tried.")
-@click.option("--bid", type=click.IntRange(1, 255), default=0xFF, help="Bus identifier.")
 @click.option(
-    "--wait", type=click.FloatRange(0, 3600), default=0.5, help="Seconds to listen after --hex."
+    "--baudrate",
+    type=click.IntRange(1, 4_000_000),
+    metavar="RATE",
+    help="Bits per second; without it, the usual ones are tried.",
+)
+@click.option(
+    "--bid",
+    type=int,
+    default=0xFF,
+    show_default=True,
+    metavar="N",
+    help="Bus identifier to address; 255 and 1 are the device itself.",
+)
+@click.option(
+    "--wait",
+    type=click.FloatRange(0, 3600),
+    metavar="S",
+    help=f"Listen so many seconds longer; {LISTEN} with --hex.",
 )
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
 def send(
@@ -45,148 +63,118 @@ def send(
     config: bool,
     baudrate: int | None,
     bid: int,
-    wait: float,
+    wait: float | None,
     as_json: bool,
 ) -> None:
-    """Sends a message and shows the exchange: > what went out, < what came back.
+    """Sends a message and shows the answer.
 
-    PORT is a serial port, a URL of pyserial (socket://host:port) or sim:PRODUCT, a virtual device. MESSAGE is
-    a name of `xbus messages`; its fields follow by name, for a list an entry each
-    (data_id=0x4020,frequency=100). Values are numbers, or names as `xbus messages` and the manual have them,
-    joined by | for flags. Samples are counted, not shown.
+    What goes out is shown behind >, what comes in behind <; samples are counted.
 
-    A message is checked before it is sent: against the state of the device, and with --config against its
-    product, too.
+    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device.
+    MESSAGE is a name of `xbus messages`; its fields follow by name, for a list an entry each
+    (data_id=0x4020,frequency=100). Values are numbers, or names as the manual has them, joined by | for
+    flags. What cannot be right is not sent: with --config, what the product cannot do, too.
     """
-    from xbus.device import connect
+    from xbus.cli.exchange import shown
+    from xbus.device import Session
 
     name, value, frame = None, None, b""
-    if as_hex:
-        frame = _frame(words, bid)
-    else:
-        name, value = _message(words)
-    with connect(port, baudrate, bid=bid) as device:
-        shown = _Exchange(device.link, as_json=as_json)
-        with device.configure() if config else contextlib.nullcontext():
-            device.link = shown
-            try:
-                if name is not None:
-                    device.command(name, value)
-                else:
-                    _listen(device, frame, wait)
-            finally:
-                shown.end()
-                device.link = shown.link
+    with _wrong_call():
+        session = Session(bid=bid)
+        if as_hex:
+            frame = _frame(words, bid)
+        else:
+            name, value = _message(words, session)
+    if wait is None:
+        wait = LISTEN if as_hex else 0
+    with (
+        connected(port, baudrate, bid=bid) as device,
+        device.configure() if config else contextlib.nullcontext(),
+        shown(device, as_json=as_json) as exchange,
+    ):
+        if name is not None:
+            _command(device, name, value, config=config)
+        _listen(device, wait, frame)
+        if as_hex and exchange.error is not None:
+            raise Failure(f"the device sent Error {exchange.error}")
 
 
-def _listen(device: Device, frame: bytes, seconds: float) -> None:
-    link = device.link
-    link.write(frame)
-    until = link.clock() + seconds
-    while (left := until - link.clock()) > 0:
-        link.read(left)
+@contextlib.contextmanager
+def _wrong_call() -> Iterator[None]:
+    """What is found out before the port is opened is the fault of the call."""
+    try:
+        yield
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
 
 
 def _frame(words: Sequence[str], bid: int) -> bytes:
     """A frame as it stands, or one for a MID and its data."""
     from xbus.codec import encode_frame
+    from xbus.sim.framing import PREAMBLE
 
+    text = " ".join(words)
     try:
-        data = bytes.fromhex("".join(words).replace("0x", "").replace(",", ""))
+        data = bytes.fromhex(text.lower().replace("0x", "").replace(",", " "))
     except ValueError:
-        raise click.BadParameter("that is no hex; write bytes such as FA FF 30 00 D1") from None
-    return data if data[:1] == b"\xfa" else encode_frame(data[0], data[1:], bid=bid)
+        data = b""
+    if not data:
+        raise ValueError(f"{text!r} is no hex; write bytes, such as FA FF 30 00 D1")
+    return data if data[0] == PREAMBLE else encode_frame(data[0], data[1:], bid=bid)
 
 
-def _message(words: Sequence[str]) -> tuple[str, Any]:
+def _message(words: Sequence[str], session: Session) -> tuple[str, Any]:
     """Name and value of the message that the words describe."""
     from xbus.protocol.messages import LAYOUTS, ROWS
 
-    names = {it.name.lower(): it.name for it in ROWS.values() if it.direction != "to host"}
-    name = names.get(words[0].lower())
-    if name is None:
-        advice = hint(words[0], names.values(), "messages")
-        raise click.BadParameter(f"no message to a device is called {words[0]!r}; {advice}")
+    names = [it.name for it in ROWS.values() if it.direction != "to host"]
+    name = called(words[0], names, "message to a device", "messages")
     try:
-        return name, LAYOUTS[name].read(list(words[1:]))
+        value = LAYOUTS[name].read(list(words[1:]))
+        session.validate(name, value)
     except ValueError as error:
-        raise click.BadParameter(f"{name}: {error}") from None
+        raise ValueError(f"{name}: {error}") from None
+    return name, value
 
 
-class _Exchange:
-    """A link that shows what goes through it."""
-
-    def __init__(self, link: Link, *, as_json: bool) -> None:
-        from xbus.codec import Scanner
-
-        self.link = link
-        self.name, self.is_line = link.name, link.is_line
-        self._json = as_json
-        self._scanner = Scanner()
-        self._samples = 0
-
-    @property
-    def baudrate(self) -> int:
-        return self.link.baudrate
-
-    @baudrate.setter
-    def baudrate(self, rate: int) -> None:
-        self.link.baudrate = rate
-
-    def write(self, data: bytes) -> None:
-        from xbus.codec import Scanner
-
-        scanner = Scanner()
-        for it in [*scanner.feed(data), *scanner.close()]:
-            self._show(">", it)
-        self.link.write(data)
-
-    def read(self, timeout: float) -> bytes:
-        data = self.link.read(timeout)
-        for it in self._scanner.feed(data):
-            self._show("<", it)
-        return data
-
-    def clock(self) -> float:
-        return self.link.clock()
-
-    def reopen(self) -> None:
-        self.link.reopen()
-
-    def close(self) -> None:
-        self.link.close()
-
-    def end(self) -> None:
-        """Shows what has been held back."""
-        for it in self._scanner.close():
-            self._show("<", it)
-        if self._samples:
-            click.echo(f"{self._samples} samples meanwhile", err=True)
-
-    def _show(self, way: str, it: Any) -> None:
-        from xbus.codec import Damage, encode_frame
-        from xbus.ids import MessageId
-
-        if isinstance(it, Damage):
-            self._put(way, b"", f"{it.length} bytes that are no frame: {it.reason}", "")
-        elif it.mid == MessageId.MTData2:
-            self._samples += 1
-        else:
-            self._put(way, encode_frame(it.mid, it.payload, bid=it.bid), it.name, _said(it))
-
-    def _put(self, way: str, frame: bytes, name: str, text: str) -> None:
-        hexed = frame.hex(" ").upper()
-        if self._json:
-            direction = "to device" if way == ">" else "to host"
-            put(
-                json.dumps({"direction": direction, "frame": hexed, "name": name, "text": text}),
-                now=True,
-            )
-        else:
-            put(f"{way} {hexed:<24}  {name}  {text}".rstrip(), now=True)
+def _command(device: Device, name: str, value: Any, *, config: bool) -> None:
+    """Sends a command and waits for its answer."""
+    try:
+        device.command(name, value)
+    except StateError as error:
+        raise Failure(_not_now(error, config=config)) from None
+    except XbusError:
+        raise
+    except ValueError as error:  # it is the product that cannot do it
+        raise Failure(f"{error}; nothing was sent") from None
 
 
-def _said(message: Message) -> str:
-    from xbus.cli.words import said
+def _not_now(error: StateError, *, config: bool) -> str:
+    """What the command line says of a state: the advice in the error is for programs."""
+    from xbus.protocol.messages import ROWS
 
-    return said(message)
+    states = ROWS[error.command].states
+    if error.state in states:  # so it is the product
+        return str(error)
+    if "config" in states:
+        advice = "add --config, or send GoToConfig first"
+    elif "measurement" in states:
+        advice = "leave out --config" if config else "send GoToMeasurement first"
+    else:
+        advice = "GoToConfig leads to Config State at any time"
+    where = " or ".join(f"{it.capitalize()} State" for it in states)
+    return f"{error.command} is valid in {where}, but the state is {error.state}; nothing was sent; {advice}"
+
+
+def _listen(device: Device, wait: float, data: bytes) -> None:
+    """Sends bytes as they are, if there are any, and takes in what comes for so many seconds."""
+    link = device.link
+    try:
+        if data:
+            link.write(data)
+        until = link.clock() + wait
+        while (left := until - link.clock()) > 0:
+            # The session learns from it in which state the device is.
+            device.session.receive(link.read(left))
+    except OSError as error:
+        raise gone(link.name, error) from error

@@ -1,0 +1,60 @@
+"""Devices that commands talk to."""
+
+from __future__ import annotations
+
+import errno
+from typing import TYPE_CHECKING
+
+import click
+
+from xbus.cli.failure import Failure
+from xbus.errors import XbusError
+
+if TYPE_CHECKING:
+    from xbus.device import Device
+
+__all__ = ["connected", "gone"]
+
+#: What to do about a port that cannot be opened.
+ADVICE = {
+    errno.ENOENT: "xbus ports lists those that are there",
+    errno.EACCES: "ask for the permission: mostly it is a group, dialout or uucp, that may use it",
+    errno.EAGAIN: "another program uses it",
+    errno.EBUSY: "another program uses it",
+    errno.ECONNREFUSED: "does anything listen there?",
+}
+
+
+def connected(port: str, baudrate: int | None = None, *, bid: int = 0xFF) -> Device:
+    """The device behind a port, as `xbus.connect` finds it.
+
+    Raises:
+        Failure: The port cannot be opened.
+        UsageError: It cannot be a port at all.
+        XbusError: Nothing was heard.
+    """
+    from xbus.device import connect
+
+    try:
+        return connect(port, baudrate, bid=bid)
+    except XbusError:
+        raise
+    except OSError as error:
+        number, words = _cause(error)
+        advice = ADVICE.get(number, "xbus ports lists the serial ports")
+        raise Failure(f"cannot open {port}: {words}; {advice}") from error
+    except ValueError as error:
+        raise click.UsageError(f"{port} is no port: {error}") from None
+
+
+def gone(port: str, error: OSError) -> Failure:
+    """The port went away while it was used."""
+    return Failure(f"{port} is gone: {_cause(error)[1]}; is it plugged in?")
+
+
+def _cause(error: OSError) -> tuple[int, str]:
+    """Number and words of what the system said; pyserial wraps it in a sentence of its own."""
+    match (error.__context__ or error).args:
+        case (int(number), str(words), *_):
+            return number, words
+    return 0, str(error)

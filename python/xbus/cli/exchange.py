@@ -1,0 +1,140 @@
+"""What goes over the link of a device, line by line."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import click
+
+from xbus.cli.output import count, put
+from xbus.cli.words import Notice, message_facts, notice, said
+from xbus.codec import Damage, Scanner, encode_frame
+from xbus.device import Device
+from xbus.ids import MessageId
+from xbus.log import Message
+from xbus.protocol.messages import ROWS
+from xbus.protocol.values import State
+
+__all__ = ["Exchange", "shown"]
+
+
+@contextlib.contextmanager
+def shown(device: Device, *, as_json: bool) -> Iterator[Exchange]:
+    """Shows what goes over the link of a device, also if that ends badly."""
+    link = device.link
+    exchange = Exchange(device, as_json=as_json)
+    device.link = exchange
+    try:
+        yield exchange
+    finally:
+        device.link = link
+        exchange.end()
+
+
+class Exchange:
+    """A link that shows what goes over it.
+
+    Args:
+        device: Whose link it takes the place of.
+        as_json: JSON instead of words.
+
+    Attributes:
+        error: What the last Error says that came; None if there was none.
+    """
+
+    def __init__(self, device: Device, *, as_json: bool) -> None:
+        self._link, self._session = device.link, device.session
+        self.name, self.is_line = self._link.name, self._link.is_line
+        self.error: Notice | None = None
+        self._json = as_json
+        self._scanner = Scanner()
+        self._command = ""
+        self._samples = 0
+        # Where samples come, the first bytes and the last ones may be a piece of one.
+        self._streams = device.state != State.CONFIG
+
+    @property
+    def baudrate(self) -> int:
+        """Bits per second."""
+        return self._link.baudrate
+
+    @baudrate.setter
+    def baudrate(self, rate: int) -> None:
+        self._link.baudrate = rate
+
+    def write(self, data: bytes) -> None:
+        """Sends."""
+        scanner = Scanner()
+        found = [*scanner.feed(data), *scanner.close()]
+        ends = [*(it.offset for it in found[1:]), len(data)]
+        for it, end in zip(found, ends, strict=True):
+            self._show(">", it, data[it.offset : end])
+            self._command = "" if isinstance(it, Damage) else it.name
+        self._link.write(data)
+
+    def read(self, timeout: float) -> bytes:
+        """What has come."""
+        data = self._link.read(timeout)
+        self._hear(self._scanner.feed(data))
+        return data
+
+    def clock(self) -> float:
+        """Seconds."""
+        return self._link.clock()
+
+    def reopen(self) -> None:
+        """Opens it again."""
+        self._link.reopen()
+
+    def close(self) -> None:
+        """Closes it."""
+        self._link.close()
+
+    def end(self) -> None:
+        """Shows what has been held back."""
+        found = self._scanner.close()
+        if self._streams and found and isinstance(found[-1], Damage):
+            found.pop()
+        self._hear(found)
+        if self._samples:
+            click.echo(f"xbus: {count(self._samples, 'sample')} meanwhile", err=True)
+
+    def _hear(self, found: Sequence[Message | Damage]) -> None:
+        for it in found:
+            if isinstance(it, Damage):
+                if it.offset or not self._streams:
+                    self._show("<", it, b"")
+            elif it.mid == MessageId.MTData2:
+                self._samples += 1
+                self._streams = True
+            else:
+                if it.mid == MessageId.Error:
+                    self.error = notice(it)
+                frame = encode_frame(it.mid, it.payload, bid=it.bid)
+                self._show("<", it._replace(name=self._name(it)), frame)
+
+    def _name(self, message: Message) -> str:
+        """The name of a message: under one MID come the replies to several commands."""
+        row = ROWS.get(self._command)
+        if row is not None and message.mid == row.reply:
+            with contextlib.suppress(ValueError):
+                return self._session.read_reply(row.name, message.payload)[0]
+        return message.name
+
+    def _show(self, way: str, it: Message | Damage, frame: bytes) -> None:
+        hexed = frame.hex(" ").upper()
+        if isinstance(it, Damage):
+            facts: dict[str, Any] = {"length": it.length, "reason": it.reason}
+            text = f"{count(it.length, 'byte')} that are no frame: {it.reason}"
+        else:
+            facts = message_facts(it)
+            text = f"{it.name}  {said(it)}"
+        if self._json:
+            direction = "to device" if way == ">" else "to host"
+            facts = {"direction": direction, **facts, "frame": frame.hex().upper() or None}
+            put(json.dumps(facts), now=True)
+        else:
+            put(f"{way} {hexed:<24}  {text}".rstrip(), now=True)
