@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
@@ -675,6 +676,62 @@ def test_whatever_is_sent_it_goes_on(product: int, sent: list[tuple[Any, bytes, 
     device.advance(0.1)
     device.read()
     assert mids(exchange(device, frame("GoToConfig"))) == [MessageId.GoToConfigAck]
+
+
+#: What a host may send by mistake: noise, preambles, and beginnings of frames that promise more.
+GARBAGE = st.one_of(
+    st.binary(min_size=1, max_size=300),
+    st.integers(1, 300).map(lambda count: b"\xfa" * count),
+    st.tuples(st.integers(0, 255), st.integers(0, 254)).map(lambda it: bytes([0xFA, 0xFF, *it])),
+    st.integers(0, 0xFFFF).map(lambda it: b"\xfa\xff\x36\xff" + it.to_bytes(2, "big")),
+    st.sampled_from(REQUESTS).map(lambda row: encode_frame(row.mid, bytes(20))[:-1]),
+)
+
+
+@given(
+    st.sampled_from(sorted(PRODUCTS)),
+    st.sampled_from([None, 115_200]),
+    st.sampled_from([0.1, 0.5, 1.0]),
+    st.lists(st.tuples(GARBAGE, st.sampled_from([0.0, 0.001, 0.05, 0.2])), min_size=1),
+)
+def test_garbage_does_not_hide_a_request_for_long(
+    product: int, rate: int | None, start: float, pieces: list[tuple[bytes, float]]
+) -> None:
+    """A tenth of a second after it, GoToConfig is answered."""
+    device = SimulatedDevice(product, baudrate=rate)
+    device.advance(start)
+    for data, pause in pieces:
+        device.write(data)
+        device.advance(pause)
+    device.advance(0.1)
+    device.read()
+    device.write(frame("GoToConfig"))
+    # EmtsData takes longer than a tenth of a second.
+    device.advance(0.3)
+    found = mids(device.read())
+    assert [it for it in found if it != MessageId.MTData2][-1:] == [MessageId.GoToConfigAck]
+    assert device.state is State.CONFIG
+
+
+@pytest.mark.parametrize("size", [1, 7, 4096])
+@pytest.mark.parametrize("pause", [0.0, 0.001])
+def test_garbage_takes_no_room(size: int, pause: float) -> None:
+    """Whatever comes, and in whatever pieces; nor does what is never finished."""
+    rng = np.random.default_rng(1)
+    pieces = [rng.integers(0, 256, size, np.uint8).tobytes(), bytes.fromhex("FAFF00FF0800") * size]
+    device = configurable(630)
+    device.write(pieces[0])
+    tracemalloc.start()
+    try:
+        before, _ = tracemalloc.get_traced_memory()
+        for count in range(20_000 // size + 10):
+            device.write(pieces[count % 2])
+            device.advance(pause)
+            device.read()
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert after - before < 50_000
 
 
 def test_a_header_of_more_than_2048_bytes_is_none() -> None:

@@ -139,6 +139,7 @@ class SimulatedDevice:
             hardware=hardware,
         )
         self.sent = self.lost = 0
+        self._gives_up_at = 0
         self._clock = Clock()
         self._line = Line(baudrate, faults, seed)
         self._has_plug = True
@@ -211,11 +212,12 @@ class SimulatedDevice:
         if self._is_booting:
             self._restores += data.count(RESTORE)
             return
-        self._heard_at = self._clock.now
         for request in self._framer.feed(data):
             self._answer(request)
-        if self._framer.is_waiting:
-            self._clock.after(PATIENCE, self._lose_patience)
+        until = self._clock.now + round(PATIENCE * SECOND)
+        if self._framer.is_waiting and until != self._gives_up_at:
+            self._gives_up_at = until
+            self._clock.at(until, self._lose_patience)
 
     def read(self, baudrate: int | None = None) -> bytes:
         """All bytes that have come to the host and were not read.
@@ -321,7 +323,7 @@ class SimulatedDevice:
 
     def _lose_patience(self) -> None:
         """Gives up what has begun like a frame and does not go on: it must not swallow the next request."""
-        if self._clock.now - self._heard_at < PATIENCE * SECOND:
+        if self._clock.now < self._gives_up_at:
             return
         while self._framer.is_waiting:
             for request in self._framer.give_up():
