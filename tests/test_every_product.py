@@ -299,7 +299,6 @@ def test_every_label_of_a_filter_profile(product: int) -> None:
         assert is_taken(device, known, "SetFilterProfileModern", label) == (label in labels), label
 
 
-@pytest.mark.xfail(reason="the host takes two of a kind", strict=True)
 @pytest.mark.parametrize("product", with_message("SetFilterProfileModern"))
 def test_every_pair_of_labels(product: int) -> None:
     """A profile and a heading behaviour; never two of a kind."""

@@ -185,13 +185,19 @@ def _check_profile(number: int, support: Support) -> None:
 
 
 def _check_profile_names(text: str, support: Support) -> None:
-    labels = [it.label for it in support.filter_profiles]
-    for name in text.split("/"):
-        if name not in labels:
-            product = support.product.name
+    product = support.product.name
+    kinds = {it.label: it.type for it in support.filter_profiles}
+    names = text.split("/")
+    for name in names:
+        if name not in kinds:
             raise ValueError(
-                f"the {product} has no filter profile {name!r}; it has {', '.join(labels)}"
+                f"the {product} has no filter profile {name!r}; it has {', '.join(kinds)}"
             )
+    chosen = [kinds[it] for it in names]
+    if len(set(chosen)) < len(chosen):
+        raise ValueError(
+            f"{text!r} names two profiles of one kind; one and a heading behaviour go together"
+        )
 
 
 def _check_baudrate(code: int, support: Support) -> None:
