@@ -8,6 +8,7 @@ import numpy.typing as npt
 __all__ = [
     "ArrowStream",
     "Column",
+    "Decoder",
     "Part",
     "Reader",
     "Scanner",
@@ -135,6 +136,20 @@ class Reader:
         """
     def take(self) -> Part:
         """What has been read since the last time."""
+
+@final
+class Decoder:
+    """Decodes a log that is handed over piece by piece."""
+
+    def __new__(cls, limit: int, wanted: list[tuple[str, str | None]] | None) -> Decoder:
+        """No frame may carry more than ``limit`` bytes of payload.
+
+        Raises ValueError for a quantity that does not exist.
+        """
+    def feed(self, data: bytes) -> None:
+        """Decodes what can be told with these bytes, without holding the interpreter."""
+    def take(self) -> Part:
+        """What has been decoded since the last time."""
 
 @final
 class Part:

@@ -20,7 +20,7 @@ mod _core {
         Scanner, configuration, device_id, encode_frame, encode_packet, encode_samples, packets, product_code,
     };
     #[pymodule_export]
-    use super::reader::{Column, Part, Reader};
+    use super::reader::{Column, Decoder, Part, Reader};
     #[pymodule_export]
     use super::tables::{damage_reasons, message_name, messages, products, quantities, result_codes, status_flags};
 

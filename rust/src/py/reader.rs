@@ -168,17 +168,46 @@ impl Reader {
     /// What has been read since the last time.
     fn take(&mut self, py: Python<'_>) -> Part {
         let Self { reader, clocks, .. } = self;
+        py.detach(|| Part::taken(reader, clocks))
+    }
+}
+
+/// Decodes a log that is handed over piece by piece.
+#[pyclass(module = "xbus._core")]
+pub struct Decoder {
+    reader: log::Reader,
+    clocks: Clocks,
+    /// The bytes that are not decided yet.
+    kept: Vec<u8>,
+}
+
+#[pymethods]
+impl Decoder {
+    /// No frame may carry more than `limit` bytes of payload.
+    #[new]
+    fn new(limit: usize, wanted: Option<Vec<(String, Option<String>)>>) -> PyResult<Self> {
+        let wanted = wanted.map(|list| list.iter().map(wish).collect::<PyResult<_>>()).transpose()?;
+        let reader = log::Reader::new(Options { limit, wanted, ..Options::default() }, 0);
+        Ok(Self { reader, clocks: Clocks::default(), kept: vec![] })
+    }
+
+    /// Decodes what can be told with these bytes.
+    fn feed(&mut self, py: Python<'_>, data: &[u8]) -> PyResult<()> {
+        let Self { reader, kept, .. } = self;
         py.detach(|| {
-            let part = reader.take();
-            let start = clocks.clone();
-            let times = OnceLock::new();
-            if !reader.is_finished() {
-                // The next part goes on where the clocks of this one end.
-                let (time, counter, losses) = part.unwrap(clocks);
-                let _ = times.set(Times { time, counter, losses });
-            }
-            Part(Arc::new(Shared { part, start, times }))
+            let offset = reader.at();
+            kept.extend_from_slice(data);
+            reader.read(Window { bytes: kept, offset, last: false }, u64::MAX)?;
+            #[allow(clippy::cast_possible_truncation)] // a position in what was kept
+            kept.drain(..(reader.at() - offset) as usize);
+            Ok(())
         })
+    }
+
+    /// What has been decoded since the last time.
+    fn take(&mut self, py: Python<'_>) -> Part {
+        let Self { reader, clocks, .. } = self;
+        py.detach(|| Part::taken(reader, clocks))
     }
 }
 
@@ -232,6 +261,21 @@ fn lend<'py, T: Element, O>(numbers: &[T], owner: &Bound<'py, O>) -> Array<'py, 
 fn signed(py: Python<'_>, numbers: impl Iterator<Item = u64>) -> Array<'_, i64> {
     let numbers: Vec<i64> = numbers.map(u64::cast_signed).collect();
     numbers.into_pyarray(py)
+}
+
+impl Part {
+    /// What a reader has read since the last time.
+    fn taken(reader: &mut log::Reader, clocks: &mut Clocks) -> Self {
+        let part = reader.take();
+        let start = clocks.clone();
+        let times = OnceLock::new();
+        if !reader.is_finished() {
+            // The next part goes on where the clocks of this one end.
+            let (time, counter, losses) = part.unwrap(clocks);
+            let _ = times.set(Times { time, counter, losses });
+        }
+        Self(Arc::new(Shared { part, start, times }))
+    }
 }
 
 #[pymethods]
