@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -10,7 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from xbus import Device, Sample, SimulatedDevice
 from xbus.sim.faults import BUFFER, Faults, FaultyLine
+from xbus.sim.link import SimLink
 
 DATA = np.random.default_rng(1).integers(0, 256, 20_000, np.uint8).tobytes()
 
@@ -162,3 +166,56 @@ def test_values_are_checked_wherever_they_come_from() -> None:
     for it in wrong:
         with pytest.raises(ValueError, match="not"):
             Faults(**it)
+
+
+# On the whole: a device read through such a line
+
+
+def samples_of(device: SimulatedDevice, seconds: float) -> list[Sample]:
+    """What a program gets in the first seconds."""
+    host = Device(SimLink(device))
+    found = []
+    while device.time < seconds:
+        found.append(host.read_sample())
+    return found
+
+
+def numbers(samples: Iterable[Sample]) -> list[int]:
+    return [int(it["packet_counter"]) for it in samples]
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(("product", "rate"), [("MTi-630", None), ("MTi-680G", 115_200)])
+@pytest.mark.parametrize(
+    "faults",
+    [
+        Faults(),
+        Faults(burst=0.016),
+        Faults(stall=(3.0, 2.0)),
+        Faults(flip=3e-5),
+        Faults(drop=1e-3),
+        Faults(drop=1e-2),
+        Faults(burst=0.016, flip=3e-5, drop=1e-3, stall=(5.0, 1.0)),
+    ],
+    ids=str,
+)
+def test_what_comes_is_right_and_what_does_not_is_missed(
+    faults: Faults, product: str, rate: int | None, seed: int
+) -> None:
+    """Every sample is one that was sent, once and in order, and the counter shows how many did not come.
+
+    Several flipped bits in a frame could make a wrong one right: a sum of eight bits promises no more.
+    """
+    settings: dict[str, Any] = {"baudrate": rate, "noise": 1.0, "seed": seed}
+    sent = samples_of(SimulatedDevice(product, **settings), 10.5)
+    came = samples_of(SimulatedDevice(product, faults=replace(faults, seed=seed), **settings), 10.0)
+    assert numbers(sent) == list(range(len(sent)))
+    received = numbers(came)
+    assert all(before < after for before, after in pairwise(received))
+    assert {it.payload for it in came} <= {it.payload for it in sent}
+
+    # An accident costs the frame that it happens to, and no other.
+    sizes = np.array([len(it.payload) + 5 for it in sent[: received[-1] + 1]])
+    expected = (1 - (1 - faults.drop) ** sizes * (1 - faults.flip) ** (8 * sizes)).sum()
+    missing = len(sizes) - len(received)
+    assert abs(missing - expected) <= 4 * expected**0.5
