@@ -85,6 +85,10 @@ class Exchange:
         """Seconds."""
         return self._link.clock()
 
+    def pause(self, seconds: float) -> None:
+        """Lets time pass."""
+        self._link.pause(seconds)
+
     def reopen(self) -> None:
         """Opens it again."""
         self._link.reopen()

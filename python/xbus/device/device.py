@@ -3,23 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 import serial
 
 from xbus.configuration import Firmware
+from xbus.device.channel import Channel
 from xbus.device.commands import Commands
 from xbus.device.link import Link, open_link
 from xbus.device.output import Outputs, check_fits, outputs_of
 from xbus.device.ports import find_ports
 from xbus.device.sample import Sample
-from xbus.device.session import PROBE, Event, Notice, Refusal, Reply, Session
-from xbus.errors import DeviceError, Disconnected, StateError, XbusError, XbusTimeout
-from xbus.protocol.messages import ROWS
+from xbus.device.session import Notice, Reply, Session
+from xbus.errors import DeviceError, XbusError, XbusTimeout
 from xbus.protocol.products import Support, product_of_code, support
 from xbus.protocol.values import HardwareVersion, Output, PortConfig, PortProtocol, State, baud_code
 from xbus.tables import Product
@@ -34,30 +33,8 @@ BAUDRATES = (115_200, 2_000_000, 921_600, 460_800, 230_400, 57_600, 38_400, 19_2
 #: The rate of a restored device (section 7.2).
 DEFAULT_BAUDRATE = 115_200
 
-#: Seconds to wait for the answer to a command, as the vendor's software does.
-TIMEOUTS = {
-    "SetBaudrate": 1.0,
-    "RestoreFactoryDef": 2.0,
-    "RunSelftest": 3.0,
-    "IccCommand": 3.5,
-    "ReqConfiguration": 5.0,
-    "ReqEmts": 10.0,
-}
-TIMEOUT = 0.5
-#: The 1-series takes about 0.9 s to write a setting to its memory.
-TIMEOUT_SLOW = 2.0
-#: GoToConfig may be missed while the device sends a lot, or has just woken up: once in 0.2 s, for 2 s.
-CONFIG_TRIES, CONFIG_TIMEOUT = 10, 0.2
-#: How long to listen for a device before asking, and how long for its answer.
-LISTEN, ANSWER = 0.25, 0.35
-#: How long after WakeUp it takes until samples come, if nobody answers it: 0.5 s (section 4), and some more.
-WAKING = 1.5
 #: How long a restart may take, until WakeUp. A USB port has to appear again.
 RESTART = 5.0
-#: Silence after which what is incomplete counts as damage.
-QUIET = 0.1
-#: Samples that are kept for who does not read them: a minute at 1 kHz.
-KEPT = 60_000
 
 
 class Device(Commands):
@@ -67,15 +44,11 @@ class Device(Commands):
     kept and given later.
 
     Attributes:
-        session: What is known of the device.
-        link: What carries the bytes.
         device_id: Device identifier; None until identity has been read, which the first `configure` does.
         product_code: Product code, or None.
         firmware: Firmware revision, or None.
         hardware: Version of the hardware, or None.
         outputs: Output configuration in effect as last acknowledged, or None.
-        notices: Messages that nobody asked for, the latest 100: errors and warnings among them.
-        lost_samples: Samples that nobody read before 60,000 others came, or before a new measurement began.
 
     >>> import xbus
     >>> with xbus.connect("sim:MTi-630") as device:
@@ -87,21 +60,47 @@ class Device(Commands):
     """
 
     def __init__(self, link: Link, *, bid: int = 0xFF) -> None:
-        self.link = link
-        self.session = Session(bid=bid)
+        self._channel = Channel(link, Session(bid=bid))
         self.device_id: int | None = None
         self.product_code: str | None = None
         self.firmware: Firmware | None = None
         self.hardware: HardwareVersion | None = None
         self.outputs: tuple[Output, ...] | None = None
-        self.notices: deque[Notice] = deque(maxlen=100)
-        self.lost_samples = 0
-        self._samples: deque[Sample] = deque()
-        self._events: deque[Event] = deque()
-        self._heard_at = link.clock()
-        self._broken = False
+        self._outdated = 0
 
     # What is known
+
+    @property
+    def link(self) -> Link:
+        """What carries the bytes."""
+        return self._channel.link
+
+    @link.setter
+    def link(self, link: Link) -> None:
+        self._channel.link = link
+
+    @property
+    def session(self) -> Session:
+        """What is known of the device."""
+        return self._channel.session
+
+    @property
+    def notices(self) -> Sequence[Notice]:
+        """Messages that nobody asked for, the latest 100: errors and warnings among them."""
+        return self._channel.notices
+
+    @property
+    def lost_samples(self) -> int:
+        """Samples that nobody read before 60,000 others came, or before a new measurement began."""
+        return self._channel.lost_samples + self._outdated
+
+    def find(self, baudrates: Iterable[int]) -> None:
+        """Listens and asks at one baud rate after the other, and stays at the first where something is heard.
+
+        Raises:
+            XbusTimeout: Nothing was heard at any of them.
+        """
+        self._channel.find(baudrates)
 
     @property
     def state(self) -> State:
@@ -121,80 +120,6 @@ class Device(Commands):
     def __repr__(self) -> str:
         name = self.product_code or (self.product.name if self.product else "product not read yet")
         return f"<Device {self.link.name} at {self.link.baudrate} baud, {name}, {self.state}>"
-
-    def find(self, baudrates: Iterable[int]) -> None:
-        """Listens and asks at one baud rate after the other, and stays at the first where something is heard.
-
-        Raises:
-            XbusTimeout: Nothing was heard at any of them.
-        """
-        begun, tried = self.link.clock(), []
-        for rate in baudrates:
-            self.link.baudrate = rate
-            if self._find_state():
-                return
-            tried.append(str(rate))
-        raise XbusTimeout(
-            f"nothing was heard on {self.link.name} at {', '.join(tried)} baud; is the device powered and"
-            " connected, and does no other program (ModemManager?) use the port? restore_communication()"
-            " brings back one that nobody can talk to",
-            None,
-            self.link.clock() - begun,
-        )
-
-    # Carrying bytes
-
-    def _receive(self, timeout: float, command: str | None = None) -> None:
-        """Takes in what has come, waiting for it no longer than so many seconds."""
-        try:
-            data = self.link.read(timeout)
-        except OSError as error:
-            self._lost(error, command)
-        if data:
-            self._heard_at = self.link.clock()
-            events = self.session.receive(data)
-        elif self.link.clock() - self._heard_at >= QUIET:
-            events = self.session.quiet()
-        else:
-            events = []
-        self._take(events)
-
-    def _take(self, events: Iterable[Event]) -> None:
-        for event in events:
-            if isinstance(event, Sample):
-                if len(self._samples) >= KEPT:
-                    self._samples.popleft()
-                    self.lost_samples += 1
-                self._samples.append(event)
-            elif isinstance(event, Notice):
-                self.notices.append(event)
-            else:
-                self._events.append(event)
-
-    def _send(self, data: bytes, command: str) -> None:
-        try:
-            self.link.write(data)
-        except OSError as error:
-            self._lost(error, command)
-
-    def _lost(self, error: OSError, command: str | None) -> NoReturn:
-        self._take(self.session.quiet())
-        self.session.forget()
-        self._broken = True
-        what = f"while {command} was under way" if command else "while listening"
-        raise Disconnected(
-            f"{self.link.name} is gone, {what}: {error}; the next command tries to open it again",
-            command,
-        ) from error
-
-    def _mend(self, command: str) -> None:
-        """Opens the port again if it was lost."""
-        if self._broken:
-            try:
-                self.link.reopen()
-            except OSError as error:
-                self._lost(error, command)
-            self._broken = False
 
     # Commands
 
@@ -219,80 +144,9 @@ class Device(Commands):
         >>> device.command("ReqDID").payload.hex()
         '037003f8'
         """
-        self._mend(name)
-        if self.state == State.UNKNOWN and name not in ("GoToConfig", "Reset", PROBE):
-            self._find_state()
-        timeout, tries = self._patience(name)
-        for _ in range(tries):
-            frame = self.session.request(name, value)
-            try:
-                self._send(frame, name)
-                if ROWS[name].reply is None:
-                    return Reply(name, None, b"")
-                if (answer := self._answer(name, timeout)) is not None:
-                    break
-            finally:
-                self.session.abandon()  # after Ctrl-C, too: other commands would wait for ever
-        else:
-            waited = timeout * tries
-            raise XbusTimeout(
-                f"no answer to {name} from {self.link.name} within {waited:g} s; is the device powered, and"
-                f" at {self.link.baudrate} baud?",
-                name,
-                waited,
-            )
-        if isinstance(answer, Refusal):
-            raise answer.error
-        return answer
-
-    def _patience(self, name: str) -> tuple[float, int]:
-        """How long to wait for an answer, and how often to ask."""
-        if name == "GoToConfig":
-            return CONFIG_TIMEOUT, CONFIG_TRIES
-        slow = self.product is None or self.product.series == "1-series"
-        return TIMEOUTS.get(name, TIMEOUT_SLOW if slow else TIMEOUT), 1
-
-    def _answer(self, name: str, timeout: float) -> Reply | Refusal | None:
-        """The answer to the pending command, or None if there is none in time."""
-        until = self.link.clock() + timeout
-        while True:
-            while self._events:
-                event = self._events.popleft()
-                if isinstance(event, (Reply, Refusal)) and event.command == name:
-                    return event
-            left = until - self.link.clock()
-            if left <= 0:
-                return None
-            self._receive(min(left, QUIET), name)
+        return self._channel.command(name, value)
 
     # State
-
-    def _listen(self, seconds: float) -> bool:
-        """Whether anything that makes sense comes within so many seconds."""
-        until = self.link.clock() + seconds
-        notices = len(self.notices)
-        while (left := until - self.link.clock()) > 0:
-            self._receive(left)
-            if self._samples or len(self.notices) > notices or self.state != State.UNKNOWN:
-                return True
-        return False
-
-    def _find_state(self) -> bool:
-        """Finds out the state without changing it: listens, then asks. Whether anything was heard."""
-        heard = self._listen(LISTEN)
-        if self.state == State.WAKEUP:
-            # It goes on by itself, to Measurement State or, if told so, to Config State.
-            until = self.link.clock() + WAKING
-            while self.state == State.WAKEUP and (left := until - self.link.clock()) > 0:
-                self._receive(left)
-            if self.state == State.WAKEUP:
-                self.session.forget()
-        if self.state == State.UNKNOWN:
-            self._send(self.session.request(PROBE), PROBE)
-            answer = self._answer(PROBE, ANSWER)
-            self.session.abandon()
-            heard = heard or answer is not None or self.state != State.UNKNOWN
-        return heard
 
     @contextlib.contextmanager
     def configure(
@@ -307,12 +161,11 @@ class Device(Commands):
             check_baudrate: See there.
         """
         if self.state == State.UNKNOWN:
-            self._mend("GoToConfig")
-            self._find_state()
+            self._channel.find_state()
         found = self.state
-        if found != State.CONFIG:
-            self.go_to_config()
         try:
+            if found != State.CONFIG:
+                self.go_to_config()
             self._identify()
             if output is not None:
                 self.set_output_configuration(output, check_baudrate=check_baudrate)
@@ -346,8 +199,8 @@ class Device(Commands):
 
     def go_to_measurement(self) -> None:
         """GoToMeasurement (0x10): enters Measurement State; what was measured before and not read is gone."""
-        self.lost_samples += len(self._samples)
-        self._samples.clear()
+        self._outdated += len(self._channel.samples)
+        self._channel.samples.clear()
         super().go_to_measurement()
 
     def reset(self, *, config: bool = False) -> None:
@@ -366,14 +219,14 @@ class Device(Commands):
         Raises:
             XbusTimeout: It did not come.
         """
-        until = self.link.clock() + timeout
-        while self.state != State.WAKEUP:
-            if (left := until - self.link.clock()) <= 0:
-                raise XbusTimeout(
-                    f"no WakeUp from {self.link.name} within {timeout:g} s", "WakeUpAck", timeout
-                )
-            self._receive(min(left, QUIET), "WakeUpAck")
+        if not self._channel.wait_for(self._is_waking, timeout, "WakeUpAck", reopen=True):
+            raise XbusTimeout(
+                f"no WakeUp from {self.link.name} within {timeout:g} s", "WakeUpAck", timeout
+            )
         self.command("WakeUpAck")
+
+    def _is_waking(self) -> bool:
+        return self.state == State.WAKEUP
 
     # Output
 
@@ -438,7 +291,7 @@ class Device(Commands):
             self.req_did()
         except XbusTimeout as timeout:
             self.link.baudrate = old
-            if self._find_state():
+            if self._channel.find_state():
                 text = f"the device did not change to {baudrate} baud: it still talks at {old}"
             else:
                 self.link.baudrate = baudrate
@@ -458,7 +311,6 @@ class Device(Commands):
         Raises:
             XbusTimeout: It did not wake up.
         """
-        self._mend("restore_communication")
         self.session.forget()
         self.link.baudrate = DEFAULT_BAUDRATE
         until = self.link.clock() + timeout
@@ -470,8 +322,8 @@ class Device(Commands):
                     timeout,
                 )
             # 0.1 to 0.5 ms between two bytes, which is the time that this waits for an answer.
-            self._send(b"\xde", "restore_communication")
-            self._receive(0.0003, "restore_communication")
+            self._channel.send(b"\xde", "restore_communication")
+            self._channel.receive(0.0003, "restore_communication")
         self.command("WakeUpAck")
 
     # Samples
@@ -487,21 +339,11 @@ class Device(Commands):
             XbusTimeout: None came.
             Disconnected: The port is gone; what had come was given before.
         """
-        until = self.link.clock() + timeout
-        while not self._samples:
-            if self.state == State.CONFIG:
-                raise StateError(
-                    "the device is in Config State and measures nothing; go_to_measurement() changes that",
-                    "read_sample",
-                    self.state,
-                )
-            if (left := until - self.link.clock()) <= 0:
-                raise XbusTimeout(
-                    f"no sample from {self.link.name} within {timeout:g} s", None, timeout
-                )
-            self._mend("read_sample")
-            self._receive(left)
-        return self._samples.popleft()
+        if (sample := self._channel.next_sample(timeout)) is None:
+            raise XbusTimeout(
+                f"no sample from {self.link.name} within {timeout:g} s", None, timeout
+            )
+        return sample
 
     def __iter__(self) -> Iterator[Sample]:
         while True:

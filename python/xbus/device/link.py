@@ -37,6 +37,9 @@ class Link(Protocol):
     def clock(self) -> float:
         """Seconds, from any beginning, as time-outs count them."""
 
+    def pause(self, seconds: float) -> None:
+        """Lets time pass."""
+
     def reopen(self) -> None:
         """Opens it again after it was lost. Raises OSError."""
 
@@ -99,6 +102,10 @@ class SerialLink:
     def clock(self) -> float:
         """Seconds."""
         return time.monotonic()
+
+    def pause(self, seconds: float) -> None:
+        """Lets time pass."""
+        time.sleep(seconds)
 
     def reopen(self) -> None:
         """Opens the port again."""

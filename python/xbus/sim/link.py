@@ -48,6 +48,10 @@ class SimLink:
         """Seconds."""
         return self.device.time
 
+    def pause(self, seconds: float) -> None:
+        """Lets time pass."""
+        self.device.advance(seconds)
+
     def reopen(self) -> None:
         """Looks whether the plug is in again."""
         self._check()

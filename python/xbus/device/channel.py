@@ -1,0 +1,263 @@
+"""A session over a link: carries commands out and answers back, and keeps what comes meanwhile."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable
+from typing import Any, NoReturn
+
+from xbus.device.link import Link
+from xbus.device.sample import Sample
+from xbus.device.session import PROBE, Event, Notice, Refusal, Reply, Session
+from xbus.errors import Disconnected, StateError, XbusTimeout
+from xbus.protocol.messages import ROWS
+from xbus.protocol.values import State
+
+__all__ = ["Channel"]
+
+#: Seconds to wait for the answer to a command, as the vendor's software does.
+TIMEOUTS = {
+    "SetBaudrate": 1.0,
+    "RestoreFactoryDef": 2.0,
+    "RunSelftest": 3.0,
+    "IccCommand": 3.5,
+    "ReqConfiguration": 5.0,
+    "ReqEmts": 10.0,
+}
+TIMEOUT = 0.5
+#: The 1-series takes about 0.9 s to write a setting to its memory.
+TIMEOUT_SLOW = 2.0
+#: GoToConfig may be missed while the device sends a lot, or has just woken up: once in 0.2 s, for 2 s.
+CONFIG_TRIES, CONFIG_TIMEOUT = 10, 0.2
+#: How long to listen for a device before asking, and how long for its answer.
+LISTEN, ANSWER = 0.25, 0.35
+#: How long after WakeUp it takes until samples come, if nobody answers it: 0.5 s (section 4), and some more.
+WAKING = 1.5
+#: Silence after which what is incomplete counts as damage.
+QUIET = 0.1
+#: Between two tries to open a port that was lost.
+PAUSE = 0.1
+#: Samples that are kept for who does not read them: a minute at 1 kHz.
+KEPT = 60_000
+
+
+class Channel:
+    """Carries a session's commands over a link.
+
+    Attributes:
+        link: What carries the bytes.
+        session: What is known of the device.
+        samples: Samples that nobody has read, the oldest first.
+        notices: Messages that nobody asked for, the latest 100.
+        lost_samples: Samples that nobody read before 60,000 others came.
+    """
+
+    def __init__(self, link: Link, session: Session) -> None:
+        self.link = link
+        self.session = session
+        self.samples: deque[Sample] = deque()
+        self.notices: deque[Notice] = deque(maxlen=100)
+        self.lost_samples = 0
+        self._answers: deque[Reply | Refusal] = deque()
+        self._heard_at = link.clock()
+        self._is_broken = False
+
+    # Bytes
+
+    def receive(self, timeout: float, command: str | None = None) -> None:
+        """Takes in what has come, waiting for it no longer than so many seconds."""
+        self._mend(command)
+        try:
+            data = self.link.read(timeout)
+        except OSError as error:
+            self._lose(error, command)
+        if data:
+            self._heard_at = self.link.clock()
+            self._keep(self.session.receive(data))
+        elif self.link.clock() - self._heard_at >= QUIET:
+            self._keep(self.session.quiet())
+
+    def send(self, data: bytes, command: str) -> None:
+        """Sends bytes."""
+        self._mend(command)
+        try:
+            self.link.write(data)
+        except OSError as error:
+            self._lose(error, command)
+
+    def _keep(self, events: Iterable[Event]) -> None:
+        for event in events:
+            if isinstance(event, Sample):
+                if len(self.samples) >= KEPT:
+                    self.samples.popleft()
+                    self.lost_samples += 1
+                self.samples.append(event)
+            elif isinstance(event, Notice):
+                self.notices.append(event)
+            else:
+                self._answers.append(event)
+
+    def _lose(self, error: OSError, command: str | None) -> NoReturn:
+        self._keep(self.session.quiet())
+        self.session.forget()
+        self._is_broken = True
+        what = f"while {command} was under way" if command else "while listening"
+        raise Disconnected(
+            f"{self.link.name} is gone, {what}: {error}; the next command tries to open it again",
+            command,
+        ) from error
+
+    def _mend(self, command: str | None) -> None:
+        """Opens the port again if it was lost."""
+        if self._is_broken:
+            try:
+                self.link.reopen()
+            except OSError as error:
+                self._lose(error, command)
+            self._is_broken = False
+
+    # Commands
+
+    def command(self, name: str, value: Any) -> Reply:
+        """Sends a command and waits for its answer: see `Device.command`."""
+        if self.session.state == State.UNKNOWN and name not in ("GoToConfig", "Reset", PROBE):
+            self.find_state()
+        timeout, tries = self._patience(name)
+        for _ in range(tries):
+            frame = self.session.request(name, value)
+            try:
+                self.send(frame, name)
+                if ROWS[name].reply is None:
+                    return Reply(name, None, b"")
+                if (answer := self._answer(name, timeout)) is not None:
+                    break
+            finally:
+                self.session.abandon()  # after Ctrl-C, too: other commands would wait for ever
+        else:
+            waited = timeout * tries
+            raise XbusTimeout(
+                f"no answer to {name} from {self.link.name} within {waited:g} s; is the device powered, and"
+                f" at {self.link.baudrate} baud?",
+                name,
+                waited,
+            )
+        if isinstance(answer, Refusal):
+            raise answer.error
+        return answer
+
+    def _patience(self, name: str) -> tuple[float, int]:
+        """How long to wait for an answer, and how often to ask."""
+        if name == "GoToConfig":
+            return CONFIG_TIMEOUT, CONFIG_TRIES
+        known = self.session.support
+        slow = known is None or known.product.series == "1-series"
+        return TIMEOUTS.get(name, TIMEOUT_SLOW if slow else TIMEOUT), 1
+
+    def _answer(self, name: str, timeout: float) -> Reply | Refusal | None:
+        """The answer to the pending command, or None if there is none in time."""
+        until = self.link.clock() + timeout
+        while True:
+            while self._answers:
+                answer = self._answers.popleft()
+                if answer.command == name:
+                    return answer
+            left = until - self.link.clock()
+            if left <= 0:
+                return None
+            self.receive(min(left, QUIET), name)
+
+    # The state
+
+    def find_state(self) -> bool:
+        """Finds out the state without changing it: listens, then asks. Whether anything was heard."""
+        heard = self._listen(LISTEN)
+        if self.session.state == State.WAKEUP:
+            # It goes on by itself, to Measurement State or, if told so, to Config State.
+            self.wait_for(lambda: self.session.state != State.WAKEUP, WAKING)
+            if self.session.state == State.WAKEUP:
+                self.session.forget()
+        if self.session.state == State.UNKNOWN:
+            self.send(self.session.request(PROBE), PROBE)
+            answer = self._answer(PROBE, ANSWER)
+            self.session.abandon()
+            heard = heard or answer is not None or self.session.state != State.UNKNOWN
+        return heard
+
+    def find(self, baudrates: Iterable[int]) -> None:
+        """Listens and asks at one baud rate after the other, and stays at the first where something is heard.
+
+        Raises:
+            XbusTimeout: Nothing was heard at any of them.
+        """
+        begun, tried = self.link.clock(), []
+        for rate in baudrates:
+            self.link.baudrate = rate
+            if self.find_state():
+                return
+            tried.append(str(rate))
+        raise XbusTimeout(
+            f"nothing was heard on {self.link.name} at {', '.join(tried)} baud; is the device powered and"
+            " connected, and does no other program (ModemManager?) use the port? restore_communication()"
+            " brings back one that nobody can talk to",
+            None,
+            self.link.clock() - begun,
+        )
+
+    def _listen(self, seconds: float) -> bool:
+        """Whether anything that makes sense comes within so many seconds."""
+        samples, notices = len(self.samples) + self.lost_samples, len(self.notices)
+        return self.wait_for(
+            lambda: (
+                self.session.state != State.UNKNOWN
+                or len(self.samples) + self.lost_samples > samples
+                or len(self.notices) > notices
+            ),
+            seconds,
+        )
+
+    def wait_for(
+        self,
+        condition: Callable[[], bool],
+        seconds: float,
+        command: str | None = None,
+        *,
+        reopen: bool = False,
+    ) -> bool:
+        """Takes in what comes until a condition holds; whether it does within so many seconds.
+
+        Args:
+            condition: Looked at after each piece.
+            seconds: How long to wait.
+            command: What it is for, in the text of errors.
+            reopen: Whether the port may go away meanwhile and come again, as that of a device on USB does
+                when it starts anew.
+        """
+        until = self.link.clock() + seconds
+        while not condition():
+            if (left := until - self.link.clock()) <= 0:
+                return False
+            try:
+                self.receive(min(left, QUIET), command)
+            except Disconnected:
+                if not reopen:
+                    raise
+                self.link.pause(min(left, PAUSE))
+        return True
+
+    def next_sample(self, seconds: float) -> Sample | None:
+        """The next sample, or None if none comes within so many seconds.
+
+        Raises:
+            StateError: The device is in Config State, where it sends none.
+        """
+
+        def is_settled() -> bool:
+            return bool(self.samples) or self.session.state == State.CONFIG
+
+        if self.wait_for(is_settled, seconds) and not self.samples:
+            raise StateError(
+                "the device is in Config State and measures nothing; go_to_measurement() changes that",
+                "read_sample",
+                self.session.state,
+            )
+        return self.samples.popleft() if self.samples else None
