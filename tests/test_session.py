@@ -253,6 +253,14 @@ REFUSED: list[tuple[str, str, Any, str]] = [
     ("MTi-300", "SetStringOutputType", StringOutput(StringType.GPGGA), "no string GPGGA"),
     ("MTi-300", "SetStringOutputType", StringOutput(StringType.HEHDT, 10), "takes the rate by SetPeriod"),
     ("MTi-630", "SetStringOutputType", StringOutput(StringType.HEHDT), "takes the rate with the types"),
+    ("MTi-630", "SetOutputConfiguration", [Output(0x201C, 100)], "0x201C: the coordinate bits of quaternion"),
+    ("MTi-630", "SetNoRotation", 0, "the duration must be from 1 to 65535 s"),
+    ("MTi-630", "ResetOrientation", 2, "2 is none of STORE 0, HEADING 1"),
+    ("MTi-630", "SetCanConfig", xbus.protocol.CanConfig(0x55), "no CAN baud rate has the code 85"),
+    ("MTi-630", "SetPortConfig", [PortConfig(1, 0x55)] * 3, "cannot talk at code 85 baud"),
+    ("MTi-300", "SetLatLonAlt", LatLonAlt(0, 0, float("inf")), "alt must be a number of metres"),
+    ("MTi-300", "SetAlignmentRotation", AlignmentRotation(2, (1, 0, 0, 0)), "2 is none of ROT_SENSOR 0"),
+    ("MTi-300", "SetUTCTime", xbus.protocol.UtcTime(0, 2026, 2, 29, 0, 0, 0), "there is no 2026-02-29"),
     ("MTi-300", "SetTransmitDelay", 100, "from 590 to 65535"),
     ("MTi-680G", "SetInitialHeading", 181.0, "from -180 to 180 degrees"),
     ("MTi-300", "SetLatLonAlt", LatLonAlt(91, 0, 0), "lat must be from -90 to 90"),
@@ -264,7 +272,7 @@ REFUSED: list[tuple[str, str, Any, str]] = [
 def test_what_a_product_cannot_do_is_not_sent(
     product: str, command: str, value: Any, says: str
 ) -> None:
-    it = session(State.CONFIG, product)
+    it = session(State(ROWS[command].states[-1]), product)
     with pytest.raises(ValueError, match=says):
         it.request(command, value)
     assert it.pending is None

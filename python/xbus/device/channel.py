@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any, NoReturn
 
 from xbus.device.link import Link
@@ -244,20 +245,24 @@ class Channel:
                 self.link.pause(min(left, PAUSE))
         return True
 
-    def next_sample(self, seconds: float) -> Sample | None:
-        """The next sample, or None if none comes within so many seconds.
+    def wait_for_samples(self, count: int, timeout: float) -> None:
+        """Waits until so many samples are there, and no longer than ``timeout`` seconds for the next one.
 
         Raises:
             StateError: The device is in Config State, where it sends none.
+            XbusTimeout: None came in time.
         """
+        while (there := len(self.samples)) < count:
+            if self.session.state == State.CONFIG:
+                raise StateError(
+                    "the device is in Config State and measures nothing; go_to_measurement() changes that",
+                    "read_sample",
+                    self.session.state,
+                )
+            if not self.wait_for(partial(self._has_more, there), timeout):
+                raise XbusTimeout(
+                    f"no sample from {self.link.name} within {timeout:g} s", None, timeout
+                )
 
-        def is_settled() -> bool:
-            return bool(self.samples) or self.session.state == State.CONFIG
-
-        if self.wait_for(is_settled, seconds) and not self.samples:
-            raise StateError(
-                "the device is in Config State and measures nothing; go_to_measurement() changes that",
-                "read_sample",
-                self.session.state,
-            )
-        return self.samples.popleft() if self.samples else None
+    def _has_more(self, samples: int) -> bool:
+        return len(self.samples) > samples or self.session.state == State.CONFIG

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
+from datetime import date
+from enum import IntEnum
 from typing import Any
 
+from xbus.ids import Coordinates
 from xbus.protocol.products import Support
 from xbus.protocol.values import (
+    CAN_BAUD_CODES,
     ERROR_MODES,
     EVERY,
     PERIODS,
@@ -14,12 +19,17 @@ from xbus.protocol.values import (
     SYNC_DELAYS,
     SYNC_OUT_FUNCTIONS,
     TRANSMIT_DELAYS,
+    Alignment,
     AlignmentRotation,
+    CanConfig,
     LatLonAlt,
     OptionFlag,
     OptionFlags,
     Output,
     Polarity,
+    PortConfig,
+    PortProtocol,
+    ResetCode,
     StringOutput,
     StringType,
     SyncFunction,
@@ -61,6 +71,8 @@ def _within(what: str, numbers: range, unit: str = "") -> Callable[[float], None
 
 
 def _place(it: LatLonAlt) -> None:
+    if not math.isfinite(it.alt):
+        raise ValueError(f"alt must be a number of metres, not {it.alt}")
     _between("lat", -90, 90, " degrees")(it.lat)
     _between("lon", -180, 180, " degrees")(it.lon)
 
@@ -73,9 +85,29 @@ def _time(it: UtcTime) -> None:
     _between("hour", 0, 23)(it.hour)
     _between("minute", 0, 59)(it.minute)
     _between("second", 0, 59)(it.second)
+    try:
+        date(it.year, it.month, it.day)
+    except ValueError:
+        raise ValueError(f"there is no {it.year}-{it.month:02}-{it.day:02}") from None
+
+
+def _code(kind: type[IntEnum]) -> Callable[[int], None]:
+    def check_number(number: int) -> None:
+        if number not in list(kind):
+            members = ", ".join(f"{it.name} {it:d}" for it in kind)
+            raise ValueError(f"{number} is none of {members}")
+
+    return check_number
+
+
+def _can_rate(it: CanConfig) -> None:
+    if it.baudrate is None:
+        rates = ", ".join(f"{code} ({rate:,})" for code, rate in CAN_BAUD_CODES.items())
+        raise ValueError(f"no CAN baud rate has the code {it.baud_code}; there are {rates}")
 
 
 def _unit(it: AlignmentRotation) -> None:
+    _code(Alignment)(-1 if it.parameter is None else it.parameter)
     norm = sum(q * q for q in it.quaternion) ** 0.5
     if not 0.99 <= norm <= 1.01:
         raise ValueError(
@@ -99,6 +131,10 @@ def _period(period: int) -> None:
 
 #: Limits that the manual gives for the message itself.
 GENERAL: dict[str, Callable[[Any], None]] = {
+    "SetNoRotation": _between("the duration", 1, 65_535, " s"),
+    "ResetOrientation": _code(ResetCode),
+    "ReqAlignmentRotation": _code(Alignment),
+    "SetCanConfig": _can_rate,
     "SetPeriod": _period,
     "SetSyncSettings": _offsets,
     "SetTransmitDelay": _within("the delay", TRANSMIT_DELAYS, " ticks"),
@@ -123,6 +159,8 @@ def _check_outputs(outputs: Iterable[Output], support: Support) -> None:
         rates = support.rates_of(name)
         if not rates:
             raise ValueError(f"the {product} has no output {name}; it has {_names(support.rates)}")
+        if it.coordinates is not None and it.coordinates not in list(Coordinates):
+            raise ValueError(f"0x{it.data_id:04X}: the coordinate bits of {name} mean nothing")
         if it.frequency in (0, EVERY, *rates) or rates == (EVERY,):
             continue
         lower = max((rate for rate in rates if rate < it.frequency), default=rates[-1])
@@ -200,6 +238,13 @@ def _check_profile_names(text: str, support: Support) -> None:
         )
 
 
+def _check_ports(ports: Iterable[PortConfig], support: Support) -> None:
+    for it in ports:
+        if it.protocol != PortProtocol.NONE:
+            _code(PortProtocol)(it.protocol)
+            _check_baudrate(it.baud_code, support)
+
+
 def _check_baudrate(code: int, support: Support) -> None:
     rate = baudrate(code)
     if rate not in support.baudrates:
@@ -217,4 +262,5 @@ OF_PRODUCT: dict[str, Callable[[Any, Support], None]] = {
     "SetFilterProfile": _check_profile,
     "SetFilterProfileModern": _check_profile_names,
     "SetBaudrate": _check_baudrate,
+    "SetPortConfig": _check_ports,
 }

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import serial
 
 from xbus.configuration import Firmware
+from xbus.device.blocks import blocks
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
 from xbus.device.link import Link, open_link
@@ -19,8 +20,10 @@ from xbus.device.ports import find_ports
 from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
 from xbus.errors import DeviceError, XbusError, XbusTimeout
+from xbus.log import Log
 from xbus.protocol.products import Support, product_of_code, support
 from xbus.protocol.values import HardwareVersion, Output, PortConfig, PortProtocol, State, baud_code
+from xbus.source import Key
 from xbus.tables import Product
 
 if TYPE_CHECKING:
@@ -339,15 +342,52 @@ class Device(Commands):
             XbusTimeout: None came.
             Disconnected: The port is gone; what had come was given before.
         """
-        if (sample := self._channel.next_sample(timeout)) is None:
-            raise XbusTimeout(
-                f"no sample from {self.link.name} within {timeout:g} s", None, timeout
-            )
-        return sample
+        self._channel.wait_for_samples(1, timeout)
+        return self._channel.samples.popleft()
 
     def __iter__(self) -> Iterator[Sample]:
         while True:
             yield self.read_sample()
+
+    def blocks(
+        self,
+        *,
+        seconds: float | None = None,
+        samples: int | None = None,
+        quantities: Iterable[Key] | None = None,
+        timeout: float = 5.0,
+    ) -> Iterator[Log]:
+        """Samples as they come, in blocks: each is a `Log` whose columns are arrays.
+
+        Times and counters go on from block to block; `Column.sample` and `Log.first_sample` count from the
+        beginning of the first.
+
+        Args:
+            seconds: What comes in so many seconds is a block; or
+            samples: so many samples are one.
+            quantities: Names of the quantities to keep, or (name, coordinates); all of them if None.
+            timeout: Seconds to wait for a sample.
+
+        Raises:
+            TypeError: Neither or both of seconds and samples.
+            ValueError: A block of nothing, or a quantity that does not exist.
+            XbusTimeout: Nothing came.
+            Disconnected: The port is gone.
+
+        >>> import xbus
+        >>> device = xbus.connect("sim:MTi-630")
+        >>> block = next(device.blocks(samples=50))
+        >>> block["quaternion"].values.shape
+        (50, 4)
+        """
+        return blocks(
+            self._channel,
+            self.device_id,
+            seconds=seconds,
+            samples=samples,
+            quantities=quantities,
+            timeout=timeout,
+        )
 
     # End
 

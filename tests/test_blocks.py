@@ -1,0 +1,96 @@
+"""Blocks of columns, as they come from a device."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xbus
+from xbus import Device, SimulatedDevice, StateError, XbusTimeout, connect
+
+OUTPUTS = {
+    "packet_counter": None,
+    "sample_time_fine": None,
+    "acceleration": 100,
+    "magnetic_field": 20,
+}
+
+
+def measuring(outputs: Any = OUTPUTS, product: str = "MTi-630") -> Device:
+    device = connect(SimulatedDevice(product))
+    with device.configure(outputs, check_baudrate=False):
+        pass
+    return device
+
+
+@pytest.mark.parametrize("size", [1, 7, 100])
+def test_blocks_joined_are_the_log(size: int) -> None:
+    """The same samples, read one by one from a twin and made a log at once."""
+    twin = measuring()
+    log = xbus.read_log(b"".join(twin.read_sample().frame for _ in range(700)))
+    blocks = [
+        block
+        for block, _ in zip(measuring().blocks(samples=size), range(700 // size), strict=False)
+    ]
+    assert sum(map(len, blocks)) == 700
+    assert np.array_equal(np.concatenate([it.time for it in blocks]), log.time)
+    assert np.array_equal(np.concatenate([it.packet_counter for it in blocks]), log.packet_counter)
+    for key in log:
+        parts = [it[key] for it in blocks if key in it]
+        assert np.array_equal(np.concatenate([it.values for it in parts]), log[key].values)
+        assert np.array_equal(np.concatenate([it.sample for it in parts]), log[key].sample)
+
+
+def test_blocks_by_time() -> None:
+    device = measuring()
+    sizes = [len(block) for block, _ in zip(device.blocks(seconds=0.25), range(20), strict=False)]
+    assert sum(sizes) == pytest.approx(20 * 25, abs=3)
+    assert set(sizes) <= {24, 25, 26}
+
+
+def test_quantities_can_be_chosen() -> None:
+    block = next(measuring().blocks(samples=10, quantities=["acceleration"]))
+    assert list(block) == ["acceleration"]
+
+
+def test_the_clock_wraps_as_that_of_the_product(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One day on the 100-series, known from the identity that `configure` read."""
+    device = measuring(product="MTi-300")
+    stamps = [864_000_000 - 100, 0]
+    frames = [xbus.encode_sample({"sample_time_fine": it}) for it in stamps]
+    channel = device._channel
+    channel.samples.clear()
+    monkeypatch.setattr(channel.link, "read", lambda _: frames.pop(0) if frames else b"")
+    block = next(device.blocks(samples=2))
+    assert block.time.tolist() == [86_399.99, 86_400.0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "kind", "says"),
+    [
+        ({}, TypeError, "name one of them"),
+        ({"seconds": 1, "samples": 1}, TypeError, "name one of them"),
+        ({"samples": 0}, ValueError, "more than 0"),
+        ({"seconds": -1}, ValueError, "more than -1"),
+        ({"samples": 1, "quantities": ["nothing"]}, ValueError, "no quantity is called"),
+    ],
+)
+def test_blocks_that_cannot_be(arguments: Any, kind: type[Exception], says: str) -> None:
+    with pytest.raises(kind, match=says):
+        measuring().blocks(**arguments)
+
+
+def test_silence() -> None:
+    device = measuring({})
+    with pytest.raises(XbusTimeout, match="no sample from sim:MTi-630 within 2 s"):
+        next(device.blocks(samples=1, timeout=2))
+
+
+def test_config_state() -> None:
+    device = measuring()
+    device.go_to_config()
+    with pytest.raises(StateError, match="the device is in Config State"):
+        for _ in device.blocks(samples=1000):
+            pass
