@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable
 from functools import partial
@@ -45,6 +46,9 @@ KEPT = 60_000
 class Channel:
     """Carries a session's commands over a link.
 
+    Several threads may use it: one can wait for samples while another sends commands. Whoever takes bytes
+    in keeps what the others wait for.
+
     Attributes:
         link: What carries the bytes.
         session: What is known of the device.
@@ -62,21 +66,28 @@ class Channel:
         self._answers: deque[Reply | Refusal] = deque()
         self._heard_at = link.clock()
         self._is_broken = False
+        self._taking_in = threading.Lock()
+        self._commanding = threading.RLock()
 
     # Bytes
 
     def receive(self, timeout: float, command: str | None = None) -> None:
         """Takes in what has come, waiting for it no longer than so many seconds."""
-        self._mend(command)
+        if not self._taking_in.acquire(timeout=timeout):
+            return  # another thread does it
         try:
-            data = self.link.read(timeout)
-        except OSError as error:
-            self._lose(error, command)
-        if data:
-            self._heard_at = self.link.clock()
-            self._keep(self.session.receive(data))
-        elif self.link.clock() - self._heard_at >= QUIET:
-            self._keep(self.session.quiet())
+            self._mend(command)
+            try:
+                data = self.link.read(timeout)
+            except OSError as error:
+                self._lose(error, command)
+            if data:
+                self._heard_at = self.link.clock()
+                self._keep(self.session.receive(data))
+            elif self.link.clock() - self._heard_at >= QUIET:
+                self._keep(self.session.quiet())
+        finally:
+            self._taking_in.release()
 
     def send(self, data: bytes, command: str) -> None:
         """Sends bytes."""
@@ -121,6 +132,10 @@ class Channel:
 
     def command(self, name: str, value: Any) -> Reply:
         """Sends a command and waits for its answer: see `Device.command`."""
+        with self._commanding:  # the answers of two would be mixed up
+            return self._command(name, value)
+
+    def _command(self, name: str, value: Any) -> Reply:
         if self.session.state == State.UNKNOWN and name not in ("GoToConfig", "Reset", PROBE):
             self.find_state()
         timeout, tries = self._patience(name)

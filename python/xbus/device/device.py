@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import serial
 
 from xbus.configuration import Firmware
-from xbus.device.blocks import blocks
+from xbus.device.blocks import Blocks
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
 from xbus.device.link import Link, open_link
@@ -20,7 +21,6 @@ from xbus.device.ports import find_ports
 from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
 from xbus.errors import DeviceError, XbusError, XbusTimeout
-from xbus.log import Log
 from xbus.protocol.products import Support, product_of_code, support
 from xbus.protocol.values import HardwareVersion, Output, PortConfig, PortProtocol, State, baud_code
 from xbus.source import Key
@@ -36,6 +36,8 @@ BAUDRATES = (115_200, 2_000_000, 921_600, 460_800, 230_400, 57_600, 38_400, 19_2
 #: The rate of a restored device (section 7.2).
 DEFAULT_BAUDRATE = 115_200
 
+#: How long a device that measures may be silent, in seconds: the slowest rate is 1 Hz.
+SILENCE = 5.0
 #: How long a restart may take, until WakeUp. A USB port has to appear again.
 RESTART = 5.0
 
@@ -331,7 +333,7 @@ class Device(Commands):
 
     # Samples
 
-    def read_sample(self, timeout: float = 5.0) -> Sample:
+    def read_sample(self, timeout: float = SILENCE) -> Sample:
         """The next sample.
 
         Args:
@@ -349,15 +351,23 @@ class Device(Commands):
         while True:
             yield self.read_sample()
 
+    async def __aiter__(self) -> AsyncIterator[Sample]:
+        waiting = self._channel.samples
+        while True:
+            if not waiting:
+                await asyncio.to_thread(self._channel.wait_for_samples, 1, SILENCE)
+            while waiting:  # a thread for each would cost more than the samples
+                yield waiting.popleft()
+
     def blocks(
         self,
         *,
         seconds: float | None = None,
         samples: int | None = None,
         quantities: Iterable[Key] | None = None,
-        timeout: float = 5.0,
-    ) -> Iterator[Log]:
-        """Samples as they come, in blocks: each is a `Log` whose columns are arrays.
+        timeout: float = SILENCE,
+    ) -> Blocks:
+        """Samples as they come, in blocks: each is a `Log` whose columns are arrays. Also for ``async for``.
 
         Times and counters go on from block to block; `Column.sample` and `Log.first_sample` count from the
         beginning of the first.
@@ -380,7 +390,7 @@ class Device(Commands):
         >>> block["quaternion"].values.shape
         (50, 4)
         """
-        return blocks(
+        return Blocks(
             self._channel,
             self.device_id,
             seconds=seconds,
