@@ -1,17 +1,24 @@
 """Devices: what a host knows of one, the commands, and the ports that they are behind."""
 
+from xbus.device.caster import Caster, CasterError
 from xbus.device.device import Device, connect, restore_communication
 from xbus.device.link import Link
 from xbus.device.ports import Port, find_ports
+from xbus.device.rtk import Fix, Forwarder, Position
 from xbus.device.sample import Sample
 from xbus.device.session import Event, Notice, Refusal, Reply, Session
 
 __all__ = [
+    "Caster",
+    "CasterError",
     "Device",
     "Event",
+    "Fix",
+    "Forwarder",
     "Link",
     "Notice",
     "Port",
+    "Position",
     "Refusal",
     "Reply",
     "Sample",

@@ -18,6 +18,7 @@ from xbus.device.commands import Commands
 from xbus.device.link import Link, open_link
 from xbus.device.output import Outputs, check_fits, outputs_of
 from xbus.device.ports import find_ports
+from xbus.device.rtk import Forwarder
 from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
 from xbus.errors import DeviceError, XbusError, XbusTimeout
@@ -266,6 +267,24 @@ class Device(Commands):
                 self.set_string_output_type(0, 0 if known.product.series == "600-series" else None)
         self.outputs = tuple(self._ask("SetOutputConfiguration", lines))
         return self.outputs
+
+    # Corrections
+
+    def forward_gnss(self, chunks: Iterable[bytes]) -> Forwarder:
+        """Hands RTCM 3 corrections to the GNSS receiver with ForwardGnssData (0xE2), until there are no more.
+
+        Read samples meanwhile: in another thread, or in the generator that makes the chunks.
+
+        Args:
+            chunks: Bytes, in pieces of any size; what is no RTCM 3 frame is not sent. A
+                `xbus.device.Caster` gives them until it is closed.
+
+        Returns:
+            What counted the messages and bytes; see `Forwarder.forward` for what it raises.
+        """
+        forwarder = Forwarder(self)
+        forwarder.forward(chunks)
+        return forwarder
 
     # Baud rate
 

@@ -1,0 +1,570 @@
+"""Corrections: RTCM frames to the receiver of a virtual device, and from a caster on this machine.
+
+`LocalCaster` is the caster: it hands out what a test wants, and writes down what it was asked.
+"""
+
+from __future__ import annotations
+
+import base64
+import socketserver
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from queue import Queue
+from typing import Any
+
+import pynmeagps
+import pyrtcm
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import xbus
+from streams import frame
+from xbus import Device, DeviceError, Scanner, SimulatedDevice, StateError, XbusTimeout, connect
+from xbus.device import Caster, CasterError, Fix, Forwarder, Position, Sample
+from xbus.device.rtk import UNANSWERED, rtcm_frames
+from xbus.ids import MessageId
+from xbus.sim import serving
+from xbus.sim.link import SimLink
+
+
+def rtcm(payload: bytes) -> bytes:
+    """An RTCM 3 frame."""
+    body = b"\xd3" + len(payload).to_bytes(2, "big") + payload
+    crc: int = pyrtcm.calc_crc24q(body)
+    return body + crc.to_bytes(3, "big")
+
+
+#: A message 1005 as a base station sent it; a proprietary one, with bytes that look like starts; a long one.
+STATION = bytes.fromhex("D300133ED7D30202980EDEEF34B4BD62AC0941986F33360B98")
+PROPRIETARY = rtcm(bytes.fromhex("FE8001D30013D3D3FAFF24B562"))
+LONG = rtcm(bytes.fromhex("FE80") + bytes(range(256)) * 3)
+FRAMES = [STATION, PROPRIETARY, LONG]
+
+NMEA = b"$GPGGA,120000.00,5214.3856,N,00650.2794,E,1,09,1.1,45.2,M,42.8,M,,*5E\r\n"
+UBX = bytes.fromhex("B5620A0400000E34")
+DAMAGED = STATION[:9] + b"\x00" + STATION[10:]
+FALSE_START = bytes.fromhex("D30040")
+JUNK = [NMEA, UBX, DAMAGED, FALSE_START, b"noise", b"\x00" * 40, frame(0x30)]
+
+
+class Meddler(SimLink):
+    """A link that writes down what goes out, and leaves messages out or replaces them on the way back."""
+
+    def __init__(self, device: SimulatedDevice) -> None:
+        super().__init__(device)
+        self.written: list[bytes] = []
+        self.instead: list[bytes | None] = []
+
+    def write(self, data: bytes) -> None:
+        self.written.append(data)
+        super().write(data)
+
+    def read(self, timeout: float) -> bytes:
+        data = super().read(timeout)
+        ack = frame(MessageId.ForwardGnssDataAck)
+        if self.instead and ack in data and (other := self.instead.pop(0)) is not None:
+            return data.replace(ack, other)
+        return data
+
+
+def opened(product: str = "MTi-680G", **options: Any) -> tuple[Device, Meddler]:
+    link = Meddler(SimulatedDevice(product, **options))
+    device = Device(link)
+    with device.configure():
+        pass
+    link.written.clear()
+    return device, link
+
+
+def payloads(link: Meddler) -> list[bytes]:
+    """What the receiver was given."""
+    scanner = Scanner()
+    found = [*scanner.feed(b"".join(link.written)), *scanner.close()]
+    assert {it.name for it in found if isinstance(it, xbus.Message)} <= {"ForwardGnssData"}
+    return [it.payload for it in found if isinstance(it, xbus.Message)]
+
+
+# Frames
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 7, 100, 10_000])
+def test_frames_are_found_however_they_come(size: int) -> None:
+    data = b"".join(FRAMES)
+    chunks = [data[at : at + size] for at in range(0, len(data), size)]
+    assert list(rtcm_frames(chunks)) == FRAMES
+
+
+@given(st.lists(st.sampled_from([*JUNK, *FRAMES])))
+def test_nothing_else_is_a_frame(pieces: list[bytes]) -> None:
+    assert list(rtcm_frames(pieces)) == [it for it in pieces if it in FRAMES]
+
+
+def test_a_false_start_costs_no_frame() -> None:
+    data = [b"noise", FALSE_START, *FRAMES * 3]
+    assert list(rtcm_frames(data)) == FRAMES * 3
+
+
+def test_the_next_chunk_is_asked_for_only_when_it_is_needed() -> None:
+    asked: list[int] = []
+
+    def chunks() -> Iterator[bytes]:
+        for at, it in enumerate(FRAMES):
+            asked.append(at)
+            yield it
+
+    found = rtcm_frames(chunks())
+    for at in range(len(FRAMES)):
+        assert next(found) == FRAMES[at]
+        assert asked[-1] == at
+
+
+# Forwarding
+
+
+def test_only_rtcm_reaches_the_receiver() -> None:
+    device, link = opened()
+    mixed = [it for piece in JUNK for it in (piece, *FRAMES)]
+    forwarder = device.forward_gnss([*mixed, b"\x00" * 100])
+    assert payloads(link) == FRAMES * len(JUNK)
+    assert forwarder.messages == len(FRAMES) * len(JUNK)
+    assert forwarder.bytes == sum(map(len, FRAMES)) * len(JUNK)
+    assert forwarder.unanswered == 0
+
+
+def test_the_status_goes_from_none_over_float_to_fixed_and_back() -> None:
+    device, _ = opened()
+    fix = Fix()
+    seen: list[tuple[str | None, str | None]] = []
+
+    def look(seconds: float) -> None:
+        until = device.link.clock() + seconds
+        while device.link.clock() < until:
+            fix.update(device.read_sample())
+            if not seen or seen[-1] != (fix.type, fix.rtk):
+                seen.append((fix.type, fix.rtk))
+
+    def corrections() -> Iterator[bytes]:
+        for _ in range(15):
+            look(1)
+            yield STATION
+
+    device.forward_gnss(corrections())
+    look(15)
+    assert seen == [
+        ("none", "none"),
+        ("yes", "none"),
+        ("yes", "float"),
+        ("yes", "fixed"),
+        ("yes", "none"),
+    ]
+
+
+def test_no_sample_is_lost_meanwhile() -> None:
+    device, _ = opened()
+    before = device.lost_samples
+    counters: list[int] = []
+
+    def corrections() -> Iterator[bytes]:
+        for at in range(50):
+            if at % 2:
+                counters.append(device.read_sample()["packet_counter"])
+            yield STATION
+
+    device.forward_gnss(corrections())
+    counters += [device.read_sample()["packet_counter"] for _ in range(50)]
+    assert counters == list(range(counters[0], counters[0] + len(counters)))
+    assert device.lost_samples == before
+
+
+def test_other_products_are_refused() -> None:
+    device, link = opened("MTi-670")
+    with pytest.raises(StateError, match=r"the MTi-670 does not know ForwardGnssData.*MTi-680G"):
+        device.forward_gnss(FRAMES)
+    assert link.written == []
+
+
+def test_in_config_state_it_is_refused() -> None:
+    device, _ = opened()
+    with device.configure(), pytest.raises(StateError, match="go_to_measurement"):
+        device.forward_gnss(FRAMES)
+
+
+def test_what_the_device_refuses_is_raised() -> None:
+    device, link = opened()
+    link.instead = [None, frame(MessageId.Error, b"\x21")]
+    forwarder = Forwarder(device)
+    with pytest.raises(DeviceError) as caught:
+        forwarder.forward(FRAMES)
+    assert (caught.value.code, caught.value.command) == (33, "ForwardGnssData")
+    forwarder.forward([LONG])
+    assert payloads(link) == FRAMES
+
+
+def test_lost_answers_are_counted_and_silence_is_raised() -> None:
+    device, link = opened()
+    link.instead = [*[b""] * (UNANSWERED - 1), None, *[b""] * (UNANSWERED - 1)]
+    forwarder = device.forward_gnss([STATION] * (2 * UNANSWERED))
+    assert forwarder.messages == 2 * UNANSWERED
+    assert forwarder.unanswered == 2 * (UNANSWERED - 1)
+    link.instead = [b""] * UNANSWERED
+    with pytest.raises(XbusTimeout):
+        forwarder.forward([STATION] * UNANSWERED)
+
+
+# Status
+
+
+def sample(**values: Any) -> Sample:
+    packets = [xbus.encode_packet(name, value) for name, value in values.items()]
+    return Sample(b"".join(packets))
+
+
+def test_the_receiver_tells_more_than_the_status_word() -> None:
+    outputs = {"gnss_pvt_data": None, "lat_lon": 4, "altitude_ellipsoid": 4}
+    with connect(SimulatedDevice("MTi-680G", trajectory="still")) as device:
+        with device.configure(outputs):
+            pass
+        fix, types, fixes = Fix(), [], []
+
+        def corrections() -> Iterator[bytes]:
+            for _ in range(100):
+                fix.update(device.read_sample())
+                types.append(fix.type)
+                fixes.append(fix.rtk)
+                yield STATION
+
+        device.forward_gnss(corrections())
+    assert list(dict.fromkeys(types)) == ["none", "3D"]
+    assert list(dict.fromkeys(it for it in fixes if it)) == ["none", "float", "fixed"]
+    at = fix.position
+    assert at is not None
+    assert (at.lat, at.lon) == pytest.approx((52.23976, 6.83799), abs=1e-3)
+    assert at.sep == pytest.approx(xbus.sim.earth.GEOID_SEPARATION, abs=0.01)
+    assert at.satellites
+    assert at.hdop
+
+
+def test_without_the_receiver_the_filter_tells_the_position() -> None:
+    fix = Fix()
+    fix.update(sample(lat_lon=(52.5, 6.5), altitude_ellipsoid=80.0))
+    assert fix.position == Position(52.5, 6.5, 80.0)
+    fix.update(sample(lat_lon=(1.0, 1.0), status_word=0x0))
+    fix.update(sample(lat_lon=(float("nan"), 1.0), status_word=0x4))
+    assert (fix.position.lat, fix.type, fix.rtk) == (52.5, "yes", "none")
+    fix.update(sample(status_word=0x1800_0004))
+    assert fix.rtk == "3"
+
+
+# The caster
+
+
+class LocalCaster(socketserver.ThreadingTCPServer):
+    """An NTRIP caster with one mountpoint, BASE.
+
+    Attributes:
+        style: 1 for ICY, 2 for HTTP, "chunked" for HTTP in chunks, "garbage" for neither.
+        account: User and password that are asked for, or None.
+        sends: What each connection gets in turn, again and again; the pause between two is `PAUSE`.
+        once: Whether to hang up when each was sent a few times.
+        requests: The requests, as text.
+        gga: Positions that came after the request.
+        asked: How often somebody came.
+    """
+
+    allow_reuse_address = True
+    daemon_threads = True
+    PAUSE = 0.05
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Visit)
+        self.style: int | str = 2
+        self.account: tuple[str, str] | None = None
+        self.sends = list(FRAMES)
+        self.once = False
+        self.requests: list[str] = []
+        self.gga: Queue[bytes] = Queue()
+        self.done = threading.Event()
+
+    @property
+    def address(self) -> str:
+        return f"127.0.0.1:{self.server_address[1]}"
+
+
+class _Visit(socketserver.StreamRequestHandler):
+    server: LocalCaster
+
+    def handle(self) -> None:
+        caster = self.server
+        request = b"".join(iter(self.rfile.readline, b"\r\n")).decode()
+        caster.requests.append(request)
+        if caster.style == "garbage":
+            self.wfile.write(b"SSH-2.0-OpenSSH_9.2p1 Debian\r\n")
+            return
+        http = caster.style != 1
+        if caster.account is not None:
+            credentials = base64.b64encode(":".join(caster.account).encode()).decode()
+            if f"Authorization: Basic {credentials}\r\n" not in request:
+                self.wfile.write(b"HTTP/1.1 401 Unauthorized\r\nConnection: close\r\n\r\n")
+                return
+        if not request.startswith("GET /BASE "):
+            self._refuse(http)
+            return
+        self.wfile.write(self._head(http))
+        self._stream()
+
+    def _refuse(self, http: bool) -> None:
+        table = (
+            b"STR;BASE;Enschede;RTCM 3.2;1005(1);2;GPS;NONE;NLD;52.2;6.8;1;0;none;none;N;N;0;\r\n"
+        )
+        table += table.replace(b"BASE", b"OTHER") + b"ENDSOURCETABLE\r\n"
+        if http:
+            self.wfile.write(b"HTTP/1.1 404 Not Found\r\nConnection: close\r\n\r\n")
+        else:
+            self.wfile.write(b"SOURCETABLE 200 OK\r\nContent-Type: text/plain\r\n\r\n" + table)
+
+    def _head(self, http: bool) -> bytes:
+        if not http:
+            return b"ICY 200 OK\r\n\r\n"
+        more = b"Transfer-Encoding: chunked\r\n" if self.server.style == "chunked" else b""
+        return b"HTTP/1.1 200 OK\r\nContent-Type: gnss/data\r\n" + more + b"\r\n"
+
+    def _stream(self) -> None:
+        caster, lines = self.server, b""
+        self.connection.settimeout(caster.PAUSE)
+        left = 4 if caster.once else 1 << 30
+        while left and not caster.done.is_set():
+            for data in caster.sends:
+                try:
+                    received = self.connection.recv(1000)
+                except TimeoutError:
+                    received = None
+                except ConnectionError:
+                    return
+                if received == b"":
+                    return
+                lines += received or b""
+                *whole, lines = lines.split(b"\r\n")
+                for it in whole:
+                    caster.gga.put(it + b"\r\n")
+                if caster.style == "chunked":
+                    data = b"%x\r\n%b\r\n" % (len(data), data)
+                try:
+                    self.wfile.write(data)
+                except OSError:
+                    return
+            left -= 1
+            if not caster.sends and caster.done.wait(caster.PAUSE):
+                return
+
+
+@contextmanager
+def serving_caster() -> Iterator[LocalCaster]:
+    with LocalCaster() as caster:
+        thread = threading.Thread(target=caster.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield caster
+        finally:
+            caster.done.set()
+            caster.shutdown()
+            thread.join()
+
+
+@pytest.fixture
+def local() -> Iterator[LocalCaster]:
+    with serving_caster() as caster:
+        yield caster
+
+
+@pytest.mark.parametrize("style", [1, 2, "chunked"])
+@pytest.mark.parametrize("ntrip", [1, 2])
+def test_frames_come_from_casters_of_both_kinds(
+    local: LocalCaster, style: int | str, ntrip: int
+) -> None:
+    local.style = style
+    local.sends = [NMEA, STATION, b"\x00" * 9, UBX, PROPRIETARY]
+    with Caster(local.address, "BASE", ntrip=ntrip) as caster:
+        assert caster.state == "idle"
+        found = [it for it, _ in zip(caster, range(6), strict=False)]
+        assert caster.state == "streaming"
+    assert set(found) == {STATION, PROPRIETARY}
+    assert len(local.requests) == 1
+    assert ("Ntrip-Version: Ntrip/2.0" in local.requests[0]) == (ntrip == 2)
+
+
+def test_user_and_password(local: LocalCaster) -> None:
+    local.account = ("me", "secret")
+    with Caster(local.address, "BASE", user="me", password="secret") as caster:  # noqa: S106
+        assert next(iter(caster)) in FRAMES
+    with (
+        Caster(f"http://{local.address}/", "BASE", user="me") as caster,
+        pytest.raises(CasterError, match="does not let that user in"),
+    ):
+        caster.read(10)
+
+
+@pytest.mark.parametrize("style", [1, 2])
+def test_unknown_mountpoints(local: LocalCaster, style: int) -> None:
+    local.style = style
+    with (
+        Caster(local.address, "NOWHERE") as caster,
+        pytest.raises(CasterError) as caught,
+    ):
+        caster.read(10)
+    more = "; it has BASE, OTHER" if style == 1 else ""
+    assert str(caught.value) == f"{local.address} has no mountpoint NOWHERE{more}"
+
+
+def test_who_is_no_caster(local: LocalCaster) -> None:
+    local.style = "garbage"
+    with Caster(local.address, "BASE") as caster, pytest.raises(CasterError, match="is no NTRIP"):
+        caster.read(10)
+
+
+def test_nobody_there(local: LocalCaster) -> None:
+    with serving_caster() as gone:
+        address = gone.address
+    with Caster(address, "BASE") as caster, pytest.raises(CasterError) as caught:
+        caster.read(10)
+    assert str(caught.value) == f"cannot reach {address}: Connection refused"
+    with Caster("no.such.host.invalid", "BASE") as caster, pytest.raises(CasterError) as caught:
+        caster.read(30)
+    assert str(caught.value).startswith("cannot reach no.such.host.invalid:2101: ")
+
+
+def test_positions_are_sent(local: LocalCaster) -> None:
+    there = [Position(52.25, -6.5, 45.2, 42.8, 9, 1.1)]
+    places: list[Position] = []
+    with Caster(
+        local.address, "BASE", gga=1, position=lambda: places[0] if places else None
+    ) as caster:
+        assert caster.read(0.2) == b""
+        assert caster.state == "no position"
+        assert local.requests == []
+        places += there
+        for frame_, _ in zip(caster, range(12), strict=False):
+            assert frame_ in FRAMES
+        found = pynmeagps.NMEAReader.parse(local.gga.get(timeout=10))
+        assert found.identity == "GPGGA"
+        assert (found.lat, found.lon, found.alt, found.sep) == (52.25, -6.5, 45.2, 42.8)
+        assert (found.numSV, found.HDOP) == (9, 1.1)
+        assert caster.gga_sent > 0
+    assert "Ntrip-GGA: $GPGGA," in local.requests[0]
+
+
+def test_a_lost_connection_is_made_again(
+    local: LocalCaster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("xbus.device.caster.FIRST_PAUSE", 0.01)
+    local.once = True
+    local.sends = [STATION]
+    states = set()
+    with Caster(local.address, "BASE") as caster:
+        while len(local.requests) < 3:
+            caster.read(0.05)
+            states.add((caster.state, caster.problem is not None))
+    assert {("streaming", False), ("connecting", True)} <= states
+
+
+def test_a_silent_connection_is_made_again(
+    local: LocalCaster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("xbus.device.caster.PATIENCE", 0.1)
+    monkeypatch.setattr("xbus.device.caster.FIRST_PAUSE", 0.01)
+    local.sends = []
+    with Caster(local.address, "BASE") as caster:
+        while len(local.requests) < 3:
+            assert caster.read(0.05) == b""
+        local.sends = [STATION]
+        assert next(iter(caster)) == STATION
+
+
+def test_pauses_get_longer(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("xbus.device.caster.FIRST_PAUSE", 0.01)
+    with Caster(local.address, "BASE") as caster:
+        assert next(iter(caster)) in FRAMES
+        local.account = ("nobody", "knows")
+        local.done.set()
+        pauses: list[float] = []
+        while len(pauses) < 4:
+            caster.read(0.01)
+            if caster._pause not in pauses:
+                pauses.append(caster._pause)
+        assert pauses == [0.01, 0.02, 0.04, 0.08]
+        assert caster.problem is not None
+        local.done.clear()
+        local.account = None
+        assert next(iter(caster)) in FRAMES
+        assert caster._pause == 0.01
+
+
+def test_junk_forever_is_silence(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("xbus.device.caster.LONG_PATIENCE", 0.5)
+    local.sends = [b"noise" * 20]
+    with Caster(local.address, "BASE") as caster:
+        while caster.state != "lost":
+            caster.read(0.05)
+
+
+def test_from_a_caster_to_a_device(local: LocalCaster) -> None:
+    device, link = opened()
+    local.sends = FRAMES
+    with Caster(local.address, "BASE") as caster:
+        chunks = (it for it, _ in zip(caster, range(5), strict=False))
+        assert device.forward_gnss(chunks).messages == 5
+    assert set(payloads(link)) <= set(FRAMES)
+
+
+def test_reading_in_another_thread_ends_when_it_is_closed(local: LocalCaster) -> None:
+    local.sends = []
+    with Caster(local.address, "BASE") as caster:
+        found: list[bytes] = []
+        thread = threading.Thread(target=lambda: found.extend(caster))
+        thread.start()
+        while not local.requests:
+            thread.join(0.01)
+    thread.join(5)
+    assert not thread.is_alive()
+    assert found == []
+    assert caster.read(1) == b""
+
+
+@pytest.mark.parametrize(
+    "url", ["", "http://", "ftp://host", "host:port", "host/BASE", "host:99999"]
+)
+def test_addresses_that_are_none(url: str) -> None:
+    with pytest.raises(ValueError, match="is no caster"):
+        Caster(url, "BASE")
+
+
+@pytest.mark.parametrize(
+    ("url", "host"),
+    [("a.b", "a.b:2101"), ("a:80", "a:80"), ("http://a/", "a:2101"), ("https://a", "a:443")],
+)
+def test_addresses(url: str, host: str) -> None:
+    assert Caster(url, "BASE").host == host
+
+
+def test_its_loggers_say_nothing(local: LocalCaster, capfd: pytest.CaptureFixture[str]) -> None:
+    local.account = ("me", "secret")
+    with Caster(local.address, "BASE") as caster, pytest.raises(CasterError):
+        caster.read(10)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_samples_are_read_in_another_thread(local: LocalCaster) -> None:
+    device = SimulatedDevice("MTi-680G")
+    with (
+        serving(device) as port,
+        connect(port) as connected,
+        Caster(local.address, "BASE") as caster,
+    ):
+        thread = threading.Thread(target=connected.forward_gnss, args=(caster,))
+        thread.start()
+        counters = [connected.read_sample()["packet_counter"] for _ in range(100)]
+        caster.close()
+        thread.join(5)
+        assert not thread.is_alive()
+    assert counters == list(range(counters[0], counters[0] + 100))
