@@ -24,6 +24,7 @@ COMMANDS = {
     "messages": "tables",
     "ports": "ports",
     "send": "send",
+    "ntrip": "ntrip",
     "sim": "sim",
 }
 

@@ -1,0 +1,240 @@
+"""``xbus ntrip``: corrections from a caster on this machine to virtual devices."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pynmeagps
+import pytest
+
+from test_cli import run, sentence, start
+from test_rtk import FRAMES, NMEA, LocalCaster, serving_caster
+from xbus import SimulatedDevice, connect
+from xbus.protocol import State
+from xbus.sim import serving
+from xbus.sim.earth import ORIGIN
+from xbus.sim.serve import PtyServer, serve
+
+#: How much faster than the clock devices live here: 8 s to a fixed position are one.
+SPEED = 8
+
+
+@contextmanager
+def serving_fast(device: SimulatedDevice) -> Iterator[str]:
+    done = threading.Event()
+    with PtyServer(device, clock=lambda: SPEED * time.monotonic()) as server:
+        thread = threading.Thread(target=serve, args=(server, done.is_set))
+        thread.start()
+        try:
+            yield str(server.port)
+        finally:
+            done.set()
+            thread.join()
+
+
+def rover(**options: Any) -> SimulatedDevice:
+    """An MTi-680G that has a fix."""
+    device = SimulatedDevice("MTi-680G", trajectory="still", **options)
+    device.advance(5)
+    device.read()
+    return device
+
+
+@pytest.fixture
+def local() -> Iterator[LocalCaster]:
+    with serving_caster() as caster:
+        yield caster
+
+
+@contextmanager
+def started(
+    port: str, local: LocalCaster, *args: str, **options: Any
+) -> Iterator[subprocess.Popen[bytes]]:
+    """The command at work; it must end quietly."""
+    caster = ["--caster", local.address, "--mountpoint", "BASE"]
+    with start("ntrip", port, *caster, *args, **options) as child:
+        try:
+            yield child
+            child.send_signal(signal.SIGINT)
+            child.communicate(timeout=10)
+            assert child.returncode == 0
+        finally:
+            child.kill()
+
+
+def statuses(child: subprocess.Popen[bytes]) -> Iterator[dict[str, Any]]:
+    assert child.stdout is not None
+    for line in child.stdout:
+        yield json.loads(line)
+
+
+def wanted(*args: str, port: str = "sim:MTi-680G", mountpoint: str = "BASE") -> str:
+    return sentence(run("ntrip", port, *args, "--mountpoint", mountpoint))
+
+
+# At work
+
+
+def test_from_none_over_float_to_fixed(local: LocalCaster) -> None:
+    device = rover()
+    with serving_fast(device) as port, started(port, local, "--json") as child:
+        seen = []
+        for it in statuses(child):
+            seen.append(it)
+            if it["rtk"] == "fixed":
+                break
+    assert list(dict.fromkeys(it["rtk"] for it in seen if it["rtk"])) == ["none", "float", "fixed"]
+    last = seen[-1]
+    assert last["fix"] == "yes"
+    assert last["caster"] == "streaming"
+    assert last["problem"] is None
+    assert last["messages"] > 5
+    assert last["bytes"] >= last["messages"] * min(map(len, FRAMES))
+    assert last["unanswered"] == 0
+    assert last["age_s"] < 5
+    assert device.state == State.MEASUREMENT
+
+
+def test_what_is_no_rtcm_is_not_forwarded(local: LocalCaster) -> None:
+    device = rover()
+    written = bytearray()
+    write = device.write
+
+    def note(data: bytes, baudrate: int | None = None) -> None:
+        written.extend(data)
+        write(data, baudrate)
+
+    device.write = note  # type: ignore[method-assign]
+    local.sends = [NMEA, FRAMES[0]]
+    with serving_fast(device) as port, started(port, local, "--json") as child:
+        next(it for it in statuses(child) if it["rtk"] == "float")
+    assert FRAMES[0] in written
+    assert b"GPGGA" not in written
+
+
+def test_the_caster_is_told_where_the_device_is(local: LocalCaster) -> None:
+    with serving_fast(rover()) as port, started(port, local, "--json", "--gga", "1") as child:
+        assert next(it for it in statuses(child) if it["gga"])["gga"] == 1
+        told = pynmeagps.NMEAReader.parse(local.gga.get(timeout=10))
+    assert (told.lat, told.lon) == pytest.approx((ORIGIN.lat, ORIGIN.lon), abs=1e-5)
+
+
+def test_before_the_first_fix_there_is_nothing_to_tell(local: LocalCaster) -> None:
+    device = rover(time_to_fix=12)
+    with serving_fast(device) as port, started(port, local, "--json", "--gga", "1") as child:
+        found = statuses(child)
+        waiting = next(found)
+        assert (waiting["caster"], waiting["messages"]) == ("no position", 0)
+        assert next(it for it in found if it["caster"] == "streaming")["fix"] == "yes"
+    assert "Ntrip-GGA" in local.requests[0]
+
+
+def test_lines_for_people(local: LocalCaster) -> None:
+    with serving_fast(rover()) as port, started(port, local) as child:
+        assert child.stderr is not None
+        lines = iter(child.stderr.readline, b"")
+        line = next(it.decode() for it in lines if b"RTK float" in it)
+    words = line.split(", ")
+    assert words[:2] == ["fix yes", "RTK float"]
+    assert words[2].endswith(" messages")
+    assert line.endswith(" s ago\n")
+
+
+def test_a_line_that_changes_on_a_terminal(local: LocalCaster) -> None:
+    ours, theirs = os.openpty()
+    try:
+        with serving_fast(rover()) as port, started(port, local, stderr=theirs):
+            said = b""
+            while b"RTK float" not in said:
+                said += os.read(ours, 1000)
+    finally:
+        os.close(ours)
+        os.close(theirs)
+    assert b"\n" not in said
+    assert all(len(it) < 80 for it in said.split(b"\r")[1:])
+
+
+def test_a_lost_caster_is_told_and_found_again(local: LocalCaster) -> None:
+    local.once = True
+    with serving_fast(rover()) as port, started(port, local, "--json") as child:
+        found = statuses(child)
+        lost = next(it for it in found if it["caster"] == "lost")
+        assert lost["problem"].startswith(f"{local.address} has hung up")
+        assert lost["messages"] > 0
+        again = next(it for it in found if it["caster"] == "streaming")
+        assert again["problem"] is None
+    assert len(local.requests) >= 2
+
+
+# What goes wrong
+
+
+def test_an_unknown_mountpoint(local: LocalCaster) -> None:
+    said = wanted("--caster", local.address, mountpoint="NOWHERE")
+    assert said == f"{local.address} has no mountpoint NOWHERE"
+
+
+def test_who_is_not_let_in(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
+    local.account = ("me", "secret")
+    monkeypatch.setenv("XBUS_NTRIP_PASSWORD", "wrong")
+    said = wanted("--caster", local.address, "--user", "me")
+    assert said == f"{local.address} does not let that user in (401); check user and password"
+    assert "Authorization" in local.requests[0]
+
+
+def test_nobody_there() -> None:
+    with serving_caster() as gone:
+        address = gone.address
+    assert wanted("--caster", address) == f"cannot reach {address}: Connection refused"
+
+
+def test_a_product_without_rtk(local: LocalCaster) -> None:
+    said = wanted("--caster", local.address, port="sim:MTi-670")
+    assert said.startswith("the MTi-670 does not know ForwardGnssData")
+    assert "MTi-680G" in said
+    assert local.requests == []
+
+
+def test_a_device_that_does_not_measure(local: LocalCaster) -> None:
+    with serving(rover()) as port:
+        with connect(port) as device:
+            device.go_to_config()
+        said = wanted("--caster", local.address, port=port)
+    assert said.startswith("the device is in Config State")
+    assert f"xbus send {port} GoToMeasurement" in said
+
+
+def test_a_device_that_tells_no_position(local: LocalCaster) -> None:
+    with serving(rover()) as port:
+        with connect(port) as device, device.configure({"acceleration": 100}):
+            pass
+        said = wanted("--caster", local.address, "--gga", "5", port=port)
+    assert "add gnss_pvt_data" in said
+
+
+def test_no_port(local: LocalCaster) -> None:
+    said = wanted("--caster", local.address, port="/dev/nowhere")
+    assert said.startswith("cannot open /dev/nowhere")
+
+
+def test_a_caster_that_is_none() -> None:
+    result = run("ntrip", "sim:MTi-680G", "--caster", "ftp://a", "--mountpoint", "BASE")
+    assert result.exit_code == 2
+    assert "is no caster" in result.stderr
+
+
+def test_without_the_extra(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygnssutils", None)
+    said = wanted("--caster", local.address)
+    assert said == (
+        'to get corrections from a caster, pygnssutils is needed: pip install "xbus-mti[rtk]"'
+    )
