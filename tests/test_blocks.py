@@ -9,6 +9,7 @@ import pytest
 
 import xbus
 from xbus import Device, SimulatedDevice, StateError, XbusTimeout, connect
+from xbus.device.link import SILENCE, Received
 
 OUTPUTS = {
     "packet_counter": None,
@@ -62,7 +63,8 @@ def test_the_clock_wraps_as_that_of_the_product(monkeypatch: pytest.MonkeyPatch)
     frames = [xbus.encode_sample({"sample_time_fine": it}) for it in stamps]
     channel = device._channel
     channel.samples.clear()
-    monkeypatch.setattr(channel.link, "read", lambda _: frames.pop(0) if frames else b"")
+    received = [Received.at(it, 0.0) for it in frames]
+    monkeypatch.setattr(channel.link, "read", lambda _: received.pop(0) if received else SILENCE)
     block = next(device.blocks(samples=2))
     assert block.time.tolist() == [86_399.99, 86_400.0]
 

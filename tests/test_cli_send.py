@@ -15,6 +15,7 @@ from test_cli import run, sentence, start
 from xbus import SimulatedDevice, connect
 from xbus.cli.exchange import Exchange, shown
 from xbus.device import Device
+from xbus.device.link import Received
 from xbus.protocol import State
 from xbus.sim import serving
 from xbus.sim.faults import Faults
@@ -368,8 +369,8 @@ class Pieces(SimLink):
         super().__init__("sim:MTi-630")
         self.pieces = list(pieces)
 
-    def read(self, timeout: float) -> bytes:
-        return self.pieces.pop(0)
+    def read(self, timeout: float) -> Received:
+        return Received.at(self.pieces.pop(0), 0.0)
 
 
 SAMPLE = frame(0x36, bytes.fromhex("10 20 02 00 01"))

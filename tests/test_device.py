@@ -21,6 +21,7 @@ from xbus import (
     connect,
     encode_frame,
 )
+from xbus.device.link import Received
 from xbus.device.output import bytes_per_second, check_fits, outputs_of
 from xbus.protocol import OptionFlag, Output, State, StringType
 from xbus.protocol.products import support
@@ -42,8 +43,9 @@ class Meddler(SimLink):
         self.written.append(data)
         super().write(data)
 
-    def read(self, timeout: float) -> bytes:
-        return self.meddle(super().read(timeout))
+    def read(self, timeout: float) -> Received:
+        data = self.meddle(super().read(timeout).data)
+        return Received.at(data, self.clock())
 
 
 def opened(

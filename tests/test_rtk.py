@@ -23,6 +23,7 @@ import xbus
 from streams import frame
 from xbus import Device, DeviceError, Scanner, SimulatedDevice, StateError, XbusTimeout, connect
 from xbus.device import Caster, CasterError, Fix, Forwarder, Position, Sample
+from xbus.device.link import Received
 from xbus.device.rtk import UNANSWERED, rtcm_frames
 from xbus.ids import MessageId
 from xbus.sim import serving
@@ -61,12 +62,12 @@ class Meddler(SimLink):
         self.written.append(data)
         super().write(data)
 
-    def read(self, timeout: float) -> bytes:
-        data = super().read(timeout)
+    def read(self, timeout: float) -> Received:
+        data = super().read(timeout).data
         ack = frame(MessageId.ForwardGnssDataAck)
         if self.instead and ack in data and (other := self.instead.pop(0)) is not None:
-            return data.replace(ack, other)
-        return data
+            data = data.replace(ack, other)
+        return Received.at(data, self.clock())
 
 
 def opened(product: str = "MTi-680G", **options: Any) -> tuple[Device, Meddler]:

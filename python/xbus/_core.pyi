@@ -1,11 +1,13 @@
 """The compiled core. What users call is in the modules beside it; this is what those call."""
 
+import os
 from typing import Any, Literal, final
 
 import numpy as np
 import numpy.typing as npt
 
 __all__ = [
+    "Acquisition",
     "ArrowStream",
     "Column",
     "Decoder",
@@ -227,6 +229,121 @@ class Column:
     @property
     def sample(self) -> npt.NDArray[np.int64]:
         """Which sample each row belongs to."""
+
+@final
+class Acquisition:
+    """A stream of bytes that is taken in by a thread without the interpreter, counted, queued, recorded.
+
+    The thread reads a duplicate of a descriptor. Nothing about the original is changed, and it can be
+    used for writing and for settings, but nobody else may read it. The port is free again once the
+    stream has ended: after `close`, or after it was unplugged.
+
+    What came waits in a queue until `read` takes it. When the queue is full the oldest pieces go, and are
+    counted in ``dropped_bytes``; what is counted and recorded misses nothing.
+
+    Arrivals are nanoseconds on the host's steady clock: on Unix that of `time.monotonic_ns`.
+    """
+
+    def __new__(cls, fd: int | None, *, bound: int = 24_000_000) -> Acquisition:
+        """Begins to read.
+
+        Args:
+            fd: A descriptor, or None where there is none: then `push` what comes.
+            bound: Most bytes in the queue; the default is 60 s at 4 Mbaud.
+
+        Raises:
+            OSError: It cannot be read, or this system's ports have no descriptors.
+        """
+    def open(self, fd: int) -> None:
+        """Goes on with another descriptor after the end, in the same queue, counts and recording.
+
+        Raises:
+            OSError: It cannot be read.
+            RuntimeError: The stream has not ended.
+        """
+    def read(
+        self, timeout: float | None = None, *, least: int = 1
+    ) -> tuple[int, bytes, npt.NDArray[np.int64], npt.NDArray[np.int64]] | None:
+        """Takes all that is queued; waits, without the interpreter, until there is enough.
+
+        Args:
+            timeout: Most seconds to wait; None for no limit. After it what there is is taken.
+            least: How many bytes to wait for. More than half the queue's bound are not waited for.
+
+        Returns:
+            Position of the first byte in the stream; the bytes; where each of the pieces in which they came
+            ends in them ``(n,)``; when each had come, in ns ``(n,)``. A position behind the end of what was
+            taken before says that the queue was full. None once the stream has ended and the queue is
+            empty: `ended` says why.
+
+        Raises:
+            ValueError: The timeout is no number of seconds.
+        """
+    def push(self, data: bytes) -> bool:
+        """Takes in bytes that have come just now; False if the stream has ended."""
+    def end(self, reason: str) -> None:
+        """Ends the stream for a reason; what is queued can still be read."""
+    @property
+    def ended(self) -> str | None:
+        """Why the stream has ended, or None."""
+    @property
+    def epoch(self) -> int:
+        """What to add to an arrival for nanoseconds since 1970; the same for all of the stream."""
+    def stats(self) -> dict[str, Any]:
+        """What was counted of all that came, and how it goes.
+
+        Keys: ``bytes``, ``frames``, ``samples``, ``messages``, ``malformed``, ``checksum_errors``,
+        ``skipped_bytes``, ``lost_samples`` and ``gaps`` as in `xbus.log.Stats`; ``quantities``, packets by
+        data identifier with its format bits zero; ``errors`` and ``warnings``, how many came, and
+        ``last_error``, the last of both in words or None; ``queued_bytes``, ``most_queued_bytes``,
+        ``dropped_bytes`` of the queue; ``overruns``, how often the driver or its chip had no room for what
+        came, None where nobody counts; ``last_arrival`` in ns, or None.
+        """
+    def record(
+        self,
+        path: str | os.PathLike[str],
+        head: bytes = ...,
+        flush: float = 0.5,
+        fsync: bool = False,
+        rotate_bytes: int | None = None,
+        rotate_seconds: float | None = None,
+        times: bool = True,
+        *,
+        bound: int = 24_000_000,
+    ) -> None:
+        """Records every byte from now on, beginning with the frame that is under way.
+
+        A full disk, or one that is too slow for longer than its queue is deep, ends the recording with an
+        error in `recording`; the file is good to its end in any case.
+
+        Args:
+            path: The first file, overwritten; ``log.mtb`` is followed by ``log-0001.mtb`` and so on.
+            head: Whole frames that each file begins with; nothing unless given.
+            flush: Most seconds until what has come is written.
+            fsync: Make the disk have it each time, so that it survives a power cut.
+            rotate_bytes: Begin another file at the end of the frame with which one has so many bytes.
+            rotate_seconds: The same by time.
+            times: Write a file ``path + ".times"``: 24 bytes of header (``"XBUSTIME"``; as u32 the version,
+                1, and the bytes of a record, 16; `epoch` as i64), then records ``("<u8", "<i8")``: so many
+                bytes of the log had come by then, in ns since 1970. At most one in 10 ms, and the last.
+            bound: Most bytes that may wait for the disk.
+
+        Raises:
+            OSError: The file cannot be made, or its head does not fit.
+            RuntimeError: A recording is under way.
+            ValueError: A number makes no sense.
+        """
+    @property
+    def recording(self) -> dict[str, Any] | None:
+        """How the recording goes, or went until it is stopped; None if there is none.
+
+        Keys: ``files``; ``bytes`` and ``frames`` received that are in them; ``queued_bytes``; ``active``;
+        ``error``, why it ended by itself, or None.
+        """
+    def stop_recording(self) -> dict[str, Any] | None:
+        """Writes what is queued, ends the recording, and says how it went, as `recording` does."""
+    def close(self) -> None:
+        """Ends the stream, its thread and the recording. What is queued can still be read."""
 
 @final
 class ArrowStream:

@@ -37,6 +37,12 @@ pub fn wrap_of_product(code: &str) -> Option<u64> {
     }
 }
 
+/// Whether this message says that the device begins anew, so that its packet counter may start again and nothing was lost.
+#[must_use]
+pub const fn restarts(mid: u8) -> bool {
+    matches!(mid, table::GOTO_MEASUREMENT_ACK | table::RESET_ACK | table::WAKE_UP)
+}
+
 /// A device identifier: 4 bytes, or 8 from the 600-series on.
 ///
 /// Eight bytes with bit 31 set in neither half come from devices that fill the second half with something else; then

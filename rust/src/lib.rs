@@ -14,6 +14,7 @@ pub mod device;
 pub mod error;
 pub mod frame;
 pub mod layout;
+pub mod live;
 pub mod log;
 pub mod packet;
 mod pages;

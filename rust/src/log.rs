@@ -532,7 +532,7 @@ impl Reader {
         if let Some(ticks) = device::wrap_of_message(frame.mid, frame.payload) {
             self.part.changes.push((sample, frame.bid, Change::Wrap(ticks)));
         }
-        if [table::GOTO_MEASUREMENT_ACK, table::RESET_ACK, table::WAKE_UP].contains(&frame.mid) {
+        if device::restarts(frame.mid) {
             self.part.changes.push((sample, frame.bid, Change::Restart));
         }
     }

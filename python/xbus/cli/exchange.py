@@ -13,6 +13,7 @@ from xbus.cli.output import count, put
 from xbus.cli.words import Notice, message_facts, notice, said
 from xbus.codec import Damage, Scanner, encode_frame
 from xbus.device import Device
+from xbus.device.link import Received
 from xbus.ids import MessageId
 from xbus.log import Message
 from xbus.protocol.messages import ROWS
@@ -48,6 +49,7 @@ class Exchange:
     def __init__(self, device: Device, *, as_json: bool) -> None:
         self._link, self._session = device.link, device.session
         self.name, self.is_line = self._link.name, self._link.is_line
+        self.acquisition = self._link.acquisition
         self.error: Notice | None = None
         self._json = as_json
         self._scanner = Scanner()
@@ -75,11 +77,11 @@ class Exchange:
             self._command = "" if isinstance(it, Damage) else it.name
         self._link.write(data)
 
-    def read(self, timeout: float) -> bytes:
+    def read(self, timeout: float) -> Received:
         """What has come."""
-        data = self._link.read(timeout)
-        self._hear(self._scanner.feed(data))
-        return data
+        received = self._link.read(timeout)
+        self._hear(self._scanner.feed(received.data))
+        return received
 
     def clock(self) -> float:
         """Seconds."""

@@ -175,6 +175,6 @@ def _listen(device: Device, wait: float, data: bytes) -> None:
         until = link.clock() + wait
         while (left := until - link.clock()) > 0:
             # The session learns from it in which state the device is.
-            device.session.receive(link.read(left))
+            device.session.receive(link.read(left).data)
     except OSError as error:
         raise gone(link.name, error) from error

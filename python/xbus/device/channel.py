@@ -78,13 +78,13 @@ class Channel:
         try:
             self._mend(command)
             try:
-                data = self.link.read(timeout)
+                received = self.link.read(timeout)
             except OSError as error:
                 self._lose(error, command)
-            if data:
-                self._heard_at = self.link.clock()
-                self._keep(self.session.receive(data))
-            elif self.link.clock() - self._heard_at >= QUIET:
+            for piece, arrival in received.pieces():
+                self._heard_at = arrival
+                self._keep(self.session.receive(piece), arrival)
+            if not received.data and self.link.clock() - self._heard_at >= QUIET:
                 self._keep(self.session.quiet())
         finally:
             self._taking_in.release()
@@ -97,9 +97,10 @@ class Channel:
         except OSError as error:
             self._lose(error, command)
 
-    def _keep(self, events: Iterable[Event]) -> None:
+    def _keep(self, events: Iterable[Event], arrival: float | None = None) -> None:
         for event in events:
             if isinstance(event, Sample):
+                event.arrival = arrival
                 if len(self.samples) >= KEPT:
                     self.samples.popleft()
                     self.lost_samples += 1

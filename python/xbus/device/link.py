@@ -2,17 +2,54 @@
 
 from __future__ import annotations
 
+import os
+import threading
 import time
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import serial
 
+from xbus import _core
 from xbus.device.ports import is_usb_of_device
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
 
-__all__ = ["Link", "SerialLink", "open_link"]
+__all__ = ["SILENCE", "Link", "Received", "SerialLink", "open_link"]
+
+#: Bytes to read at a time from what has no descriptor, and seconds to wait for the first of them.
+PIECE, PUMP_TIMEOUT = 1 << 12, 0.05
+
+
+class Received(NamedTuple):
+    """Bytes that have come, in the pieces in which they did.
+
+    Attributes:
+        data: The bytes.
+        ends: Where each piece ends in them.
+        arrivals: When each piece came, seconds on the clock of the link.
+    """
+
+    data: bytes
+    ends: Sequence[int]
+    arrivals: Sequence[float]
+
+    @classmethod
+    def at(cls, data: bytes, arrival: float) -> Received:
+        """Bytes that came in one piece."""
+        return cls(data, (len(data),), (arrival,)) if data else SILENCE
+
+    def pieces(self) -> Iterator[tuple[bytes, float]]:
+        """Each piece, and when it came."""
+        start = 0
+        for end, arrival in zip(self.ends, self.arrivals, strict=True):
+            yield self.data[start:end], arrival
+            start = end
+
+
+#: What is received when nothing came.
+SILENCE = Received(b"", (), ())
 
 
 class Link(Protocol):
@@ -22,13 +59,15 @@ class Link(Protocol):
         name: What the user calls it.
         baudrate: Bits per second; setting it changes the rate of this side.
         is_line: Whether the baud rate limits what can be carried, as on a serial line.
+        acquisition: What takes in, counts, queues and records the bytes that come.
     """
 
     name: str
     baudrate: int
     is_line: bool
+    acquisition: _core.Acquisition
 
-    def read(self, timeout: float) -> bytes:
+    def read(self, timeout: float) -> Received:
         """What has come; waits for the first byte, but no longer than ``timeout`` seconds. Raises OSError."""
 
     def write(self, data: bytes) -> None:
@@ -47,28 +86,32 @@ class Link(Protocol):
         """Closes it, if it was opened here."""
 
 
-#: Bytes to read at a time from what is no serial line.
-PIECE = 1 << 12
-
-
 class SerialLink:
-    """A port of pyserial.
+    """A port of pyserial, which opens it, sets it up and writes; a thread without the interpreter reads.
 
     Args:
         port: An open or closed port. It is closed by `close` only if ``owned``.
         owned: Whether it was opened for this link.
+
+    Attributes:
+        acquisition: What takes in the bytes that come.
     """
 
     def __init__(self, port: Any, *, owned: bool) -> None:
         self._port = port
         self._owned = owned
-        self._timeout = port.timeout
         self.name = str(port.port or port.name)
-        self._is_url = "://" in self.name
         # Where a URL leads, what the rate is there is not known.
-        self.is_line = not self._is_url and not is_usb_of_device(self.name)
+        self.is_line = "://" not in self.name and not is_usb_of_device(self.name)
         if not port.is_open:
             port.open()
+        self._begin()
+
+    def _begin(self) -> None:
+        number = _descriptor(self._port)
+        self.acquisition = _core.Acquisition(number)
+        if number is None:
+            _pump(self._port, self.acquisition)
 
     @property
     def baudrate(self) -> int:
@@ -77,23 +120,21 @@ class SerialLink:
 
     @baudrate.setter
     def baudrate(self, rate: int) -> None:
+        if rate == self._port.baudrate:
+            return
         self._port.baudrate = rate
+        if self.acquisition.recording is None:
+            # What was noise at the other rate shall not be counted.
+            self.acquisition.close()
+            self._begin()
 
-    def read(self, timeout: float) -> bytes:
+    def read(self, timeout: float) -> Received:
         """What has come."""
-        self._set_timeout(timeout)
-        first = self._port.read(1)
-        if not first:
-            return b""
-        if not self._is_url:
-            return bytes(first + self._port.read(self._port.in_waiting))
-        # A socket of pyserial knows only whether bytes wait, and not how many.
-        self._set_timeout(0)
-        return bytes(first + self._port.read(PIECE))
-
-    def _set_timeout(self, timeout: float) -> None:
-        if self._port.timeout != timeout:  # pyserial sets the whole port up again
-            self._port.timeout = timeout
+        taken = self.acquisition.read(timeout)
+        if taken is None:
+            raise ConnectionResetError(self.acquisition.ended)
+        _, data, ends, arrivals = taken
+        return Received(data, ends.tolist(), (arrivals / 1e9).tolist())
 
     def write(self, data: bytes) -> None:
         """Sends."""
@@ -108,16 +149,48 @@ class SerialLink:
         time.sleep(seconds)
 
     def reopen(self) -> None:
-        """Opens the port again."""
+        """Opens the port again; queue, counts and recording go on."""
+        self.acquisition.end("the port is opened again")
         self._port.close()
         self._port.open()
+        number = _descriptor(self._port)
+        if number is None:
+            self._begin()
+        else:
+            self.acquisition.open(number)
 
     def close(self) -> None:
-        """Closes the port, or gives it back as it was."""
+        """Closes the port, or gives it back open."""
+        self.acquisition.close()
         if self._owned:
             self._port.close()
-        else:
-            self._port.timeout = self._timeout
+
+
+def _descriptor(port: Any) -> int | None:
+    """The descriptor of a port; None for a URL, and where ports have none."""
+    if os.name != "posix" or "://" in str(port.port):
+        return None
+    try:
+        return int(port.fileno())
+    except (AttributeError, OSError):
+        return None
+
+
+def _pump(port: Any, acquisition: _core.Acquisition) -> None:
+    """Reads a port that has no descriptor in a thread of its own, until it or the acquisition ends."""
+
+    def pump() -> None:
+        try:
+            while acquisition.ended is None:
+                port.timeout = PUMP_TIMEOUT
+                data = port.read(1)
+                # A socket of pyserial knows only whether bytes wait, and not how many.
+                port.timeout = 0
+                acquisition.push(data + port.read(PIECE) if data else b"")
+        except Exception as error:  # of any kind of port
+            acquisition.end(str(error))
+
+    threading.Thread(target=pump, name=f"xbus {port.port}", daemon=True).start()
 
 
 def open_link(port: str | serial.SerialBase | SimulatedDevice, baudrate: int) -> Link:

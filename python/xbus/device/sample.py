@@ -33,17 +33,20 @@ class Sample(Mapping[Key, Any]):
     Attributes:
         payload: The bytes of the message.
         bid: Bus identifier.
+        arrival: When its last byte came, seconds on the clock of the link (`time.monotonic` for a port); None
+            for one that did not come over a link.
 
     >>> sample = Sample(bytes.fromhex("1020 02 DFC5 4020 0C BEDC9AFA 3F549F37 411CBB70"))
     >>> sample["packet_counter"], sample["acceleration"].tolist()
     (57285, [-0.4308698773384094, 0.8305544257164001, 9.795761108398438])
     """
 
-    __slots__ = ("__dict__", "bid", "payload")
+    __slots__ = ("__dict__", "arrival", "bid", "payload")
 
     def __init__(self, payload: bytes, bid: int = 0xFF) -> None:
         self.payload = payload
         self.bid = bid
+        self.arrival: float | None = None
 
     @cached_property
     def _packets(self) -> dict[Key, Packet]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from xbus import _core
+from xbus.device.link import SILENCE, Received
 from xbus.sim.device import SimulatedDevice
 
 __all__ = ["SimLink"]
@@ -22,17 +24,22 @@ class SimLink:
         self.device = device
         self.name = f"sim:{device.product.name}"
         self.baudrate = device.baudrate
+        self.acquisition = _core.Acquisition(None)
 
-    def read(self, timeout: float) -> bytes:
+    def read(self, timeout: float) -> Received:
         """What has come."""
         until = self.device.time + max(timeout, self.LEAST)
         while True:
             self._check()
             if data := self.device.read(self.baudrate):
-                return data
+                self.acquisition.push(data)
+                self.acquisition.read(
+                    0
+                )  # it counts and records them; nobody has to wait for them here
+                return Received.at(data, self.device.time)
             left = until - self.device.time
             if left < self.LEAST / 2:
-                return b""
+                return SILENCE
             self.device.advance(min(self.STEP, left))
 
     def write(self, data: bytes) -> None:
@@ -58,3 +65,4 @@ class SimLink:
 
     def close(self) -> None:
         """Leaves the device as it is."""
+        self.acquisition.close()

@@ -1,0 +1,128 @@
+//! A descriptor to read from: a duplicate, so that it stays what it is when its owner closes the original and the number
+//! goes to another file.
+//!
+//! The duplicate shares its flags with the original, so none are set: whether reads block is the owner's business. A read
+//! follows a poll and takes what is there.
+
+use std::fs::File;
+use std::io::{self, PipeReader, PipeWriter, Read, Write, pipe};
+use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
+
+/// A port, and the pipe that ends a wait for it.
+#[derive(Debug)]
+pub struct Port {
+    file: File,
+    woken: PipeReader,
+    wake: PipeWriter,
+}
+
+/// What a wait has brought.
+#[derive(Debug, PartialEq, Eq)]
+pub enum Came {
+    /// So many bytes.
+    Bytes(usize),
+    /// Somebody called [`Port::wake`].
+    Wake,
+    /// There will be no more.
+    End,
+}
+
+impl Port {
+    /// Duplicates a descriptor.
+    ///
+    /// # Errors
+    /// What the system says: it is not open, or too many are.
+    pub fn of(fd: RawFd) -> io::Result<Self> {
+        // SAFETY: no memory is involved; a number that is no open descriptor is refused.
+        #[allow(unsafe_code)]
+        let duplicate = unsafe { libc::fcntl(fd, libc::F_DUPFD_CLOEXEC, 0) };
+        if duplicate < 0 {
+            return Err(io::Error::last_os_error());
+        }
+        // SAFETY: the descriptor was made just now, and nobody else knows it.
+        #[allow(unsafe_code)]
+        let file = File::from(unsafe { OwnedFd::from_raw_fd(duplicate) });
+        let (woken, wake) = pipe()?;
+        Ok(Self { file, woken, wake })
+    }
+
+    /// Waits for bytes and takes those that are there.
+    ///
+    /// # Errors
+    /// What the system says.
+    pub fn read(&self, buffer: &mut [u8]) -> io::Result<Came> {
+        /// What a port says that has been unplugged, and a pseudo-terminal whose other side is closed.
+        const GONE: [i32; 2] = [libc::EIO, libc::ENXIO];
+        let mut forever = true;
+        loop {
+            let [port, wake] = self.poll(forever)?;
+            if wake != 0 {
+                return Ok(Came::Wake);
+            }
+            if port & libc::POLLNVAL != 0 {
+                return Err(io::Error::from_raw_os_error(libc::EBADF));
+            }
+            if port == 0 {
+                forever = true;
+                continue;
+            }
+            match (&self.file).read(buffer) {
+                // A terminal may be set to return nothing rather than wait, so nothing is an end only where poll insists
+                // that there is something; else somebody was quicker.
+                Ok(0) if forever => forever = false,
+                Ok(0) => return Ok(Came::End),
+                Ok(bytes) => return Ok(Came::Bytes(bytes)),
+                Err(error) if error.raw_os_error().is_some_and(|it| GONE.contains(&it)) => return Ok(Came::End),
+                Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock && port & libc::POLLHUP == 0 => {}
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => return Ok(Came::End),
+                Err(error) => return Err(error),
+            }
+        }
+    }
+
+    /// Ends a wait, now or to come.
+    pub fn wake(&self) {
+        // A pipe that is full has been written to before.
+        let _ = (&self.wake).write(&[0]);
+    }
+
+    /// What has happened to the port and to the pipe: the bits of poll.
+    fn poll(&self, forever: bool) -> io::Result<[libc::c_short; 2]> {
+        let entry = |fd| libc::pollfd { fd, events: libc::POLLIN, revents: 0 };
+        let mut entries = [entry(self.file.as_raw_fd()), entry(self.woken.as_raw_fd())];
+        loop {
+            // SAFETY: the pointer and the count are those of an array that lives through the call.
+            #[allow(unsafe_code)]
+            let result = unsafe { libc::poll(entries.as_mut_ptr(), 2, if forever { -1 } else { 0 }) };
+            if result >= 0 {
+                return Ok(entries.map(|it| it.revents));
+            }
+            let error = io::Error::last_os_error();
+            if error.kind() != io::ErrorKind::Interrupted {
+                return Err(error);
+            }
+        }
+    }
+
+    /// How often the driver or its chip had no room for a byte, since the system started; `None` where nobody counts.
+    #[cfg(target_os = "linux")]
+    pub fn overruns(&self) -> Option<u64> {
+        // struct serial_icounter_struct of linux/serial.h: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk,
+        // buf_overrun, and nine reserved.
+        const OVERRUN: usize = 7;
+        const BUF_OVERRUN: usize = 10;
+        let mut counters = [0 as libc::c_int; 20];
+        // SAFETY: the request fills in one such structure, twenty integers, which lives through the call.
+        #[allow(unsafe_code)]
+        let result = unsafe { libc::ioctl(self.file.as_raw_fd(), libc::TIOCGICOUNT, counters.as_mut_ptr()) };
+        let count = |at: usize| u64::from(counters[at].cast_unsigned());
+        (result == 0).then(|| count(OVERRUN) + count(BUF_OVERRUN))
+    }
+
+    /// How often the driver or its chip had no room for a byte; this system does not tell.
+    #[cfg(not(target_os = "linux"))]
+    pub fn overruns(&self) -> Option<u64> {
+        None
+    }
+}

@@ -1,0 +1,230 @@
+//! Acquisition and recording.
+
+use std::io;
+use std::path::PathBuf;
+use std::time::{Duration, Instant};
+
+use numpy::{IntoPyArray, PyArray1};
+use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict};
+
+use super::Row;
+use crate::live::{self, QUEUE, Recording, Report, Taken};
+
+// Signatures show numbers, not names.
+const _: () = assert!(QUEUE == 24_000_000);
+
+/// A wait is interrupted so often to hear of signals.
+const SLICE: Duration = Duration::from_millis(50);
+
+/// Position of the first byte, bytes, end of each piece in them, arrival of each.
+type Pieces<'py> = (u64, Bound<'py, PyBytes>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>);
+
+/// A stream of bytes that is taken in by a thread, or pushed.
+#[pyclass(module = "xbus._core", frozen)]
+pub struct Acquisition(live::Acquisition);
+
+#[pymethods]
+impl Acquisition {
+    /// Reads a duplicate of the descriptor `fd`, or what is pushed.
+    #[new]
+    #[pyo3(signature = (fd, *, bound=24_000_000))]
+    fn new(fd: Option<i32>, bound: usize) -> PyResult<Self> {
+        let acquisition = Self(live::Acquisition::new(bound));
+        if let Some(fd) = fd {
+            acquisition.open(fd)?;
+        }
+        Ok(acquisition)
+    }
+
+    /// Goes on with another descriptor after the end.
+    #[cfg(unix)]
+    fn open(&self, fd: i32) -> PyResult<()> {
+        self.0.open(fd).map_err(|error| of_system(&error, None))
+    }
+
+    /// There is no such thing here.
+    #[cfg(not(unix))]
+    #[allow(clippy::unused_self)]
+    fn open(&self, _fd: i32) -> PyResult<()> {
+        Err(PyOSError::new_err("this system's ports have no descriptors; push what you read from them"))
+    }
+
+    /// What has come; None if nothing will.
+    #[pyo3(signature = (timeout=None, *, least=1))]
+    fn read<'py>(&self, py: Python<'py>, timeout: Option<f64>, least: usize) -> PyResult<Option<Pieces<'py>>> {
+        let timeout = timeout.map(seconds("timeout")).transpose()?;
+        wait(py, timeout, |slice| self.0.wait(least, slice).then_some(()))?;
+        self.0.take().map(|it| pieces(py, it)).transpose()
+    }
+
+    /// Takes in bytes that have come just now.
+    fn push(&self, py: Python<'_>, data: &[u8]) -> bool {
+        py.detach(|| self.0.push(data))
+    }
+
+    /// The stream has ended.
+    fn end(&self, reason: &str) {
+        self.0.end(reason);
+    }
+
+    /// Why it has ended, if it has.
+    #[getter]
+    fn ended(&self) -> Option<String> {
+        self.0.ended()
+    }
+
+    /// What leads from arrivals to nanoseconds since 1970.
+    #[getter]
+    fn epoch(&self) -> i64 {
+        self.0.epoch()
+    }
+
+    /// What was counted.
+    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
+        let it = self.0.stats();
+        let row = PyDict::new(py);
+        row.set_item("bytes", it.counts.bytes)?;
+        row.set_item("frames", it.counts.frames)?;
+        row.set_item("samples", it.counts.samples)?;
+        row.set_item("messages", it.counts.messages)?;
+        row.set_item("malformed", it.counts.malformed)?;
+        row.set_item("quantities", it.counts.quantities)?;
+        row.set_item("lost_samples", it.counts.losses.samples)?;
+        row.set_item("gaps", it.counts.losses.gaps)?;
+        row.set_item("checksum_errors", it.counts.checksum_errors)?;
+        row.set_item("skipped_bytes", it.counts.skipped_bytes)?;
+        row.set_item("errors", it.counts.errors)?;
+        row.set_item("warnings", it.counts.warnings)?;
+        row.set_item("last_error", it.counts.last_error)?;
+        row.set_item("queued_bytes", it.queued)?;
+        row.set_item("most_queued_bytes", it.most_queued)?;
+        row.set_item("dropped_bytes", it.dropped)?;
+        row.set_item("overruns", it.overruns)?;
+        row.set_item("last_arrival", it.last_arrival)?;
+        Ok(row)
+    }
+
+    /// Records from now on.
+    #[pyo3(signature = (
+        path, head=b"".as_slice(), flush=0.5, fsync=false, rotate_bytes=None, rotate_seconds=None, times=true, *, bound=24_000_000
+    ))]
+    #[allow(clippy::too_many_arguments)] // each has its name
+    fn record(
+        &self,
+        py: Python<'_>,
+        path: PathBuf,
+        head: &[u8],
+        flush: f64,
+        fsync: bool,
+        rotate_bytes: Option<u64>,
+        rotate_seconds: Option<f64>,
+        times: bool,
+        bound: usize,
+    ) -> PyResult<()> {
+        let rotate_after = rotate_seconds.map(seconds("rotate_seconds")).transpose()?;
+        if rotate_bytes == Some(0) || rotate_after.is_some_and(|it| it.is_zero()) {
+            return Err(PyValueError::new_err("a file that is full at once holds nothing; rotate later than at 0"));
+        }
+        let flush = seconds("flush")(flush)?;
+        let head = head.to_vec();
+        let recording = Recording { path, head, flush, fsync, rotate_bytes, rotate_after, times, bound };
+        let name = recording.path.clone();
+        py.detach(|| self.0.record(recording)).map_err(|error| of_system(&error, Some(name)))
+    }
+
+    /// How the recording goes.
+    #[getter]
+    fn recording<'py>(&self, py: Python<'py>) -> PyResult<Option<Row<'py>>> {
+        self.0.recording().map(|it| row_of(py, it)).transpose()
+    }
+
+    /// Ends the recording.
+    fn stop_recording<'py>(&self, py: Python<'py>) -> PyResult<Option<Row<'py>>> {
+        // Whoever else stops it gets the report.
+        let stopped = |slice| match self.0.stop_recording(slice) {
+            None if self.0.recording().is_some() => None,
+            report => Some(report),
+        };
+        let report = wait(py, None, stopped)?.flatten();
+        report.map(|it| row_of(py, it)).transpose()
+    }
+
+    /// Ends everything.
+    fn close(&self, py: Python<'_>) {
+        py.detach(|| self.0.close());
+    }
+}
+
+impl Drop for Acquisition {
+    fn drop(&mut self) {
+        // The threads end without the interpreter, but the disk may take its time.
+        Python::try_attach(|py| py.detach(|| self.0.close()));
+    }
+}
+
+/// Asks again and again, without the interpreter, until there is an answer or the time is up.
+fn wait<T: Send>(
+    py: Python<'_>,
+    timeout: Option<Duration>,
+    ask: impl Fn(Duration) -> Option<T> + Sync,
+) -> PyResult<Option<T>> {
+    let began = Instant::now();
+    loop {
+        let left = timeout.map(|it| it.saturating_sub(began.elapsed()));
+        let slice = left.map_or(SLICE, |it| it.min(SLICE));
+        let answer = py.detach(|| ask(slice));
+        if answer.is_some() || left.is_some_and(|it| it <= slice) {
+            return Ok(answer);
+        }
+        py.check_signals()?;
+    }
+}
+
+#[allow(clippy::cast_possible_wrap)] // no buffer is that long
+fn pieces(py: Python<'_>, taken: Taken) -> PyResult<Pieces<'_>> {
+    let Taken { offset, bytes, pieces } = taken;
+    let (head, tail) = bytes.as_slices();
+    let data = PyBytes::new_with(py, bytes.len(), |room| {
+        room[..head.len()].copy_from_slice(head);
+        room[head.len()..].copy_from_slice(tail);
+        Ok(())
+    })?;
+    let ends: Vec<_> = pieces.iter().map(|it| (it.end - offset) as i64).collect();
+    let arrivals: Vec<_> = pieces.iter().map(|it| it.arrival).collect();
+    Ok((offset, data, ends.into_pyarray(py), arrivals.into_pyarray(py)))
+}
+
+fn row_of(py: Python<'_>, report: Report) -> PyResult<Row<'_>> {
+    let row = PyDict::new(py);
+    let files =
+        report.files.into_iter().map(|it| it.into_os_string().into_pyobject(py)).collect::<Result<Vec<_>, _>>()?;
+    row.set_item("files", files)?;
+    row.set_item("bytes", report.bytes)?;
+    row.set_item("frames", report.frames)?;
+    row.set_item("queued_bytes", report.queued)?;
+    row.set_item("active", report.active)?;
+    row.set_item("error", report.error)?;
+    Ok(row)
+}
+
+/// Seconds from Python.
+fn seconds(name: &'static str) -> impl Fn(f64) -> PyResult<Duration> {
+    move |value| {
+        Duration::try_from_secs_f64(value)
+            .map_err(|_| PyValueError::new_err(format!("{name} is a number of seconds, not {value}")))
+    }
+}
+
+/// What the system says, as the exception that Python would raise.
+fn of_system(error: &io::Error, path: Option<PathBuf>) -> PyErr {
+    match (error.raw_os_error(), path) {
+        (None, _) => PyRuntimeError::new_err(error.to_string()),
+        (Some(number), path) => {
+            let text = error.to_string();
+            let text = text.split(" (os error").next().unwrap_or_default().to_owned();
+            PyOSError::new_err((number, text, path.map(PathBuf::into_os_string)))
+        }
+    }
+}
