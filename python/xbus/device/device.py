@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import os
 from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from dataclasses import replace
 from types import TracebackType
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import serial
 
+from xbus.codec import encode_frame
 from xbus.configuration import Firmware
 from xbus.device.blocks import Blocks
 from xbus.device.channel import Channel
@@ -18,10 +20,13 @@ from xbus.device.commands import Commands
 from xbus.device.link import Link, open_link
 from xbus.device.output import Outputs, check_fits, outputs_of
 from xbus.device.ports import find_ports
+from xbus.device.recording import Recording, configuration_frame
 from xbus.device.rtk import Forwarder
 from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
-from xbus.errors import DeviceError, XbusError, XbusTimeout
+from xbus.device.stats import LiveStats, by_name, live_stats
+from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
+from xbus.ids import MessageId
 from xbus.protocol.products import Support, product_of_code, support
 from xbus.protocol.values import HardwareVersion, Output, PortConfig, PortProtocol, State, baud_code
 from xbus.source import Key
@@ -39,6 +44,8 @@ DEFAULT_BAUDRATE = 115_200
 
 #: How long a device that measures may be silent, in seconds: the slowest rate is 1 Hz.
 SILENCE = 5.0
+#: Rates are told over so many seconds at least.
+RATE_SPAN = 0.5
 #: How long a restart may take, until WakeUp. A USB port has to appear again.
 RESTART = 5.0
 
@@ -73,6 +80,9 @@ class Device(Commands):
         self.hardware: HardwareVersion | None = None
         self.outputs: tuple[Output, ...] | None = None
         self._outdated = 0
+        #: When packets were counted for the rates, and how many there were; and the rates.
+        self._counted: tuple[float, dict[str, int]] = (link.clock(), {})
+        self._rates: dict[str, float] = {}
 
     # What is known
 
@@ -417,6 +427,70 @@ class Device(Commands):
             quantities=quantities,
             timeout=timeout,
         )
+
+    @property
+    def stats(self) -> LiveStats:
+        """What was counted of the stream since the port was opened; asking costs microseconds."""
+        counted = self.link.acquisition.stats()
+        now, quantities = self.link.clock(), by_name(counted["quantities"])
+        then, before = self._counted
+        if now - then >= RATE_SPAN:
+            self._rates = {
+                name: (count - before.get(name, 0)) / (now - then)
+                for name, count in quantities.items()
+            }
+            self._counted = now, quantities
+        return live_stats(counted, self._rates, len(self._channel.samples), self.lost_samples)
+
+    def record(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        flush: float = 0.5,
+        fsync: bool = False,
+        rotate_bytes: int | None = None,
+        rotate_seconds: float | None = None,
+        times: bool = True,
+    ) -> Recording:
+        """Begins to record every byte that comes, until the recording is stopped.
+
+        A thread writes, whatever the program does meanwhile. The file begins with Configuration, with
+        date and time filled in, and EmtsData, so that MT Manager opens it; a device that measures is in
+        Config State for a moment to give them. After a crash it is readable up to the last flush.
+
+        Args:
+            path: The first file, overwritten; where it is rotated, ``log.mtb`` is followed by
+                ``log-0001.mtb``.
+            flush: Most seconds until what has come is written.
+            fsync: Whether the disk must have it each time, so that it survives a power cut.
+            rotate_bytes: Begin another file when one has so many bytes.
+            rotate_seconds: The same by time.
+            times: Whether to write ``path + ".times"`` beside it, with the times at which the bytes came.
+
+        Raises:
+            OSError: The file cannot be made.
+            RuntimeError: A recording is under way.
+            ValueError: A number makes no sense.
+            XbusError: The device did not give what the file begins with.
+
+        >>> import xbus, tempfile
+        >>> device = xbus.connect("sim:MTi-630")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     with device.record(f"{folder}/log.mtb"):
+        ...         block = next(device.blocks(samples=100))
+        ...     log = xbus.read_log(f"{folder}/log.mtb")
+        >>> len(log) >= 100, log.product_code
+        (True, 'MTi-630-8A1G6')
+        """
+        with self.configure():
+            head = configuration_frame(self.command("ReqConfiguration").payload)
+            # Not every device gives it, and files are readable without.
+            with contextlib.suppress(DeviceError, StateError, XbusTimeout):
+                head += encode_frame(MessageId.EmtsData, self.req_emts())
+            self.link.acquisition.record(
+                path, head, flush, fsync, rotate_bytes, rotate_seconds, times
+            )
+        return Recording(self.link.acquisition)
 
     # End
 
