@@ -4,8 +4,8 @@ from xbus.device.caster import Caster, CasterError
 from xbus.device.device import Device, connect, restore_communication
 from xbus.device.link import Link
 from xbus.device.ports import Port, find_ports
-from xbus.device.rtk import Fix, Forwarder, Position
 from xbus.device.recording import Recording
+from xbus.device.rtk import Fix, Forwarder, Position
 from xbus.device.sample import Sample
 from xbus.device.session import Event, Notice, Refusal, Reply, Session
 from xbus.device.stats import LiveStats

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -11,7 +12,7 @@ from typing import Any, NoReturn
 from xbus.device.link import Link
 from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Event, Notice, Refusal, Reply, Session
-from xbus.errors import Disconnected, StateError, XbusTimeout
+from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.protocol.messages import ROWS
 from xbus.protocol.values import State
 
@@ -55,11 +56,16 @@ class Channel:
         samples: Samples that nobody has read, the oldest first.
         notices: Messages that nobody asked for, the latest 100.
         lost_samples: Samples that nobody read before 60,000 others came.
+        device_id: Device identifier, once it has been read.
     """
 
-    def __init__(self, link: Link, session: Session) -> None:
+    def __init__(self, link: Link, session: Session, *, reconnect: bool = False) -> None:
         self.link = link
         self.session = session
+        self.device_id: int | None = None
+        self._reconnects = reconnect
+        #: When the port was lost, and in which state the device was then.
+        self._lost: tuple[float, State] = (0.0, State.UNKNOWN)
         self.samples: deque[Sample] = deque()
         self.notices: deque[Notice] = deque(maxlen=100)
         self.lost_samples = 0
@@ -112,6 +118,8 @@ class Channel:
 
     def _lose(self, error: OSError, command: str | None) -> NoReturn:
         self._keep(self.session.quiet())
+        if not self._is_broken:
+            self._lost = self.link.clock(), self.session.state
         self.session.forget()
         self._is_broken = True
         what = f"while {command} was under way" if command else "while listening"
@@ -256,10 +264,30 @@ class Channel:
             try:
                 self.receive(min(left, QUIET), command)
             except Disconnected:
-                if not reopen:
+                if self._reconnects and command is None:
+                    self._come_back()
+                    until = self.link.clock() + left
+                elif reopen:
+                    self.link.pause(min(left, PAUSE))
+                else:
                     raise
-                self.link.pause(min(left, PAUSE))
         return True
+
+    def _come_back(self) -> None:
+        """Waits until the device is there again, and brings it into the state in which it was lost."""
+        lost_at, state = self._lost
+        while True:
+            self.link.pause(PAUSE)
+            # Whatever goes wrong while it comes back, it is tried again.
+            with contextlib.suppress(Disconnected, XbusTimeout, DeviceError, DecodeError):
+                self.command("GoToConfig", None)
+                is_other = self.device_id not in (None, self.command("ReqDID", None).value)
+                if is_other or state == State.MEASUREMENT:
+                    self.command("GoToMeasurement", None)
+                if not is_other:
+                    gap = self.link.clock() - lost_at
+                    self.notices.append(Notice("Reconnected", gap, b"", self.session.bid, None))
+                    return
 
     def wait_for_samples(self, count: int, timeout: float) -> None:
         """Waits until so many samples are there, and no longer than ``timeout`` seconds for the next one.

@@ -72,8 +72,8 @@ class Device(Commands):
     (['sample_time_fine', 'acceleration'], 'MTi-630')
     """
 
-    def __init__(self, link: Link, *, bid: int = 0xFF) -> None:
-        self._channel = Channel(link, Session(bid=bid))
+    def __init__(self, link: Link, *, bid: int = 0xFF, reconnect: bool = False) -> None:
+        self._channel = Channel(link, Session(bid=bid), reconnect=reconnect)
         self.device_id: int | None = None
         self.product_code: str | None = None
         self.firmware: Firmware | None = None
@@ -203,7 +203,7 @@ class Device(Commands):
         """Reads who it is, once. Very old firmware does not know all of these requests."""
         if self.session.support is not None or self.state != State.CONFIG:
             return
-        self.device_id = self.req_did()
+        self._channel.device_id = self.device_id = self.req_did()
         with contextlib.suppress(DeviceError):
             self.product_code = self.req_product_code()
         with contextlib.suppress(DeviceError):
@@ -515,6 +515,7 @@ def connect(
     baudrate: int | None = None,
     *,
     bid: int = 0xFF,
+    reconnect: bool = False,
 ) -> Device:
     """Opens the port of a device, and finds out in which state it is without changing it.
 
@@ -526,6 +527,9 @@ def connect(
             that says Xsens.
         baudrate: Bits per second; None: the rates that devices use are tried one after the other.
         bid: Bus identifier of the device; 0xFF and 1 are the same one.
+        reconnect: Whether a device that is unplugged while its samples are read is waited for, and
+            brought back into Measurement State; `Device.notices` has the gap then. It is known by its
+            identifier once that has been read. Otherwise `Disconnected` is raised at once.
 
     Raises:
         XbusTimeout: Nothing was heard.
@@ -537,7 +541,7 @@ def connect(
     <Device sim:MTi-680G at 115200 baud, product not read yet, measurement>
     """
     link = open_link(_only_port() if port is None else port, baudrate or DEFAULT_BAUDRATE)
-    device = Device(link, bid=bid)
+    device = Device(link, bid=bid, reconnect=reconnect)
     rates = BAUDRATES if link.is_line else (link.baudrate,)
     try:
         device.find((baudrate,) if baudrate else rates)

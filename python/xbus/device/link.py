@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 import serial
 
 from xbus import _core
-from xbus.device.ports import is_usb_of_device
+from xbus.device.ports import is_usb_of_device, port_of, serial_number_of
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -105,6 +105,7 @@ class SerialLink:
         self.is_line = "://" not in self.name and not is_usb_of_device(self.name)
         if not port.is_open:
             port.open()
+        self._serial_number = serial_number_of(self.name)
         self._begin()
 
     def _begin(self) -> None:
@@ -152,7 +153,13 @@ class SerialLink:
         """Opens the port again; queue, counts and recording go on."""
         self.acquisition.end("the port is opened again")
         self._port.close()
-        self._port.open()
+        try:
+            self._port.open()
+        except OSError:
+            # Plugged in again it may have another name.
+            if (name := port_of(self._serial_number)) is None:
+                raise
+            self._port.port = self.name = name
         number = _descriptor(self._port)
         if number is None:
             self._begin()

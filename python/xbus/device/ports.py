@@ -47,5 +47,18 @@ def is_usb_of_device(name: str) -> bool:
     return any(it.device == name and it.vid == XSENS for it in list_ports.comports())
 
 
+def serial_number_of(name: str) -> str | None:
+    """The serial number of the USB device behind a port; None where there is none."""
+    return next((it.serial_number for it in list_ports.comports() if it.device == name), None)
+
+
+def port_of(serial_number: str | None) -> str | None:
+    """The port behind which a USB device with this serial number is, or None."""
+    if serial_number is None:
+        return None
+    found = (it.device for it in list_ports.comports() if it.serial_number == serial_number)
+    return next(found, None)
+
+
 def _likely(vendor: int | None, product: int | None) -> bool:
     return vendor == XSENS or (vendor == FTDI and product in XSENS_CONVERTERS)

@@ -71,14 +71,15 @@ class Notice:
         value: What it says; its bytes where that cannot be told.
         payload: Its bytes.
         bid: Its bus identifier.
-        mid: Its message identifier.
+        mid: Its message identifier; None for "Reconnected", which is no message: the device was lost and
+            is there again, ``value`` seconds later.
     """
 
     name: str
     value: Any
     payload: bytes
     bid: int
-    mid: int
+    mid: int | None
 
 
 Event = Sample | Reply | Refusal | Notice
