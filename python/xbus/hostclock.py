@@ -21,8 +21,9 @@ class Step:
         time: Device time of the first sample behind it, in seconds.
         host_time: When that sample arrived, in seconds since 1970.
         reason: ``"device time went back"`` (the device began anew), ``"arrivals became early"`` (the host's
-            clock was set back, or the device's ahead) or ``"arrivals became late"`` (the host's clock was
-            set ahead, or the device's stood still; it takes ten seconds to tell that from a delay).
+            clock was set back or stood still, or the device's was set ahead) or ``"arrivals became late"``
+            (the host's clock was set ahead, or the device's stood still; it takes ten seconds to tell that
+            from a delay).
     """
 
     time: float

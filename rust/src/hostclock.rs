@@ -54,7 +54,7 @@ const STEPS: usize = 100;
 pub enum Reason {
     /// Device time went back: the device began anew.
     Back,
-    /// An arrival before it was possible: the host's clock was set back, or the device's ahead.
+    /// An arrival before it was possible: the host's clock was set back or stood still, or the device's was set ahead.
     Early,
     /// All arrivals late, for a while: the host's clock was set ahead, or the device's stood still.
     Late,
