@@ -31,6 +31,7 @@ if TYPE_CHECKING:
         XbusError,
         XbusTimeout,
     )
+    from xbus.hostclock import HostClock
     from xbus.ids import Coordinates, DataId, MessageId, Precision
     from xbus.log import Log, Message, Stats, iter_log, read_log
     from xbus.sim.device import SimulatedDevice
@@ -47,6 +48,7 @@ __all__ = [
     "Disconnected",
     "Faults",
     "Firmware",
+    "HostClock",
     "Log",
     "Message",
     "MessageId",
@@ -92,6 +94,7 @@ _MODULES = {
         "XbusTimeout",
     ),
     "export": (),
+    "hostclock": ("HostClock",),
     "ids": ("Coordinates", "DataId", "MessageId", "Precision"),
     "log": ("Log", "Message", "Stats", "iter_log", "read_log"),
     "protocol": (),

@@ -11,6 +11,7 @@ __all__ = [
     "ArrowStream",
     "Column",
     "Decoder",
+    "HostClock",
     "Part",
     "Reader",
     "Scanner",
@@ -106,6 +107,43 @@ class Scanner:
         """Messages (offset, bid, mid, payload) and damage (offset, length, reason) that can be told now."""
 
 @final
+class HostClock:
+    """Maps device time to host time: see `xbus.HostClock`."""
+
+    def __new__(cls) -> HostClock: ...
+    def copy(self) -> HostClock:
+        """The same clock, which goes on by itself."""
+    def update(self, time: float, arrival: int, leads: bool) -> float:
+        """Takes in a sample (seconds; ns since 1970); its host time in seconds since 1970."""
+    def update_many(
+        self,
+        time: npt.NDArray[np.float64],
+        arrival: npt.NDArray[np.int64],
+        leads: npt.NDArray[np.bool_],
+    ) -> npt.NDArray[np.float64]:
+        """Takes in samples, in contiguous arrays of one length; their host times."""
+    def host_time(self, time: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Host times of device times, in a contiguous array."""
+    @property
+    def offset(self) -> float:
+        """Host time less device time at the newest sample, in seconds."""
+    @property
+    def drift(self) -> float:
+        """What the host's clock gains, in seconds per second."""
+    @property
+    def residual(self) -> float:
+        """Mean seconds by which samples arrive later than the line."""
+    @property
+    def since(self) -> float:
+        """Device time at which the fit began, in seconds."""
+    @property
+    def fits(self) -> int:
+        """How many fits there were."""
+    @property
+    def steps(self) -> list[tuple[float, int, str]]:
+        """The last steps: device time, arrival in ns, reason."""
+
+@final
 class Reader:
     """Reads a log step by step."""
 
@@ -193,6 +231,9 @@ class Part:
     def offset(self) -> npt.NDArray[np.int64]:
         """Per sample: where its frame begins, in bytes."""
     @property
+    def end(self) -> npt.NDArray[np.int64]:
+        """Per sample: where its frame ends, in bytes."""
+    @property
     def bid(self) -> npt.NDArray[np.uint8]:
         """Per sample: the bus identifier of its frame."""
 
@@ -225,7 +266,7 @@ class Column:
         """Where each raw packet ends in ``values``; None for other columns."""
     @property
     def nanoseconds(self) -> npt.NDArray[np.int64] | None:
-        """UtcTime records in ns since 1970; the least integer where there is no such date."""
+        """UtcTime and GnssPvtData in ns since 1970; the least integer where there is no such date."""
     @property
     def sample(self) -> npt.NDArray[np.int64]:
         """Which sample each row belongs to."""

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.arrivals import HostTimes
 from xbus.tables import QUANTITIES, STATUS_FLAGS, Field, Quantity
 
 __all__ = ["Column", "Flags"]
@@ -37,9 +38,13 @@ class Column:
     ((1000, 3), 'm/s2')
     """
 
-    def __init__(self, core: _core.Column, part: _core.Part) -> None:
+    def __init__(
+        self, core: _core.Column, part: _core.Part, hosts: HostTimes | None = None
+    ) -> None:
         self._core = core
-        self._part = part  # not the Log: a cycle would keep the parts of a long log in memory
+        # Not the Log: a cycle would keep the parts of a long log in memory.
+        self._part = part
+        self._hosts = hosts or HostTimes(part)
         assert core.name is not None  # noqa: S101 - unknown identifiers are no columns
         self._row: Quantity = QUANTITIES[core.name]
         self.name: str = core.name
@@ -90,6 +95,11 @@ class Column:
         return _frozen(self._part.time[self.sample - self._part.first])
 
     @cached_property
+    def host_time(self) -> npt.NDArray[np.float64]:
+        """Seconds since 1970 by the clock of the host, ``(N,)`` float64: see `Log.host_time`."""
+        return _frozen(self._hosts.time[self.sample - self._part.first])
+
+    @cached_property
     def scaled(self) -> npt.NDArray[Any]:
         """The fields of a struct quantity in SI units and degrees, as a structured array ``(N,)``.
 
@@ -116,15 +126,16 @@ class Column:
 
     @cached_property
     def datetime(self) -> npt.NDArray[np.datetime64]:
-        """``utc_time`` as ``datetime64[ns]``, ``(N,)``; NaT for a date that does not exist.
+        """``utc_time`` or ``gnss_pvt_data`` as ``datetime64[ns]``, ``(N,)``; NaT for an impossible date.
 
-        Whether the device vouches for it is in ``values["valid"] & 7`` (Table 35).
+        Whether the device vouches for it is in ``values["valid"] & 7`` (Tables 35 and 25); `Log.utc` has
+        those for which it does.
 
         Raises:
-            AttributeError: The quantity is not ``utc_time``.
+            AttributeError: The quantity is neither.
         """
-        if self.name != "utc_time" or (stamps := self._core.nanoseconds) is None:
-            raise AttributeError(f"{self.name} has no datetime; utc_time has")
+        if (stamps := self._core.nanoseconds) is None:
+            raise AttributeError(f"{self.name} has no datetime; utc_time and gnss_pvt_data have")
         return _frozen(stamps.view("datetime64[ns]"))
 
     @cached_property

@@ -12,9 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core, export
+from xbus.arrivals import HostTimes, arrivals_of
 from xbus.column import Column
 from xbus.configuration import TELLING, Configuration, Firmware, Identity
 from xbus.errors import DecodeError
+from xbus.hostclock import HostClock
 from xbus.source import Key, Source, Wish, open_reader, wishes
 
 if TYPE_CHECKING:
@@ -28,6 +30,8 @@ __all__ = ["Log", "Message", "Messages", "Stats", "Unknown", "iter_log", "read_l
 STEP = 32 << 20
 #: Bytes of input in a part of a log, unless told otherwise.
 BLOCK = 64 << 20
+#: The device vouches for date, time and UTC (Tables 25 and 35). Higher bits may be set, too.
+UTC_VALID = 0b111
 
 
 def read_log(
@@ -41,7 +45,8 @@ def read_log(
     Args:
         source: A path, bytes, a uint8 array, a binary file object, or (with the extra ``fsspec``) a
             URL. Files are read piece by piece and not mapped, so one that another program cuts short
-            meanwhile just ends there. An array is used where it lies, without a copy.
+            meanwhile just ends there. An array is used where it lies, without a copy. Beside a path
+            ``NAME``, a side file ``NAME.times`` of arrivals gives `Log.host_time`.
         strict: Raise at the first damage instead of reporting it.
         quantities: Names of the quantities to keep, or (name, coordinates); all of them if None.
 
@@ -59,9 +64,11 @@ def read_log(
     """
     wanted = wishes(quantities)
     reader = open_reader(source, strict=strict, wanted=wanted)
+    arrivals = arrivals_of(source)
     while reader.advance(STEP):
         pass
-    return Log(reader.take(), wanted=wanted)
+    part = reader.take()
+    return Log(part, wanted=wanted, hosts=HostTimes(part, arrivals))
 
 
 def iter_log(
@@ -96,9 +103,11 @@ def iter_log(
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     wanted = wishes(quantities)
     reader = open_reader(source, strict=strict, wanted=wanted, part_bytes=block_bytes)
+    arrivals = arrivals_of(source)
 
     def parts() -> Iterator[Log]:
         identity = Identity()
+        clocks: dict[int, HostClock] = {}
         more = True
         while more:
             fault = None
@@ -106,7 +115,11 @@ def iter_log(
                 more = reader.advance(block_bytes)
             except DecodeError as error:
                 fault = error
-            part = Log(reader.take(), wanted=wanted, identity=identity)
+            core = reader.take()
+            hosts = HostTimes(core, arrivals, clocks)
+            if arrivals is not None:
+                clocks = hosts.clocks
+            part = Log(core, wanted=wanted, identity=identity, hosts=hosts)
             identity = part.identity
             yield part
             if fault is not None:
@@ -260,12 +273,14 @@ class Log:
         *,
         wanted: list[Wish] | None = None,
         identity: Identity | None = None,
+        hosts: HostTimes | None = None,
     ) -> None:
         self._core = core
         self._earlier = identity or Identity()
+        self._hosts = hosts or HostTimes(core)
         #: Index of the first sample, counted from the beginning of the log; 0 but for parts.
         self.first_sample: int = core.first
-        columns = [Column(it, core) for it in core.columns if it.name is not None]
+        columns = [Column(it, core, self._hosts) for it in core.columns if it.name is not None]
         if wanted is not None:
             columns = [
                 it
@@ -329,6 +344,49 @@ class Log:
     def time(self) -> npt.NDArray[np.float64]:
         """Seconds on the device clock of each sample, unwrapped; NaN where it carries no stamp."""
         return self._core.time
+
+    @property
+    def host_time(self) -> npt.NDArray[np.float64]:
+        """When each sample was measured by the clock of the recording computer, ``(N,)`` float64.
+
+        Seconds since 1970, later by the least delay of the connection: device time as a `HostClock` maps
+        it, from the arrivals in the side file ``NAME.times`` that lies beside a log ``NAME``. The same as
+        was said live: decided by what came before. NaN where a sample carries no time stamp, or no arrival
+        is known, so everywhere without a side file.
+        """
+        return self._hosts.time
+
+    @property
+    def host_clock(self) -> HostClock | None:
+        """The clock that `host_time` is from, as it was behind the last sample; None without arrivals.
+
+        Of the first device, where there are several.
+        """
+        return next(iter(self._hosts.clocks.values()), None)
+
+    @property
+    def times_fault(self) -> str | None:
+        """What is wrong with the side file of arrivals; None where nothing is, and without one."""
+        return self._hosts.arrivals.fault if self._hosts.arrivals is not None else None
+
+    @cached_property
+    def utc(self) -> npt.NDArray[np.datetime64]:
+        """UTC of each sample, ``(N,)`` ``datetime64[ns]``; NaT where it carries none that is valid.
+
+        From ``utc_time`` (Table 35) and, in samples without, from ``gnss_pvt_data`` (Table 25); valid is what
+        has all of the lowest three bits of ``valid`` set. That of a receiver's sample belongs to its own
+        device time, which runs behind its neighbours.
+        """
+        utc = np.full(len(self), np.datetime64("NaT"), "datetime64[ns]")
+        for name in ("gnss_pvt_data", "utc_time"):
+            if name in self:
+                column = self[name]
+                valid = (column.values["valid"] & UTC_VALID == UTC_VALID) & ~np.isnat(
+                    column.datetime
+                )
+                utc[column.sample[valid] - self.first_sample] = column.datetime[valid]
+        utc.flags.writeable = False
+        return utc
 
     @cached_property
     def packet_counter(self) -> npt.NDArray[np.int64]:
@@ -474,13 +532,16 @@ class Log:
         """Writes every quantity as an array of an npz file, whole or not at all.
 
         Beside each ``name`` (``name_ned`` where coordinates are mixed) stand ``name.sample`` and
-        ``name.time``; beside them all ``time`` and ``packet_counter``, one for each sample.
+        ``name.time``; beside them all ``time``, ``packet_counter.unwrapped`` and, where arrivals are known,
+        ``host_time``, one for each sample.
 
         Raises:
             OSError: The file cannot be written.
         """
         arrays: dict[str, npt.NDArray[Any]] = {"time": self.time}
         arrays["packet_counter.unwrapped"] = self.packet_counter
+        if self.host_clock is not None:
+            arrays["host_time"] = self.host_time
         for key in self:
             column = self[key]
             stem = key if isinstance(key, str) else f"{key[0]}_{key[1].lower()}"
@@ -512,6 +573,8 @@ class Log:
             parts.append(f"{skipped} skipped in {_count(len(self.damage), 'place')}")
         if self.product_code:
             parts.append(self.product_code)
+        if self.times_fault:
+            parts.append(self.times_fault)
         return ", ".join(parts)
 
     def _rows(self) -> list[tuple[str, str, str, str]]:

@@ -13,6 +13,7 @@ pub mod column;
 pub mod device;
 pub mod error;
 pub mod frame;
+pub mod hostclock;
 pub mod layout;
 pub mod live;
 pub mod log;

@@ -78,6 +78,7 @@ pub struct Stats {
 #[derive(Clone, Copy, Debug)]
 struct Single {
     offset: u64,
+    length: u32,
     bid: u8,
 }
 
@@ -159,22 +160,38 @@ impl Part {
     #[must_use]
     #[allow(clippy::cast_possible_wrap)]
     pub fn offsets(&self) -> Vec<i64> {
+        self.per_sample(self.frames().map(|(offset, _)| offset as i64))
+    }
+
+    /// For each sample where its frame ends.
+    #[must_use]
+    #[allow(clippy::cast_possible_wrap)]
+    pub fn ends(&self) -> Vec<i64> {
+        self.per_sample(self.frames().map(|(offset, length)| (offset + length) as i64))
+    }
+
+    fn per_sample<T>(&self, values: impl Iterator<Item = T>) -> Vec<T> {
+        let mut all = pages::with_room(self.len());
+        all.extend(values);
+        all
+    }
+
+    /// For each sample where its frame begins, and its length.
+    fn frames(&self) -> impl Iterator<Item = (u64, u64)> {
         let mut jumps = self.jumps.iter().peekable();
         let mut singles = self.singles.iter();
         let mut next = 0;
-        let mut offsets = pages::with_room(self.len());
-        for (&layout, sample) in self.layout.iter().zip(self.first..) {
+        self.layout.iter().zip(self.first..).map(move |(&layout, sample)| {
             if layout == 0 {
-                offsets.extend(singles.next().map(|it| it.offset as i64));
-                continue;
+                return singles.next().map_or((0, 0), |it| (it.offset, it.length.into()));
             }
             if let Some(&(_, offset)) = jumps.next_if(|&&(jump, _)| jump == sample) {
                 next = offset;
             }
-            offsets.push(next as i64);
-            next += self.layouts[usize::from(layout) - 1].frame as u64;
-        }
-        offsets
+            let length = self.layouts[usize::from(layout) - 1].frame as u64;
+            next += length;
+            (next - length, length)
+        })
     }
 
     /// For each sample the bus identifier of its frame.
@@ -503,7 +520,8 @@ impl Reader {
             column.single.push(sample);
         }
         self.part.layout.push(0);
-        self.part.singles.push(Single { offset, bid: frame.bid });
+        #[allow(clippy::cast_possible_truncation)] // at most 65535 and a header
+        self.part.singles.push(Single { offset, length: bytes.len() as u32, bid: frame.bid });
         self.end = u64::MAX;
         if self.options.fast && is_sound && header == 4 && is_bid(frame.bid) {
             self.layouts.learn(bytes, &moves);

@@ -13,7 +13,7 @@ from xbus.cli.words import Notice, device_name, finite, notice, recorded
 from xbus.column import Column
 from xbus.configuration import Configuration, Identity
 from xbus.ids import MessageId
-from xbus.log import Log, Message, Stats
+from xbus.log import UTC_VALID, Log, Message, Stats
 
 __all__ = ["Event", "Facts", "Gap", "QuantityFacts"]
 
@@ -21,8 +21,6 @@ __all__ = ["Event", "Facts", "Gap", "QuantityFacts"]
 RESTARTS = (MessageId.GoToMeasurementAck, MessageId.ResetAck, MessageId.WakeUp)
 #: Both are the one device at the other end of the cable.
 MASTER, STANDALONE = 0xFF, 1
-#: The device vouches for time of week, week number and UTC (Table 35).
-UTC_VALID = 0b111
 
 
 class Gap(NamedTuple):

@@ -3,6 +3,7 @@
 
 mod arrow;
 mod codec;
+mod hostclock;
 mod live;
 mod reader;
 mod tables;
@@ -20,6 +21,8 @@ mod _core {
     use super::codec::{
         Scanner, configuration, device_id, encode_frame, encode_packet, encode_samples, packets, product_code,
     };
+    #[pymodule_export]
+    use super::hostclock::HostClock;
     #[pymodule_export]
     use super::live::Acquisition;
     #[pymodule_export]

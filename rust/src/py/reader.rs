@@ -363,6 +363,12 @@ impl Part {
         py.detach(|| self.0.part.offsets()).into_pyarray(py)
     }
 
+    /// Per sample: where its frame ends.
+    #[getter]
+    fn end<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
+        py.detach(|| self.0.part.ends()).into_pyarray(py)
+    }
+
     /// Per sample: the bus identifier of its frame.
     #[getter]
     fn bid<'py>(&self, py: Python<'py>) -> Array<'py, u8> {
@@ -453,12 +459,19 @@ impl Column {
         Ok(array)
     }
 
-    /// The records of `UtcTime` as nanoseconds since 1970; the least integer where the date or time does not exist.
+    /// The records of `UtcTime` and `GnssPvtData` as nanoseconds since 1970; the least integer where the date or time does
+    /// not exist.
     #[getter]
     fn nanoseconds<'py>(&self, py: Python<'py>) -> Option<Array<'py, i64>> {
         let column = self.column();
         let Values::Records(bytes) = &column.values else { return None };
-        let stamp = |record: &[u8]| utc::nanoseconds(record).unwrap_or(i64::MIN);
+        let Subject::Known(quantity, _) = column.subject else { return None };
+        let nanoseconds = match quantity.name {
+            "utc_time" => utc::nanoseconds,
+            "gnss_pvt_data" => utc::nanoseconds_of_fix,
+            _ => return None,
+        };
+        let stamp = |record: &[u8]| nanoseconds(record).unwrap_or(i64::MIN);
         let stamps: Vec<i64> = py.detach(|| bytes.chunks_exact(column.width).map(stamp).collect());
         Some(stamps.into_pyarray(py))
     }

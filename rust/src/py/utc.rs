@@ -1,4 +1,4 @@
-//! `UtcTime` as a point in time.
+//! `UtcTime` and `GnssPvtData` as points in time.
 
 use chrono::{NaiveDate, TimeDelta};
 
@@ -7,15 +7,25 @@ use chrono::{NaiveDate, TimeDelta};
 ///
 /// A leap second (second 60) counts as the first one of the next minute.
 pub fn nanoseconds(record: &[u8]) -> Option<i64> {
-    let &[n0, n1, n2, n3, y0, y1, month, day, hour, minute, second, _valid] = record.first_chunk()?;
-    let nanos = u32::from_ne_bytes([n0, n1, n2, n3]);
+    let &[n0, n1, n2, n3, ref date @ .., _valid] = record.first_chunk::<12>()?;
+    since_1970(*date, u32::from_ne_bytes([n0, n1, n2, n3]).into())
+}
+
+/// The same of a `GnssPvtData` record, whose nanoseconds may be negative.
+pub fn nanoseconds_of_fix(record: &[u8]) -> Option<i64> {
+    let (date, nano) = (record.get(4..)?.first_chunk()?, record.get(16..)?.first_chunk()?);
+    since_1970(*date, i32::from_ne_bytes(*nano).into())
+}
+
+/// Year, month, day, hour, minute, second, and nanoseconds on top.
+fn since_1970([y0, y1, month, day, hour, minute, second]: [u8; 7], nanos: i64) -> Option<i64> {
     let year = u16::from_ne_bytes([y0, y1]);
-    if second > 60 || nanos > 1_000_000_000 {
+    if second > 60 || nanos.abs() > 1_000_000_000 {
         return None;
     }
     let minute =
         NaiveDate::from_ymd_opt(year.into(), month.into(), day.into())?.and_hms_opt(hour.into(), minute.into(), 0)?;
-    let time = minute + TimeDelta::seconds(second.into()) + TimeDelta::nanoseconds(nanos.into());
+    let time = minute + TimeDelta::seconds(second.into()) + TimeDelta::nanoseconds(nanos);
     time.and_utc().timestamp_nanos_opt()
 }
 
@@ -34,6 +44,21 @@ mod tests {
         assert_eq!(nanoseconds(&record(0, 1970, [1, 1, 0, 0, 0, 7])), Some(0));
         assert_eq!(nanoseconds(&record(0, 2000, [2, 29, 0, 0, 0, 7])), Some(951_782_400_000_000_000));
         assert_eq!(nanoseconds(&record(0, 1969, [12, 31, 23, 59, 60, 7])), Some(0));
+    }
+
+    #[test]
+    fn fixes() {
+        let fix = |second: u8, nano: i32| {
+            let date = [1, 20, 13, 47, second, 0x37, 0, 0, 0, 0];
+            let record = [&[0; 4][..], &2019_u16.to_ne_bytes(), &date, &nano.to_ne_bytes()].concat();
+            nanoseconds_of_fix(&record)
+        };
+        // Of a real device: 2019-01-20 13:47:24, nano 249768484.
+        assert_eq!(fix(24, 249_768_484), Some(1_547_992_044_249_768_484));
+        assert_eq!(fix(24, -1_000), Some(1_547_992_043_999_999_000));
+        assert_eq!(fix(61, 0), None);
+        assert_eq!(fix(0, -1_000_000_001), None);
+        assert_eq!(nanoseconds_of_fix(&[0; 12]), None);
     }
 
     #[test]

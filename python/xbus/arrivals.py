@@ -1,0 +1,146 @@
+"""The side file of a recording: when its bytes arrived.
+
+``NAME.mtb.times`` lies beside ``NAME.mtb``. It begins with 24 bytes: ``XBUSTIME``, then the version (1) and
+the size of a record (16) as U4, and what the host's steady clock lacks to the time since 1970, in ns as I8.
+Records follow, each for a piece of bytes that was read at once: where in
+``NAME.mtb`` the piece ends (U8), and when it arrived by the clock of the host, in ns since 1970 (I8). All of
+it is little-endian. A last record that was cut short is none.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from xbus import _core
+from xbus.hostclock import HostClock
+from xbus.source import Source
+
+__all__ = ["Arrivals", "HostTimes", "arrivals_of"]
+
+SUFFIX = ".times"
+HEAD = np.dtype([("magic", "S8"), ("version", "<u4"), ("size", "<u4"), ("epoch", "<i8")])
+RECORD = np.dtype([("end", "<u8"), ("arrival", "<i8")])
+EXPECTED = (b"XBUSTIME", 1, RECORD.itemsize)
+#: A power cut may cost the log more of its end than the side file, but not more than this, in ns.
+LOST = 60 * 10**9
+#: Both are the one device at the other end of the cable.
+MASTER, STANDALONE = 0xFF, 1
+#: Samples with these run behind, or carry an arbitrary time: they do not move the clock.
+FOLLOWING = ("gnss_pvt_data", "gnss_sat_info", "trigger_in1", "trigger_in2", "trigger_in3")
+
+
+@dataclass(frozen=True)
+class Arrivals:
+    """When the bytes of a log arrived.
+
+    Attributes:
+        end: Where each piece ends in the log, ``(n,)`` int64, rising.
+        time: When it arrived, in ns since 1970, ``(n,)`` int64.
+        fault: What is wrong with the side file, or None.
+    """
+
+    end: npt.NDArray[np.int64]
+    time: npt.NDArray[np.int64]
+    fault: str | None = None
+
+    def of(self, end: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        """Arrivals of what ends at these rising offsets, as far as they are known: maybe fewer."""
+        known = np.searchsorted(end, self.end[-1], side="right") if len(self.end) else 0
+        return self.time[np.searchsorted(self.end, end[:known])]
+
+
+class HostTimes:
+    """Host times of the samples of a part of a log, worked out when they are first asked for.
+
+    Args:
+        part: The part.
+        arrivals: When its bytes arrived, or None.
+        earlier: The clocks of the devices as the part before left them, by BID.
+    """
+
+    def __init__(
+        self,
+        part: _core.Part,
+        arrivals: Arrivals | None = None,
+        earlier: Mapping[int, HostClock] | None = None,
+    ) -> None:
+        self._part = part
+        self.arrivals = arrivals
+        self._earlier = earlier or {}
+
+    @cached_property
+    def _worked_out(self) -> tuple[npt.NDArray[np.float64], dict[int, HostClock]]:
+        part = self._part
+        clocks = {bid: clock.copy() for bid, clock in self._earlier.items()}
+        host = np.full(len(part), np.nan)
+        if self.arrivals is not None:
+            leads = np.ones(len(part), np.bool_)
+            for column in part.columns:
+                if column.name in FOLLOWING:
+                    leads[column.sample - part.first] = False
+            arrival = self.arrivals.of(part.end)
+            bids = np.where(part.bid == MASTER, STANDALONE, part.bid)[: len(arrival)]
+            for bid in np.unique(bids).tolist():
+                clock = clocks.setdefault(bid, HostClock())
+                at = np.flatnonzero(bids == bid)
+                host[at] = clock.update(part.time[at], arrival[at], leads[at])
+        host.flags.writeable = False
+        return host, clocks
+
+    @property
+    def time(self) -> npt.NDArray[np.float64]:
+        """Seconds since 1970 of each sample; NaN where that is not known."""
+        return self._worked_out[0]
+
+    @property
+    def clocks(self) -> dict[int, HostClock]:
+        """The clock of each device behind the last sample, by BID; 1 stands for FF, too."""
+        return self._worked_out[1]
+
+
+def arrivals_of(source: Source) -> Arrivals | None:
+    """What the side file of a log says; None where there is none. Ask before the log is read: it may grow."""
+    if not isinstance(source, str | os.PathLike) or (isinstance(source, str) and "://" in source):
+        return None
+    path = os.fsdecode(source)
+    side = path + SUFFIX
+    try:
+        with open(side, "rb") as file:  # noqa: PTH123
+            data = file.read()
+        size = os.stat(path).st_size  # noqa: PTH116
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        return _none(f"{side} cannot be read: {error.strerror}")
+    return _arrivals(data, side, size)
+
+
+def _arrivals(data: bytes, side: str, size: int) -> Arrivals:
+    if len(data) < HEAD.itemsize or np.frombuffer(data, HEAD, 1)[0].item()[:3] != EXPECTED:
+        return _none(f"{side} is no list of arrivals of version 1")
+    count = (len(data) - HEAD.itemsize) // RECORD.itemsize
+    records = np.frombuffer(data, RECORD, count, HEAD.itemsize)
+    end = np.minimum(records["end"], np.iinfo(np.int64).max).astype(np.int64)
+    time = records["arrival"].astype(np.int64)
+    falls = np.flatnonzero(end[1:] < end[:-1])
+    if len(falls):
+        # Which of the two is wrong cannot be told; those before are as good as in a file that was cut there.
+        fault = f"{side} is damaged: offsets fall behind record {falls[0]}, and what follows is not used"
+        return Arrivals(end[: falls[0]], time[: falls[0]], fault)
+    within = int(np.searchsorted(end, size))  # the piece that the end of the log lies in
+    if within == len(end) or end[-1] == size:
+        return Arrivals(end, time)
+    fault = f"{side} tells of {end[-1]} bytes, and the log has {size}"
+    if abs(int(time[-1]) - int(time[within])) > LOST:
+        return _none(f"{fault}: it belongs to another")
+    return Arrivals(end, time, fault)
+
+
+def _none(fault: str) -> Arrivals:
+    return Arrivals(np.empty(0, np.int64), np.empty(0, np.int64), fault)

@@ -1,0 +1,380 @@
+"""`host_time` and `utc` of logs: side files of arrivals, good and bad, and what samples say about UTC."""
+
+from __future__ import annotations
+
+import io
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import xbus
+from conftest import coarse, counter, fine, shared, trigger
+from streams import frame, mtdata2, packet, real
+from xbus import HostClock
+
+HEAD = b"XBUSTIME" + struct.pack("<IIq", 1, 16, 0)
+BEGIN = 1_790_000_000 * 10**9
+MS = 10**6
+
+
+def records(*pieces: tuple[int, int]) -> bytes:
+    """Where pieces end, and when they arrived."""
+    return b"".join(struct.pack("<Qq", end, arrival) for end, arrival in pieces)
+
+
+def gnss(ticks: int) -> bytes:
+    """A sample of the receiver."""
+    return mtdata2(fine(ticks), packet(0x7020, bytes(8)))
+
+
+def recording(samples: list[bytes], read: int = 7) -> tuple[bytes, list[tuple[int, int]]]:
+    """Samples that were sent every 10 ms, after a Configuration message, and read after every so many."""
+    data = frame(0x0C, bytes(118))
+    pieces = []
+    for at, sample in enumerate(samples):
+        data += sample
+        if at % read == read - 1:
+            # Half of the frame that comes next was there already, now and then.
+            pieces.append((len(data) + (at % 3) * 4, BEGIN + 10 * at * MS + 2 * MS))
+    pieces = [it for it in pieces if it[0] < len(data)]
+    return data, [*pieces, (len(data), BEGIN + 10 * len(samples) * MS)]
+
+
+def written(folder: Path, data: bytes, side: bytes | None, name: str = "a.mtb") -> Path:
+    path = folder / name
+    path.write_bytes(data)
+    if side is not None:
+        path.with_name(name + ".times").write_bytes(side)
+    return path
+
+
+def expected(data: bytes, pieces: list[tuple[int, int]]) -> list[float]:
+    """Sample by sample, from what the parts of the library say that have been tested elsewhere."""
+    log, clock, said = xbus.read_log(data), HostClock(), []
+    ends = [*log.offset[1:].tolist(), len(data)][: len(log)]
+    gnss = {
+        int(it) for key in ("gnss_sat_info", "trigger_in1") if key in log for it in log[key].sample
+    }
+    for sample, end in enumerate(ends):
+        stamps = [arrival for upto, arrival in pieces if upto >= end]
+        time = float(log.time[sample])
+        said.append(clock.update(time, stamps[0], sample not in gnss) if stamps else float("nan"))
+    return said
+
+
+SAMPLES = [mtdata2(counter(it), fine(5000 + 100 * it)) for it in range(100)]
+DATA, PIECES = recording(SAMPLES)
+GOOD = HEAD + records(*PIECES)
+
+
+# ---------------------------------------------------------------------------------------------
+# Host time
+# ---------------------------------------------------------------------------------------------
+
+
+def test_host_time(tmp_path: Path) -> None:
+    log = xbus.read_log(written(tmp_path, DATA, GOOD))
+    assert log.host_time.shape == (100,)
+    assert log.host_time.dtype == np.float64
+    assert log.host_time.tolist() == expected(DATA, PIECES)
+    assert not log.host_time.flags.writeable
+    # The least delay is that of the seventh, which was read 2 ms after it was sent.
+    assert log.host_time[50:] == pytest.approx(
+        BEGIN / 1e9 + np.arange(50, 100) / 100 + 0.002, abs=1e-6
+    )
+    assert log.times_fault is None
+    assert log.host_clock is not None
+    assert log.host_clock.fits == 1
+    assert log.host_clock.offset == pytest.approx(BEGIN / 1e9 + 0.002 - 0.5, abs=1e-6)
+    np.testing.assert_array_equal(log["packet_counter"].host_time, log.host_time)
+
+
+def test_without_a_side_file(tmp_path: Path) -> None:
+    path = written(tmp_path, DATA, None)
+    written(tmp_path, b"", GOOD, "b.mtb")
+    for source in (
+        path,
+        str(path),
+        DATA,
+        io.BytesIO(DATA),
+        np.frombuffer(DATA, np.uint8),
+        path.as_uri()[7:],
+    ):
+        log = xbus.read_log(source)
+        assert np.isnan(log.host_time).all()
+        assert log.host_clock is None
+        assert log.times_fault is None
+        assert np.isnan(log["packet_counter"].host_time).all()
+    assert len(xbus.read_log(tmp_path / "b.mtb").host_time) == 0
+
+
+MIXED = {
+    "receiver": [
+        it if at % 10 != 5 else gnss(5000 + 100 * at - 450) for at, it in enumerate(SAMPLES)
+    ],
+    "receiver without a fix": [
+        it if at % 10 != 5 else gnss(2**31 + at) for at, it in enumerate(SAMPLES)
+    ],
+    "receiver first": [gnss(4000), gnss(4500), *SAMPLES],
+    "trigger": [
+        it if at % 10 else mtdata2(trigger(500_000 + 9_000 * at)) for at, it in enumerate(SAMPLES)
+    ],
+    "no stamps": [
+        mtdata2(real(0x4040, 1, 2, 3)) if at % 3 else it for at, it in enumerate(SAMPLES)
+    ],
+    "wrap": [mtdata2(fine((2**32 - 5000 + 100 * it) % 2**32)) for it in range(100)],
+    "coarse": [
+        mtdata2(fine(9900 + it * 100), coarse((9900 + it * 100) // 10_000)) for it in range(100)
+    ],
+    "reset": [mtdata2(fine(90_000 + it * 100 if it < 50 else it * 100)) for it in range(100)],
+    "extended": [mtdata2(fine(100 * it), *[real(0x4020, 1, 2, 3)] * 20) for it in range(100)],
+    "damage": [it if at % 9 else b"\xfa\xff" + it for at, it in enumerate(SAMPLES)],
+    "one": SAMPLES[:1],
+    "none": [],
+}
+
+
+@pytest.mark.parametrize("samples", MIXED.values(), ids=MIXED)
+def test_all_kinds_of_samples(tmp_path: Path, samples: list[bytes]) -> None:
+    data, pieces = recording(samples)
+    path = written(tmp_path, data, HEAD + records(*pieces))
+    log = xbus.read_log(path)
+    said = log.host_time
+    assert said.tolist() == pytest.approx(expected(data, pieces), nan_ok=True, abs=0, rel=0)
+    leads = np.isfinite(said)
+    for name in ("gnss_sat_info", "trigger_in1"):
+        if name in log:
+            leads[log[name].sample] = False
+    assert np.all(said[leads][1:] >= said[leads][:-1])
+    for block in (1, 100, 1000):
+        parts = list(xbus.iter_log(path, block_bytes=block))
+        np.testing.assert_array_equal(np.concatenate([it.host_time for it in parts]), said)
+        for key in log:
+            rows = [it[key].host_time for it in parts if key in it]
+            np.testing.assert_array_equal(np.concatenate(rows), log[key].host_time)
+        if log.host_clock is not None and parts[-1].host_clock is not None:
+            assert repr(parts[-1].host_clock) == repr(log.host_clock)
+
+
+def test_what_kinds_of_samples_get(tmp_path: Path) -> None:
+    """A receiver's samples are where their own time is; without one there is none."""
+
+    def log(name: str) -> xbus.Log:
+        data, pieces = recording(MIXED[name])
+        return xbus.read_log(written(tmp_path, data, HEAD + records(*pieces)))
+
+    behind = log("receiver")
+    here = behind["gnss_sat_info"].sample[2:]
+    assert behind.host_time[here] == pytest.approx(behind.host_time[here - 1] - 0.035, abs=1e-3)
+    assert np.isnan(log("receiver without a fix")["gnss_sat_info"].host_time).all()
+    assert np.isnan(log("receiver first").host_time[:2]).all()
+    assert np.isnan(log("no stamps").host_time).sum() == 66
+    reset = log("reset").host_clock
+    assert reset is not None
+    assert [it.reason for it in reset.steps] == ["device time went back"]
+    wrap = log("wrap").host_clock
+    assert wrap is not None
+    assert wrap.steps == []
+
+
+def test_parts_keep_their_own_clock(tmp_path: Path) -> None:
+    path = written(tmp_path, DATA, GOOD)
+    parts = list(xbus.iter_log(path, block_bytes=500))
+    first, last = parts[1].host_clock, parts[-1].host_clock
+    assert first is not None
+    assert last is not None
+    assert first is not last
+    assert first.residual < last.residual
+
+
+def test_several_devices(tmp_path: Path) -> None:
+    """Each has a clock of its own; FF and 1 are one."""
+    samples = [
+        mtdata2(fine(it * 100 + (10**7 if it % 3 == 2 else 0)), bid=(0xFF, 1, 2)[it % 3])
+        for it in range(90)
+    ]
+    data, pieces = recording(samples, 1)
+    log = xbus.read_log(written(tmp_path, data, HEAD + records(*pieces)))
+    assert np.diff(log.host_time).min() > 0
+    assert sorted(log._hosts.clocks) == [1, 2]
+    assert all(it.fits == 1 for it in log._hosts.clocks.values())
+
+
+def test_only_some_quantities(tmp_path: Path) -> None:
+    """What the clocks need is read in any case."""
+    data, pieces = recording(MIXED["receiver"])
+    path = written(tmp_path, data, HEAD + records(*pieces))
+    some = xbus.read_log(path, quantities=["acceleration"])
+    np.testing.assert_array_equal(some.host_time, xbus.read_log(path).host_time)
+
+
+def test_npz(tmp_path: Path) -> None:
+    log = xbus.read_log(written(tmp_path, DATA, GOOD))
+    log.to_npz(tmp_path / "a.npz")
+    np.testing.assert_array_equal(np.load(tmp_path / "a.npz")["host_time"], log.host_time)
+    xbus.read_log(DATA).to_npz(tmp_path / "b.npz")
+    assert "host_time" not in np.load(tmp_path / "b.npz")
+
+
+# ---------------------------------------------------------------------------------------------
+# Side files
+# ---------------------------------------------------------------------------------------------
+
+END, ARRIVAL = PIECES[-1]
+#: What the side file holds; how many samples have a host time; what the fault says, or None.
+SIDES = {
+    "good": (GOOD, 100, None),
+    "empty": (b"", 0, "no list of arrivals"),
+    "cut in the head": (HEAD[:23], 0, "no list of arrivals"),
+    "head alone": (HEAD, 0, None),
+    "cut in the first record": (HEAD + GOOD[24:39], 0, None),
+    "cut in the last record": (GOOD[:-1], 98, None),
+    "cut in the middle": (HEAD + records(*PIECES[:5]), 35, None),
+    "other magic": (b"xbustimE" + GOOD[8:], 0, "no list of arrivals"),
+    "other version": (HEAD[:8] + struct.pack("<II", 2, 16) + GOOD[16:], 0, "of version 1"),
+    "other record size": (HEAD[:8] + struct.pack("<II", 1, 24) + GOOD[16:], 0, "of version 1"),
+    "big-endian": (b"XBUSTIME" + struct.pack(">II", 1, 16) + GOOD[16:], 0, "of version 1"),
+    "text": (b"time,offset\n" * 99, 0, "no list of arrivals"),
+    "zeros": (bytes(999), 0, "no list of arrivals"),
+    "zeros at the end": (
+        HEAD + records(*PIECES[:5]) + bytes(64),
+        28,
+        "offsets fall behind record 4",
+    ),
+    "an offset falls": (
+        HEAD + records(*PIECES[:8], PIECES[3], *PIECES[8:]),
+        49,
+        "offsets fall behind record 7",
+    ),
+    "an offset is huge": (
+        HEAD + records(*PIECES[:8], (2**64 - 1, 0), *PIECES[8:]),
+        56,
+        "fall behind record 8",
+    ),
+    "offsets repeat": (HEAD + records(*[it for it in PIECES for _ in range(2)]), 100, None),
+    "an arrival falls": (
+        HEAD + records(*PIECES[:8], (PIECES[8][0], PIECES[7][1] - 1), *PIECES[9:]),
+        100,
+        None,
+    ),
+    "bytes that were lost": (
+        HEAD + records(*PIECES, (END + 99, ARRIVAL + MS)),
+        100,
+        f"and the log has {END}",
+    ),
+    "of another log": (
+        HEAD + records(*PIECES, (END + 99, ARRIVAL + 61_000 * MS)),
+        0,
+        "belongs to another",
+    ),
+    "of a very long log": (HEAD + records((2**63 - 1, BEGIN), (2**64 - 1, -(2**63))), 0, "another"),
+}
+
+
+@pytest.mark.parametrize(("side", "known", "fault"), SIDES.values(), ids=SIDES)
+def test_side_files(tmp_path: Path, side: bytes, known: int, fault: str | None) -> None:
+    """Whatever it holds, the log is read, and what is said of its times is true or nothing."""
+    path = written(tmp_path, DATA, side)
+    log = xbus.read_log(path)
+    assert len(log) == 100
+    assert np.isfinite(log.host_time).tolist() == [True] * known + [False] * (100 - known)
+    if fault is None:
+        assert log.times_fault is None
+    else:
+        assert log.times_fault is not None
+        assert fault in log.times_fault
+        assert f"{path}.times" in log.times_fault
+        assert log.times_fault in repr(log)
+    joined = np.concatenate([it.host_time for it in xbus.iter_log(path, block_bytes=300)])
+    np.testing.assert_array_equal(joined, log.host_time)
+    assert {it.times_fault for it in xbus.iter_log(path, block_bytes=300)} == {log.times_fault}
+
+
+def test_a_side_file_that_cannot_be_read(tmp_path: Path) -> None:
+    path = written(tmp_path, DATA, None)
+    (tmp_path / "a.mtb.times").mkdir()
+    log = xbus.read_log(path)
+    assert len(log) == 100
+    assert log.times_fault is not None
+    assert "cannot be read" in log.times_fault
+
+
+@pytest.mark.parametrize("cut", range(0, len(DATA), 97))
+def test_a_log_that_was_cut(tmp_path: Path, cut: int) -> None:
+    """What is left keeps its times."""
+    whole = xbus.read_log(written(tmp_path, DATA, GOOD)).host_time
+    log = xbus.read_log(written(tmp_path, DATA[:cut], GOOD))
+    assert log.host_time.tolist() == whole[: len(log)].tolist()
+
+
+@given(st.binary(max_size=200), st.integers(0, len(GOOD)))
+def test_garbage(tmp_path_factory: pytest.TempPathFactory, garbage: bytes, at: int) -> None:
+    folder = tmp_path_factory.getbasetemp()
+    for side in (garbage, HEAD + garbage, GOOD[:at] + garbage + GOOD[at + len(garbage) :]):
+        log = xbus.read_log(written(folder, DATA, side))
+        assert log.host_time.shape == (100,)
+        assert isinstance(log.times_fault, str | None)
+
+
+# ---------------------------------------------------------------------------------------------
+# UTC
+# ---------------------------------------------------------------------------------------------
+
+
+def utc_time(nanos: int, second: int, valid: int, day: int = 20) -> bytes:
+    return packet(0x1010, struct.pack(">IHBBBBBB", nanos, 2019, 1, day, 13, 47, second, valid))
+
+
+def pvt(nanos: int, second: int, valid: int, day: int = 20) -> bytes:
+    head = struct.pack(">IHBBBBBBIi", 49662250, 2019, 1, day, 13, 47, second, valid, 5, nanos)
+    return packet(0x7010, head + bytes(74))
+
+
+def test_utc() -> None:
+    """From either quantity where it is valid; `utc_time` where both are, as it is in other samples."""
+    table = {
+        mtdata2(fine(1)): "NaT",
+        mtdata2(utc_time(250_000_000, 24, 0x37)): "2019-01-20T13:47:24.250000000",
+        mtdata2(utc_time(0, 24, 7)): "2019-01-20T13:47:24.000000000",
+        mtdata2(utc_time(1, 24, 3)): "NaT",
+        mtdata2(utc_time(1, 24, 0xF8)): "NaT",
+        mtdata2(utc_time(2, 24, 7, day=32)): "NaT",
+        mtdata2(pvt(249_768_484, 24, 0x37)): "2019-01-20T13:47:24.249768484",
+        mtdata2(pvt(-1, 0, 7)): "2019-01-20T13:46:59.999999999",
+        mtdata2(pvt(0, 24, 6)): "NaT",
+        mtdata2(pvt(0, 24, 7, day=0)): "NaT",
+        mtdata2(
+            pvt(249_768_484, 24, 0x37), utc_time(250_000_000, 24, 0x37)
+        ): "2019-01-20T13:47:24.250000000",
+        mtdata2(pvt(0, 24, 0), utc_time(1, 24, 7)): "2019-01-20T13:47:24.000000001",
+        mtdata2(pvt(2, 24, 7), utc_time(1, 24, 0)): "2019-01-20T13:47:24.000000002",
+    }
+    log = xbus.read_log(b"".join(table))
+    assert log.utc.dtype == np.dtype("datetime64[ns]")
+    assert log.utc.astype(str).tolist() == list(table.values())
+    assert not log.utc.flags.writeable
+    parts = list(xbus.iter_log(b"".join(table), block_bytes=1))
+    np.testing.assert_array_equal(np.concatenate([it.utc for it in parts]), log.utc)
+    assert str(log["gnss_pvt_data"].datetime[1]) == "2019-01-20T13:46:59.999999999"
+
+
+def test_utc_of_none() -> None:
+    assert np.isnat(xbus.read_log(DATA).utc).all()
+    assert len(xbus.read_log(b"").utc) == 0
+
+
+@pytest.mark.parametrize("number", range(1, 6))
+def test_utc_of_a_real_device(number: int) -> None:
+    """Receiver's samples and others, however late they came, agree on what UTC is at a device time."""
+    log = xbus.read_log(shared(f"captures/mtig710-{number}/raw.bin"))
+    known = ~np.isnat(log.utc)
+    assert known[log["gnss_pvt_data"].sample].all()
+    since = (log.utc[known] - log.utc[known][0]) / np.timedelta64(1, "s")
+    assert since == pytest.approx(log.time[known] - log.time[known][0], abs=1e-6)
+    fix = log["gnss_pvt_data"]
+    apart = (fix.datetime - log.utc[fix.sample]) / np.timedelta64(1, "ms")
+    assert np.abs(apart).max() < 0.25
