@@ -44,6 +44,17 @@ def test_blocks_joined_are_the_log(size: int) -> None:
         assert np.array_equal(np.concatenate([it.sample for it in parts]), log[key].sample)
 
 
+def test_host_time_of_a_virtual_device_is_its_own_time() -> None:
+    """No transport, no drift: late is only what the link's steps make late, and the clock sees through that."""
+    device = measuring()
+    blocks = [block for block, _ in zip(device.blocks(samples=100), range(30), strict=False)]
+    host = np.concatenate([it.host_time for it in blocks])
+    time = np.concatenate([it.time for it in blocks])
+    assert np.isfinite(host).all()
+    assert (np.diff(host) >= 0).all()
+    assert np.ptp((host - time)[1000:]) < 1e-3
+
+
 def test_blocks_by_time() -> None:
     device = measuring()
     sizes = [len(block) for block, _ in zip(device.blocks(seconds=0.25), range(20), strict=False)]

@@ -70,13 +70,13 @@ class HostTimes:
         arrivals: Arrivals | None = None,
         earlier: Mapping[int, HostClock] | None = None,
     ) -> None:
-        self._part = part
+        self.part = part
         self.arrivals = arrivals
         self._earlier = earlier or {}
 
     @cached_property
     def _worked_out(self) -> tuple[npt.NDArray[np.float64], dict[int, HostClock]]:
-        part = self._part
+        part = self.part
         clocks = {bid: clock.copy() for bid, clock in self._earlier.items()}
         host = np.full(len(part), np.nan)
         if self.arrivals is not None:

@@ -67,6 +67,16 @@ class Exchange:
     def baudrate(self, rate: int) -> None:
         self._link.baudrate = rate
 
+    @property
+    def epoch(self) -> int:
+        """What to add to an arrival, in ns, for the time since 1970."""
+        return self._link.epoch
+
+    @property
+    def trouble(self) -> str | None:
+        """What is wrong with the port."""
+        return self._link.trouble
+
     def write(self, data: bytes) -> None:
         """Sends."""
         scanner = Scanner()

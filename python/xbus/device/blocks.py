@@ -5,9 +5,14 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable
 
+import numpy as np
+import numpy.typing as npt
+
 from xbus import _core
+from xbus.arrivals import Arrivals, HostTimes
 from xbus.codec import LONGEST_LIVE, encode_frame
 from xbus.device.channel import Channel
+from xbus.hostclock import HostClock
 from xbus.ids import MessageId
 from xbus.log import Log
 from xbus.protocol.messages import encode
@@ -37,10 +42,20 @@ class Blocks:
         self._timeout = timeout
         self._wanted = wishes(quantities)
         self._decoder = _core.Decoder(LONGEST_LIVE, self._wanted)
+        self._clocks: dict[int, HostClock] = {}
+        #: Bytes that the decoder was fed.
+        self._end = 0
         if device_id is not None:
             # When the fine time wraps depends on the family of the device.
-            self._decoder.feed(encode_frame(MessageId.DeviceID, encode("DeviceID", device_id)))
+            self._feed([encode_frame(MessageId.DeviceID, encode("DeviceID", device_id))])
             self._decoder.take()
+
+    def _feed(self, frames: list[bytes]) -> npt.NDArray[np.int64]:
+        """Hands frames to the decoder; where each ends in all that it was fed."""
+        ends = self._end + np.cumsum([len(it) for it in frames])
+        self._end = int(ends[-1])
+        self._decoder.feed(b"".join(frames))
+        return ends
 
     def __iter__(self) -> Blocks:
         return self
@@ -51,8 +66,14 @@ class Blocks:
         self._channel.wait_for_samples(self._samples or 1, self._timeout)
         waiting = self._channel.samples
         count = len(waiting) if self._samples is None else self._samples
-        self._decoder.feed(b"".join([waiting.popleft().frame for _ in range(count)]))
-        return Log(self._decoder.take(), wanted=self._wanted)
+        samples = [waiting.popleft() for _ in range(count)]
+        ends = self._feed([it.frame for it in samples])
+        epoch = self._channel.link.epoch
+        seconds = np.array([it.arrival or 0.0 for it in samples])
+        arrivals = Arrivals(ends, np.rint(seconds * 1e9).astype(np.int64) + epoch)
+        hosts = HostTimes(self._decoder.take(), arrivals, self._clocks)
+        self._clocks = hosts.clocks
+        return Log(hosts.part, wanted=self._wanted, hosts=hosts)
 
     def __aiter__(self) -> Blocks:
         return self

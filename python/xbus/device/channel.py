@@ -69,6 +69,8 @@ class Channel:
         self.samples: deque[Sample] = deque()
         self.notices: deque[Notice] = deque(maxlen=100)
         self.lost_samples = 0
+        if link.trouble is not None:
+            self.notices.append(Notice("Port", link.trouble, b"", session.bid, None))
         self._answers: deque[Reply | Refusal] = deque()
         self._heard_at = link.clock()
         self._is_broken = False

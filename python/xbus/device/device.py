@@ -398,8 +398,8 @@ class Device(Commands):
     ) -> Blocks:
         """Samples as they come, in blocks: each is a `Log` whose columns are arrays. Also for ``async for``.
 
-        Times and counters go on from block to block; `Column.sample` and `Log.first_sample` count from the
-        beginning of the first.
+        Times and counters go on from block to block, and `Log.host_time` is there; `Column.sample` and
+        `Log.first_sample` count from the beginning of the first.
 
         Args:
             seconds: What comes in so many seconds is a block; or

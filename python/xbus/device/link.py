@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import threading
 import time
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import serial
 
 from xbus import _core
-from xbus.device.ports import is_usb_of_device, port_of, serial_number_of
+from xbus.device.ports import SYSFS, is_usb_of_device, latency_timer, port_of, serial_number_of
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -20,6 +22,8 @@ __all__ = ["SILENCE", "Link", "Received", "SerialLink", "open_link"]
 
 #: Bytes to read at a time from what has no descriptor, and seconds to wait for the first of them.
 PIECE, PUMP_TIMEOUT = 1 << 12, 0.05
+#: The timer of an FTDI adapter at its fastest, in ms; it comes with 16.
+FAST_TIMER = 1
 
 
 class Received(NamedTuple):
@@ -67,6 +71,14 @@ class Link(Protocol):
     is_line: bool
     acquisition: _core.Acquisition
 
+    @property
+    def epoch(self) -> int:
+        """What to add to an arrival, in ns, for the time since 1970."""
+
+    @property
+    def trouble(self) -> str | None:
+        """What is wrong with the port, and the cure; None if nothing is known to be."""
+
     def read(self, timeout: float) -> Received:
         """What has come; waits for the first byte, but no longer than ``timeout`` seconds. Raises OSError."""
 
@@ -106,13 +118,32 @@ class SerialLink:
         if not port.is_open:
             port.open()
         self._serial_number = serial_number_of(self.name)
+        # Where the driver has no such mode it says so, in several ways.
+        with contextlib.suppress(AttributeError, NotImplementedError, OSError, ValueError):
+            port.set_low_latency_mode(True)
         self._begin()
+
+    @property
+    def trouble(self) -> str | None:
+        """What is wrong with the port, and the cure; None if nothing is known to be."""
+        timer = latency_timer(self.name)
+        if timer is None or timer <= FAST_TIMER:
+            return None
+        return (
+            f"the adapter of {self.name} keeps bytes back for {timer} ms: samples come in bursts; cure:"
+            f" echo 1 | sudo tee {SYSFS / Path(self.name).resolve().name}/latency_timer"
+        )
 
     def _begin(self) -> None:
         number = _descriptor(self._port)
         self.acquisition = _core.Acquisition(number)
         if number is None:
             _pump(self._port, self.acquisition)
+
+    @property
+    def epoch(self) -> int:
+        """What to add to an arrival, in ns, for the time since 1970."""
+        return self.acquisition.epoch
 
     @property
     def baudrate(self) -> int:

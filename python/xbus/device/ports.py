@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import NamedTuple
 
 from serial.tools import list_ports
 
-__all__ = ["Port", "find_ports", "is_usb_of_device"]
+__all__ = ["Port", "find_ports", "is_usb_of_device", "latency_timer", "port_of", "serial_number_of"]
 
+#: Where Linux has the timers of USB-serial adapters.
+SYSFS = Path("/sys/bus/usb-serial/devices")
 #: USB vendor identifier of Xsens.
 XSENS = 0x2639
 #: FTDI, and its product identifiers that are set aside for converters by Xsens.
@@ -58,6 +61,14 @@ def port_of(serial_number: str | None) -> str | None:
         return None
     found = (it.device for it in list_ports.comports() if it.serial_number == serial_number)
     return next(found, None)
+
+
+def latency_timer(name: str) -> int | None:
+    """After how many ms an FTDI adapter hands over what it has; None where Linux does not tell."""
+    try:
+        return int((SYSFS / Path(name).resolve().name / "latency_timer").read_text())
+    except (OSError, ValueError):
+        return None
 
 
 def _likely(vendor: int | None, product: int | None) -> bool:

@@ -53,6 +53,11 @@ class Recording:
         return int(str(self._facts().get("bytes", 0)))
 
     @property
+    def queued_bytes(self) -> int:
+        """Those of them that wait for the disk."""
+        return int(str(self._facts().get("queued_bytes", 0)))
+
+    @property
     def error(self) -> str | None:
         """Why it ended by itself, or None. The files are good to their end in any case."""
         error = self._facts().get("error")

@@ -71,8 +71,8 @@ class Notice:
         value: What it says; its bytes where that cannot be told.
         payload: Its bytes.
         bid: Its bus identifier.
-        mid: Its message identifier; None for "Reconnected", which is no message: the device was lost and
-            is there again, ``value`` seconds later.
+        mid: Its message identifier. None for what is no message: "Reconnected", the device was lost and is
+            there again, ``value`` seconds later; "Port", ``value`` says what is wrong with it, and the cure.
     """
 
     name: str

@@ -17,6 +17,9 @@ class SimLink:
     #: Seconds that pass at least, so that a wait comes to its end whatever rounding leaves of it.
     LEAST = 1e-6
     is_line = True
+    #: Its clock begins in 1970, so that what is measured is the same every time.
+    epoch = 0
+    trouble = None
 
     def __init__(self, device: str | SimulatedDevice) -> None:
         if isinstance(device, str):
