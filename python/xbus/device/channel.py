@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
@@ -32,6 +33,8 @@ TIMEOUT = 0.5
 TIMEOUT_SLOW = 2.0
 #: GoToConfig may be missed while the device sends a lot, or has just woken up: once in 0.2 s, for 2 s.
 CONFIG_TRIES, CONFIG_TIMEOUT = 10, 0.2
+#: Bytes that may wait in a device for the line, and bits of each on it.
+BACKLOG, BITS = 4096, 10
 #: How long to listen for a device before asking, and how long for its answer.
 LISTEN, ANSWER = 0.25, 0.35
 #: How long after WakeUp it takes until samples come, if nobody answers it: 0.5 s (section 4), and some more.
@@ -174,11 +177,14 @@ class Channel:
 
     def _patience(self, name: str) -> tuple[float, int]:
         """How long to wait for an answer, and how often to ask."""
+        # On a slow line that is full the answer comes behind all that waits in the device.
+        full = self.link.is_line and self.session.state != State.CONFIG
+        behind = BACKLOG * BITS / self.link.baudrate if full else 0.0
         if name == "GoToConfig":
-            return CONFIG_TIMEOUT, CONFIG_TRIES
+            return CONFIG_TIMEOUT, CONFIG_TRIES + math.ceil(behind / CONFIG_TIMEOUT)
         known = self.session.support
         slow = known is None or known.product.series == "1-series"
-        return TIMEOUTS.get(name, TIMEOUT_SLOW if slow else TIMEOUT), 1
+        return TIMEOUTS.get(name, TIMEOUT_SLOW if slow else TIMEOUT) + behind, 1
 
     def _answer(self, name: str, timeout: float) -> Reply | Refusal | None:
         """The answer to the pending command, or None if there is none in time."""

@@ -440,7 +440,8 @@ class Device(Commands):
                 for name, count in quantities.items()
             }
             self._counted = now, quantities
-        return live_stats(counted, self._rates, len(self._channel.samples), self.lost_samples)
+        channel = self._channel
+        return live_stats(counted, self._rates, len(channel.samples), channel.lost_samples)
 
     def record(
         self,
