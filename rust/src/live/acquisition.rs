@@ -8,7 +8,7 @@ use std::time::Duration;
 use super::recorder::{Recorder, Recording, Report};
 use super::tally::{Counts, Tally};
 use super::time::{epoch, monotonic};
-use super::{PIECE, Piece, lock};
+use super::{PIECE, Piece, lock, most_pieces};
 
 /// How many bytes are kept for the program unless it says otherwise: 60 seconds at 4 Mbaud.
 pub const QUEUE: usize = 24_000_000;
@@ -24,6 +24,8 @@ pub struct Acquisition {
     shared: Arc<Shared>,
     #[cfg(unix)]
     thread: Mutex<Option<Thread>>,
+    /// The process that has the threads.
+    process: u32,
 }
 
 /// The thread that reads a port.
@@ -89,7 +91,7 @@ pub struct Stats {
 }
 
 impl Acquisition {
-    /// Keeps up to `bound` bytes, and always the last piece.
+    /// Keeps up to `bound` bytes, and always the last piece. Pieces shorter than 16 bytes count as so many.
     #[must_use]
     pub fn new(bound: usize) -> Self {
         let shared = Shared { state: Mutex::default(), arrived: Condvar::new(), bound, epoch: epoch() };
@@ -97,6 +99,7 @@ impl Acquisition {
             shared: Arc::new(shared),
             #[cfg(unix)]
             thread: Mutex::new(None),
+            process: std::process::id(),
         }
     }
 
@@ -236,6 +239,9 @@ impl Acquisition {
 
     /// Ends everything: the thread, the recording. What is queued can still be taken, and the recording's report too.
     pub fn close(&self) {
+        if std::process::id() != self.process {
+            return; // a fork has none of the threads, and must not disturb those of its parent
+        }
         #[cfg(unix)]
         if let Some(thread) = lock(&self.thread).take() {
             thread.stop();
@@ -300,7 +306,8 @@ impl Shared {
         state.bytes.extend(piece);
         state.pieces.push_back(Piece { end, arrival });
         state.most_queued = state.most_queued.max(state.bytes.len().min(self.bound));
-        while state.bytes.len() > self.bound && state.pieces.len() > 1 {
+        let most = most_pieces(self.bound);
+        while state.pieces.len() > 1 && (state.bytes.len() > self.bound || state.pieces.len() > most) {
             state.drop_oldest();
         }
         let is_awaited = state.wanted > 0 && state.bytes.len() >= state.wanted;
