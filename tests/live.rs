@@ -1,7 +1,6 @@
 //! Acquisition and recording: what goes in comes out, and what does not is counted.
 
 use std::fs;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -324,7 +323,7 @@ fn a_full_disk_is_an_error() {
 #[cfg(unix)]
 mod ports {
     use std::fs::File;
-    use std::io::{ErrorKind, pipe};
+    use std::io::{ErrorKind, Write, pipe};
     use std::os::fd::{AsRawFd, FromRawFd, OwnedFd};
 
     use super::*;

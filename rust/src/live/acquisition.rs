@@ -57,6 +57,7 @@ struct State {
     last_arrival: Option<i64>,
     /// What the drivers have counted since their ports were opened, and the present one's counter when it was last read.
     overruns: Option<u64>,
+    #[cfg(unix)]
     overruns_seen: Option<u64>,
     recorder: Option<Arc<Recorder>>,
     ended: Option<String>,
@@ -136,6 +137,7 @@ impl Acquisition {
     }
 
     /// Takes in what has come by other ways; whether it was taken, and not after the end.
+    #[allow(clippy::must_use_candidate)] // whoever knows that it has not ended need not look
     pub fn push(&self, bytes: &[u8]) -> bool {
         let arrival = monotonic();
         bytes.chunks(PIECE).all(|piece| self.shared.take_in(piece, arrival))

@@ -122,6 +122,7 @@ impl Port {
 
     /// How often the driver or its chip had no room for a byte; this system does not tell.
     #[cfg(not(target_os = "linux"))]
+    #[allow(clippy::unused_self)]
     pub fn overruns(&self) -> Option<u64> {
         None
     }
