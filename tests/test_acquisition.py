@@ -432,8 +432,8 @@ WAIT = """
 import sys
 from xbus._core import Acquisition
 acquisition = Acquisition(0)
-print("ready", flush=True)
 try:
+    print("ready", flush=True)
     acquisition.read()
 except KeyboardInterrupt:
     print("heard", flush=True)
