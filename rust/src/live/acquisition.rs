@@ -13,6 +13,13 @@ use super::{PIECE, Piece, lock, most_pieces};
 /// How many bytes are kept for the program unless it says otherwise: 60 seconds at 4 Mbaud.
 pub const QUEUE: usize = 24_000_000;
 
+/// Pieces that follow each other so fast, in ns, and that nobody waits for, are taken together: once in so long. A read
+/// costs the same for one frame as for ten.
+#[cfg(unix)]
+const OFTEN: i64 = 2_000_000;
+#[cfg(unix)]
+const REST: Duration = Duration::from_millis(1);
+
 const CLOSED: &str = "it was closed";
 
 /// A stream that comes from a descriptor, by a thread of its own, or is pushed.
@@ -51,6 +58,8 @@ struct State {
     pieces: VecDeque<Piece>,
     /// The reader waits for so many bytes; 0 if nobody waits.
     wanted: usize,
+    /// Since the last piece somebody has waited for the very next one.
+    hurry: bool,
     tally: Tally,
     most_queued: usize,
     dropped: u64,
@@ -157,13 +166,15 @@ impl Acquisition {
     /// Waits until there are `least` bytes, or the stream has ended, but no longer than this; whether there is something
     /// to take, or nothing more to wait for.
     ///
-    /// More bytes than half of what the queue holds are not waited for. One thread waits at a time.
+    /// More bytes than half of what the queue holds are not waited for. One thread waits at a time. Who waits for more than
+    /// one byte may get them a millisecond later, for less of the processor.
     #[must_use]
     pub fn wait(&self, least: usize, timeout: Duration) -> bool {
         let least = least.min(self.shared.bound / 2).max(1);
         let is_short = |it: &mut State| it.bytes.len() < least && it.ended.is_none();
         let mut state = lock(&self.shared.state);
         state.wanted = least;
+        state.hurry |= least == 1;
         let waited = self.shared.arrived.wait_timeout_while(state, timeout, is_short);
         (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
         state.wanted = 0;
@@ -280,10 +291,21 @@ impl Shared {
 
         let _last = LastWords(self);
         let mut buffer = vec![0; PIECE];
+        let mut last = i64::MIN;
         let reason = loop {
             match port.read(&mut buffer) {
-                Ok(Came::Bytes(count)) if self.take_in(&buffer[..count], monotonic()) => {}
-                Ok(Came::Bytes(_) | Came::Wake) => break CLOSED.to_owned(),
+                Ok(Came::Bytes(count)) => {
+                    let arrival = monotonic();
+                    if !self.take_in(&buffer[..count], arrival) {
+                        break CLOSED.to_owned();
+                    }
+                    let hurry = std::mem::take(&mut lock(&self.state).hurry);
+                    if arrival.saturating_sub(last) < OFTEN && !hurry {
+                        port.rest(REST);
+                    }
+                    last = arrival;
+                }
+                Ok(Came::Wake) => break CLOSED.to_owned(),
                 Ok(Came::End) => break "the port is gone: unplugged, or closed on the other side".to_owned(),
                 Err(error) => break format!("the port cannot be read: {error}"),
             }
