@@ -9,19 +9,25 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 import termios
 import threading
 import time
 import tty
+import warnings
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import serial
+from hypothesis import given
+from hypothesis import strategies as st
 
 import streams
 import xbus
+from conftest import damaged_streams, read
 from xbus._core import Acquisition
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
@@ -193,6 +199,65 @@ def wait_for(acquisition: Acquisition, event: Callable[[], object]) -> object:
     reader.join()
     assert time.monotonic() < began + LONG / 2
     return came[0]
+
+
+def test_a_fork_leaves_the_threads_alone(pty: tuple[int, str], tmp_path: Path) -> None:
+    ours, name = pty
+    with serial.Serial(name, timeout=0) as port:
+        acquisition = Acquisition(port.fileno())
+        acquisition.record(tmp_path / "log.mtb")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # forks are no good with threads
+            child = os.fork()
+        if child == 0:
+            del acquisition
+            os._exit(0)
+        assert os.waitpid(child, 0) == (child, 0)
+        os.write(ours, b"still here")
+        assert take(acquisition, 10) == b"still here"
+        acquisition.close()
+    assert (tmp_path / "log.mtb").read_bytes() == b"still here"
+
+
+@given(damaged_streams(), st.integers(1, 300))
+def test_what_is_counted_is_what_a_log_has(data: bytes, size: int) -> None:
+    acquisition = Acquisition(None)
+    for at in range(0, len(data), size):
+        acquisition.push(data[at : at + size])
+    acquisition.end("the stream was used up")
+    stats = acquisition.stats()
+    log = read(data, limit=8185)
+    for name, count in vars(log.stats).items():
+        assert stats[name] == count, name
+    packets = Counter[int]()
+    for key in log:
+        packets[log[key].data_id & 0xFFF0] += len(log[key])
+    for data_id, unknown in log.unknown.items():
+        packets[data_id & 0xFFF0] += len(unknown)
+    assert stats["quantities"] == packets
+
+
+@given(damaged_streams(), st.integers(1, 300), st.integers(0, 100), st.integers(1, 2000))
+def test_a_recording_is_every_byte_in_whole_frames(
+    data: bytes, size: int, skipped: int, rotate: int
+) -> None:
+    """Whatever comes, and however it is cut: the files joined are the input, from a frame on."""
+    with tempfile.TemporaryDirectory() as folder:
+        acquisition = Acquisition(None)
+        acquisition.push(data[:skipped])
+        acquisition.record(Path(folder, "log.mtb"), rotate_bytes=rotate, flush=0, times=False)
+        for at in range(skipped, len(data), size):
+            acquisition.push(data[at : at + size])
+        report = acquisition.stop_recording()
+        assert report is not None
+        assert report["error"] is None
+        logs = [Path(it).read_bytes() for it in report["files"]]
+    joined = b"".join(logs)
+    assert len(joined) == report["bytes"]
+    assert data.endswith(joined)
+    assert len(joined) >= len(data) - skipped
+    frames = sum(read(it, limit=8185).stats.frames for it in logs)
+    assert frames >= read(joined, limit=8185).stats.frames
 
 
 def test_a_wait_ends_when_bytes_come(pty: tuple[int, str]) -> None:
@@ -367,8 +432,8 @@ WAIT = """
 import sys
 from xbus._core import Acquisition
 acquisition = Acquisition(0)
-print("ready", flush=True)
 try:
+    print("ready", flush=True)
     acquisition.read()
 except KeyboardInterrupt:
     print("heard", flush=True)

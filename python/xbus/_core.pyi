@@ -309,7 +309,8 @@ class Acquisition:
 
         Args:
             timeout: Most seconds to wait; None for no limit. After it what there is is taken.
-            least: How many bytes to wait for. More than half the queue's bound are not waited for.
+            least: How many bytes to wait for. More than half the queue's bound are not waited for. With more
+                than one they may come a millisecond later, for less of the processor.
 
         Returns:
             Position of the first byte in the stream; the bytes; where each of the pieces in which they came

@@ -8,10 +8,17 @@ use std::time::Duration;
 use super::recorder::{Recorder, Recording, Report};
 use super::tally::{Counts, Tally};
 use super::time::{epoch, monotonic};
-use super::{PIECE, Piece, lock};
+use super::{PIECE, Piece, lock, most_pieces};
 
 /// How many bytes are kept for the program unless it says otherwise: 60 seconds at 4 Mbaud.
 pub const QUEUE: usize = 24_000_000;
+
+/// Pieces that follow each other so fast, in ns, and that nobody waits for, are taken together: once in so long. A read
+/// costs the same for one frame as for ten.
+#[cfg(unix)]
+const OFTEN: i64 = 2_000_000;
+#[cfg(unix)]
+const REST: Duration = Duration::from_millis(1);
 
 const CLOSED: &str = "it was closed";
 
@@ -24,6 +31,8 @@ pub struct Acquisition {
     shared: Arc<Shared>,
     #[cfg(unix)]
     thread: Mutex<Option<Thread>>,
+    /// The process that has the threads.
+    process: u32,
 }
 
 /// The thread that reads a port.
@@ -49,12 +58,15 @@ struct State {
     pieces: VecDeque<Piece>,
     /// The reader waits for so many bytes; 0 if nobody waits.
     wanted: usize,
+    /// Since the last piece somebody has waited for the very next one.
+    hurry: bool,
     tally: Tally,
     most_queued: usize,
     dropped: u64,
     last_arrival: Option<i64>,
     /// What the drivers have counted since their ports were opened, and the present one's counter when it was last read.
     overruns: Option<u64>,
+    #[cfg(unix)]
     overruns_seen: Option<u64>,
     recorder: Option<Arc<Recorder>>,
     ended: Option<String>,
@@ -89,7 +101,7 @@ pub struct Stats {
 }
 
 impl Acquisition {
-    /// Keeps up to `bound` bytes, and always the last piece.
+    /// Keeps up to `bound` bytes, and always the last piece. Pieces shorter than 16 bytes count as so many.
     #[must_use]
     pub fn new(bound: usize) -> Self {
         let shared = Shared { state: Mutex::default(), arrived: Condvar::new(), bound, epoch: epoch() };
@@ -97,6 +109,7 @@ impl Acquisition {
             shared: Arc::new(shared),
             #[cfg(unix)]
             thread: Mutex::new(None),
+            process: std::process::id(),
         }
     }
 
@@ -133,6 +146,7 @@ impl Acquisition {
     }
 
     /// Takes in what has come by other ways; whether it was taken, and not after the end.
+    #[allow(clippy::must_use_candidate)] // whoever knows that it has not ended need not look
     pub fn push(&self, bytes: &[u8]) -> bool {
         let arrival = monotonic();
         bytes.chunks(PIECE).all(|piece| self.shared.take_in(piece, arrival))
@@ -152,13 +166,15 @@ impl Acquisition {
     /// Waits until there are `least` bytes, or the stream has ended, but no longer than this; whether there is something
     /// to take, or nothing more to wait for.
     ///
-    /// More bytes than half of what the queue holds are not waited for. One thread waits at a time.
+    /// More bytes than half of what the queue holds are not waited for. One thread waits at a time. Who waits for more than
+    /// one byte may get them a millisecond later, for less of the processor.
     #[must_use]
     pub fn wait(&self, least: usize, timeout: Duration) -> bool {
         let least = least.min(self.shared.bound / 2).max(1);
         let is_short = |it: &mut State| it.bytes.len() < least && it.ended.is_none();
         let mut state = lock(&self.shared.state);
         state.wanted = least;
+        state.hurry |= least == 1;
         let waited = self.shared.arrived.wait_timeout_while(state, timeout, is_short);
         (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
         state.wanted = 0;
@@ -236,6 +252,9 @@ impl Acquisition {
 
     /// Ends everything: the thread, the recording. What is queued can still be taken, and the recording's report too.
     pub fn close(&self) {
+        if std::process::id() != self.process {
+            return; // a fork has none of the threads, and must not disturb those of its parent
+        }
         #[cfg(unix)]
         if let Some(thread) = lock(&self.thread).take() {
             thread.stop();
@@ -272,10 +291,21 @@ impl Shared {
 
         let _last = LastWords(self);
         let mut buffer = vec![0; PIECE];
+        let mut last = i64::MIN;
         let reason = loop {
             match port.read(&mut buffer) {
-                Ok(Came::Bytes(count)) if self.take_in(&buffer[..count], monotonic()) => {}
-                Ok(Came::Bytes(_) | Came::Wake) => break CLOSED.to_owned(),
+                Ok(Came::Bytes(count)) => {
+                    let arrival = monotonic();
+                    if !self.take_in(&buffer[..count], arrival) {
+                        break CLOSED.to_owned();
+                    }
+                    let hurry = std::mem::take(&mut lock(&self.state).hurry);
+                    if arrival.saturating_sub(last) < OFTEN && !hurry {
+                        port.rest(REST);
+                    }
+                    last = arrival;
+                }
+                Ok(Came::Wake) => break CLOSED.to_owned(),
                 Ok(Came::End) => break "the port is gone: unplugged, or closed on the other side".to_owned(),
                 Err(error) => break format!("the port cannot be read: {error}"),
             }
@@ -300,7 +330,8 @@ impl Shared {
         state.bytes.extend(piece);
         state.pieces.push_back(Piece { end, arrival });
         state.most_queued = state.most_queued.max(state.bytes.len().min(self.bound));
-        while state.bytes.len() > self.bound && state.pieces.len() > 1 {
+        let most = most_pieces(self.bound);
+        while state.pieces.len() > 1 && (state.bytes.len() > self.bound || state.pieces.len() > most) {
             state.drop_oldest();
         }
         let is_awaited = state.wanted > 0 && state.bytes.len() >= state.wanted;

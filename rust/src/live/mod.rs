@@ -31,6 +31,11 @@ pub struct Piece {
 /// Most bytes that are taken as one piece.
 const PIECE: usize = 64 << 10;
 
+/// How many pieces a queue holds at most, so that short ones do not take more room than the bytes may.
+const fn most_pieces(bound: usize) -> usize {
+    bound / size_of::<Piece>()
+}
+
 /// A mutex whose holder may have panicked: what it guards here is whole between any two statements.
 fn lock<T>(mutex: &std::sync::Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)

@@ -7,6 +7,7 @@
 use std::fs::File;
 use std::io::{self, PipeReader, PipeWriter, Read, Write, pipe};
 use std::os::fd::{AsRawFd, FromRawFd, OwnedFd, RawFd};
+use std::time::Duration;
 
 /// A port, and the pipe that ends a wait for it.
 #[derive(Debug)]
@@ -55,7 +56,10 @@ impl Port {
         const GONE: [i32; 2] = [libc::EIO, libc::ENXIO];
         let mut forever = true;
         loop {
-            let [port, wake] = self.poll(forever)?;
+            let timeout = if forever { FOREVER } else { 0 };
+            let mut entries = [readable(&self.file), readable(&self.woken)];
+            poll(&mut entries, timeout)?;
+            let [port, wake] = entries.map(|it| it.revents);
             if wake != 0 {
                 return Ok(Came::Wake);
             }
@@ -87,22 +91,10 @@ impl Port {
         let _ = (&self.wake).write(&[0]);
     }
 
-    /// What has happened to the port and to the pipe: the bits of poll.
-    fn poll(&self, forever: bool) -> io::Result<[libc::c_short; 2]> {
-        let entry = |fd| libc::pollfd { fd, events: libc::POLLIN, revents: 0 };
-        let mut entries = [entry(self.file.as_raw_fd()), entry(self.woken.as_raw_fd())];
-        loop {
-            // SAFETY: the pointer and the count are those of an array that lives through the call.
-            #[allow(unsafe_code)]
-            let result = unsafe { libc::poll(entries.as_mut_ptr(), 2, if forever { -1 } else { 0 }) };
-            if result >= 0 {
-                return Ok(entries.map(|it| it.revents));
-            }
-            let error = io::Error::last_os_error();
-            if error.kind() != io::ErrorKind::Interrupted {
-                return Err(error);
-            }
-        }
+    /// Lets bytes come together for so long, unless somebody calls [`Port::wake`].
+    pub fn rest(&self, time: Duration) {
+        // If it fails there is no rest, and the next read says why.
+        let _ = poll(&mut [readable(&self.woken)], i32::try_from(time.as_millis()).unwrap_or(i32::MAX));
     }
 
     /// How often the driver or its chip had no room for a byte, since the system started; `None` where nobody counts.
@@ -122,7 +114,32 @@ impl Port {
 
     /// How often the driver or its chip had no room for a byte; this system does not tell.
     #[cfg(not(target_os = "linux"))]
+    #[allow(clippy::unused_self)]
     pub fn overruns(&self) -> Option<u64> {
         None
+    }
+}
+
+const FOREVER: i32 = -1;
+
+fn readable(file: &impl AsRawFd) -> libc::pollfd {
+    libc::pollfd { fd: file.as_raw_fd(), events: libc::POLLIN, revents: 0 }
+}
+
+/// Waits until something has happened to one of them, for so many milliseconds.
+fn poll(entries: &mut [libc::pollfd], timeout: i32) -> io::Result<()> {
+    #[allow(clippy::cast_possible_truncation)] // two at most
+    let count = entries.len() as libc::nfds_t;
+    loop {
+        // SAFETY: the pointer and the count are those of a slice that lives through the call.
+        #[allow(unsafe_code)]
+        let result = unsafe { libc::poll(entries.as_mut_ptr(), count, timeout) };
+        if result >= 0 {
+            return Ok(());
+        }
+        let error = io::Error::last_os_error();
+        if error.kind() != io::ErrorKind::Interrupted {
+            return Err(error);
+        }
     }
 }

@@ -29,7 +29,7 @@
 //! (unless it is the last of the file), so the records take at most 1.6 kB/s. After a crash the last records may be
 //! missing, or, where the log was cut, lie behind its end.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -37,7 +37,7 @@ use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use super::time::monotonic;
-use super::{Piece, lock};
+use super::{Piece, lock, most_pieces};
 use crate::scan::{Scanner, Step, Window};
 use crate::table::LONGEST_PAYLOAD;
 
@@ -71,7 +71,7 @@ pub struct Recording {
     pub rotate_after: Option<Duration>,
     /// Whether to note when bytes came.
     pub times: bool,
-    /// Most bytes that may wait for the disk.
+    /// Most bytes that may wait for the disk. Pieces shorter than 16 bytes count as so many.
     pub bound: usize,
 }
 
@@ -159,7 +159,8 @@ impl Recorder {
             return;
         }
         let waiting = queue.bytes.len();
-        if waiting + bytes.len() > self.bound && waiting > 0 {
+        let is_full = waiting + bytes.len() > self.bound || queue.pieces.len() >= most_pieces(self.bound);
+        if is_full && waiting > 0 {
             (queue.closed, queue.overflow) = (true, true);
             self.desk.due.notify_one();
             return;
@@ -274,6 +275,8 @@ struct Writer {
     recording: Recording,
     epoch: i64,
     output: Output,
+    /// What comes next belongs into another file.
+    full: bool,
     files: Vec<PathBuf>,
     /// Finds the ends of frames. Its positions, and all others here, count the bytes received.
     scanner: Scanner,
@@ -291,6 +294,7 @@ impl Writer {
             recording,
             epoch,
             output,
+            full: false,
             scanner: Scanner::new(LONGEST_PAYLOAD),
             undecided: vec![],
             written: 0,
@@ -304,36 +308,39 @@ impl Writer {
 
     /// Writes bytes, which end with the last of the pieces; the pieces' ends count from the first of these bytes.
     fn write(&mut self, bytes: &[u8], pieces: &[Piece]) -> io::Result<()> {
-        let start = self.written;
+        let mut batch = Batch { bytes, pieces, start: self.written, ends: vec![] };
+        let result = self.write_batch(&mut batch);
+        // What is left there did not reach the disk.
+        self.frames -= batch.ends.len() as u64;
+        result
+    }
+
+    fn write_batch(&mut self, batch: &mut Batch<'_>) -> io::Result<()> {
         let offset = self.scanner.at();
-        let mut batch = Batch { bytes, pieces, start, ends: vec![] };
-        self.undecided.extend_from_slice(bytes);
-        let undecided = std::mem::take(&mut self.undecided);
-        loop {
-            let window = Window { bytes: &undecided, offset, last: false };
-            match self.scanner.step(window) {
-                Step::Frame { at, length, .. } => {
-                    let end = offset + (at + length) as u64;
-                    self.frames += 1;
-                    // A frame may be known for one only when more has come, and then its end is written already.
-                    if end < self.written {
-                        self.output.whole =
-                            self.output.whole.max(self.output.length.saturating_sub(self.written - end));
-                        continue;
-                    }
-                    batch.ends.push(end);
-                    if self.is_full(end, batch.arrival(end)) {
-                        self.put(&mut batch, end)?;
-                        self.flush(true)?;
-                        self.rotate(batch.arrival(end))?;
-                    }
-                }
-                Step::More | Step::End(_) => break,
+        let mut undecided = std::mem::take(&mut self.undecided);
+        undecided.extend_from_slice(batch.bytes);
+        while let Step::Frame { at, length, .. } = self.scanner.step(Window { bytes: &undecided, offset, last: false })
+        {
+            let end = offset + (at + length) as u64;
+            self.frames += 1;
+            // Some frames are known only by what follows them. Then this end may be written already.
+            if end < self.written {
+                let place = self.output.length.saturating_sub(self.written - end);
+                self.output.whole = self.output.whole.max(place);
+                continue;
+            }
+            batch.ends.push(end);
+            self.turn_over(batch, end)?;
+            if self.is_full(end, batch.arrival(end)) {
+                self.put(batch, end)?;
+                self.flush(true)?;
+                self.full = true;
             }
         }
         #[allow(clippy::cast_possible_truncation)] // a position in what is undecided
-        self.undecided.extend_from_slice(&undecided[(self.scanner.at() - offset) as usize..]);
-        self.put(&mut batch, start + bytes.len() as u64)
+        undecided.drain(..(self.scanner.at() - offset) as usize);
+        self.undecided = undecided;
+        self.put(batch, batch.start + batch.bytes.len() as u64)
     }
 
     /// Writes the times, and makes the disk have it all if that was asked for; `last` is for a file that ends.
@@ -349,16 +356,22 @@ impl Writer {
             || self.recording.rotate_after.is_some_and(|it| lasted >= it)
     }
 
-    fn rotate(&mut self, arrival: i64) -> io::Result<()> {
+    /// Begins another file if the present one is full and something is to be written up to this position.
+    fn turn_over(&mut self, batch: &Batch<'_>, to: u64) -> io::Result<()> {
+        if !self.full || to == self.written {
+            return Ok(());
+        }
         let path = numbered(&self.recording.path, self.files.len());
         self.output = Output::new(&self.recording, path.clone(), self.epoch).map_err(of_file(&path))?;
-        self.output.began = arrival;
+        self.output.began = batch.arrival(self.written + 1);
         self.files.push(path);
+        self.full = false;
         Ok(())
     }
 
     /// Writes the batch up to this position.
     fn put(&mut self, batch: &mut Batch<'_>, to: u64) -> io::Result<()> {
+        self.turn_over(batch, to)?;
         let length = self.output.length;
         let result = self.output.put(batch.between(self.written, to));
         let begin = self.written;
@@ -370,10 +383,7 @@ impl Writer {
             self.output.whole = place(*end);
         }
         batch.ends.drain(..done);
-        if let Err(error) = result {
-            self.frames -= batch.ends.len() as u64;
-            return Err(of_file(&self.output.path)(error));
-        }
+        result.map_err(of_file(&self.output.path))?;
         for piece in batch.pieces {
             let end = batch.start + piece.end;
             if end > begin {
@@ -444,8 +454,16 @@ struct Times {
 
 impl Output {
     fn new(recording: &Recording, path: PathBuf, epoch: i64) -> io::Result<Self> {
-        let times = if recording.times { Some(Times::new(&path, epoch)?) } else { None };
         let file = File::create(&path)?;
+        let mut times_path = path.as_os_str().to_owned();
+        times_path.push(".times");
+        let times = if recording.times {
+            Some(Times::new(times_path.as_ref(), epoch)?)
+        } else {
+            // Those of a log that has just been overwritten would be taken for its own.
+            let _ = fs::remove_file(times_path);
+            None
+        };
         let mut output = Self { path, file, length: 0, whole: 0, began: monotonic(), times };
         if let Err(error) = output.put(&recording.head) {
             output.cut();
@@ -498,9 +516,7 @@ impl Output {
 
 impl Times {
     fn new(path: &Path, epoch: i64) -> io::Result<Self> {
-        let mut name = path.as_os_str().to_owned();
-        name.push(".times");
-        let mut file = File::create(name)?;
+        let mut file = File::create(path)?;
         let mut header = Vec::with_capacity(TIMES_HEADER);
         header.extend(TIMES_MAGIC);
         header.extend(TIMES_VERSION.to_le_bytes());
