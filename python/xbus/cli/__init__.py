@@ -24,8 +24,10 @@ COMMANDS = {
     "messages": "tables",
     "ports": "ports",
     "send": "send",
+    "record": "record",
     "ntrip": "ntrip",
     "sim": "sim",
+    "demo": "demo",
 }
 
 

@@ -8,14 +8,14 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import IO, Any, NoReturn
 
 import click
 
 from xbus.errors import XbusError
 
-__all__ = ["Failure", "cannot", "guarded"]
+__all__ = ["Failure", "cannot", "guarded", "told_to_stop"]
 
 #: What to do about it.
 ADVICE = {
@@ -94,6 +94,20 @@ def _terminable() -> Iterator[None]:
     finally:
         for it in ours:
             signal.signal(it, signal.SIG_DFL)
+
+
+@contextlib.contextmanager
+def told_to_stop() -> Iterator[Callable[[], bool]]:
+    """Whether Ctrl-C or SIGTERM has come, for commands of which it is the way to end, and no failure."""
+    numbers: list[int] = []
+    # Who is started in the background by a script is not meant to hear Ctrl-C.
+    ours = [it for it in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(it) != signal.SIG_IGN]
+    before = [signal.signal(it, lambda number, _: numbers.append(number)) for it in ours]
+    try:
+        yield lambda: bool(numbers)
+    finally:
+        for number, handler in zip(ours, before, strict=True):
+            signal.signal(number, handler)
 
 
 def _hush() -> None:

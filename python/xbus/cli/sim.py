@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 import os
-import signal
-from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.failure import Failure, cannot
+from xbus.cli.failure import Failure, cannot, told_to_stop
 from xbus.cli.inputs import no_frame
 from xbus.cli.output import put
 
@@ -95,7 +92,7 @@ def sim(
     --tcp it is a URL for pyserial, socket://HOST:PORT, and one client at a time gets in. After a pulled
     plug there is a new port, and a new line.
     """
-    with _told_to_stop() as is_stopped:
+    with told_to_stop() as is_stopped:
         from xbus.sim.device import BOOT_TIME, WAKE_UP_TIME
         from xbus.sim.serve import serve
 
@@ -110,20 +107,6 @@ def sim(
 
         with _server(device, tcp, link) as server:
             serve(server, until, lambda port: put(f"port: {port}", now=True))
-
-
-@contextlib.contextmanager
-def _told_to_stop() -> Iterator[Callable[[], bool]]:
-    """Whether Ctrl-C or SIGTERM has come: the way in which this command ends, and no failure."""
-    numbers: list[int] = []
-    # Who is started in the background by a script is not meant to hear Ctrl-C.
-    ours = [it for it in (signal.SIGINT, signal.SIGTERM) if signal.getsignal(it) != signal.SIG_IGN]
-    before = [signal.signal(it, lambda number, _: numbers.append(number)) for it in ours]
-    try:
-        yield lambda: bool(numbers)
-    finally:
-        for number, handler in zip(ours, before, strict=True):
-            signal.signal(number, handler)
 
 
 def _device(

@@ -1,0 +1,290 @@
+"""``xbus record``: every byte of a device into a file."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xbus.cli.connection import connected
+from xbus.cli.failure import Failure, cannot, told_to_stop
+from xbus.cli.inputs import label
+from xbus.cli.output import count
+from xbus.errors import StateError, XbusError
+
+if TYPE_CHECKING:
+    from xbus.device import Device
+    from xbus.device.recording import Recording
+    from xbus.device.stats import LiveStats
+
+__all__ = ["record"]
+
+#: Seconds between two looks at a recording, which goes on by itself.
+LOOK = 0.2
+#: Silence that is told, in seconds: the slowest rate is 1 Hz.
+SILENCE = 5.0
+#: What --rotate counts, by its unit.
+BYTES = {"kb": 1_000, "mb": 1_000_000, "gb": 1_000_000_000}
+SECONDS = {"s": 1, "min": 60, "h": 3600}
+
+
+def _rotation(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    value: str | None,
+) -> dict[str, Any]:
+    """When another file begins, as `Device.record` takes it."""
+    if value is None:
+        return {}
+    if found := re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]+)", value.lower()):
+        number, unit = float(found[1]), found[2]
+        if unit in BYTES and number > 0:
+            return {"rotate_bytes": math.ceil(number * BYTES[unit])}
+        if unit in SECONDS and number > 0:
+            return {"rotate_seconds": number * SECONDS[unit]}
+    raise click.BadParameter(f"{value!r} is no size (100MB, 2GB) and no time (90s, 30min, 1h)")
+
+
+def _outputs(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    values: Sequence[str],
+) -> dict[Any, int | None]:
+    """Rates by quantity, as `Device.configure` takes them."""
+    outputs: dict[Any, int | None] = {}
+    for it in values:
+        words, equals, rate = it.partition("=")
+        if equals and not (rate.isascii() and rate.isdecimal()):
+            raise click.BadParameter(f"{it!r}: a rate is a whole number of Hz")
+        name, *more = words.split(":")
+        outputs[(name, *more) if more else name] = int(rate) if equals else None
+    if outputs:
+        from xbus.device.output import outputs_of
+
+        try:
+            outputs_of(outputs)
+        except (KeyError, ValueError) as error:
+            raise click.BadParameter(f"{error.args[0]}") from None
+    return outputs
+
+
+@click.command(epilog="Example: xbus record /dev/ttyUSB0 -o walk.mtb --duration 60")
+@click.argument("port")
+@click.option(
+    "-o",
+    "out",
+    type=click.Path(),
+    metavar="FILE",
+    required=True,
+    help="What to write; what is there is overwritten.",
+)
+@click.option(
+    "--duration", type=click.FloatRange(min=0, min_open=True), metavar="S", help="How many seconds."
+)
+@click.option(
+    "--rotate",
+    callback=_rotation,
+    metavar="SIZE|TIME",
+    help="Begin another file after so much: 100MB, 2GB, 30min, 1h. FILE walk.mtb is followed by "
+    "walk-0001.mtb.",
+)
+@click.option(
+    "--output",
+    "outputs",
+    callback=_outputs,
+    multiple=True,
+    metavar="QUANTITY[=RATE]",
+    help="Set the output configuration first: acceleration=100, quaternion:NED=50; repeatable. "
+    "Without a rate, the highest.",
+)
+@click.option(
+    "--baudrate",
+    type=click.IntRange(1, 4_000_000),
+    metavar="RATE",
+    help="Bits per second; without it, the usual ones are tried.",
+)
+@click.option(
+    "--fsync", is_flag=True, help="Twice a second, make sure that a power cut loses nothing."
+)
+@click.option("--no-times", is_flag=True, help="Do not write FILE.times, when the bytes came.")
+def record(
+    port: str,
+    out: str,
+    duration: float | None,
+    rotate: dict[str, Any],
+    outputs: dict[Any, int | None],
+    baudrate: int | None,
+    fsync: bool,
+    no_times: bool,
+) -> None:
+    """Records every byte that a device sends.
+
+    Until Ctrl-C, SIGTERM or --duration. The file is one that MT Manager opens: it begins with what the
+    device is and how it is set, for which the device stops measuring for a moment. It is written twice a
+    second, and whatever happens, what was written can be read.
+
+    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device, whose
+    time flies.
+    """
+    from xbus.protocol import State
+
+    with told_to_stop() as is_stopped, connected(port, baudrate) as device:
+        found = device.state
+        with _configured(device, outputs):
+            before = device.stats
+            try:
+                recording = device.record(out, fsync=fsync, times=not no_times, **rotate)
+            except OSError as error:
+                raise cannot(f"write {label(error.filename or out)}", error) from error
+        if device.state != State.MEASUREMENT:
+            device.go_to_measurement()
+        with _Shown(device, recording, before) as shown:
+            _wait(shown, is_stopped, duration or math.inf)
+        if found == State.CONFIG:
+            with contextlib.suppress(XbusError):
+                device.go_to_config()
+
+
+@contextlib.contextmanager
+def _configured(device: Device, outputs: dict[Any, int | None]) -> Iterator[None]:
+    """Config State, with these outputs set."""
+    with device.configure():
+        try:
+            if outputs:
+                device.set_output_configuration(outputs)
+        except StateError:
+            raise
+        except ValueError as error:  # it is the product, or the line, that cannot do it
+            raise Failure(f"{error}; nothing was recorded") from None
+        yield
+
+
+def _wait(shown: _Shown, is_stopped: Callable[[], bool], duration: float) -> None:
+    """Looks at the recording now and then until it is to end.
+
+    Raises:
+        Failure: It ended by itself, or there is nothing to record.
+    """
+    link, recording = shown.device.link, shown.recording
+    heard_at, size, is_silent = link.clock(), 0, False
+    while not is_stopped() and (left := duration - shown.elapsed) > 0:
+        link.pause(min(LOOK, left))
+        try:
+            link.read(0)  # nobody wants them: they are counted, and on their way to the disk
+        except OSError as error:
+            raise shown.ended(f"{link.name}: {error}") from error
+        stats = shown.update()
+        if recording.error is not None:
+            raise shown.ended(recording.error)
+        if stats.bytes > size:
+            heard_at, size, is_silent = link.clock(), stats.bytes, False
+        elif link.clock() - heard_at >= SILENCE and not is_silent:
+            is_silent = True
+            if stats.samples == shown.before.samples:
+                raise Failure(
+                    f"nothing comes from {link.name}: has it outputs (xbus send {link.name} --config"
+                    " ReqOutputConfiguration), or does it wait for a trigger?"
+                )
+            shown.say(f"nothing has come for {SILENCE:g} s; the recording goes on")
+
+
+class _Shown:
+    """Stops a recording in the end, and shows how it goes: one line that changes on a terminal."""
+
+    def __init__(self, device: Device, recording: Recording, before: LiveStats) -> None:
+        self.device, self.recording, self.before = device, recording, before
+        self._began = device.link.clock()
+        self._terminal = sys.stderr is not None and sys.stderr.isatty()
+        self._rate, self._rated = 0.0, (self._began, before.samples)
+
+    def __enter__(self) -> _Shown:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if self._terminal:
+            self._line("")
+        try:
+            self.recording.stop()
+        except OSError as error:
+            if kind is None:
+                raise self.ended(str(self.recording.error)) from error
+        if kind is None:
+            click.echo(self.summary(), err=True)
+
+    def ended(self, why: str) -> Failure:
+        """The failure that ended it, and what was written until then."""
+        with contextlib.suppress(OSError):
+            self.recording.stop()
+        return Failure(f"{why}; {self.summary()}")
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since it began, on the device's side of the link."""
+        return self.device.link.clock() - self._began
+
+    def say(self, text: str) -> None:
+        """Prints a line that stays."""
+        if self._terminal:
+            self._line("")
+        click.echo(f"xbus: {text}", err=True)
+
+    def update(self) -> LiveStats:
+        """Shows how it goes; what was counted."""
+        stats, now = self.device.stats, self.device.link.clock()
+        then, samples = self._rated
+        if now - then >= 1:
+            self._rate = (stats.samples - samples) / (now - then)
+            self._rated = now, stats.samples
+        if self._terminal:
+            minutes, seconds = divmod(int(self.elapsed), 60)
+            self._line(
+                f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
+                f"  {_size(self.recording.bytes)}  {self._rate:,.0f} samples/s"
+                f"  {self._lost(stats)}  {_size(self.recording.queued_bytes)} queued"
+            )
+        return stats
+
+    def summary(self) -> str:
+        """What was written, and what was lost."""
+        stats, files = self.device.stats, self.recording.files
+        names = label(files[0]) + (f" to {label(files[-1])}" if len(files) > 1 else "")
+        samples = count(stats.samples - self.before.samples, "sample")
+        size = _size(self.recording.bytes)
+        return f"{names}: {self.elapsed:,.1f} s, {samples}, {size}; {self._lost(stats)}"
+
+    def _lost(self, stats: LiveStats) -> str:
+        """What is missing or damaged, by all that can tell."""
+        before = self.before
+        said = []
+        if lost := stats.lost_samples - before.lost_samples:
+            gaps = count(stats.gaps - before.gaps, "gap")
+            said.append(f"{count(lost, 'sample')} lost in {gaps}")
+        if skipped := stats.skipped_bytes - before.skipped_bytes:
+            said.append(f"{count(skipped, 'byte')} damaged")
+        if overruns := (stats.overruns or 0) - (before.overruns or 0):
+            said.append(f"{count(overruns, 'overrun')} in the driver")
+        if errors := stats.errors - before.errors:
+            said.append(f"{count(errors, 'error')} of the device, the last: {stats.last_error}")
+        if said:
+            return ", ".join(said)
+        return (
+            "nothing lost" if "packet_counter" in stats.quantities else "no counter to tell losses"
+        )
+
+    def _line(self, text: str) -> None:
+        width = shutil.get_terminal_size().columns - 1
+        click.echo(f"\r{text[:width]:<{width}}\r", nl=False, err=True)
+
+
+def _size(number: int) -> str:
+    """So many bytes."""
+    for unit, size in (("GB", 1_000_000_000), ("MB", 1_000_000), ("kB", 1_000)):
+        if number >= size:
+            return f"{number / size:.1f} {unit}"
+    return f"{number} bytes"
