@@ -30,6 +30,9 @@ bench:
 	python benches/memory.py
 	python benches/startup.py
 	python benches/virtual.py
+	python benches/live.py
+	python benches/flood.py
+	python benches/soak.py 60
 
 docs:
 	sphinx-build -W -b html docs docs/_build/html
