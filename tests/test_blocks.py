@@ -45,7 +45,7 @@ def test_blocks_joined_are_the_log(size: int) -> None:
 
 
 def test_host_time_of_a_virtual_device_is_its_own_time() -> None:
-    """No transport, no drift: late is only what the link's steps make late, and the clock sees through that."""
+    """No transport, no drift: late is only what the link's steps make late; the clock sees through it."""
     device = measuring()
     blocks = [block for block, _ in zip(device.blocks(samples=100), range(30), strict=False)]
     host = np.concatenate([it.host_time for it in blocks])
@@ -53,6 +53,22 @@ def test_host_time_of_a_virtual_device_is_its_own_time() -> None:
     assert np.isfinite(host).all()
     assert (np.diff(host) >= 0).all()
     assert np.ptp((host - time)[1000:]) < 1e-3
+
+
+def test_samples_have_the_times_of_blocks() -> None:
+    one, other = measuring(), measuring()
+    blocks = [block for _, block in zip(range(10), other.blocks(samples=50), strict=False)]
+    samples = [sample for _, sample in zip(range(500), one, strict=False)]
+    assert [it.time for it in samples] == np.concatenate([it.time for it in blocks]).tolist()
+    assert [it.host_time for it in samples] == np.concatenate(
+        [it.host_time for it in blocks]
+    ).tolist()
+
+
+def test_a_sample_without_a_stamp_has_no_time() -> None:
+    sample = measuring({"acceleration": 10}).read_sample()
+    assert np.isnan([sample.time, sample.host_time]).all()
+    assert np.isnan([xbus.Sample(b"").time, xbus.Sample(b"").host_time]).all()
 
 
 def test_blocks_by_time() -> None:

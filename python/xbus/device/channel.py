@@ -13,6 +13,7 @@ from typing import Any, NoReturn
 from xbus.device.link import Link
 from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Event, Notice, Refusal, Reply, Session
+from xbus.device.timing import Timing
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.protocol.messages import ROWS
 from xbus.protocol.values import State
@@ -60,6 +61,7 @@ class Channel:
         notices: Messages that nobody asked for, the latest 100.
         lost_samples: Samples that nobody read before 60,000 others came.
         device_id: Device identifier, once it has been read.
+        timing: The clocks by which samples tell their times.
     """
 
     def __init__(self, link: Link, session: Session, *, reconnect: bool = False) -> None:
@@ -72,6 +74,7 @@ class Channel:
         self.samples: deque[Sample] = deque()
         self.notices: deque[Notice] = deque(maxlen=100)
         self.lost_samples = 0
+        self.timing = Timing(link.epoch)
         if link.trouble is not None:
             self.notices.append(Notice("Port", link.trouble, b"", session.bid, None))
         self._answers: deque[Reply | Refusal] = deque()
@@ -111,7 +114,7 @@ class Channel:
     def _keep(self, events: Iterable[Event], arrival: float | None = None) -> None:
         for event in events:
             if isinstance(event, Sample):
-                event.arrival = arrival
+                event.arrival, event.timing = arrival, self.timing
                 if len(self.samples) >= KEPT:
                     self.samples.popleft()
                     self.lost_samples += 1

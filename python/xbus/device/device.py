@@ -212,6 +212,7 @@ class Device(Commands):
             self.hardware = self.req_hardware_version()
         if self.product_code is not None and (product := product_of_code(self.product_code)):
             self.session.identify(support(product, self.hardware))
+            self._channel.timing.wrap = product.fine_wrap
 
     def go_to_measurement(self) -> None:
         """GoToMeasurement (0x10): enters Measurement State; what was measured before and not read is gone."""

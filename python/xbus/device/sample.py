@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 
 from xbus import _core
 from xbus.codec import encode_frame
+from xbus.device.timing import Timing
 from xbus.ids import MessageId
 from xbus.source import Key
 from xbus.tables import QUANTITIES
@@ -41,12 +43,30 @@ class Sample(Mapping[Key, Any]):
     (57285, [-0.4308698773384094, 0.8305544257164001, 9.795761108398438])
     """
 
-    __slots__ = ("__dict__", "arrival", "bid", "payload")
+    __slots__ = ("__dict__", "arrival", "bid", "payload", "timing")
 
     def __init__(self, payload: bytes, bid: int = 0xFF) -> None:
         self.payload = payload
         self.bid = bid
         self.arrival: float | None = None
+        self.timing: Timing | None = None
+
+    @cached_property
+    def _times(self) -> tuple[float, float]:
+        return (math.nan, math.nan) if self.timing is None else self.timing.of(self)
+
+    @property
+    def time(self) -> float:
+        """Seconds on the device's clock, unwrapped; NaN where it carries none, or did not come over a link.
+
+        This and `host_time` go by the samples before: ask for them in the order in which the samples came.
+        """
+        return self._times[0]
+
+    @property
+    def host_time(self) -> float:
+        """The same instant on this computer's clock, seconds since 1970, by a `HostClock`; or NaN."""
+        return self._times[1]
 
     @cached_property
     def _packets(self) -> dict[Key, Packet]:
