@@ -74,8 +74,9 @@ def demo(folder: str, seconds: float, product: str) -> None:
     """From connecting to a picture, with a virtual device.
 
     It is configured to send all that it can as fast as it can, on a port like that of a real one; that is
-    recorded, decoded, summarised and drawn. The table is Parquet where pyarrow is installed (the extra arrow), else an npz. The picture is a PNG where
-    matplotlib is installed (the extra plot), else a few lines on the terminal.
+    recorded, decoded, summarised and drawn. The table is Parquet where pyarrow is installed (the extra
+    arrow), else an npz. The picture is a PNG where matplotlib is installed (the extra plot), else a few
+    lines on the terminal.
     """
     from xbus.cli.facts import Facts
     from xbus.cli.page import page

@@ -137,14 +137,16 @@ def record(
     with told_to_stop() as is_stopped, connected(port, baudrate) as device:
         found = device.state
         with _configured(device, outputs):
-            before = device.stats
             try:
                 recording = device.record(out, fsync=fsync, times=not no_times, **rotate)
             except OSError as error:
                 raise cannot(f"write {label(error.filename or out)}", error) from error
+            before = device.stats  # nothing comes in this state: it is what is not in the file
         if device.state != State.MEASUREMENT:
             device.go_to_measurement()
         with _Shown(device, recording, before) as shown:
+            if device.link.trouble is not None:
+                shown.say(device.link.trouble)
             _wait(shown, is_stopped, duration or math.inf)
         if found == State.CONFIG:
             with contextlib.suppress(XbusError):
@@ -254,7 +256,9 @@ class _Shown:
         """What was written, and what was lost."""
         stats, files = self.device.stats, self.recording.files
         names = label(files[0]) + (f" to {label(files[-1])}" if len(files) > 1 else "")
-        samples = count(stats.samples - self.before.samples, "sample")
+        # The stats go on when the recording has ended.
+        others = stats.messages - self.before.messages
+        samples = count(self.recording.frames - others, "sample")
         size = _size(self.recording.bytes)
         return f"{names}: {self.elapsed:,.1f} s, {samples}, {size}; {self._lost(stats)}"
 
@@ -273,9 +277,8 @@ class _Shown:
             said.append(f"{count(errors, 'error')} of the device, the last: {stats.last_error}")
         if said:
             return ", ".join(said)
-        return (
-            "nothing lost" if "packet_counter" in stats.quantities else "no counter to tell losses"
-        )
+        counted = [it.quantities.get("packet_counter", 0) for it in (before, stats)]
+        return "nothing lost" if counted[0] < counted[1] else "no counter to tell losses"
 
     def _line(self, text: str) -> None:
         width = shutil.get_terminal_size().columns - 1

@@ -49,12 +49,17 @@ class Recording:
 
     @property
     def bytes(self) -> int:
-        """Bytes received that are in the files, or on their way."""
+        """Bytes received that are in the files."""
         return int(str(self._facts().get("bytes", 0)))
 
     @property
+    def frames(self) -> int:
+        """Frames received that are in the files."""
+        return int(str(self._facts().get("frames", 0)))
+
+    @property
     def queued_bytes(self) -> int:
-        """Those of them that wait for the disk."""
+        """Bytes received that wait for the disk."""
         return int(str(self._facts().get("queued_bytes", 0)))
 
     @property

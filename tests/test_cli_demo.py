@@ -1,0 +1,62 @@
+"""``xbus demo``: the first thing that somebody sees of xbus."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+import pytest
+
+import xbus
+from test_cli import run, sentence
+
+
+def test_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    result = run("demo", "--folder", str(tmp_path / "it"), "--seconds", "1")
+    assert result.exit_code == 0
+    assert result.stderr == ""
+    lines = result.stdout.splitlines()
+    assert re.fullmatch("connected:  MTi-680G-8A1G6, virtual, on /dev/.+|.+//.+", lines[0])
+    assert lines[1] == "configured: 15 quantities at their highest rates"
+    assert re.fullmatch(r"recorded:   [0-9,]+ bytes in 1 s", lines[2])
+    assert "acceleration_hr, m/s2" in lines
+    assert sum("█" in it and "▁" in it for it in lines) == 6
+    assert max(map(len, lines[1:-2])) <= 80
+    files = [tmp_path / "it" / it for it in ("demo.mtb", "demo.parquet")]
+    assert lines[-2:] == [f"written: {it}" for it in files]
+    log = xbus.read_log(files[0])
+    rates = {name: len(log[name]) / log.duration for name in ("acceleration_hr", "rate_of_turn_hr")}
+    assert rates == pytest.approx({"acceleration_hr": 2000, "rate_of_turn_hr": 1600}, rel=0.02)
+    assert (log.stats.lost_samples, log.stats.skipped_bytes) == (0, 0)
+    assert log["lat_lon"].precision == "Fp1632"
+
+
+def test_a_picture(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    result = run("demo", "--folder", str(tmp_path), "--seconds", "0.5", "--product", "MTi-3")
+    assert result.exit_code == 0
+    assert result.stdout.endswith(f"written: {tmp_path / 'demo.png'}\n")
+    assert "█" not in result.stdout
+    assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_without_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    result = run("demo", "--folder", str(tmp_path), "--seconds", "0.5", "--product", "mti-1")
+    assert result.exit_code == 0
+    assert (tmp_path / "demo.npz").exists()
+    assert f"written: {tmp_path / 'demo.npz'}" in result.stdout
+
+
+def test_no_such_product() -> None:
+    result = run("demo", "--product", "MTi-9")
+    assert result.exit_code == 2
+    assert "MTi-9" in result.stderr
+
+
+def test_a_folder_that_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    said = sentence(run("demo", "--folder", str(tmp_path / "file")))
+    assert said == f"cannot write to {tmp_path / 'file'}: File exists; try again, or check the disk"

@@ -1,0 +1,242 @@
+"""``xbus record``: every byte of a virtual device into a file."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+import xbus
+from test_cli import PROGRAM, run, sentence, start
+from test_recording import LONG, parted, wait_until
+from xbus import Faults, SimulatedDevice
+from xbus.protocol import State
+from xbus.sim import serving
+
+posix = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals and signals")
+
+
+@contextmanager
+def recording(port: str, path: Path, *args: str) -> Iterator[subprocess.Popen[bytes]]:
+    """The command at work: something has come."""
+    with start("record", port, "-o", str(path), *args) as child:
+        try:
+            wait_until(lambda: path.exists() and path.stat().st_size > 3000)
+            yield child
+        finally:
+            child.kill()
+
+
+def end(child: subprocess.Popen[bytes]) -> tuple[int, str]:
+    """How it ends, and the line that it says last."""
+    _, said = child.communicate(timeout=LONG)
+    return child.returncode, said.decode().splitlines()[-1]
+
+
+# Recordings
+
+
+def test_so_many_seconds(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    result = run("record", "sim:MTi-630", "-o", str(path), "--duration", "3")
+    assert result.exit_code == 0
+    size = len(parted(path)[1])
+    log = xbus.read_log(path)
+    assert result.stderr == (
+        f"{path}: 3.0 s, {len(log)} samples, {size / 1000:.1f} kB; nothing lost\n"
+    )
+    assert result.stdout == ""
+    assert len(log) == pytest.approx(300, abs=2)
+    assert sorted(it.name for it in tmp_path.iterdir()) == ["log.mtb", "log.mtb.times"]
+
+
+def test_outputs(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    outputs = ["acceleration=200", "quaternion:NED:Fp1632=50", "sample_time_fine"]
+    args = [word for it in outputs for word in ("--output", it)]
+    result = run("record", "sim:MTi-630", "-o", str(path), "--duration", "2", "--no-times", *args)
+    assert result.exit_code == 0
+    assert result.stderr.endswith("; no counter to tell losses\n")
+    log = xbus.read_log(path)
+    assert set(log) == {"sample_time_fine", "quaternion", "acceleration"}
+    assert len(log["acceleration"]) == pytest.approx(400, abs=4)
+    assert (log["quaternion"].coordinates, log["quaternion"].precision) == ("NED", "Fp1632")
+    assert [it.name for it in tmp_path.iterdir()] == ["log.mtb"]
+
+
+@pytest.mark.parametrize(
+    ("rotate", "files"), [("10kB", 2), ("0.005 MB", 4), ("1h", 1), ("30min", 1)]
+)
+def test_rotation(tmp_path: Path, rotate: str, files: int) -> None:
+    path = tmp_path / "log.mtb"
+    result = run("record", "sim:MTi-630", "-o", str(path), "--duration", "3", "--rotate", rotate)
+    assert result.exit_code == 0
+    assert len(list(tmp_path.glob("*.mtb"))) == files
+    if files > 1:
+        assert result.stderr.startswith(f"{path} to {tmp_path}/log-000{files - 1}.mtb: 3.0 s, ")
+    bodies = b"".join(parted(it)[1] for it in sorted(tmp_path.glob("*.mtb"), key=str))
+    assert xbus.read_log(bodies).stats.lost_samples == 0
+
+
+def test_what_was_lost_on_the_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    device = xbus.connect(SimulatedDevice("MTi-630", faults=Faults.parse(["drop=0.0005"], 1)))
+    monkeypatch.setattr("xbus.device.connect", lambda *_, **__: device)
+    result = run("record", "sim", "-o", str(tmp_path / "log.mtb"), "--duration", "10")
+    assert result.exit_code == 0
+    stats = xbus.read_log(tmp_path / "log.mtb").stats
+    assert stats.lost_samples > 5
+    assert result.stderr.partition(" s, ")[2].startswith(f"{stats.samples:,} samples, ")
+    assert result.stderr.partition("; ")[2] == (
+        f"{stats.lost_samples} samples lost in {stats.gaps} gaps,"
+        f" {stats.skipped_bytes:,} bytes damaged\n"
+    )
+
+
+def test_the_device_is_left_as_it_was_found(tmp_path: Path) -> None:
+    virtual = SimulatedDevice("MTi-630")
+    with serving(virtual, tcp=True) as port:
+        with xbus.connect(port) as device:
+            device.go_to_config()
+        result = run("record", port, "-o", str(tmp_path / "log.mtb"), "--duration", "0.5")
+        assert result.exit_code == 0
+        assert virtual.state == State.CONFIG
+    assert len(xbus.read_log(tmp_path / "log.mtb")) > 10
+
+
+# The end
+
+
+@posix
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_it(tmp_path: Path, number: int) -> None:
+    path = tmp_path / "log.mtb"
+    with serving(SimulatedDevice("MTi-680G")) as port, recording(port, path, "--fsync") as child:
+        child.send_signal(number)
+        code, line = end(child)
+    log = xbus.read_log(path)
+    assert code == 0
+    assert line.startswith(f"{path}: ")
+    assert f" s, {len(log):,} samples, " in line
+    assert line.endswith("; nothing lost")
+    assert (log.stats.lost_samples, log.stats.skipped_bytes) == (0, 0)
+
+
+@posix
+def test_a_pulled_plug(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    virtual = SimulatedDevice("MTi-680G", faults=Faults.parse(["unplug=3"], 0))
+    with serving(virtual) as port, recording(port, path) as child:
+        code, line = end(child)
+    assert code == 1
+    assert line.startswith(f"xbus: {port}: the port is gone: unplugged")
+    log = xbus.read_log(path)
+    assert f"; {path}: " in line
+    assert f" s, {len(log):,} samples, " in line
+
+
+FULL = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
+from xbus.cli import main
+main(sys.argv[1:])
+"""
+
+
+@posix
+def test_a_full_disk(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    command = [sys.executable, "-c", FULL, "record", "sim:MTi-630", "-o", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=LONG, check=False)  # noqa: S603
+    assert done.returncode == 1
+    assert done.stderr.startswith(f"xbus: {path}: File too large")
+    assert f"the recording ends with the last whole frame; {path}: " in done.stderr
+    assert done.stderr.count("\n") == 1
+    assert xbus.read_log(path).stats.skipped_bytes == 0
+
+
+def test_nothing_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("xbus.cli.record.SILENCE", 0.3)
+    with serving(SimulatedDevice("MTi-630"), tcp=True) as port:
+        with xbus.connect(port) as device, device.configure():
+            device.set_output_configuration([])
+        said = sentence(run("record", port, "-o", str(tmp_path / "log.mtb")))
+    assert said == (
+        f"nothing comes from {port}: has it outputs (xbus send {port} --config ReqOutputConfiguration),"
+        " or does it wait for a trigger?"
+    )
+
+
+def test_silence_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("xbus.cli.record.SILENCE", 0.3)
+    virtual = SimulatedDevice("MTi-630", faults=Faults.parse(["stall=2:1"], 0))
+    with serving(virtual, tcp=True) as port:
+        result = run("record", port, "-o", str(tmp_path / "log.mtb"), "--duration", "2.5")
+    assert result.exit_code == 0
+    assert result.stderr.startswith("xbus: nothing has come for 0.3 s; the recording goes on\n")
+    assert result.stderr.count("\n") == 2
+
+
+@posix
+def test_a_line_that_changes_on_a_terminal(tmp_path: Path) -> None:
+    from test_cli_terminal import on_terminal
+
+    path = tmp_path / "log.mtb"
+    with serving(SimulatedDevice("MTi-680G")) as port:
+        command = [*PROGRAM, "record", port, "-o", str(path)]
+        with on_terminal(command) as (child, terminal):
+            terminal.wait_for("0:00:01  ")
+            terminal.wait_for(" queued")
+            child.send_signal(signal.SIGINT)
+            *shown, last = terminal.wait_for_the_end().strip().split("\r")
+            assert child.wait() == 0
+    assert any(
+        re.fullmatch(
+            r"0:00:01  [0-9.]+ kB  [0-9]+ samples/s  nothing lost  [0-9.]+ (kB|bytes) queued *", it
+        )
+        for it in shown
+    )
+    assert max(map(len, shown)) < 80
+    assert last.startswith(f"{path}: ")
+
+
+# Wrong calls
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["--rotate", "100"], "'100' is no size (100MB, 2GB) and no time (90s, 30min, 1h)"),
+        (["--rotate", "0MB"], "'0MB' is no size"),
+        (["--rotate", "1 day"], "'1 day' is no size"),
+        (["--rotate", ""], "'' is no size"),
+        (["--output", "acceleration=fast"], "a rate is a whole number of Hz"),
+        (["--output", "accelerations=1"], "no quantity is called 'accelerations'"),
+        (["--output", "quaternion:UP=1"], "UP"),
+        (["--duration", "0"], "--duration"),
+    ],
+)
+def test_wrong_calls(tmp_path: Path, args: list[str], said: str) -> None:
+    result = run("record", "sim:MTi-630", "-o", str(tmp_path / "log.mtb"), *args)
+    assert result.exit_code == 2
+    assert said in result.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_the_product_cannot_do(tmp_path: Path) -> None:
+    path = str(tmp_path / "log.mtb")
+    said = sentence(run("record", "sim:MTi-630", "-o", path, "--output", "lat_lon=100"))
+    assert said.startswith("the MTi-630 ")
+    assert said.endswith("; nothing was recorded")
+
+
+def test_no_such_folder(tmp_path: Path) -> None:
+    path = str(tmp_path / "no" / "log.mtb")
+    said = sentence(run("record", "sim:MTi-630", "-o", path))
+    assert said == f"cannot write {path}: No such file or directory; check the path"
