@@ -19,10 +19,10 @@ import numpy as np
 import pytest
 
 import xbus
-from xbus import Device, SimulatedDevice
+from xbus import Device, Faults, SimulatedDevice
 from xbus.codec import Damage
 from xbus.protocol import State
-from xbus.sim import serving
+from xbus.sim import PtyServer, serve, serving
 
 #: Seconds that nothing here should take.
 LONG = 30.0
@@ -241,6 +241,32 @@ def test_a_device_that_was_closed(tmp_path: Path) -> None:
     assert recording.bytes == len(body)
 
 
+@posix
+def test_a_plug_that_is_pulled_and_put_in_again(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    virtual = SimulatedDevice("MTi-680G", faults=Faults(unplug=(2.0, 2.5)))
+    sent = noted(virtual)
+    done = threading.Event()
+    with PtyServer(virtual, link=tmp_path / "port") as server:
+        thread = threading.Thread(target=serve, args=(server, done.is_set))
+        thread.start()
+        try:
+            with xbus.connect(str(tmp_path / "port"), reconnect=True) as device:
+                with device.record(path):
+                    while not any(it.name == "Reconnected" for it in device.notices):
+                        next(device.blocks(samples=10))
+                    next(device.blocks(samples=50))
+                assert device.stats.samples > 150
+        finally:
+            done.set()
+            thread.join()
+    log = xbus.read_log(path)
+    assert len(log) > 150
+    assert sum(it.name == "GoToMeasurementAck" for it in log.messages) >= 2
+    assert log.stats.skipped_bytes < 100
+    assert len(parted(path)[1]) < len(sent)
+
+
 # What goes wrong
 
 
@@ -301,7 +327,7 @@ def test_a_disk_that_fills(tmp_path: Path) -> None:
 
 KILLED = """
 import sys, threading, xbus
-from xbus.sim import serving
+from xbus.sim import PtyServer, serve, serving
 with serving(xbus.SimulatedDevice("MTi-680G")) as port, xbus.connect(port) as device:
     with device.configure({"packet_counter": None, "acceleration_hr": 2000}, check_baudrate=False):
         device.record(sys.argv[1], flush=0.02)
