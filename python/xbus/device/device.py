@@ -458,7 +458,8 @@ class Device(Commands):
 
         A thread writes, whatever the program does meanwhile. The file begins with Configuration, with
         date and time filled in, and EmtsData, so that MT Manager opens it; a device that measures is in
-        Config State for a moment to give them. After a crash it is readable up to the last flush.
+        Config State for a moment to give them. After a crash it is readable up to the last flush. It ends
+        when a URL loses its connection; at a port it goes on with ``reconnect``.
 
         Args:
             path: The first file, overwritten; where it is rotated, ``log.mtb`` is followed by

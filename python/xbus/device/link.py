@@ -181,7 +181,7 @@ class SerialLink:
         time.sleep(seconds)
 
     def reopen(self) -> None:
-        """Opens the port again; queue, counts and recording go on."""
+        """Opens the port again; queue, counts and recording go on, but for a URL, where they begin anew."""
         self.acquisition.end("the port is opened again")
         self._port.close()
         try:
@@ -193,6 +193,7 @@ class SerialLink:
             self._port.port = self.name = name
         number = _descriptor(self._port)
         if number is None:
+            self.acquisition.close()
             self._begin()
         else:
             self.acquisition.open(number)
