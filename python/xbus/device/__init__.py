@@ -8,11 +8,14 @@ from xbus.device.recording import Recording
 from xbus.device.rtk import Fix, Forwarder, Position
 from xbus.device.sample import Sample
 from xbus.device.session import Event, Notice, Refusal, Reply, Session
+from xbus.device.settings import Applied, Change, Settings
 from xbus.device.stats import LiveStats
 
 __all__ = [
+    "Applied",
     "Caster",
     "CasterError",
+    "Change",
     "Device",
     "Event",
     "Fix",
@@ -27,6 +30,7 @@ __all__ = [
     "Reply",
     "Sample",
     "Session",
+    "Settings",
     "connect",
     "find_ports",
     "restore_communication",
