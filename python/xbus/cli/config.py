@@ -62,7 +62,7 @@ def dump(port: str, out: str | None, baudrate: int | None) -> None:
 @_baudrate
 def diff(port: str, file: str, baudrate: int | None) -> None:
     """Shows where a device and a file differ: - the device, + the file."""
-    from xbus.device.settings import compared
+    from xbus.device.applying import compared
 
     settings = read_file(file)
     with connected(port, baudrate) as device, device.configure():

@@ -14,6 +14,7 @@ import serial
 
 from xbus.codec import encode_frame
 from xbus.configuration import Firmware
+from xbus.device.applying import Applied, apply_settings, read_settings
 from xbus.device.blocks import Blocks
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
@@ -24,7 +25,7 @@ from xbus.device.recording import Recording, configuration_frame
 from xbus.device.rtk import Forwarder
 from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
-from xbus.device.settings import Applied, Settings, apply_settings, read_settings
+from xbus.device.settings import Settings
 from xbus.device.stats import LiveStats, by_name, live_stats
 from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
 from xbus.ids import MessageId
