@@ -19,11 +19,13 @@ if TYPE_CHECKING:
         Device,
         Sample,
         Session,
+        Settings,
         connect,
         find_ports,
         restore_communication,
     )
     from xbus.errors import (
+        ApplyError,
         DecodeError,
         DeviceError,
         Disconnected,
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
     from xbus.sim.faults import Faults
 
 __all__ = [
+    "ApplyError",
     "Column",
     "Configuration",
     "Coordinates",
@@ -56,6 +59,7 @@ __all__ = [
     "Sample",
     "Scanner",
     "Session",
+    "Settings",
     "SimulatedDevice",
     "StateError",
     "Stats",
@@ -81,11 +85,13 @@ _MODULES = {
         "Device",
         "Sample",
         "Session",
+        "Settings",
         "connect",
         "find_ports",
         "restore_communication",
     ),
     "errors": (
+        "ApplyError",
         "DecodeError",
         "DeviceError",
         "Disconnected",

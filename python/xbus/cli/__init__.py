@@ -24,6 +24,7 @@ COMMANDS = {
     "messages": "tables",
     "ports": "ports",
     "send": "send",
+    "config": "config",
     "record": "record",
     "ntrip": "ntrip",
     "sim": "sim",

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xbus.cli.config import applied, read_file
 from xbus.cli.connection import connected
 from xbus.cli.failure import Failure, cannot, told_to_stop
 from xbus.cli.inputs import label
@@ -104,6 +105,13 @@ def _outputs(
     "Without a rate, the highest.",
 )
 @click.option(
+    "--config",
+    "config",
+    type=click.Path(),
+    metavar="FILE",
+    help="Apply these settings first, as xbus config apply does.",
+)
+@click.option(
     "--baudrate",
     type=click.IntRange(1, 4_000_000),
     metavar="RATE",
@@ -119,6 +127,7 @@ def record(
     duration: float | None,
     rotate: dict[str, Any],
     outputs: dict[Any, int | None],
+    config: str | None,
     baudrate: int | None,
     fsync: bool,
     no_times: bool,
@@ -134,8 +143,11 @@ def record(
     """
     from xbus.protocol import State
 
+    settings = None if config is None else read_file(config)
     with told_to_stop() as is_stopped, connected(port, baudrate) as device:
         found = device.state
+        if config is not None and settings is not None:
+            applied(device, settings, config)
         with _configured(device, outputs):
             try:
                 recording = device.record(out, fsync=fsync, times=not no_times, **rotate)

@@ -14,6 +14,7 @@ import serial
 
 from xbus.codec import encode_frame
 from xbus.configuration import Firmware
+from xbus.device.applying import Applied, apply_settings, read_settings
 from xbus.device.blocks import Blocks
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
@@ -24,6 +25,7 @@ from xbus.device.recording import Recording, configuration_frame
 from xbus.device.rtk import Forwarder
 from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
+from xbus.device.settings import Settings
 from xbus.device.stats import LiveStats, by_name, live_stats
 from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
 from xbus.ids import MessageId
@@ -278,6 +280,50 @@ class Device(Commands):
                 self.set_string_output_type(0, 0 if known.product.series == "600-series" else None)
         self.outputs = tuple(self._ask("SetOutputConfiguration", lines))
         return self.outputs
+
+    # Settings
+
+    def settings(self) -> Settings:
+        """All settings, read in Config State; the state is restored.
+
+        What the product or its firmware does not have is None.
+
+        >>> import xbus
+        >>> xbus.connect("sim:MTi-3").settings().filter_profile
+        'General'
+        """
+        with self.configure():
+            return read_settings(self)
+
+    def apply(
+        self, settings: Settings, *, dry_run: bool = False, check_baudrate: bool = True
+    ) -> Applied:
+        """Sets what differs, each setting checked before anything is sent, and read back.
+
+        What is None stays as it is. Ports come last and, like the CAN transceiver, take effect at the
+        next reset. The state is restored.
+
+        Args:
+            settings: What the device is to have.
+            dry_run: Whether to say only what would be set.
+            check_baudrate: See `set_output_configuration`.
+
+        Returns:
+            What was set, and what the device has made of it where that is something else.
+
+        Raises:
+            ValueError: Something cannot be applied: a line for each, with key and reason. Nothing was sent.
+            ApplyError: The device refused one, or is gone: what was applied and what not.
+
+        >>> import xbus
+        >>> device = xbus.connect("sim:MTi-630")
+        >>> applied = device.apply(xbus.Settings(location_id=7))
+        >>> print(applied.changes[0])
+        - location_id = 0
+        + location_id = 7
+        """
+        with self.configure():
+            return apply_settings(self, settings, dry_run=dry_run, check_baudrate=check_baudrate)
 
     # Corrections
 

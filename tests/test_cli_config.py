@@ -1,0 +1,204 @@
+"""``xbus config``, and ``xbus record --config``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import xbus
+from test_cli import run, sentence
+from test_settings import Stubborn, changed
+from xbus import Device, SimulatedDevice, connect
+from xbus.tables import PRODUCTS
+
+PRODUCT_NAMES = [it.name for it in PRODUCTS.values()]
+
+
+@pytest.fixture
+def behind(monkeypatch: pytest.MonkeyPatch) -> Callable[[SimulatedDevice], str]:
+    """Puts a virtual device behind a port of this process, and gives the port's name."""
+
+    def put(sim: SimulatedDevice) -> str:
+        monkeypatch.setattr(
+            "xbus.device.connect", lambda _, *args, **more: connect(sim, *args, **more)
+        )
+        return "mti"
+
+    return put
+
+
+@pytest.fixture
+def file(tmp_path: Path) -> Callable[[str], str]:
+    """Writes a file and gives its name."""
+
+    def write(text: str) -> str:
+        path = tmp_path / "mti.toml"
+        path.write_text(text, "utf-8")
+        return str(path)
+
+    return write
+
+
+@pytest.mark.parametrize("product", PRODUCT_NAMES)
+def test_dumped_reset_applied_and_dumped_again(
+    product: str, behind: Callable[[SimulatedDevice], str], tmp_path: Path
+) -> None:
+    sim = SimulatedDevice(product)
+    connect(sim).apply(changed(sim.product.number))
+    port, path = behind(sim), tmp_path / "mti.toml"
+    assert run("config", "dump", port, "-o", str(path)).output == ""
+    assert run("config", "dump", port).stdout == path.read_text("utf-8")
+    with connect(sim) as device, device.configure():
+        device.restore_factory_def()
+    planned = run("config", "apply", port, str(path), "--dry-run")
+    shown = run("config", "diff", port, str(path))
+    done = run("config", "apply", port, str(path))
+    assert planned.exit_code == shown.exit_code == done.exit_code == 0
+    assert sorted(planned.stdout) == sorted(shown.stdout)
+    assert planned.stdout == done.stdout
+    assert "- location_id = 0\n+ location_id = 4711\n" in done.stdout
+    assert "set and read back" in done.stderr
+    assert run("config", "dump", port).stdout == path.read_text("utf-8")
+    for command in ("diff", "apply"):
+        again = run("config", command, port, str(path))
+        assert (again.stdout, again.stderr) == ("", "xbus: nothing differs\n")
+
+
+def test_a_dry_run_sets_nothing(
+    behind: Callable[[SimulatedDevice], str], file: Callable[[str], str]
+) -> None:
+    sim = SimulatedDevice("MTi-630")
+    result = run("config", "apply", behind(sim), file("location_id = 7"), "--dry-run")
+    assert result.stdout == "- location_id = 0\n+ location_id = 7\n"
+    assert result.stderr == "xbus: 1 setting would be set\n"
+    assert connect(sim).settings().location_id == 0
+
+
+def test_what_takes_a_reset(file: Callable[[str], str]) -> None:
+    name = file("can_config = { baudrate = 1000000 }")
+    result = run("config", "apply", "sim:MTi-630", name)
+    assert result.stdout == (
+        "- can_config = { baudrate = 250000, enabled = false }\n+ can_config = { baudrate = 1000000 }\n"
+    )
+    assert result.stderr == (
+        "xbus: 1 setting set and read back; ports and CAN change at the next reset\n"
+    )
+
+
+def test_what_the_device_rounds(file: Callable[[str], str]) -> None:
+    name = file('output_configuration = [{ quantity = "gnss_pvt_data", frequency = 4 }]')
+    result = run("config", "apply", "sim:MTi-670", name)
+    assert result.stderr.splitlines() == [
+        "xbus: the device rounds output_configuration; - the file, + in effect",
+        "  output_configuration",
+        '-   { quantity = "gnss_pvt_data", frequency = 4 },',
+        '+   { quantity = "gnss_pvt_data" },',
+        "xbus: 1 setting set and read back",
+    ]
+
+
+def test_more_than_the_line_carries(file: Callable[[str], str]) -> None:
+    name = file('output_configuration = [{ quantity = "acceleration", precision = "Float64" }]')
+    said = sentence(run("config", "apply", "sim:MTi-630", name))
+    assert f"{name}: line 1, output_configuration: these outputs make about" in said
+    assert run("config", "apply", "sim:MTi-630", name, "--no-line").exit_code == 0
+
+
+#: What is in the file, or None for none; and what is said of it.
+BAD: list[tuple[str | bytes | None, str]] = [
+    (None, "cannot read FILE: No such file or directory; check the path"),
+    (b"\xff", "FILE: byte 0 is no UTF-8; this is no TOML"),
+    ("x", "FILE: line 1: expected '=' after a key in a key/value pair; this is no TOML"),
+    (
+        "\nlocation = 1",
+        "FILE: line 2, location: no setting is called so; did you mean location_id?",
+    ),
+    ('location_id = "1"', 'FILE: line 1, location_id: "1" is not a whole number'),
+]
+
+
+@pytest.mark.parametrize("command", ["diff", "apply", "record"])
+@pytest.mark.parametrize(("content", "says"), BAD)
+def test_bad_files_before_the_port_is_opened(
+    command: str, content: str | bytes | None, says: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "mti.toml"
+    if content is not None:
+        path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    words = ["config", command, "/dev/no-such-port", str(path)]
+    if command == "record":
+        out = str(tmp_path / "out.mtb")
+        words = ["record", "/dev/no-such-port", "-o", out, "--config", str(path)]
+    assert sentence(run(*words)) == says.replace("FILE", str(path))
+
+
+def test_what_the_product_cannot_do(file: Callable[[str], str]) -> None:
+    name = file("location_id = 1\n\ngnss_lever_arm = { x = 0, y = 0, z = 1 }\nbaudrate = 9600\n")
+    result = run("config", "apply", "sim:MTi-30", name)
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert result.stderr.splitlines() == [
+        f"xbus: {name}: line 3, gnss_lever_arm: the MTi-30 does not have it",
+        f"xbus: {name}: line 4, baudrate: applying does not change it; set_baudrate(9600) does;"
+        " nothing was sent",
+    ]
+
+
+def test_a_device_that_refuses_in_the_middle(
+    monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]
+) -> None:
+    monkeypatch.setattr(
+        "xbus.device.connect", lambda *_, **__: Stubborn("SetLocationID", says_so=True)
+    )
+    name = file('location_id = 7\nfilter_profile = "Robust/VRU"')
+    result = run("config", "apply", "mti", name)
+    assert result.exit_code == 1
+    assert result.stdout.count("\n+ ") == 2
+    assert result.stderr == (
+        "xbus: the device answered SetLocationID with Error 33; applied: filter_profile; not applied:"
+        f" location_id; apply {name} again to go on; the lines with - say what it was before\n"
+    )
+
+
+def test_ctrl_c(monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]) -> None:
+    command = Device.command
+
+    def interrupted(self: Device, name: str, value: Any = None) -> Any:
+        if name == "SetLocationID":
+            raise KeyboardInterrupt
+        return command(self, name, value)
+
+    monkeypatch.setattr(Device, "command", interrupted)
+    result = run("config", "apply", "sim:MTi-630", file("location_id = 7"))
+    assert result.exit_code == 130
+    assert "interrupted; applied: nothing; not known: location_id" in result.stderr
+
+
+def test_recording_with_a_file(tmp_path: Path, file: Callable[[str], str]) -> None:
+    name = file(
+        'output_configuration = [{ quantity = "packet_counter" },'
+        '{ quantity = "acceleration", frequency = 50 }]'
+    )
+    out = tmp_path / "walk.mtb"
+    result = run("record", "sim:MTi-630", "-o", str(out), "--config", name, "--duration", "1")
+    assert result.exit_code == 0, result.output
+    assert list(xbus.read_log(out)) == ["packet_counter", "acceleration"]
+    bad = file("gnss_lever_arm = { x = 0, y = 0, z = 1 }")
+    words = ("record", "sim:MTi-630", "-o", str(tmp_path / "b.mtb"), "--config", bad)
+    assert "the MTi-630 does not have it" in sentence(run(*words))
+    assert not (tmp_path / "b.mtb").exists()
+
+
+def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
+    out = tmp_path / "nowhere" / "mti.toml"
+    said = sentence(run("config", "dump", "sim:MTi-3", "-o", str(out)))
+    assert said == f"cannot write {out}: No such file or directory; check the path"
+
+
+@pytest.mark.parametrize("command", ["dump", "diff", "apply"])
+def test_help(command: str) -> None:
+    result = run("config", command, "--help")
+    assert max(map(len, result.stdout.splitlines())) <= 80
+    assert "Example: xbus config " in result.stdout

@@ -1,0 +1,419 @@
+"""Settings: read, written as text, compared, and applied, on every virtual product."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import count
+from typing import Any
+
+import pytest
+
+from xbus import (
+    ApplyError,
+    Device,
+    DeviceError,
+    Settings,
+    SimulatedDevice,
+    XbusTimeout,
+    connect,
+)
+from xbus.device.link import Received
+from xbus.protocol import (
+    CanConfig,
+    CanOutput,
+    ExtOutputMode,
+    GnssLeverArm,
+    GnssPlatform,
+    LatLonAlt,
+    OptionFlag,
+    Output,
+    Polarity,
+    PortConfig,
+    State,
+    StringOutput,
+    StringType,
+    SyncFunction,
+    SyncSetting,
+)
+from xbus.protocol.products import support
+from xbus.protocol.values import SYNC_OUT_FUNCTIONS
+from xbus.sim.link import SimLink
+from xbus.tables import PRODUCTS
+
+FLAG = OptionFlag.ENABLE_IN_RUN_COMPASS_CALIBRATION
+
+
+def changed(product: int) -> Settings:
+    """Settings of a product that differ from the factory's in all that it has."""
+    known, has = support(product), connect(SimulatedDevice(product)).settings()
+    function, lines = next(iter(known.sync.items()))
+    pulse = 5 if function in SYNC_OUT_FUNCTIONS else 0
+    profiles = [it.label for it in known.filter_profiles]
+    wanted: dict[str, Any] = {
+        "output_configuration": (Output(0x1020), Output(0x4026, 50), Output(0x8020, 10)),
+        "filter_profile": profiles[1] if len(profiles) > 1 else None,
+        "option_flags": FLAG,
+        "rot_sensor": (0.0, 1.0, 0.0, 0.0),
+        "rot_local": (0.6000000238418579, 0.0, 0.0, 0.800000011920929),
+        "sync_settings": (
+            SyncSetting(function, lines[0], Polarity.BOTH, True, 1, 2, pulse, 300),
+            SyncSetting(SyncFunction.SEND_LATEST, 6),
+        ),
+        "location_id": 4711,
+        "string_output_type": StringOutput(StringType.PTCF | StringType.GPZDA, None),
+        "period": 576,
+        "output_skip_factor": 3,
+        "lat_lon_alt": LatLonAlt(-33.1, 151.2, 12.5),
+        "gnss_lever_arm": GnssLeverArm(0.10000000149011612, -0.25, 1.0),
+        "gnss_platform": GnssPlatform.SEA,
+        "can_config": CanConfig(0x0C),
+        "can_output_config": (CanOutput(0x21, True, 0x123, 100),),
+        "ext_output_mode": ExtOutputMode.USB_LOW_LATENCY,
+        "transmit_delay": 600,
+        "error_mode": 2,
+    }
+    if has.string_output_type and has.string_output_type.frequency is not None:
+        wanted["string_output_type"] = StringOutput(StringType.PTCF, 20)
+    if has.port_config:
+        wanted["port_config"] = (
+            replace(has.port_config[0], baud_code=0x80, flow_control=True),
+            *has.port_config[1:],
+        )
+    if has.gnss_receiver_settings:
+        wanted["gnss_receiver_settings"] = replace(has.gnss_receiver_settings, rate=1)
+    there = {key: it for key, it in wanted.items() if getattr(has, key) is not None and it}
+    return replace(has, **there)
+
+
+# Read, written, compared
+
+
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_dumped_reset_applied_and_dumped_again(product: int) -> None:
+    sim = SimulatedDevice(product)
+    device = connect(sim)
+    factory, wanted = device.settings(), changed(product)
+    applied = device.apply(wanted)
+    assert {it.name for it in applied.changes} == {it.name for it in factory.diff(wanted)}
+    assert not applied.rounded
+    text = device.settings().to_toml()
+    assert Settings.from_toml(text) == wanted
+    with device.configure():
+        device.restore_factory_def()
+    assert device.settings() == factory
+    device.apply(Settings.from_toml(text))
+    assert device.settings().to_toml() == text
+    assert not device.apply(Settings.from_toml(text)).changes
+    assert sim.state == State.MEASUREMENT
+
+
+@pytest.mark.parametrize("product", PRODUCTS)
+def test_all_that_can_be_read_is_there(product: int) -> None:
+    """What the product has a message to read for; identifiers, times and procedures are no settings."""
+    readable = {
+        it[3:]
+        for it in support(product).messages
+        if it.startswith("Req") and f"Set{it[3:]}" in support(product).messages
+    }
+    readable = {it for it in readable if not it.endswith("Ack")} - {"UTCTime"}
+    expected = {_attribute(it) for it in readable}
+    if support(product).filter_profiles:  # the 600-series has another message to set it
+        expected |= {"filter_profile"}
+    settings = connect(SimulatedDevice(product)).settings()
+    found = {key for key, it in vars(settings).items() if it is not None} - {"product", "lines"}
+    rotations = {"rot_sensor", "rot_local"}
+    optional = {"baudrate"} if "port_config" in expected else set()
+    assert found - rotations == expected - {"alignment_rotation"} - optional
+    assert rotations <= found
+
+
+def _attribute(message: str) -> str:
+    words = "".join(f"_{it.lower()}" if it.isupper() else it for it in message)
+    return words.lstrip("_").replace("location_i_d", "location_id")
+
+
+def test_unknown_numbers_come_back_as_they_are() -> None:
+    settings = Settings(
+        output_configuration=(Output(0x3013, 10), Output(0x201C, 100)),
+        option_flags=OptionFlag(0x8000_0001),
+        sync_settings=(SyncSetting(99, 77, 9),),
+        port_config=(PortConfig(9, 0x0A), PortConfig(1, 0x55, reserved=0x1000), PortConfig(0, 0)),
+        filter_profile=200,
+    )
+    text = settings.to_toml()
+    assert "{ data_id = 12307, frequency = 10 }" in text
+    assert Settings.from_toml(text) == settings
+
+
+def test_what_is_left_out_stays() -> None:
+    device = connect("sim:MTi-630")
+    before = device.settings()
+    applied = device.apply(Settings(location_id=7))
+    assert [it.name for it in applied.changes] == ["location_id"]
+    assert device.settings() == replace(before, location_id=7)
+
+
+def test_a_change_in_words() -> None:
+    device = connect("sim:MTi-630")
+    outputs = (Output(0x1020), Output(0x4020, 100))
+    applied = device.apply(Settings(output_configuration=outputs), dry_run=True)
+    assert str(applied.changes[0]).splitlines() == [
+        "  output_configuration",
+        '-   { quantity = "sample_time_fine" },',
+        '-   { quantity = "quaternion", coordinates = "ENU", precision = "Float32", frequency = 100 },',
+        '+   { quantity = "acceleration", precision = "Float32", frequency = 100 },',
+        '-   { quantity = "status_word" },',
+    ]
+    assert not device.apply(device.settings()).changes
+
+
+def test_the_highest_rate_is_the_same_however_it_is_asked_for() -> None:
+    device = connect(SimulatedDevice("MTi-630", baudrate=921_600))
+    settings = Settings.from_toml('output_configuration = [{ quantity = "acceleration" }]')
+    assert device.apply(settings).changes
+    assert not device.apply(settings).changes
+
+
+def test_a_profile_in_whichever_case_or_by_number() -> None:
+    device = connect("sim:MTi-30")
+    for profile in ("Dynamic", 41):
+        device.apply(Settings(filter_profile=profile))
+        assert device.settings().filter_profile == "dynamic"
+
+
+# What comes first
+
+
+def order(product: str, settings: Settings) -> list[str]:
+    changes = connect(f"sim:{product}").apply(settings, dry_run=True).changes
+    return [it.name for it in changes]
+
+
+def test_ports_come_last_and_flags_before_them() -> None:
+    names = order("MTi-680G", changed(680))
+    assert names[-2:] == ["option_flags", "port_config"]
+
+
+def test_storing_is_switched_on_before_anything_else_and_off_after_it() -> None:
+    sim = SimulatedDevice("MTi-3")
+    device, flag = connect(sim), OptionFlag.DISABLE_AUTO_STORE
+    device.apply(Settings(option_flags=flag, location_id=1))
+    device.apply(Settings(option_flags=OptionFlag(0), location_id=2))
+    device.reset()
+    assert device.settings().location_id == 2
+    device.apply(Settings(option_flags=flag, location_id=3))
+    device.reset()
+    assert device.settings().location_id == 3
+
+
+# What cannot be applied
+
+
+#: Product, text, and why it cannot be applied.
+IMPOSSIBLE = [
+    ("MTi-630", 'output_configuration = [\n  { quantity = "acceleration", frequency = 150 },\n]',
+     "line 2, output_configuration: the MTi-630 cannot do acceleration at 150 Hz; the nearest is 100"),
+    ("MTi-630", 'output_configuration = [\n { quantity = "packet_counter" },\n\n { quantity = "lat_lon" },]',
+     "line 4, output_configuration: the MTi-630 has no output lat_lon"),
+    ("MTi-630", "gnss_lever_arm = { x = 0, y = 0, z = 1 }",
+     "line 1, gnss_lever_arm: the MTi-630 does not have it"),
+    ("MTi-630", 'filter_profile = "General"', "line 1, filter_profile: the MTi-630 has no filter profile"),
+    ("MTi-30", 'filter_profile = "General_RTK"', "line 1, filter_profile: the MTi-30 has no filter profile"),
+    ("MTi-30", "filter_profile = 1", "line 1, filter_profile: the MTi-30 has no filter profile 1"),
+    ("MTi-30", "baudrate = 921600", "line 1, baudrate: applying does not change it; set_baudrate(921600)"),
+    ("MTi-30", 'option_flags = ["enable_continuous_zru"]', "line 1, option_flags: the MTi-30 has no option"),
+    ("MTi-3", 'sync_settings = [{ function = "gnss_1pps", line = "in1" }]', "line 1, sync_settings: the MTi"),
+    ("MTi-30", "string_output_type = { types = [\"GPGGA\"] }", "line 1, string_output_type: the MTi-30 has"),
+    ("MTi-30", "period = 1", "line 1, period: it must be from 225 to 1152, not 1; "),
+    ("MTi-30", "\nrot_local = [1, 1, 0, 0]", "line 2, rot_local: a rotation is a quaternion of length 1"),
+    ("MTi-630", 'output_configuration = [{ quantity = "acceleration", precision = "Float64" }]',
+     "line 1, output_configuration: these outputs make about"),
+    ("MTi-630", 'can_config = { baudrate = 250000 }\n[lat_lon_alt]\nlat = 91\nlon = 0\nalt = 0',
+     "line 2, lat_lon_alt: lat must be from -90 to 90 degrees"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("product", "text", "why"), IMPOSSIBLE)
+def test_what_cannot_be_applied(product: str, text: str, why: str) -> None:
+    device = connect(f"sim:{product}")
+    before = device.settings()
+    with pytest.raises(ValueError) as caught:
+        device.apply(Settings.from_toml(f"{text}\n"))
+    assert str(caught.value).startswith(why)
+    assert "\n" not in str(caught.value)
+    assert device.settings() == before
+    assert device.state == State.MEASUREMENT
+
+
+def test_a_file_for_another_product_says_all_that_cannot_be_applied() -> None:
+    settings = connect("sim:MTi-680G").settings()
+    with pytest.raises(ValueError) as caught:
+        connect("sim:MTi-30").apply(settings)
+    reasons = str(caught.value).splitlines()
+    assert [it.partition(":")[0] for it in reasons] == [
+        "output_configuration", "filter_profile", "sync_settings", "string_output_type", "gnss_lever_arm",
+        "gnss_receiver_settings", "can_config", "can_output_config", "port_config",
+    ]  # fmt: skip
+    assert reasons[4] == "gnss_lever_arm: the MTi-30 does not have it"
+
+
+# Texts that mean nothing
+
+
+BAD = [
+    ("location_id = ", "line 1: invalid value; this is no TOML"),
+    ("location_id = 1\nlocation_id = 2", "line 2: cannot overwrite a value; this is no TOML"),
+    ("a = [", "line 1: invalid value; this is no TOML"),
+    ("\nlocation = 1", "line 2, location: no setting is called so; did you mean location_id?"),
+    ("[x]\ny = 1", "line 1, x: no setting is called so; there are output_configuration, "),
+    ("product = 630", "line 1, product: 630 is not text in quotes"),
+    ("location_id = true", "line 1, location_id: true is not a whole number"),
+    ("location_id = 1.5", "line 1, location_id: 1.5 is not a whole number"),
+    ("location_id = 65536", "line 1, location_id: location_id cannot be 65536"),
+    ('option_flags = "x"', 'line 1, option_flags: "x" is not a list'),
+    ('option_flags = ["ahs"]', 'line 1, option_flags: "ahs" is none of disable_auto_store, '),
+    ("rot_local = [1, 0, 0]", "line 1, rot_local: [1, 0, 0] is not q0, q1, q2, q3"),
+    ("rot_local = [1, 0, 0, true]", "line 1, rot_local: true is not a number"),
+    ("filter_profile = 1.5", "line 1, filter_profile: 1.5 is neither name nor number"),
+    ("lat_lon_alt = { lat = 1, lon = 2 }", "line 1, lat_lon_alt: alt must be there"),
+    ("lat_lon_alt = { lat = 1, lon = 2, al = 3 }", "line 1, lat_lon_alt: there is no al; there are lat, lon"),
+    ("[lat_lon_alt]\nlat = 'x'", "line 1, lat_lon_alt: lat: \"x\" is not a number"),
+    ("lat_lon_alt = 5", "line 1, lat_lon_alt: 5 is not a table, { key = value }"),
+    ("output_configuration = [\n# one\n { frequency = 1 }]", "line 3, output_configuration: quantity"),
+    ('[[output_configuration]]\nquantity = "acceleration"\n[[output_configuration]]\nquantity = "x"',
+     "line 3, output_configuration: no quantity is called 'x'"),
+    ('output_configuration = [{ quantity = "quaternion", coordinates = "ned" }]',
+     "line 1, output_configuration: coordinates: 'ned' is none of ENU, NED, NWU"),
+    ('output_configuration = [{ quantity = "quaternion", rate = 1 }]',
+     "line 1, output_configuration: there is no rate; there are quantity, coordinates"),
+    ('output_configuration = [{ quantity = "quaternion", frequency = 100000 }]',
+     "line 1, output_configuration: "),
+    ("output_configuration = [1]", "line 1, output_configuration: 1 is not a table"),
+    ('port_config = [{ protocol = "xbus", baudrate = 5 }]', "line 1, port_config: baudrate: 5 is none of"),
+    ('port_config = [{ protocol = "xbus" }]', "line 1, port_config: baudrate must be there"),
+    ('port_config = [{ protocol = "xbux", baudrate = 9600 }]', 'line 1, port_config: protocol: "xbux"'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "says"), BAD)
+def test_texts_that_mean_nothing(text: str, says: str) -> None:
+    with pytest.raises(ValueError) as caught:
+        Settings.from_toml(f"{text}\n")
+    assert str(caught.value).startswith(says)
+    assert "\n" not in str(caught.value)
+
+
+# Interrupted
+
+
+class Cutter(SimLink):
+    """A link that loses everything from the message with this number on."""
+
+    def __init__(self, device: SimulatedDevice, last: int) -> None:
+        super().__init__(device)
+        self.left = last
+
+    def write(self, data: bytes) -> None:
+        self.left -= 1
+        if self.left >= 0:
+            super().write(data)
+
+    def read(self, timeout: float) -> Received:
+        received = super().read(timeout)
+        return received if self.left >= 0 else Received.at(b"", self.clock())
+
+
+def cuts(product: int) -> Iterator[tuple[SimulatedDevice, ApplyError | XbusTimeout | None]]:
+    """The same settings applied again and again, the link cut after one message more each time."""
+    wanted = changed(product)
+    for last in count():
+        sim = SimulatedDevice(product)
+        device = Device(Cutter(sim, last))
+        try:
+            device.apply(wanted)
+        except (ApplyError, XbusTimeout) as error:
+            yield sim, error
+            if not (isinstance(error, ApplyError) or device.session.state == State.UNKNOWN):
+                continue
+        else:
+            yield sim, None
+            return
+
+
+@pytest.mark.parametrize("product", [3, 30, 680])
+def test_the_link_cut_after_each_message_in_turn(product: int) -> None:
+    wanted, seen = changed(product), set()
+    factory = connect(SimulatedDevice(product)).settings()
+    for sim, error in cuts(product):
+        found = connect(sim).settings()
+        if not isinstance(error, ApplyError):
+            assert found in (factory, wanted)
+            continue
+        assert isinstance(error.__cause__, XbusTimeout)
+        assert error.before == factory
+        assert all(getattr(found, it.name) == it.after for it in error.applied)
+        assert all(getattr(found, it.name) == it.before for it in error.not_applied)
+        assert getattr(found, error.failed.name) in (error.failed.before, error.failed.after)
+        names = {it.name for it in (*error.applied, error.failed, *error.not_applied)}
+        assert names == {it.name for it in factory.diff(wanted)}
+        assert f"not known: {error.failed.name}" in str(error)
+        seen.add(error.failed.name)
+        again = connect(sim)
+        again.apply(error.before)
+        assert again.settings() == factory
+    assert seen == {it.name for it in factory.diff(wanted)}
+
+
+class Stubborn(Device):
+    """A device that refuses one message, or acknowledges it and does nothing."""
+
+    def __init__(self, message: str, *, says_so: bool) -> None:
+        super().__init__(SimLink(SimulatedDevice("MTi-630")))
+        self._message, self._says_so = message, says_so
+
+    def command(self, name: str, value: Any = None) -> Any:
+        if name != self._message:
+            return super().command(name, value)
+        if self._says_so:
+            raise DeviceError(f"the device answered {name} with Error 33", 33, name)
+        return super().command("ReqDID")
+
+
+@pytest.mark.parametrize("says_so", [True, False])
+def test_a_device_that_refuses_in_the_middle(says_so: bool) -> None:
+    device = Stubborn("SetLocationID", says_so=says_so)
+    place = LatLonAlt(1, 2, 3)
+    wanted = Settings(location_id=7, lat_lon_alt=place, filter_profile="Robust/VRU")
+    with pytest.raises(ApplyError) as caught:
+        device.apply(wanted)
+    assert caught.value.summary.endswith(
+        "; applied: filter_profile; not applied: location_id, lat_lon_alt"
+    )
+    assert device.settings().filter_profile == "Robust/VRU"
+    assert device.state == State.MEASUREMENT
+    device.apply(caught.value.before)
+    assert device.settings() == caught.value.before
+
+
+def test_ctrl_c_says_what_was_applied(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = connect("sim:MTi-630")
+
+    def interrupted(name: str, value: Any = None) -> Any:
+        if name == "SetLocationID":
+            raise KeyboardInterrupt
+        return Device.command(device, name, value)
+
+    monkeypatch.setattr(device, "command", interrupted)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        device.apply(Settings(location_id=7, filter_profile="Robust/VRU"))
+    assert "applied: filter_profile; not known: location_id" in caught.value.__notes__[0]
+
+
+def test_what_the_device_rounds_is_told() -> None:
+    """The receiver delivers when it delivers (Table 16)."""
+    device = connect("sim:MTi-670")
+    settings = Settings(output_configuration=(Output(0x7010, 4), Output(0x4020, 100)))
+    (rounded,) = device.apply(settings).rounded
+    assert rounded.after == (Output(0x7010, 0xFFFF), Output(0x4020, 100))
+    assert not device.apply(settings).changes
