@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import count
@@ -387,6 +388,7 @@ def test_a_device_that_refuses_in_the_middle(says_so: bool) -> None:
     wanted = Settings(location_id=7, lat_lon_alt=place, filter_profile="Robust/VRU")
     with pytest.raises(ApplyError) as caught:
         device.apply(wanted)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301
     assert caught.value.summary.endswith(
         "; applied: filter_profile; not applied: location_id, lat_lon_alt"
     )

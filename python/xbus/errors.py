@@ -137,10 +137,9 @@ class ApplyError(XbusError):
         failed: Change,
         not_applied: tuple[Change, ...],
         before: Settings,
-        *,
         is_open: bool,
     ) -> None:
-        super().__init__(reason, applied, failed, not_applied, before)
+        super().__init__(reason, applied, failed, not_applied, before, is_open)
         self.reason = reason
         self.applied = applied
         self.failed = failed

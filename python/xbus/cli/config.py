@@ -30,9 +30,10 @@ _baudrate = click.option(
 
 @click.group(epilog="Example: xbus config dump /dev/ttyUSB0 -o mti.toml")
 def config() -> None:
-    """Settings of a device as a file, to read, to keep and to carry to another.
+    """Settings of a device as a file: dumped, compared, applied.
 
-    The file is TOML, with a comment above each setting. What is left out of it stays as it is.
+    The file is TOML, with a comment above each setting. What is left out of it stays as it is on the
+    device.
     """
 
 
