@@ -46,13 +46,16 @@ def dump(port: str, out: str | None, baudrate: int | None) -> None:
 
     PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device.
     """
+    from xbus.export import replacing
+
     with connected(port, baudrate) as device:
         text = device.settings().to_toml()
     if out is None:
         put(text.removesuffix("\n"))
         return
     try:
-        Path(out).write_text(text, "utf-8")
+        with replacing(out) as file:
+            file.write(text.encode())
     except OSError as error:
         raise cannot(f"write {label(out)}", error) from error
 
