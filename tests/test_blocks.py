@@ -9,6 +9,7 @@ import pytest
 
 import xbus
 from xbus import Device, SimulatedDevice, StateError, XbusTimeout, connect
+from xbus.device import channel as channel_module
 from xbus.device.link import SILENCE, Received
 
 OUTPUTS = {
@@ -69,6 +70,23 @@ def test_a_sample_without_a_stamp_has_no_time() -> None:
     sample = measuring({"acceleration": 10}).read_sample()
     assert np.isnan([sample.time, sample.host_time]).all()
     assert np.isnan([xbus.Sample(b"").time, xbus.Sample(b"").host_time]).all()
+
+
+def test_what_waits_longer_than_a_minute_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program that computes for long finds all of it, however few samples are kept as objects."""
+    monkeypatch.setattr(channel_module, "KEPT", 100)
+    device = measuring()
+    channel = device._channel
+    sim = SimulatedDevice("MTi-630")
+    sim.advance(60)
+    data = sim.read()
+    pieces = [(data[at : at + 4096], 0.0) for at in range(0, len(data), 4096)]
+    channel.samples.clear()
+    channel._backlog.extend(pieces)
+    expected = len(xbus.read_log(data))
+    read = [device.read_sample()["packet_counter"] for _ in range(expected)]
+    assert read == list(range(expected))
+    assert channel.lost_samples == 0
 
 
 def test_blocks_by_time() -> None:

@@ -44,8 +44,8 @@ WAKING = 1.5
 QUIET = 0.1
 #: Between two tries to open a port that was lost.
 PAUSE = 0.1
-#: Samples that are kept for who does not read them: a minute at 1 kHz.
-KEPT = 60_000
+#: Samples that are kept for who does not read them: as many as come in a minute at 4 Mbaud.
+KEPT = 1_000_000
 
 
 class Channel:
@@ -59,7 +59,7 @@ class Channel:
         session: What is known of the device.
         samples: Samples that nobody has read, the oldest first.
         notices: Messages that nobody asked for, the latest 100.
-        lost_samples: Samples that nobody read before 60,000 others came.
+        lost_samples: Samples that nobody read before a million others came.
         device_id: Device identifier, once it has been read.
         timing: The clocks by which samples tell their times.
     """
@@ -77,6 +77,8 @@ class Channel:
         self.timing = Timing(link.epoch)
         if link.trouble is not None:
             self.notices.append(Notice("Port", link.trouble, b"", session.bid, None))
+        #: Pieces that have been taken from the queue, and when each came.
+        self._backlog: deque[tuple[bytes, float]] = deque()
         self._answers: deque[Reply | Refusal] = deque()
         self._heard_at = link.clock()
         self._is_broken = False
@@ -90,15 +92,17 @@ class Channel:
         if not self._taking_in.acquire(timeout=timeout):
             return  # another thread does it
         try:
-            self._mend(command)
-            try:
-                received = self.link.read(timeout)
-            except OSError as error:
-                self._lose(error, command)
-            for piece, arrival in received.pieces():
-                self._heard_at = arrival
-                self._keep(self.session.receive(piece), arrival)
-            if not received.data and self.link.clock() - self._heard_at >= QUIET:
+            if not self._backlog:
+                self._mend(command)
+                try:
+                    self._backlog.extend(self.link.read(timeout).pieces())
+                except OSError as error:
+                    self._lose(error, command)
+            if self._backlog:
+                # Piece by piece: what has waited for a minute is not to become a million objects at once.
+                piece, self._heard_at = self._backlog.popleft()
+                self._keep(self.session.receive(piece), self._heard_at)
+            elif self.link.clock() - self._heard_at >= QUIET:
                 self._keep(self.session.quiet())
         finally:
             self._taking_in.release()

@@ -48,6 +48,8 @@ DEFAULT_BAUDRATE = 115_200
 SILENCE = 5.0
 #: Rates are told over so many seconds at least.
 RATE_SPAN = 0.5
+#: Bytes a second at 4 Mbaud, and the longest queue at that, in seconds: a gigabyte.
+FASTEST, LONGEST_QUEUE = 400_000, 2500
 #: How long a restart may take, until WakeUp. A USB port has to appear again.
 RESTART = 5.0
 
@@ -109,7 +111,7 @@ class Device(Commands):
 
     @property
     def lost_samples(self) -> int:
-        """Samples that nobody read before 60,000 others came, or before a new measurement began."""
+        """Samples that nobody read before a million others came, or before a new measurement began."""
         return self._channel.lost_samples + self._outdated
 
     def find(self, baudrates: Iterable[int]) -> None:
@@ -565,6 +567,7 @@ def connect(
     *,
     bid: int = 0xFF,
     reconnect: bool = False,
+    queue_seconds: float = 60.0,
 ) -> Device:
     """Opens the port of a device, and finds out in which state it is without changing it.
 
@@ -579,6 +582,8 @@ def connect(
         reconnect: Whether a device that is unplugged while its samples are read is waited for, and
             brought back into Measurement State; `Device.notices` has the gap then. It is known by its
             identifier once that has been read. Otherwise `Disconnected` is raised at once.
+        queue_seconds: How long a program may read nothing and lose nothing, at 4 Mbaud; at a slower rate
+            it is longer. What is older than that is dropped and counted then.
 
     Raises:
         XbusTimeout: Nothing was heard.
@@ -589,7 +594,10 @@ def connect(
     >>> xbus.connect("sim:MTi-680G")
     <Device sim:MTi-680G at 115200 baud, product not read yet, measurement>
     """
-    link = open_link(_only_port() if port is None else port, baudrate or DEFAULT_BAUDRATE)
+    if not 0 < queue_seconds <= LONGEST_QUEUE:
+        raise ValueError(f"queue_seconds must be from 0 to {LONGEST_QUEUE}, not {queue_seconds}")
+    bound = int(queue_seconds * FASTEST)
+    link = open_link(_only_port() if port is None else port, baudrate or DEFAULT_BAUDRATE, bound)
     device = Device(link, bid=bid, reconnect=reconnect)
     rates = BAUDRATES if link.is_line else (link.baudrate,)
     try:

@@ -22,6 +22,8 @@ __all__ = ["SILENCE", "Link", "Received", "SerialLink", "open_link"]
 
 #: Bytes to read at a time from what has no descriptor, and seconds to wait for the first of them.
 PIECE, PUMP_TIMEOUT = 1 << 12, 0.05
+#: Most bytes that wait to be read, unless told otherwise: a minute at 4 Mbaud.
+QUEUE = 24_000_000
 #: The timer of an FTDI adapter at its fastest, in ms; it comes with 16.
 FAST_TIMER = 1
 
@@ -104,13 +106,15 @@ class SerialLink:
     Args:
         port: An open or closed port. It is closed by `close` only if ``owned``.
         owned: Whether it was opened for this link.
+        bound: Most bytes that wait to be read.
 
     Attributes:
         acquisition: What takes in the bytes that come.
     """
 
-    def __init__(self, port: Any, *, owned: bool) -> None:
+    def __init__(self, port: Any, *, owned: bool, bound: int = QUEUE) -> None:
         self._port = port
+        self._bound = bound
         self._owned = owned
         self.name = str(port.port or port.name)
         # Where a URL leads, what the rate is there is not known.
@@ -136,7 +140,7 @@ class SerialLink:
 
     def _begin(self) -> None:
         number = _descriptor(self._port)
-        self.acquisition = _core.Acquisition(number)
+        self.acquisition = _core.Acquisition(number, bound=self._bound)
         if number is None:
             _pump(self._port, self.acquisition)
 
@@ -232,7 +236,9 @@ def _pump(port: Any, acquisition: _core.Acquisition) -> None:
     threading.Thread(target=pump, name=f"xbus {port.port}", daemon=True).start()
 
 
-def open_link(port: str | serial.SerialBase | SimulatedDevice, baudrate: int) -> Link:
+def open_link(
+    port: str | serial.SerialBase | SimulatedDevice, baudrate: int, bound: int = QUEUE
+) -> Link:
     """A link to a port: a name, a pyserial URL, a pyserial object, ``"sim:PRODUCT"`` or a virtual device.
 
     Raises:
@@ -240,7 +246,7 @@ def open_link(port: str | serial.SerialBase | SimulatedDevice, baudrate: int) ->
         ValueError: No such virtual product.
     """
     if isinstance(port, serial.SerialBase):
-        return SerialLink(port, owned=False)
+        return SerialLink(port, owned=False, bound=bound)
     if not isinstance(port, str) or port.startswith("sim:"):
         from xbus.sim.link import SimLink  # whoever has a real device need not wait for it
 
@@ -248,4 +254,4 @@ def open_link(port: str | serial.SerialBase | SimulatedDevice, baudrate: int) ->
     made: Any = serial.serial_for_url(port, do_not_open=True, baudrate=baudrate, write_timeout=5)
     if "://" not in port:
         made.exclusive = True
-    return SerialLink(made, owned=True)
+    return SerialLink(made, owned=True, bound=bound)

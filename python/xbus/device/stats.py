@@ -29,7 +29,7 @@ class LiveStats:
         quantities: How many packets of each quantity came, by name.
         rates: The same in Hz, since the stats were last asked for (over half a second at least).
         unread_samples: Samples that have been taken in and that nobody has read.
-        dropped_samples: Samples that were dropped because 60,000 later ones were not read either.
+        dropped_samples: Samples that were dropped because a million later ones were not read either.
         queued_bytes: Bytes that wait to be taken in.
         dropped_bytes: Bytes that were dropped because the queue was full.
         overruns: How often driver or chip had no room for what came; None where nobody counts.
