@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import xbus
 from xbus import Device, SimulatedDevice, StateError, XbusTimeout, connect
 from xbus.device import channel as channel_module
 from xbus.device.link import SILENCE, Received
+from xbus.protocol import State
 
 OUTPUTS = {
     "packet_counter": None,
@@ -83,10 +85,31 @@ def test_what_waits_longer_than_a_minute_is_not_lost(monkeypatch: pytest.MonkeyP
     pieces = [(data[at : at + 4096], 0.0) for at in range(0, len(data), 4096)]
     channel.samples.clear()
     channel._backlog.extend(pieces)
+    assert device.stats.queued_bytes == len(data)
     expected = len(xbus.read_log(data))
     read = [device.read_sample()["packet_counter"] for _ in range(expected)]
     assert read == list(range(expected))
     assert channel.lost_samples == 0
+
+
+def test_an_answer_behind_much_that_waited_is_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It counts when it came; to take in what came before it may take longer than an answer may."""
+    device = measuring()
+    channel, sample = device._channel, device.read_sample().frame
+    channel._backlog.extend([(sample, 0.0)] * 10_000)
+    clock, steps = channel.link.clock, itertools.count()
+    monkeypatch.setattr(channel.link, "clock", lambda: clock() + next(steps) * 1e-3)
+    device.go_to_config()
+    assert device.state == State.CONFIG
+    assert next(steps) > 10_000
+
+
+def test_an_answer_that_never_comes_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However many samples come meanwhile."""
+    device = measuring()
+    monkeypatch.setattr(device.link, "write", lambda _: None)
+    with pytest.raises(XbusTimeout, match="no answer to GoToConfig"):
+        device.go_to_config()
 
 
 def test_blocks_by_time() -> None:

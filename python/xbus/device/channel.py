@@ -44,6 +44,8 @@ WAKING = 1.5
 QUIET = 0.1
 #: Between two tries to open a port that was lost.
 PAUSE = 0.1
+#: How long a thread waits at least for another one that takes in.
+TURN = 0.01
 #: Samples that are kept for who does not read them: as many as come in a minute at 4 Mbaud.
 KEPT = 1_000_000
 
@@ -87,10 +89,19 @@ class Channel:
 
     # Bytes
 
-    def receive(self, timeout: float, command: str | None = None) -> None:
-        """Takes in what has come, waiting for it no longer than so many seconds."""
-        if not self._taking_in.acquire(timeout=timeout):
-            return  # another thread does it
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes that have been taken from the queue and not yet taken in."""
+        return sum(len(piece) for piece, _ in self._backlog.copy())
+
+    def receive(self, timeout: float, command: str | None = None) -> bool:
+        """Takes in a piece of what has come, waiting for it no longer than so many seconds.
+
+        Returns:
+            Whether there was any, or another thread takes it in.
+        """
+        if not self._taking_in.acquire(timeout=max(timeout, TURN)):
+            return True
         try:
             if not self._backlog:
                 self._mend(command)
@@ -102,8 +113,10 @@ class Channel:
                 # Piece by piece: what has waited for a minute is not to become a million objects at once.
                 piece, self._heard_at = self._backlog.popleft()
                 self._keep(self.session.receive(piece), self._heard_at)
-            elif self.link.clock() - self._heard_at >= QUIET:
+                return True
+            if self.link.clock() - self._heard_at >= QUIET:
                 self._keep(self.session.quiet())
+            return False
         finally:
             self._taking_in.release()
 
@@ -202,9 +215,10 @@ class Channel:
                 if answer.command == name:
                     return answer
             left = until - self.link.clock()
-            if left <= 0:
+            is_there = self.receive(max(0.0, min(left, QUIET)), name)
+            # It may stand behind much that has waited: what counts is when it came, not when it is read.
+            if left <= 0 and (not is_there or self._heard_at > until):
                 return None
-            self.receive(min(left, QUIET), name)
 
     # The state
 

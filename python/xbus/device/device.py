@@ -490,7 +490,8 @@ class Device(Commands):
             }
             self._counted = now, quantities
         channel = self._channel
-        return live_stats(counted, self._rates, len(channel.samples), channel.lost_samples)
+        unread, waiting = len(channel.samples), channel.waiting_bytes
+        return live_stats(counted, self._rates, unread, channel.lost_samples, waiting)
 
     def record(
         self,

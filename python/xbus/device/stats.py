@@ -60,11 +60,12 @@ class LiveStats:
 
 
 def live_stats(
-    counted: dict[str, Any], rates: dict[str, float], unread: int, dropped: int
+    counted: dict[str, Any], rates: dict[str, float], unread: int, dropped: int, waiting: int
 ) -> LiveStats:
     """The stats of what `_core.Acquisition.stats` has counted."""
     names = LiveStats.__dataclass_fields__
     known = {key: value for key, value in counted.items() if key in names}
+    known["queued_bytes"] += waiting
     known["quantities"] = by_name(counted["quantities"])
     return LiveStats(**known, rates=rates, unread_samples=unread, dropped_samples=dropped)
 
