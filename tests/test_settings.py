@@ -290,6 +290,9 @@ BAD = [
      "line 1, output_configuration: there is no rate; there are quantity, coordinates"),
     ('output_configuration = [{ quantity = "quaternion", frequency = 100000 }]',
      "line 1, output_configuration: "),
+    # Far down only the line of the key is told, and a long list does not take the square of its length.
+    ("\noutput_configuration = [\n" + '{ quantity = "acceleration" },\n' * 20_000 + "{}]",
+     "line 2, output_configuration: quantity"),
     ("output_configuration = [1]", "line 1, output_configuration: 1 is not a table"),
     ('port_config = [{ protocol = "xbus", baudrate = 5 }]', "line 1, port_config: baudrate: 5 is none of"),
     ('port_config = [{ protocol = "xbus" }]', "line 1, port_config: baudrate must be there"),
@@ -297,7 +300,7 @@ BAD = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "says"), BAD)
+@pytest.mark.parametrize(("text", "says"), BAD, ids=[says for _, says in BAD])
 def test_texts_that_mean_nothing(text: str, says: str) -> None:
     with pytest.raises(ValueError) as caught:
         Settings.from_toml(f"{text}\n")

@@ -18,6 +18,9 @@ from xbus.protocol.products import find_product, support
 
 __all__ = ["Change", "Settings"]
 
+#: Lines of a list that are looked at for its entries, each of them with all before it: no device has as many.
+LOOKED_AT = 100
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -192,7 +195,7 @@ def _located(error: str, text: str) -> str:
 
 
 def _lines(text: str, key: str, plain: Any) -> list[int]:
-    """The line of a key, and of each entry of its list."""
+    """The line of a key, and of each entry of its list; far down, that of the key."""
     lines = text.splitlines()
     pattern = re.compile(rf"\s*\[*\s*[\"']?{re.escape(key)}[\"']?\s*[\].=]")
     begins = [at for at, line in enumerate(lines) if pattern.match(line)] or [0]
@@ -202,13 +205,15 @@ def _lines(text: str, key: str, plain: Any) -> list[int]:
     if len(begins) > 1:  # [[key]] for each
         return [first + 1, *(it + 1 for it in begins)]
     found = [first + 1]
-    for end in range(first + 1, len(lines) + 1):
+    for end in range(first + 1, min(len(lines), first + LOOKED_AT) + 1):
+        if len(found) > len(plain):
+            break
         # What is there up to this line, with the list closed here, or where it is closed.
         for closing in ("\n]", ""):
             with contextlib.suppress(tomllib.TOMLDecodeError):
                 so_far = tomllib.loads("\n".join(lines[first:end]) + closing).get(key, ())
                 found += [end] * (len(so_far) + 1 - len(found))
-    return found + [found[-1]] * (len(plain) + 1 - len(found))
+    return found + found[:1] * (len(plain) + 1 - len(found))
 
 
 def _at(lines: Sequence[int], key: str, read: Callable[[Any], Any], it: Any) -> Any:
