@@ -16,6 +16,7 @@ from __future__ import annotations
 import os
 import random
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -29,7 +30,7 @@ import reference
 import streams
 from reference import Reference
 from streams import packet
-from xbus import Column, Log, _core
+from xbus import Column, Log, SimulatedDevice, _core, connect
 
 settings.register_profile(
     "default", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
@@ -266,3 +267,16 @@ def sound_streams(draw: st.DrawFn, most: int = 60) -> bytes:
 def damaged_streams(draw: st.DrawFn, most: int = 60) -> bytes:
     """The same, with up to eight accidents."""
     return edited(draw(sound_streams(most)), draw(st.lists(edits(), max_size=8)))
+
+
+@pytest.fixture
+def behind(monkeypatch: pytest.MonkeyPatch) -> Callable[[SimulatedDevice], str]:
+    """Puts a virtual device behind a port of this process, and gives the port's name."""
+
+    def put(sim: SimulatedDevice) -> str:
+        monkeypatch.setattr(
+            "xbus.device.connect", lambda _, *args, **more: connect(sim, *args, **more)
+        )
+        return "mti"
+
+    return put

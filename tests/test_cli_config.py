@@ -18,19 +18,6 @@ PRODUCT_NAMES = [it.name for it in PRODUCTS.values()]
 
 
 @pytest.fixture
-def behind(monkeypatch: pytest.MonkeyPatch) -> Callable[[SimulatedDevice], str]:
-    """Puts a virtual device behind a port of this process, and gives the port's name."""
-
-    def put(sim: SimulatedDevice) -> str:
-        monkeypatch.setattr(
-            "xbus.device.connect", lambda _, *args, **more: connect(sim, *args, **more)
-        )
-        return "mti"
-
-    return put
-
-
-@pytest.fixture
 def file(tmp_path: Path) -> Callable[[str], str]:
     """Writes a file and gives its name."""
 

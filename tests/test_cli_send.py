@@ -39,19 +39,6 @@ def wrong(*args: str) -> str:
     return " ".join(result.stderr.partition("Error: ")[2].split())
 
 
-@pytest.fixture
-def behind(monkeypatch: pytest.MonkeyPatch) -> Callable[[SimulatedDevice], str]:
-    """Puts a virtual device behind a port of this process, and gives the port's name."""
-
-    def put(sim: SimulatedDevice) -> str:
-        monkeypatch.setattr(
-            "xbus.device.connect", lambda _, *args, **more: connect(sim, *args, **more)
-        )
-        return "mti"
-
-    return put
-
-
 # What is shown
 
 

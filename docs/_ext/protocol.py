@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from typing import ClassVar
 
 import click
@@ -243,28 +243,25 @@ def sync() -> list[nodes.Node]:
     return [table(("number", "function", "lines", "products"), rows)]
 
 
-def option_flags() -> list[nodes.Node]:
+def _bits(
+    kind: type[OptionFlag | StringType],
+    word: str,
+    of: Callable[[Support], Container[OptionFlag | StringType]],
+) -> list[nodes.Node]:
+    """The bits of a kind, and the products that have each."""
     rows = (
-        (
-            code(f"{it.value:04X}"),
-            code(it.name or ""),
-            who(lambda its, it=it: it in its.option_flags),
-        )
-        for it in OptionFlag
+        (code(f"{it.value:04X}"), code(it.name or ""), who(lambda its, it=it: it in of(its)))
+        for it in kind
     )
-    return [table(("bit", "flag", "products"), rows)]
+    return [table(("bit", word, "products"), rows)]
+
+
+def option_flags() -> list[nodes.Node]:
+    return _bits(OptionFlag, "flag", lambda its: its.option_flags)
 
 
 def strings() -> list[nodes.Node]:
-    rows = (
-        (
-            code(f"{it.value:04X}"),
-            code(it.name or ""),
-            who(lambda its, it=it: it in its.string_types),
-        )
-        for it in StringType
-    )
-    return [table(("bit", "string", "products"), rows)]
+    return _bits(StringType, "string", lambda its: its.string_types)
 
 
 def filter_profiles() -> list[nodes.Node]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.connection import connected
+from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import label
 from xbus.cli.output import count, put
@@ -20,12 +20,6 @@ __all__ = ["applied", "config", "read_file"]
 
 _port = click.argument("port")
 _file = click.argument("file", type=click.Path())
-_baudrate = click.option(
-    "--baudrate",
-    type=click.IntRange(1, 4_000_000),
-    metavar="RATE",
-    help="Bits per second; without it, the usual ones are tried.",
-)
 
 
 @click.group(epilog="Example: xbus config dump /dev/ttyUSB0 -o mti.toml")
@@ -40,7 +34,7 @@ def config() -> None:
 @config.command(epilog="Example: xbus config dump /dev/ttyUSB0 -o mti.toml")
 @_port
 @click.option("-o", "out", type=click.Path(), metavar="FILE", help="Write to FILE, not to stdout.")
-@_baudrate
+@baudrate_option
 def dump(port: str, out: str | None, baudrate: int | None) -> None:
     """Reads all settings of a device.
 
@@ -63,7 +57,7 @@ def dump(port: str, out: str | None, baudrate: int | None) -> None:
 @config.command(epilog="Example: xbus config diff /dev/ttyUSB0 mti.toml")
 @_port
 @_file
-@_baudrate
+@baudrate_option
 def diff(port: str, file: str, baudrate: int | None) -> None:
     """Shows where a device and a file differ: - the device, + the file."""
     from xbus.device.applying import compared
@@ -84,7 +78,7 @@ def diff(port: str, file: str, baudrate: int | None) -> None:
 @click.option(
     "--no-line", is_flag=True, help="Any output fits: PORT is no serial line (USB of the device)."
 )
-@_baudrate
+@baudrate_option
 def apply(port: str, file: str, dry_run: bool, no_line: bool, baudrate: int | None) -> None:
     """Sets on a device what a file says otherwise.
 

@@ -13,7 +13,15 @@ from xbus.errors import XbusError
 if TYPE_CHECKING:
     from xbus.device import Device
 
-__all__ = ["connected", "gone"]
+__all__ = ["baudrate_option", "connected", "gone"]
+
+#: How commands are told the rate of a port.
+baudrate_option = click.option(
+    "--baudrate",
+    type=click.IntRange(1, 4_000_000),
+    metavar="RATE",
+    help="Bits per second; without it, the usual ones are tried.",
+)
 
 #: What to do about a port that cannot be opened.
 ADVICE = {

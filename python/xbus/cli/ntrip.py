@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.connection import connected
+from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure
 from xbus.cli.output import count, put
 from xbus.errors import XbusTimeout
@@ -60,12 +60,7 @@ PAUSE, PAUSE_ON_TERMINAL = 5.0, 0.2
     show_default=True,
     help="Version of the protocol to ask for.",
 )
-@click.option(
-    "--baudrate",
-    type=click.IntRange(1, 4_000_000),
-    metavar="RATE",
-    help="Bits per second; without it, the usual ones are tried.",
-)
+@baudrate_option
 @click.option("--json", "as_json", is_flag=True, help="The status as one JSON object a line.")
 def ntrip(
     port: str,

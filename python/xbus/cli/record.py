@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xbus.cli.config import applied, read_file
-from xbus.cli.connection import connected
+from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot, told_to_stop
 from xbus.cli.inputs import label
 from xbus.cli.output import count
@@ -111,12 +111,7 @@ def _outputs(
     metavar="FILE",
     help="Apply these settings first, as xbus config apply does.",
 )
-@click.option(
-    "--baudrate",
-    type=click.IntRange(1, 4_000_000),
-    metavar="RATE",
-    help="Bits per second; without it, the usual ones are tried.",
-)
+@baudrate_option
 @click.option(
     "--fsync", is_flag=True, help="Twice a second, make sure that a power cut loses nothing."
 )

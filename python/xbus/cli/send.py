@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.connection import connected, gone
+from xbus.cli.connection import baudrate_option, connected, gone
 from xbus.cli.failure import Failure
 from xbus.cli.output import called
 from xbus.errors import StateError, XbusError
@@ -35,12 +35,7 @@ LISTEN = 0.5
     help="MESSAGE is in hex: a frame (FA FF 30 00 D1), sent as it is, or a MID and data (30).",
 )
 @click.option("--config", is_flag=True, help="Go to Config State for it, and back.")
-@click.option(
-    "--baudrate",
-    type=click.IntRange(1, 4_000_000),
-    metavar="RATE",
-    help="Bits per second; without it, the usual ones are tried.",
-)
+@baudrate_option
 @click.option(
     "--bid",
     type=int,
