@@ -28,6 +28,7 @@ from hypothesis import strategies as st
 
 import reference
 import streams
+import xbus
 from reference import Reference
 from streams import packet
 from xbus import Column, Log, SimulatedDevice, _core, connect
@@ -116,6 +117,7 @@ def facts(*parts: Log) -> Facts:
         "time": _joined([it.time for it in parts]),
         "packet counter": _joined([it.packet_counter for it in parts]),
         "messages": [it for part in parts for it in _messages(part)],
+        "strings": [it for part in parts for it in _strings(part)],
         "damage": [it for part in parts for it in part.damage.tolist()],
         "unknown": {},
         "stats": {key: sum(vars(it.stats)[key] for it in parts) for key in vars(parts[0].stats)},
@@ -151,6 +153,9 @@ def facts_of(log: Reference) -> Facts:
         "time": np.array(log.time, "f8"),
         "packet counter": np.array(log.packet_counter, "i8"),
         "messages": [tuple(it) for it in log.messages],
+        "strings": [
+            (*it, sum(offset < it.offset for offset, _ in log.samples)) for it in log.strings
+        ],
         "damage": [tuple(it) for it in log.damage],
         "unknown": log.unknown,
         "stats": log.stats,
@@ -203,6 +208,13 @@ def _messages(log: Log) -> list[tuple[Any, ...]]:
     return [(it.mid, it.bid, it.payload, it.offset, it.sample) for it in log.messages]
 
 
+def _strings(log: Log) -> list[tuple[Any, ...]]:
+    def name(string: xbus.String) -> str | None:
+        return string.type.name if string.type is not None else None
+
+    return [(it.offset, name(it), it.data, it.sample) for it in log.strings]
+
+
 def _joined(arrays: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
     with np.errstate(invalid="ignore"):  # a signalling NaN is quiet once it is widened
         return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
@@ -220,6 +232,7 @@ INTRUDERS = st.one_of(
     st.integers(1, 40).map(streams.only_fa),
     st.integers(1, 40).map(streams.lying),
     st.integers(0, 255).map(lambda size: b"\xfa\xff\x36" + bytes([size])),
+    SEEDS.map(lambda seed: streams.random_string(random.Random(seed))),
     st.sampled_from((0, 1, 60, 254, 255, 3000, 65535)).map(lambda size: streams.claims(6, size)),
     SEEDS.map(lambda seed: streams.random_frames(random.Random(seed), 1)[0]),
 )

@@ -9,6 +9,7 @@ the tests only: a check that read the package's tables would repeat its mistakes
 identifiers in Tables 16 and 17, what an MTData2 message holds in section 5.3.6.
 
     scan(data)      bytes -> frames, damage, how often a checksum failed where a frame was due
+    find(data)      the same, and the strings
     decode(data)    bytes -> Reference: samples, columns, messages, time, counter, statistics
     array(ref, key) one column as the numpy array that it should be
 """
@@ -16,6 +17,7 @@ identifiers in Tables 16 and 17, what an MTData2 message holds in section 5.3.6.
 from __future__ import annotations
 
 import math
+import re
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
@@ -389,37 +391,151 @@ def plausible(frame: Frame) -> bool:
     return all(not known(data_id) or read(data_id, data) is not None for data_id, data in tiles)
 
 
+class String(NamedTuple):
+    """A string output: where it begins, its name or None, and its bytes."""
+
+    offset: int
+    name: str | None
+    data: bytes
+
+
+# Section 5.3.5, SetStringOutputType. A sentence is text between $ and *hh; two kinds of string have no
+# checksum, but an end of line; EM1000 has neither.
+SENTENCE = re.compile(rb"\$([A-Z][ -#%-~]*?)\*([0-9A-Fa-f]{2})\r?\n")
+NUMBER = rb" *(?:[+-]?(?:\d+\.?\d*|\.\d+))? *"
+PRDID = re.compile(rb"\$PRDID," + rb",".join([NUMBER] * 3) + rb"\r?\n")
+TSS2 = re.compile(rb":(?=[ \d])[\d ]{5} [- ][\d ]{4}H[- ][\d ]{4} [- ][\d ]{4}F\r?\n")
+TSS2_MASK = ["[0-9 ]"] * 5 + [" ", "[- ]"] + ["[0-9 ]"] * 4 + ["H", "[- ]"] + ["[0-9 ]"] * 4
+TSS2_MASK += [" ", "[- ]"] + ["[0-9 ]"] * 4 + ["F"]
+NAMES = ["HCHDM", "HCHDG", "TSS2", "PHTRO", "PRDID", "EM1000", "PSONCMS", "HCMTW"]
+NAMES += ["HEHDT", "HEROT", "GPGGA", "PTCF", "XSVEL", "GPZDA", "GPRMC"]
+EM1000_BIT = 1 << 5
+STRING_OUTPUT_TYPE = 0x8F
+LONGEST_STRING = 255
+
+
+def string_at(data: bytes, at: int, expected: int, in_step: bool) -> tuple[str, String | None, int]:
+    """What the byte at `at` begins: ("", string, its end), or why it begins none."""
+    if data[at] == 0x00 and expected & EM1000_BIT:
+        return em1000_at(data, at, in_step)
+    near = data[at : at + LONGEST_STRING]
+    if near[:1] not in (b"$", b":"):
+        return "no preamble", None, at
+    found: tuple[re.Match[bytes] | None, str | None]
+    if sentence := SENTENCE.match(near):
+        name = next((it for it in NAMES if sentence[1].startswith(it.encode() + b",")), None)
+        total = 0
+        for byte in sentence[1]:
+            total ^= byte
+        if total != int(sentence[2], 16):
+            return "checksum", None, at
+        found = sentence, name
+    elif prdid := PRDID.match(near):
+        found = prdid, "PRDID"
+    else:
+        found = TSS2.match(near), "TSS2"
+    match, name = found
+    if match is not None:
+        return "", String(at, name, match[0]), at + match.end()
+    return why_no_string(data, at, near), None, at
+
+
+def why_no_string(data: bytes, at: int, near: bytes) -> str:
+    """Cut off by the end of the input, too long, or nothing of the kind."""
+    if not re.match(rb"\$[A-Z]|:[ \d]|[$:]\Z", near):
+        return "no preamble"
+    if near[:1] == b":":
+        text = near[1:].decode("latin-1")
+        for i, mask in enumerate(TSS2_MASK):
+            if i == len(text):
+                return "truncated"
+            if not re.match(mask, text[i]):
+                return "no preamble"
+        rest = near[1 + len(TSS2_MASK) :]
+    else:
+        rest = near[1 + len(re.match(rb"[ -#%-~]*", near[1:])[0]) :]  # type: ignore[index]
+        if rest in (b"", b"\r") and len(near) == LONGEST_STRING:
+            return "too long"
+    return "truncated" if rest in (b"", b"\r") and at + len(near) == len(data) else "no preamble"
+
+
+def em1000_at(data: bytes, at: int, in_step: bool) -> tuple[str, String | None, int]:
+    """Ten bytes: 00 90, roll, pitch, heave and heading in little-endian words, 0.01 degrees."""
+    if len(data) == at + 1:
+        return "truncated", None, at
+    if data[at + 1] != 0x90:
+        return "no preamble", None, at
+    end = at + 10
+    if end > len(data):
+        return "truncated", None, at
+    roll, pitch, _, heading = struct.unpack("<hhhH", data[at + 2 : end])
+    if abs(roll) > 18_000 or abs(pitch) > 9_000 or heading > 36_000:
+        return "implausible", None, at
+    if not in_step and data[end : end + 1] not in (b"", b"\xfa", b"$", b":", b"\0"):
+        return "implausible", None, at
+    return "", String(at, "EM1000", data[at:end]), end
+
+
+def strings_told(frame: Frame) -> int | None:
+    """Which strings are on, if a message says so."""
+    if frame.mid != STRING_OUTPUT_TYPE or len(frame.payload) not in (2, 6):
+        return None
+    return int.from_bytes(frame.payload if len(frame.payload) == 2 else frame.payload[:4], "big")
+
+
 def scan(data: bytes, limit: int = LONGEST) -> tuple[list[Frame], list[Damage], int]:
-    """The frames in `data`, the damage between them, and how many stretches a checksum began.
+    """The frames in `data`, the damage between them, and how many stretches a checksum began."""
+    frames, _, damage, checksum_errors = find(data, limit)
+    return frames, damage, checksum_errors
+
+
+def find(
+    data: bytes, limit: int = LONGEST, named: int = 0
+) -> tuple[list[Frame], list[String], list[Damage], int]:
+    """The frames and strings in `data`, the damage between them, and how many stretches a checksum began.
 
     A sound frame is accepted when it is plausible or in step on both sides: it begins where an
-    accepted frame ended or the input begins, and it ends where another sound frame begins or the
-    input ends. After a refusal the search goes on one byte further.
+    accepted frame or string ended or the input begins, and it ends where another sound frame or string
+    begins or the input ends. After a refusal the search goes on one byte further.
     """
     data = bytes(data)
     frames: list[Frame] = []
+    strings: list[String] = []
     damage: list[Damage] = []
-    due = 0  # where the last accepted frame ended: where the next one should begin
+    told = 0  # the strings that the device says are on
+    due = 0  # where the last accepted frame or string ended: where the next one should begin
     why = ""  # what was wrong there
     at = 0
     while at < len(data):
         reason, frame, end = candidate(data, at, limit)
+        string = None
+        if data[at] != PREAMBLE:
+            reason, string, end = string_at(data, at, named | told, at == due)
         if frame is not None and not plausible(frame):
-            in_step = at == due and (end == len(data) or candidate(data, end, limit)[1] is not None)
+            in_step = at == due and (
+                end == len(data)
+                or candidate(data, end, limit)[1] is not None
+                or string_at(data, end, named | told, in_step=True)[1] is not None
+            )
             if not in_step:
                 reason, frame = "implausible", None
         if at == due:
             why = reason
-        if frame is None:
+        if frame is None and string is None:
             at += 1
             continue
         if at > due:
             damage.append(Damage(due, at - due, why))
-        frames.append(frame)
+        if frame is not None:
+            frames.append(frame)
+            now = strings_told(frame)
+            told = told if now is None else now
+        if string is not None:
+            strings.append(string)
         at = due = end
     if at > due:
         damage.append(Damage(due, at - due, why))
-    return frames, damage, sum(stretch.reason == "checksum" for stretch in damage)
+    return frames, strings, damage, sum(stretch.reason == "checksum" for stretch in damage)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -601,6 +717,7 @@ class Reference:
     """A log as it should be read."""
 
     frames: list[Frame]
+    strings: list[String]
     damage: list[Damage]
     samples: list[tuple[int, int]] = field(default_factory=list)  # offset, bid
     columns: dict[Key, list[Row]] = field(default_factory=dict)
@@ -611,10 +728,10 @@ class Reference:
     stats: dict[str, int] = field(default_factory=dict)
 
 
-def decode(data: bytes, limit: int = LONGEST) -> Reference:
+def decode(data: bytes, limit: int = LONGEST, named: int = 0) -> Reference:
     """Everything that a log says."""
-    frames, damage, checksum_errors = scan(data, limit)
-    log = Reference(frames, damage)
+    frames, strings, damage, checksum_errors = find(data, limit, named)
+    log = Reference(frames, strings, damage)
     devices: dict[int, Device] = {}
     malformed = lost = gaps = 0
 
@@ -659,6 +776,7 @@ def decode(data: bytes, limit: int = LONGEST) -> Reference:
         "samples": len(log.samples),
         "messages": len(log.messages),
         "malformed": malformed,
+        "strings": len(strings),
         "skipped_bytes": sum(stretch.length for stretch in damage),
         "checksum_errors": checksum_errors,
         "lost_samples": lost,

@@ -523,6 +523,37 @@ def random_frames(rng: random.Random, count: int | None = None) -> list[bytes]:
     return [rng.choice(kinds)(rng.choice(devices)) for _ in range(count)]
 
 
+def sentence(body: str, end: str = "\r\n") -> bytes:
+    """An NMEA sentence of this body, with its checksum."""
+    total = 0
+    for character in body:
+        total ^= ord(character)
+    return f"${body}*{total:02X}{end}".encode("ascii")
+
+
+def random_string(rng: random.Random) -> bytes:
+    """A string output, or now and then something that is nearly one."""
+    numbers = [rng.choice(["", "0", "-4.56", " 001.2", "123.45", "+.5", "1e3"]) for _ in range(3)]
+    text = ",".join(numbers)
+    string = rng.choice(
+        [
+            sentence(f"{rng.choice(['HEHDT', 'HCHDM', 'XSVEL', 'GPGSV', 'P'])},{text}"),
+            sentence(f"PSONCMS,{text}", rng.choice(["\r\n", "\n", "\r", ""])),
+            f"$PRDID,{text}\r\n".encode("ascii"),
+            b":12345  0000H 0123 -0456F\r\n",
+            struct.pack("<BBhhhH", 0, 0x90, 123, -456, 0, rng.randrange(40_000)),
+            sentence("HCHDG," + "x" * rng.randrange(230, 250)),
+            frame(0x8F, b"\0\x20"),
+        ]
+    )
+    if rng.random() < 0.2:
+        at = rng.randrange(len(string))
+        string = (
+            string[:at] + rng.choice([b"", b"$", b":", b"\0", b"\xfa", b"*"]) + string[at + 1 :]
+        )
+    return string
+
+
 def random_log(rng: random.Random, count: int | None = None) -> bytes:
     """A sound stream of those frames: every one of them is to be found."""
     return b"".join(random_frames(rng, count))

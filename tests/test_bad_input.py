@@ -145,7 +145,7 @@ def png() -> bytes:
 OTHER_FILES = {
     "PNG": png(),
     "text": Path(reference.__file__).read_bytes(),
-    "NMEA": b"$GPGGA,091507.00,5214.4043,N,00650.3034,E,1,09,1.1,45.2,M,42.8,M,,*54\r\n" * 100,
+    "lines": b"$GPGGA,091507.00,5214.4043,N,00650.3034,E,1,09,1.1,45.2,M,42.8,M,,\r\n" * 100,
     "zip": zlib.compress(WALK),
     "hex dump": WALK[:2000].hex(" ").encode(),
     "one byte": b"\xfa",

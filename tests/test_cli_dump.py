@@ -101,13 +101,14 @@ def test_frames_and_damage_are_the_whole_input(data: bytes) -> None:
         if "reason" in it:
             at += it["length"]
         else:
-            raw = bytes.fromhex(it["frame"])
+            raw = bytes.fromhex(it["frame"] if "frame" in it else it["bytes"])
             assert data[at : at + len(raw)] == raw
             at += len(raw)
     assert at == len(data)
     lines = lines_of(data)
     assert b"".join(bytes.fromhex(it.partition("  | ")[2]) for it in lines) == b"".join(
-        bytes.fromhex(json.loads(it).get("frame", "")) for it in lines_of(data, as_json=True)
+        bytes.fromhex(it.get("frame", it.get("bytes", "")))
+        for it in map(json.loads, lines_of(data, as_json=True))
     )
 
 

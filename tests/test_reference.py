@@ -515,7 +515,9 @@ def test_capture(capture: str) -> None:
         "bytes": len(raw),
         "frames": 100,
         "samples": 100,
-        **dict.fromkeys(["messages", "malformed", "skipped_bytes", "checksum_errors"], 0),
+        **dict.fromkeys(
+            ["messages", "malformed", "strings", "skipped_bytes", "checksum_errors"], 0
+        ),
         **dict.fromkeys(["lost_samples", "gaps"], 0),
     }
     assert not log.unknown

@@ -928,9 +928,9 @@ def test_strings_overrule_samples(product: str) -> None:
         "SetStringOutputType",
         StringOutput(StringType.HCMTW, 10 if product == "MTi-630" else None),
     )
-    measuring(device)
-    device.advance(1)
-    assert device.read() == b""
+    log = log_of(measuring(device), 1)
+    assert len(log) == 0
+    assert log.strings.counts == {"HCMTW": 10 if product == "MTi-630" else 100}
     ask(device, "GoToConfig")
     ask(device, "SetStringOutputType", StringOutput(StringType(0)))
     assert len(log_of(measuring(device), 1)) == 100

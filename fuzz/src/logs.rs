@@ -3,11 +3,11 @@
 use std::collections::HashMap;
 
 use xbus::clock::{Clocks, Losses, Stamps};
-use xbus::column::{Column, Subject, Values};
+use xbus::column::{Column, Pieces, Subject, Values};
 use xbus::device;
 use xbus::error::Fault;
 use xbus::frame::Frame;
-use xbus::log::{Options, Part, Reader, Stats};
+use xbus::log::{Options, Part, Reader, Stats, Strings};
 use xbus::packet::{Coordinates, Form, Packet, Precision, packets};
 use xbus::scan::{Damage, Window};
 use xbus::table::{self, Field, Kind, Quantity, Wire};
@@ -28,6 +28,7 @@ pub struct Log {
     pub counters: Vec<i64>,
     pub losses: Losses,
     pub messages: Vec<Message>,
+    pub strings: Vec<Text>,
     pub damage: Vec<Damage>,
     pub stats: Stats,
 }
@@ -55,6 +56,15 @@ pub struct Message {
     pub offset: u64,
     pub sample: u64,
     pub payload: Vec<u8>,
+}
+
+/// A string output.
+#[derive(Debug, PartialEq, Eq)]
+pub struct Text {
+    pub place: Option<u8>,
+    pub offset: u64,
+    pub sample: u64,
+    pub bytes: Vec<u8>,
 }
 
 /// A number as its 64 bits, so that a NaN equals itself.
@@ -102,15 +112,20 @@ impl Log {
 
     /// What a part says; `clocks` are those at its beginning, and afterwards those at its end.
     pub fn of(part: &Part, clocks: &mut Clocks) -> Self {
-        let messages = &part.messages;
-        let starts = std::iter::once(&0).chain(&messages.payload.ends);
-        let mut payloads = starts.zip(&messages.payload.ends).map(|(&from, &to)| (count(from), count(to)));
+        let (messages, strings) = (&part.messages, &part.strings);
+        let (mut payloads, mut texts) = (pieces(&messages.payload), pieces(&strings.bytes));
         let message = |i: usize| Message {
             mid: messages.mid[i],
             bid: messages.bid[i],
             offset: messages.offset[i],
             sample: messages.sample[i],
-            payload: payloads.next().map(|(from, to)| messages.payload.bytes[from..to].to_vec()).expect("one each"),
+            payload: payloads.next().expect("one each"),
+        };
+        let text = |i: usize| Text {
+            place: (strings.place[i] != Strings::UNKNOWN).then_some(strings.place[i]),
+            offset: strings.offset[i],
+            sample: strings.sample[i],
+            bytes: texts.next().expect("one each"),
         };
         let (times, counters, losses) = part.unwrap(clocks);
         let log = Self {
@@ -122,6 +137,7 @@ impl Log {
             counters,
             losses,
             messages: (0..messages.mid.len()).map(message).collect(),
+            strings: (0..strings.place.len()).map(text).collect(),
             damage: part.damage.clone(),
             stats: part.stats,
         };
@@ -148,6 +164,7 @@ impl Log {
         self.losses.samples += next.losses.samples;
         self.losses.gaps += next.losses.gaps;
         self.messages.extend(next.messages);
+        self.strings.extend(next.strings);
         self.damage.extend(next.damage);
         let (sum, more) = (&mut self.stats, next.stats);
         sum.bytes += more.bytes;
@@ -155,6 +172,7 @@ impl Log {
         sum.samples += more.samples;
         sum.messages += more.messages;
         sum.malformed += more.malformed;
+        sum.strings += more.strings;
         sum.skipped_bytes += more.skipped_bytes;
         sum.checksum_errors += more.checksum_errors;
     }
@@ -170,6 +188,7 @@ impl Log {
         }
         assert_eq!(self.subjects(), other.subjects(), "{what}");
         assert_eq!(self.messages, other.messages, "{what}");
+        assert_eq!(self.strings, other.strings, "{what}");
         assert_eq!(self.damage, other.damage, "{what}");
         assert_eq!(self.stats, other.stats, "{what}");
         assert_eq!(self.offsets, other.offsets, "{what}");
@@ -188,6 +207,11 @@ impl Log {
     pub fn subjects(&self) -> Vec<&str> {
         self.columns.iter().map(|it| &it.subject[..]).collect()
     }
+}
+
+fn pieces(pieces: &Pieces) -> impl Iterator<Item = Vec<u8>> {
+    let starts = std::iter::once(&0).chain(&pieces.ends);
+    starts.zip(&pieces.ends).map(|(&from, &to)| pieces.bytes[count(from)..count(to)].to_vec())
 }
 
 fn count(many: u64) -> usize {
@@ -340,12 +364,21 @@ impl ByHand {
             this.frame(Frame::of(&bytes[offset..offset + length]), offset as u64);
         }
         this.faults.extend(damage.map(fault));
+        let offsets = &this.log.offsets;
+        let text = |&(at, length, place): &(usize, usize, Option<u8>)| Text {
+            place,
+            offset: at as u64,
+            sample: offsets.partition_point(|it| it.cast_unsigned() < at as u64) as u64,
+            bytes: bytes[at..at + length].to_vec(),
+        };
+        this.log.strings = scan.strings.iter().map(text).collect();
         this.log.damage.clone_from(&scan.damage);
         this.log.stats = Stats {
             bytes: bytes.len() as u64,
             frames: scan.frames.len() as u64,
             samples: this.log.offsets.len() as u64,
             messages: this.log.messages.len() as u64,
+            strings: scan.strings.len() as u64,
             malformed: this.log.messages.iter().filter(|it| it.mid == table::MTDATA2).count() as u64,
             skipped_bytes: scan.damage.iter().map(|it| it.length).sum(),
             checksum_errors: scan.checksum_errors,

@@ -2,14 +2,17 @@
 
 use xbus::frame::{EXTENDED, PREAMBLE};
 use xbus::scan::{Damage, Scanner, Step, Window, plain};
+use xbus::strings::LONGEST_STRING;
 use xbus::table;
 
 use super::streams::Random;
 
-/// What a scanner found: offset and length of each frame, the damage, the candidates that their checksum refused.
+/// What a scanner found: offset and length of each frame; the same of each string, and its place in the table; the damage;
+/// the candidates that their checksum refused.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Scan {
     pub frames: Vec<(usize, usize)>,
+    pub strings: Vec<(usize, usize, Option<u8>)>,
     pub damage: Vec<Damage>,
     pub checksum_errors: u64,
 }
@@ -17,8 +20,8 @@ pub struct Scan {
 impl Scan {
     /// By the plain rules.
     pub fn plainly(input: &[u8], limit: usize) -> Self {
-        let (frames, damage, checksum_errors) = plain::scan(input, limit);
-        Self { frames, damage, checksum_errors }
+        let plain::Scan { frames, strings, damage, checksum_errors } = plain::scan(input, limit, 0);
+        Self { frames, strings, damage, checksum_errors }
     }
 
     /// In one window.
@@ -62,10 +65,14 @@ impl Scan {
                         scan.frames.push((from + at, length));
                         scan.damage.extend(damage);
                     }
+                    Step::String { at, length, place, damage } => {
+                        scan.strings.push((from + at, length, place));
+                        scan.damage.extend(damage);
+                    }
                     Step::More => {
                         assert!(!last, "the scanner waits for bytes behind the end");
                         let held_back = range.end - position(scanner.at());
-                        assert!(held_back < 2 * (limit + 7), "{held_back} bytes are held back");
+                        assert!(held_back < 2 * (limit + 7).max(LONGEST_STRING), "{held_back} bytes are held back");
                         break;
                     }
                     Step::End(damage) => {
@@ -81,11 +88,12 @@ impl Scan {
         }
     }
 
-    /// Frames and damage take turns and cover the input, no byte twice.
+    /// Frames, strings and damage cover the input, no byte twice.
     pub fn covers(&self, input: &[u8]) {
         let position = |at: u64| usize::try_from(at).expect("a position in memory");
         let damage = self.damage.iter().map(|it| (position(it.offset), position(it.length)));
-        let mut stretches: Vec<_> = damage.chain(self.frames.iter().copied()).collect();
+        let strings = self.strings.iter().map(|&(offset, length, _)| (offset, length));
+        let mut stretches: Vec<_> = damage.chain(strings).chain(self.frames.iter().copied()).collect();
         stretches.sort_unstable();
         let end = stretches.iter().fold(0, |end, &(offset, length)| {
             assert_eq!(offset, end);

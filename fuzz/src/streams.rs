@@ -2,7 +2,7 @@
 
 use xbus::frame::{EXTENDED, Frame, MASTER, PREAMBLE, sum};
 use xbus::packet::{Coordinates, PACKET_HEADER, Precision, record_size};
-use xbus::table::{self, Direction, Kind, Lengths, MESSAGES, QUANTITIES, Quantity};
+use xbus::table::{self, Direction, End, Kind, Lengths, MESSAGES, QUANTITIES, Quantity};
 
 /// A small generator of numbers that look alike everywhere (xorshift).
 #[derive(Clone, Debug)]
@@ -202,7 +202,11 @@ pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
             15 => stream.extend([PREAMBLE, MASTER, table::MTDATA2, EXTENDED, recipe.byte() % 16, recipe.byte()]),
             // Noise, or preambles and nothing else.
             16 => stream.extend(random.noise(usize::from(recipe.byte()))),
-            17 => stream.extend(vec![PREAMBLE; recipe.below(20)]),
+            17 => match recipe.below(20) {
+                few @ 0..5 => stream.extend(vec![PREAMBLE; few]),
+                // Strings, now and then with a character that is wrong.
+                kind => (0..recipe.below(8)).for_each(|_| stream.extend(string(kind - 5, random))),
+            },
             // More layouts than anybody will remember.
             18 => {
                 for _ in 0..recipe.byte() {
@@ -223,6 +227,38 @@ pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
         }
     }
     stream
+}
+
+/// A string output by its place in the table; behind the last one, what tells that EM1000 is on.
+pub fn string(place: usize, random: &mut Random) -> Vec<u8> {
+    let Some(row) = table::STRINGS.get(place) else {
+        return frame(table::STRING_OUTPUT_TYPE, &table::BARE_STRINGS.to_be_bytes()[2..]);
+    };
+    let mut digits = |mask: &[u8]| -> Vec<u8> {
+        mask.iter().map(|it| if *it == b'D' { b"0123456789 "[random.below(11)] } else { *it }).collect()
+    };
+    let mut string = row.start.to_vec();
+    match row.end {
+        // The high bytes small, so that most angles are within their range.
+        End::Length(length) => {
+            string.extend((row.start.len()..length).map(|at| random.byte() % [255, 30][at % 2]));
+        }
+        End::Mask(mask) => string.extend(digits(mask)),
+        End::Numbers(count) => string.extend(digits(b"-DD.D,".repeat(count).strip_suffix(b",").expect("some"))),
+        End::Checksum => {
+            string.extend(digits(b"DD.D,A, -D.DD"));
+            let sum = string[1..].iter().fold(0, |sum, it| sum ^ it);
+            string.extend(format!("*{sum:02X}").bytes());
+        }
+    }
+    if !matches!(row.end, End::Length(_)) {
+        string.extend(random.pick(&[&b"\r\n"[..], b"\r\n", b"\n", b"\r", b""]));
+    }
+    if random.once_in(6) {
+        let at = random.below(string.len());
+        string[at] = random.pick(b"$:*,A0\0\r\n\xFA");
+    }
+    string
 }
 
 fn bid(recipe: &mut Recipe<'_>) -> u8 {

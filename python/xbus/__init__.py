@@ -36,8 +36,10 @@ if TYPE_CHECKING:
     from xbus.hostclock import HostClock
     from xbus.ids import Coordinates, DataId, MessageId, Precision
     from xbus.log import Log, Message, Stats, iter_log, read_log
+    from xbus.protocol.values import StringType
     from xbus.sim.device import SimulatedDevice
     from xbus.sim.faults import Faults
+    from xbus.strings import String, encode_string, parse_string
 
 __all__ = [
     "ApplyError",
@@ -63,6 +65,8 @@ __all__ = [
     "SimulatedDevice",
     "StateError",
     "Stats",
+    "String",
+    "StringType",
     "XbusError",
     "XbusTimeout",
     "__version__",
@@ -70,8 +74,10 @@ __all__ = [
     "encode_frame",
     "encode_packet",
     "encode_sample",
+    "encode_string",
     "find_ports",
     "iter_log",
+    "parse_string",
     "read_log",
     "restore_communication",
 ]
@@ -104,9 +110,11 @@ _MODULES = {
     "ids": ("Coordinates", "DataId", "MessageId", "Precision"),
     "log": ("Log", "Message", "Stats", "iter_log", "read_log"),
     "protocol": (),
+    "protocol.values": ("StringType",),
     "sim.device": ("SimulatedDevice",),
     "sim.faults": ("Faults",),
     "source": (),
+    "strings": ("String", "encode_string", "parse_string"),
     "tables": (),
 }
 

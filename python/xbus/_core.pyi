@@ -30,6 +30,7 @@ __all__ = [
     "quantities",
     "result_codes",
     "status_flags",
+    "strings",
 ]
 
 __version__: str
@@ -45,6 +46,9 @@ def products() -> list[dict[str, Any]]:
 
 def status_flags() -> list[dict[str, Any]]:
     """The fields of the status word, row by row: see `xbus.tables.StatusFlag`."""
+
+def strings() -> list[tuple[str, bytes]]:
+    """The string outputs, in the order of their bits: name, and how it begins."""
 
 def result_codes() -> list[tuple[int, str]]:
     """What the numbers in Error and Warning messages mean."""
@@ -100,11 +104,18 @@ def product_code(payload: bytes) -> str | None:
 class Scanner:
     """Bytes to messages, for input that comes in pieces."""
 
-    def __new__(cls, limit: int) -> Scanner: ...
+    def __new__(cls, limit: int, strings: int = 0) -> Scanner:
+        """``strings`` are bits of `StringType`: those to look for that only their length tells from noise."""
     def feed(
         self, data: bytes, last: bool
-    ) -> tuple[list[tuple[int, int, int, bytes]], list[tuple[int, int, str]]]:
-        """Messages (offset, bid, mid, payload) and damage (offset, length, reason) that can be told now."""
+    ) -> tuple[
+        list[tuple[int, int, int, bytes] | tuple[int, int | None, bytes]],
+        list[tuple[int, int, str]],
+    ]:
+        """What can be told now: messages (offset, bid, mid, payload) and strings, in order; and damage.
+
+        A string is (offset, its place in `strings` or None, bytes), damage (offset, length, reason).
+        """
 
 @final
 class HostClock:
@@ -154,12 +165,14 @@ class Reader:
         limit: int,
         strict: bool,
         wanted: list[tuple[str, str | None]] | None,
+        strings: int = 0,
         part_bytes: int | None = None,
         fast: bool = True,
     ) -> Reader:
         """``source`` is a uint8 array, a path, or an object with a method ``read``.
 
-        ``part_bytes`` is how much of it goes into a part, about; it decides how much room columns get.
+        ``strings``: see `Scanner`. ``part_bytes`` is how much of it goes into a part, about; it decides how
+        much room columns get.
 
         Raises OSError for a file that cannot be opened, ValueError for a quantity that does not exist.
         """
@@ -181,8 +194,10 @@ class Reader:
 class Decoder:
     """Decodes a log that is handed over piece by piece."""
 
-    def __new__(cls, limit: int, wanted: list[tuple[str, str | None]] | None) -> Decoder:
-        """No frame may carry more than ``limit`` bytes of payload.
+    def __new__(
+        cls, limit: int, wanted: list[tuple[str, str | None]] | None, strings: int = 0
+    ) -> Decoder:
+        """No frame may carry more than ``limit`` bytes of payload. ``strings``: see `Scanner`.
 
         Raises ValueError for a quantity that does not exist.
         """
@@ -221,6 +236,17 @@ class Part:
         npt.NDArray[np.uint8],
     ]:
         """The other messages: mid, bid, offset, sample, end of each payload, all payloads."""
+    @property
+    def strings(
+        self,
+    ) -> tuple[
+        npt.NDArray[np.uint8],
+        npt.NDArray[np.int64],
+        npt.NDArray[np.int64],
+        npt.NDArray[np.uint64],
+        npt.NDArray[np.uint8],
+    ]:
+        """The string outputs: place in `strings` or 255, offset, sample, end of each, all bytes."""
     @property
     def time(self) -> npt.NDArray[np.float64]:
         """Per sample: seconds on the device clock, unwrapped; NaN where it carries none."""
@@ -285,12 +311,13 @@ class Acquisition:
     Arrivals are nanoseconds on the host's steady clock: on Unix that of `time.monotonic_ns`.
     """
 
-    def __new__(cls, fd: int | None, *, bound: int = 24_000_000) -> Acquisition:
+    def __new__(cls, fd: int | None, *, bound: int = 24_000_000, strings: int = 0) -> Acquisition:
         """Begins to read.
 
         Args:
             fd: A descriptor, or None where there is none: then `push` what comes.
             bound: Most bytes in the queue; the default is 60 s at 4 Mbaud.
+            strings: See `Scanner`.
 
         Raises:
             OSError: It cannot be read, or this system's ports have no descriptors.
@@ -335,8 +362,9 @@ class Acquisition:
         """What was counted of all that came, and how it goes.
 
         Keys: ``bytes``, ``frames``, ``samples``, ``messages``, ``malformed``, ``checksum_errors``,
-        ``skipped_bytes``, ``lost_samples`` and ``gaps`` as in `xbus.log.Stats`; ``quantities``, packets by
-        data identifier with its format bits zero; ``errors`` and ``warnings``, how many came, and
+        ``skipped_bytes``, ``lost_samples`` and ``gaps`` as in `xbus.log.Stats`; ``strings``, strings by name,
+        empty for those that the manual does not list; ``quantities``, packets by data identifier with its
+        format bits zero; ``errors`` and ``warnings``, how many came, and
         ``last_error``, the last of both in words or None; ``queued_bytes``, ``most_queued_bytes``,
         ``dropped_bytes`` of the queue; ``overruns``, how often the driver or its chip had no room for what
         came, None where nobody counts; ``last_arrival`` in ns, or None.

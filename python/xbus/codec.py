@@ -11,6 +11,8 @@ import numpy.typing as npt
 from xbus import _core
 from xbus.ids import Coordinates, MessageId, Precision
 from xbus.log import Message
+from xbus.protocol.values import StringType
+from xbus.strings import String, mask_of, type_at
 from xbus.tables import QUANTITIES, Quantity
 
 __all__ = [
@@ -34,7 +36,7 @@ _BY_ID: dict[int, Quantity] = {it.id: it for it in QUANTITIES.values()}
 
 
 class Damage(NamedTuple):
-    """A stretch of bytes that is no frame.
+    """A stretch of bytes that is neither frame nor string.
 
     Attributes:
         offset: Where it begins, in bytes from the start of the input.
@@ -48,10 +50,11 @@ class Damage(NamedTuple):
 
 
 class Scanner:
-    """Bytes to messages, for input that comes in pieces; how it is cut does not matter.
+    """Bytes to messages and strings, for input that comes in pieces; how it is cut does not matter.
 
     Args:
         limit: The longest payload to believe in, in bytes.
+        strings: Strings to look for that nothing but their length tells from noise: see `read_log`.
 
     >>> import xbus
     >>> scanner = xbus.Scanner()
@@ -60,25 +63,34 @@ class Scanner:
     ([], ['GoToConfigAck'])
     """
 
-    def __init__(self, limit: int = LONGEST_LIVE) -> None:
+    def __init__(
+        self, limit: int = LONGEST_LIVE, *, strings: Iterable[StringType | str] = ()
+    ) -> None:
         if not 0 <= limit <= 0xFFFF:
             raise ValueError(f"limit must be from 0 to 65535 bytes, not {limit}")
-        self._core = _core.Scanner(limit)
+        self._core = _core.Scanner(limit, mask_of(strings))
         self._samples = 0
 
-    def feed(self, data: bytes | bytearray | memoryview) -> list[Message | Damage]:
+    def feed(self, data: bytes | bytearray | memoryview) -> list[Message | String | Damage]:
         """What can be told with these bytes, in order."""
         return self._found(*self._core.feed(bytes(data), last=False))
 
-    def close(self) -> list[Message | Damage]:
+    def close(self) -> list[Message | String | Damage]:
         """What can be told now that no more bytes come."""
         return self._found(*self._core.feed(b"", last=True))
 
     def _found(
-        self, messages: list[tuple[int, int, int, bytes]], damage: list[tuple[int, int, str]]
-    ) -> list[Message | Damage]:
-        found: list[Message | Damage] = [Damage(*it) for it in damage]
-        for offset, bid, mid, payload in messages:
+        self,
+        things: list[tuple[int, int, int, bytes] | tuple[int, int | None, bytes]],
+        damage: list[tuple[int, int, str]],
+    ) -> list[Message | String | Damage]:
+        found: list[Message | String | Damage] = [Damage(*it) for it in damage]
+        for thing in things:
+            if len(thing) == 3:
+                offset, place, data = thing
+                found.append(String(type_at(place), data, offset, self._samples))
+                continue
+            offset, bid, mid, payload = thing
             name = _core.message_name(mid, len(payload)) or f"0x{mid:02X}"
             found.append(Message(mid, name, bid, payload, offset, self._samples))
             self._samples += mid == MessageId.MTData2

@@ -17,7 +17,9 @@ from xbus.column import Column
 from xbus.configuration import TELLING, Configuration, Firmware, Identity
 from xbus.errors import DecodeError
 from xbus.hostclock import HostClock
+from xbus.protocol.values import StringType
 from xbus.source import Key, Source, Wish, open_reader, wishes
+from xbus.strings import Strings, mask_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,6 +41,7 @@ def read_log(
     *,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
+    strings: Iterable[StringType | str] = (),
 ) -> Log:
     """Reads a log whole.
 
@@ -49,11 +52,13 @@ def read_log(
             ``NAME``, a side file ``NAME.times`` of arrivals gives `Log.host_time`.
         strict: Raise at the first damage instead of reporting it.
         quantities: Names of the quantities to keep, or (name, coordinates); all of them if None.
+        strings: Strings to look for that nothing but their length tells from noise: ``["EM1000"]``. All
+            others are found, and EM1000 too where a StringOutputType in the log says that it is on.
 
     Raises:
         DecodeError: With ``strict``, at the first bytes that do not add up.
         OSError: The file cannot be read.
-        ValueError: A quantity that does not exist.
+        ValueError: A quantity or string that does not exist.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -63,7 +68,7 @@ def read_log(
     ('roll', 'pitch', 'yaw')
     """
     wanted = wishes(quantities)
-    reader = open_reader(source, strict=strict, wanted=wanted)
+    reader = open_reader(source, strict=strict, wanted=wanted, strings=mask_of(strings))
     arrivals = arrivals_of(source)
     while reader.advance(STEP):
         pass
@@ -77,6 +82,7 @@ def iter_log(
     block_bytes: int = BLOCK,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
+    strings: Iterable[StringType | str] = (),
 ) -> Iterator[Log]:
     """Reads a log in parts, for logs larger than memory.
 
@@ -88,11 +94,12 @@ def iter_log(
         block_bytes: Bytes of input in a part, about.
         strict: Raise at the first damage; the samples before it are handed over first.
         quantities: As in `read_log`.
+        strings: As in `read_log`.
 
     Raises:
         DecodeError: With ``strict``, at the first bytes that do not add up.
         OSError: The file cannot be read.
-        ValueError: A quantity that does not exist, or a block without a byte.
+        ValueError: A quantity or string that does not exist, or a block without a byte.
 
     >>> import xbus
     >>> parts = xbus.iter_log("tests/captures/walk.mtb", block_bytes=10_000)
@@ -102,7 +109,9 @@ def iter_log(
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     wanted = wishes(quantities)
-    reader = open_reader(source, strict=strict, wanted=wanted, part_bytes=block_bytes)
+    reader = open_reader(
+        source, strict=strict, wanted=wanted, strings=mask_of(strings), part_bytes=block_bytes
+    )
     arrivals = arrivals_of(source)
 
     def parts() -> Iterator[Log]:
@@ -138,7 +147,8 @@ class Stats:
         samples: MTData2 messages.
         messages: Other messages, malformed ones included.
         malformed: MTData2 messages that their packets do not tile, and empty ones.
-        skipped_bytes: Bytes that belong to no frame.
+        strings: String outputs.
+        skipped_bytes: Bytes that belong to neither frame nor string.
         checksum_errors: Candidates refused by their checksum where a frame was due.
         lost_samples: Samples missing by the packet counter.
         gaps: Places where samples are missing.
@@ -149,6 +159,7 @@ class Stats:
     samples: int
     messages: int
     malformed: int
+    strings: int
     skipped_bytes: int
     checksum_errors: int
     lost_samples: int
@@ -412,6 +423,11 @@ class Log:
         return Messages(self._core)
 
     @cached_property
+    def strings(self) -> Strings:
+        """The string outputs that stand between the frames, in order."""
+        return Strings(self._core, self._hosts.arrivals)
+
+    @cached_property
     def unknown(self) -> dict[int, Unknown]:
         """Packets that the tables cannot explain, verbatim, by data identifier as received."""
         return {it.data_id: Unknown(it) for it in self._core.columns if it.name is None}
@@ -533,7 +549,7 @@ class Log:
 
         Beside each ``name`` (``name_ned`` where coordinates are mixed) stand ``name.sample`` and
         ``name.time``; beside them all ``time``, ``packet_counter.unwrapped`` and, where arrivals are known,
-        ``host_time``, one for each sample.
+        ``host_time``, one for each sample. Each type of string has its `Strings.table` under its name.
 
         Raises:
             OSError: The file cannot be written.
@@ -555,6 +571,7 @@ class Log:
                     f"{stem}.satellites": column.satellites,
                     f"{stem}.offsets": column.offsets,
                 }
+        arrays |= {it: self.strings.table(it) for it in self.strings.counts if it}
         export.npz(arrays, path)
 
     # Print
@@ -565,6 +582,8 @@ class Log:
         if np.isfinite(self.duration):
             parts.append(f"{self.duration:.2f} s")
         parts.append(_count(len(self._columns), "quantity", "quantities"))
+        if stats.strings:
+            parts.append(_count(stats.strings, "string"))
         if stats.lost_samples:
             lost = _count(stats.lost_samples, "sample")
             parts.append(f"{lost} lost in {_count(stats.gaps, 'gap')}")

@@ -43,13 +43,21 @@ def open_reader(
     *,
     strict: bool = False,
     wanted: list[Wish] | None = None,
+    strings: int = 0,
     part_bytes: int | None = None,
 ) -> _core.Reader:
     """A reader at the beginning of ``source``; ``part_bytes`` of it go into a part, or all."""
     opened = _opened(source)
     if part_bytes is None:
         part_bytes = _size(opened)
-    return _core.Reader(opened, limit=LONGEST, strict=strict, wanted=wanted, part_bytes=part_bytes)
+    return _core.Reader(
+        opened,
+        limit=LONGEST,
+        strict=strict,
+        wanted=wanted,
+        strings=strings,
+        part_bytes=part_bytes,
+    )
 
 
 def _size(opened: object) -> int | None:

@@ -24,5 +24,6 @@ mod py;
 pub mod real;
 pub mod scan;
 mod simd;
+pub mod strings;
 pub mod table;
 pub mod value;

@@ -28,6 +28,8 @@ pub struct Options {
     pub limit: usize,
     /// Stop at the first damage.
     pub strict: bool,
+    /// Strings to look for that nothing but their length tells from noise, as bits of `SetStringOutputType`.
+    pub strings: u32,
     /// Quantities to keep; all of them if `None`. Those that clocks and counters need are kept in any case.
     pub wanted: Option<Wanted>,
     /// Whether the fast path may be taken. Without it every message goes through the plain one: the oracle of the tests.
@@ -36,7 +38,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { limit: u16::MAX.into(), strict: false, wanted: None, fast: true }
+        Self { limit: u16::MAX.into(), strict: false, strings: 0, wanted: None, fast: true }
     }
 }
 
@@ -55,6 +57,24 @@ pub struct Messages {
     pub payload: Pieces,
 }
 
+/// String outputs, in order.
+#[derive(Clone, Debug, Default)]
+pub struct Strings {
+    /// Place of each in [`table::STRINGS`], or [`Strings::UNKNOWN`] where the manual does not list it.
+    pub place: Vec<u8>,
+    /// Where it begins in the input.
+    pub offset: Vec<u64>,
+    /// Index of the next sample.
+    pub sample: Vec<u64>,
+    /// Its bytes, the end of its line included.
+    pub bytes: Pieces,
+}
+
+impl Strings {
+    /// The place of a string that the manual does not list.
+    pub const UNKNOWN: u8 = u8::MAX;
+}
+
 /// What was counted in a part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
@@ -68,7 +88,9 @@ pub struct Stats {
     pub messages: u64,
     /// MTData2 messages that their packets do not tile, and empty ones.
     pub malformed: u64,
-    /// Bytes that belong to no frame.
+    /// String outputs.
+    pub strings: u64,
+    /// Bytes that belong to neither frame nor string.
     pub skipped_bytes: u64,
     /// Candidates refused by their checksum where a frame was due.
     pub checksum_errors: u64,
@@ -98,6 +120,8 @@ pub struct Part {
     pub columns: Vec<Arc<Column>>,
     /// Its other messages.
     pub messages: Messages,
+    /// Its string outputs.
+    pub strings: Strings,
     /// The damage that ends in it.
     pub damage: Vec<Damage>,
     /// What was counted.
@@ -352,7 +376,8 @@ impl Reader {
     /// much room columns are given, so 0 will do where it is not known.
     #[must_use]
     pub fn new(options: Options, part_bytes: u64) -> Self {
-        let scanner = Scanner::new(options.limit);
+        let mut scanner = Scanner::new(options.limit);
+        scanner.expect(options.strings);
         Self {
             options,
             scanner,
@@ -407,6 +432,15 @@ impl Reader {
                 Step::End(damage) => {
                     self.finished = true;
                     self.damage(damage)?;
+                }
+                Step::String { at, length, place, damage } => {
+                    self.damage(damage)?;
+                    let sample = self.next_sample() + waiting as u64;
+                    let strings = &mut self.part.strings;
+                    strings.place.push(place.unwrap_or(Strings::UNKNOWN));
+                    strings.offset.push(window.offset + at as u64);
+                    strings.sample.push(sample);
+                    strings.bytes.push(&window.bytes[at..at + length]);
                 }
                 Step::Frame { at, length, damage } if self.batch.len() > waiting => {
                     if let Err(fault) = self.damage(damage) {
@@ -567,6 +601,7 @@ impl Reader {
         part.stats.bytes = self.at() - self.began;
         part.stats.samples = part.layout.len() as u64;
         part.stats.messages = part.messages.mid.len() as u64;
+        part.stats.strings = part.strings.place.len() as u64;
         part.stats.frames = part.stats.samples + part.stats.messages;
         part.stats.checksum_errors = self.scanner.checksum_errors - self.checksum_errors;
         self.checksum_errors = self.scanner.checksum_errors;

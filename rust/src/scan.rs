@@ -10,15 +10,19 @@
 //! A refused candidate costs one byte: the search goes on behind its preamble. How the input is cut into pieces does not
 //! matter, because a candidate that is not complete waits. [`plain`] says the same without any of the care for speed.
 //!
-//! Cost is linear in the input, whatever the input. Three things see to it: frames in standard form are short; longer
-//! stretches are summed by differences of one running sum; and the packets of extended candidates are walked on credit,
-//! which every byte passed pays in.
+//! Where no frame is, a string may be: see [`strings`]. It is a neighbour as good as a frame: what begins behind it is in
+//! step.
+//!
+//! Cost is linear in the input, whatever the input. Four things see to it: frames in standard form are short; longer
+//! stretches are summed by differences of one running sum; the packets of extended candidates are walked on credit,
+//! which every byte passed pays in; and strings are short, and hold no byte that begins another one.
 
 pub mod plain;
 
-use crate::frame::{self, EXTENDED, Header, PREAMBLE};
+use crate::frame::{self, EXTENDED, Frame, Header, PREAMBLE};
 use crate::packet::{PACKET_HEADER, Packet};
-use crate::table;
+use crate::strings::{self, Found};
+use crate::table::{self, BARE_STRINGS};
 
 /// Why bytes were refused where a frame was due.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,7 +51,7 @@ impl Reason {
     }
 }
 
-/// A stretch of bytes that is no frame.
+/// A stretch of bytes that is neither frame nor string.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Damage {
     /// Where it begins in the input.
@@ -81,6 +85,17 @@ pub enum Step {
         /// The damage that it ends.
         damage: Option<Damage>,
     },
+    /// A string output, and the damage before it.
+    String {
+        /// Where it begins.
+        at: usize,
+        /// Its bytes.
+        length: usize,
+        /// Its place in [`table::STRINGS`], if the manual lists it.
+        place: Option<u8>,
+        /// The damage that it ends.
+        damage: Option<Damage>,
+    },
     /// Nothing more can be decided without more bytes.
     More,
     /// The input is used up; damage at its end.
@@ -93,6 +108,10 @@ pub struct Scanner {
     limit: usize,
     at: u64,
     damage: Option<(u64, Reason)>,
+    /// Strings to look for that nothing but their length tells from noise, as bits of `SetStringOutputType`: those that
+    /// the caller names, and those that the device said are on.
+    named: u32,
+    told: u32,
     walk: Walk,
     sums: Sums,
     /// Candidates refused by their checksum where a frame was due.
@@ -102,6 +121,7 @@ pub struct Scanner {
 /// What becomes of a candidate.
 enum Verdict {
     Frame(usize),
+    String(usize, Option<u8>),
     Refused(Reason),
     Wait,
 }
@@ -110,7 +130,28 @@ impl Scanner {
     /// A scanner at the beginning of an input. No frame may carry more than `limit` bytes of payload.
     #[must_use]
     pub fn new(limit: usize) -> Self {
-        Self { limit, at: 0, damage: None, walk: Walk::default(), sums: Sums::default(), checksum_errors: 0 }
+        Self {
+            limit,
+            at: 0,
+            damage: None,
+            named: 0,
+            told: 0,
+            walk: Walk::default(),
+            sums: Sums::default(),
+            checksum_errors: 0,
+        }
+    }
+
+    /// Looks also for these strings, bits of `SetStringOutputType`, that have neither checksum nor end of line. Those that
+    /// a `StringOutputType` of the device names are looked for in any case.
+    pub fn expect(&mut self, strings: u32) {
+        self.named |= strings & BARE_STRINGS;
+    }
+
+    /// The strings that are looked for though nothing but their length tells them from noise.
+    #[must_use]
+    pub const fn expected(&self) -> u32 {
+        self.named | self.told
     }
 
     /// Where in the input the next byte to judge is. Nothing before it is needed any more.
@@ -135,10 +176,13 @@ impl Scanner {
             match rest.first() {
                 None if window.last => return Step::End(self.end_damage()),
                 None => return Step::More,
-                Some(&PREAMBLE) => {
-                    let verdict = match known(at) - at {
-                        0 => self.judge(window, at),
-                        length => Verdict::Frame(length),
+                Some(&first) => {
+                    let verdict = match first {
+                        PREAMBLE => match known(at) - at {
+                            0 => self.judge(window, at),
+                            length => Verdict::Frame(length),
+                        },
+                        _ => self.judge_string(rest, window.last),
                     };
                     match verdict {
                         Verdict::Wait => return Step::More,
@@ -148,16 +192,36 @@ impl Scanner {
                         }
                         Verdict::Frame(length) => {
                             let damage = self.end_damage();
+                            self.learn(&rest[..length]);
                             self.go_to(self.at + length as u64);
                             return Step::Frame { at, length, damage };
                         }
+                        Verdict::String(length, place) => {
+                            let damage = self.end_damage();
+                            self.go_to(self.at + length as u64);
+                            return Step::String { at, length, place, damage };
+                        }
                     }
                 }
-                Some(_) => {
-                    self.refuse(Reason::NoPreamble);
-                    self.go_to(self.at + self.to_candidate(rest, 0) as u64);
-                }
             }
+        }
+    }
+
+    /// Takes note of the strings that are on, if that is what the frames say; several frames are never of that kind.
+    fn learn(&mut self, frame: &[u8]) {
+        if frame[2] == table::STRING_OUTPUT_TYPE {
+            self.told = strings::types_told(Frame::of(frame).payload).map_or(self.told, |it| it & BARE_STRINGS);
+        }
+    }
+
+    fn judge_string(&self, bytes: &[u8], last: bool) -> Verdict {
+        if !strings::can_begin(bytes[0], self.expected()) {
+            return Verdict::Refused(Reason::NoPreamble);
+        }
+        match strings::find(bytes, last, self.expected(), self.damage.is_none()) {
+            Found::String(length, place) => Verdict::String(length, place),
+            Found::Not(reason) => Verdict::Refused(reason),
+            Found::Wait => Verdict::Wait,
         }
     }
 
@@ -167,19 +231,26 @@ impl Scanner {
     /// This loop is what hostile input meets most. It says nothing that [`Self::judge`] would not say as well.
     fn to_candidate(&self, bytes: &[u8], mut at: usize) -> usize {
         const NEAR: usize = 8; // so far a plain loop is faster than a search
+        let expected = self.expected();
+        let next = |bytes: &[u8]| match expected {
+            0 => memchr::memchr3(PREAMBLE, b'$', b':', bytes),
+            _ => bytes.iter().position(|it| *it == PREAMBLE || strings::can_begin(*it, expected)),
+        };
         while at < bytes.len() {
             let near = &bytes[at..bytes.len().min(at + NEAR)];
-            at += match near.iter().position(|byte| *byte == PREAMBLE) {
+            let can_begin = |byte: &u8| *byte == PREAMBLE || strings::can_begin(*byte, expected);
+            at += match near.iter().position(can_begin) {
                 Some(found) => found,
-                None => match memchr::memchr(PREAMBLE, &bytes[at..]) {
+                None => match next(&bytes[at..]) {
                     Some(found) => found,
                     None => break,
                 },
             };
-            let hopeless = match bytes[at + 1..] {
-                [bid, table::MTDATA2, EXTENDED, ..] => !is_bid(bid) || !self.walk.can_afford(at as u64),
-                [bid, ..] => !is_bid(bid),
-                [] => false,
+            let hopeless = match bytes[at..] {
+                [PREAMBLE, bid, table::MTDATA2, EXTENDED, ..] => !is_bid(bid) || !self.walk.can_afford(at as u64),
+                [PREAMBLE, bid, ..] => !is_bid(bid),
+                [first, second, ..] => strings::is_hopeless(first, second),
+                _ => false,
             };
             if !hopeless {
                 return at;
@@ -240,19 +311,27 @@ impl Scanner {
         if plausible {
             return Verdict::Frame(candidate.len());
         }
-        match self.intact(window, at + candidate.len()) {
+        match self.begins(window, at + candidate.len()) {
             Some(true) => Verdict::Frame(candidate.len()),
             Some(false) => Verdict::Refused(Reason::Implausible),
             None => Verdict::Wait,
         }
     }
 
-    /// Whether a frame with a good checksum begins at `at`, or the input ends there; `None` if that cannot be said yet.
-    fn intact(&mut self, window: Window<'_>, at: usize) -> Option<bool> {
+    /// Whether a frame with a good checksum or a string begins at `at`, or the input ends there; `None` if that cannot be
+    /// said yet.
+    fn begins(&mut self, window: Window<'_>, at: usize) -> Option<bool> {
         let bytes = &window.bytes[at..];
         let cut = if window.last { Some(bytes.is_empty()) } else { None };
         if bytes.first().is_some_and(|&byte| byte != PREAMBLE) {
-            return Some(false);
+            if !strings::can_begin(bytes[0], self.expected()) {
+                return Some(false);
+            }
+            return match strings::find(bytes, window.last, self.expected(), true) {
+                Found::String(..) => Some(true),
+                Found::Not(_) => Some(false),
+                Found::Wait => None,
+            };
         }
         let Some(header) = Header::read(bytes) else { return cut };
         if header.payload > self.limit {

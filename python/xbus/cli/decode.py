@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xbus.cli.failure import Failure, cannot
-from xbus.cli.inputs import STDIN, Input, label, no_frame, task
+from xbus.cli.inputs import STDIN, Input, label, no_frame, strings_option, task
 from xbus.cli.output import count, hint, put_json
 from xbus.cli.progress import Progress
 
@@ -44,13 +44,16 @@ def _key(
     param: click.Parameter,  # noqa: ARG001
     value: str | None,
 ) -> Key | None:
-    """A quantity by name, or by name and coordinates, as a log takes it."""
+    """A quantity by name, or by name and coordinates, as a log takes it; or a string output by name."""
     if value is None:
         return None
     from xbus.ids import Coordinates
+    from xbus.protocol.values import StringType
     from xbus.tables import QUANTITIES
 
     name, colon, coordinates = value.partition(":")
+    if value in StringType.__members__:
+        return value
     if name not in QUANTITIES:
         raise click.BadParameter(
             f"no quantity is called {name!r}; {hint(name, QUANTITIES, 'items')}"
@@ -82,13 +85,21 @@ def _key(
     "key",
     callback=_key,
     metavar="NAME",
-    help="Only this quantity, a row a packet, without nulls: acceleration, or quaternion:NED.",
+    help="Only this quantity, a row a packet, without nulls: acceleration, or quaternion:NED; or the"
+    " strings of a type: HEHDT.",
 )
+@strings_option
 @click.option("--strict", is_flag=True, help="Fail at the first damage instead of skipping it.")
 @click.option("-q", "--quiet", is_flag=True, help="No progress and no summary on stderr.")
 @click.option("--json", "as_json", is_flag=True, help="The summary as a JSON object on stdout.")
 def decode(
-    files: tuple[str, ...], out: str, key: Key | None, strict: bool, quiet: bool, as_json: bool
+    files: tuple[str, ...],
+    out: str,
+    key: Key | None,
+    strings: tuple[str, ...],
+    strict: bool,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
     """Writes a log as one table: Parquet, CSV, Arrow or npz.
 
@@ -96,14 +107,14 @@ def decode(
 
     The table has a row for each sample and the columns sample, time in seconds on the device clock,
     and acceleration_x and so on, in the units that xbus items lists. What a sample lacks is null.
-    Satellites are a table of their own: --quantity gnss_sat_info.
+    Satellites are a table of their own: --quantity gnss_sat_info; so are the strings of each type.
 
     An .npz holds an array for each quantity instead, with NAME.sample and NAME.time beside it; with
     --quantity only that one. OUT replaces what is there, and appears whole or not at all.
     """
     _check(files, out)
     with Progress(task(files[0]), shown=not quiet) as progress:
-        log = _read(files, key, strict=strict, progress=progress)
+        log = _read(files, key, strings=strings, strict=strict, progress=progress)
         table = log if key is None else _one(log, key, ", ".join(map(label, files)))
         progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119
         rows, columns = _write(log, table, key, out)
@@ -140,19 +151,27 @@ def _check(files: Sequence[str], out: str) -> None:
         require("pyarrow", "arrow", f"to write {_suffix(out)} files")
 
 
-def _read(files: Sequence[str], key: Key | None, *, strict: bool, progress: Progress) -> Log:
+def _read(
+    files: Sequence[str],
+    key: Key | None,
+    *,
+    strings: Sequence[str],
+    strict: bool,
+    progress: Progress,
+) -> Log:
     from xbus.errors import DecodeError
     from xbus.log import read_log
 
+    quantities = None if key is None else [] if _is_string(key) else [key]
     with Input(files, progress) as source:
         try:
-            log = read_log(source, strict=strict, quantities=None if key is None else [key])
+            log = read_log(source, strict=strict, quantities=quantities, strings=strings)
         except DecodeError as error:
             what, _, _ = str(error).partition(";")
             joined = f", which is {source.place(error.offset)}" if len(files) > 1 else ""
             names = ", ".join(map(label, files))
             raise Failure(f"{names}: {what}{joined}; leave out --strict to read on") from error
-    if not len(log) and not len(log.messages):
+    if not len(log) and not len(log.messages) and not log.stats.strings:
         raise no_frame(files, log.stats.bytes)
     return log
 
@@ -177,8 +196,12 @@ def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
 
 
 def _one(log: Log, key: Key, names: str) -> Any:
-    """The column of one quantity."""
+    """The column of one quantity, or the table of one type of string."""
     name = key if isinstance(key, str) else key[0]
+    if _is_string(key):
+        if name not in log.strings.counts:
+            raise Failure(f"no {name} in {names}; xbus info lists what is there")
+        return log.strings.to_arrow(name)
     systems = [it for it in log if isinstance(it, tuple) and it[0] == name]
     if systems and isinstance(key, str):
         choices = " or ".join(map(":".join, systems))
@@ -187,6 +210,12 @@ def _one(log: Log, key: Key, names: str) -> Any:
         asked = key if isinstance(key, str) else ":".join(key)
         raise Failure(f"no {asked} in {names}; xbus info lists what is there")
     return log[key]
+
+
+def _is_string(key: Key) -> bool:
+    from xbus.protocol.values import StringType
+
+    return key in StringType.__members__
 
 
 @contextlib.contextmanager

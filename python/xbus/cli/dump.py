@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import click
 
-from xbus.cli.inputs import Input, label, no_frame, task
+from xbus.cli.inputs import Input, label, no_frame, strings_option, task
 from xbus.cli.output import called, is_terminal, put
 from xbus.cli.progress import Progress
 
@@ -48,23 +48,34 @@ def _mid(value: str) -> int | str:
     multiple=True,
     callback=_mids,
     metavar="MID",
-    help="Only this message, by name or number (0x36), and no damage; repeatable.",
+    help="Only this message, by name or number (0x36), no strings, no damage; repeatable.",
 )
+@strings_option
 @click.option("--follow", is_flag=True, help="Wait for more when the file ends, until Ctrl-C.")
 @click.option("--no-hex", is_flag=True, help="Leave out the frame in hex.")
 @click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
-def dump(file: str, wanted: list[int | str], follow: bool, no_hex: bool, as_json: bool) -> None:
+def dump(
+    file: str,
+    wanted: list[int | str],
+    strings: tuple[str, ...],
+    follow: bool,
+    no_hex: bool,
+    as_json: bool,
+) -> None:
     """One line per message, in words and in hex.
 
     A line has the offset of the frame in bytes, the time in seconds on the device clock, as sent (it
     wraps), the name, what the message says, and the frame. Precision and coordinates stand in
-    parentheses where they are not Float32 and ENU. Damage has lines of its own.
+    parentheses where they are not Float32 and ENU. Strings and damage have lines of their own.
 
     FILE may be a pipe, or - for standard input; it is told as it comes.
     """
     from xbus.cli.teller import Teller
 
-    teller = Teller(wanted, with_hex=not no_hex, as_json=as_json)
+    def new() -> Teller:
+        return Teller(wanted, strings=strings, with_hex=not no_hex, as_json=as_json)
+
+    teller = new()
     # Where the lines themselves are seen to move, a bar would be in their way.
     quiet = follow or is_terminal()
     with (
@@ -76,7 +87,7 @@ def dump(file: str, wanted: list[int | str], follow: bool, no_hex: bool, as_json
                 click.echo(
                     f"xbus: {label(file)} was cut short; reading it from its beginning", err=True
                 )
-                teller = Teller(wanted, with_hex=not no_hex, as_json=as_json)
+                teller = new()
             elif lines := teller.feed(data):
                 put("\n".join(lines), now=True)
         if lines := teller.close():

@@ -18,6 +18,7 @@ from xbus.ids import MessageId
 from xbus.log import Message
 from xbus.protocol.messages import ROWS
 from xbus.protocol.values import State
+from xbus.strings import String
 
 __all__ = ["Exchange", "shown"]
 
@@ -54,7 +55,7 @@ class Exchange:
         self._json = as_json
         self._scanner = Scanner()
         self._command = ""
-        self._samples = 0
+        self._samples = self._strings = 0
         # Where samples come, the first bytes and the last ones may be a piece of one.
         self._streams = device.state != State.CONFIG
 
@@ -84,7 +85,7 @@ class Exchange:
         ends = [*(it.offset for it in found[1:]), len(data)]
         for it, end in zip(found, ends, strict=True):
             self._show(">", it, data[it.offset : end])
-            self._command = "" if isinstance(it, Damage) else it.name
+            self._command = it.name if isinstance(it, Message) else ""
         self._link.write(data)
 
     def read(self, timeout: float) -> Received:
@@ -115,14 +116,18 @@ class Exchange:
         if self._streams and found and isinstance(found[-1], Damage):
             found.pop()
         self._hear(found)
-        if self._samples:
-            click.echo(f"xbus: {count(self._samples, 'sample')} meanwhile", err=True)
+        for number, what in ((self._samples, "sample"), (self._strings, "string")):
+            if number:
+                click.echo(f"xbus: {count(number, what)} meanwhile", err=True)
 
-    def _hear(self, found: Sequence[Message | Damage]) -> None:
+    def _hear(self, found: Sequence[Message | String | Damage]) -> None:
         for it in found:
             if isinstance(it, Damage):
                 if it.offset or not self._streams:
                     self._show("<", it, b"")
+            elif isinstance(it, String):
+                self._strings += 1
+                self._streams = True
             elif it.mid == MessageId.MTData2:
                 self._samples += 1
                 self._streams = True
@@ -140,11 +145,14 @@ class Exchange:
                 return self._session.read_reply(row.name, message.payload)[0]
         return message.name
 
-    def _show(self, way: str, it: Message | Damage, frame: bytes) -> None:
+    def _show(self, way: str, it: Message | String | Damage, frame: bytes) -> None:
         hexed = frame.hex(" ").upper()
         if isinstance(it, Damage):
             facts: dict[str, Any] = {"length": it.length, "reason": it.reason}
             text = f"{count(it.length, 'byte')} that are no frame: {it.reason}"
+        elif isinstance(it, String):
+            facts = {"string": it.text}
+            text = repr(it)
         else:
             facts = message_facts(it)
             text = f"{it.name}  {said(it)}"

@@ -117,8 +117,9 @@ class Facts:
         identity: What the log says about the device.
         quantities: In the order in which they were first seen.
         gaps: Where samples are missing, in order.
-        damage: Offset, length and reason of each stretch that is no frame.
+        damage: Offset, length and reason of each stretch that is neither frame nor string.
         messages: How many there are of each name.
+        strings: The same of string outputs; those that the manual does not list are "others".
         events: Errors and warnings that the device sent.
         unknown: How many packets and bytes there are of each identifier that the tables cannot explain.
         start, end: Earliest and latest time stamp in seconds on the device clock; NaN without any.
@@ -133,6 +134,7 @@ class Facts:
         self.gaps: list[Gap] = []
         self.damage: list[tuple[int, int, str]] = []
         self.messages: Counter[str] = Counter()
+        self.strings: Counter[str] = Counter()
         self.events: list[Event] = []
         self.unknown: dict[int, list[int]] = {}
         self.start = self.end = float("nan")
@@ -161,6 +163,7 @@ class Facts:
         self.stats = Stats(**{key: counts[key] + it for key, it in asdict(part.stats).items()})
         self.identity = part.identity
         self.damage += part.damage.tolist()
+        self.strings.update({name or "others": it for name, it in part.strings.counts.items()})
         for key in part:
             column = part[key]
             known = self._quantities.setdefault(
@@ -261,6 +264,7 @@ class Facts:
             "damage": [{"offset": at, "length": n, "reason": why} for at, n, why in self.damage],
             "malformed": stats.malformed,
             "messages": dict(self.messages),
+            "strings": dict(self.strings),
             "events": [
                 {"offset": it.offset, "sample": it.sample, "time_s": it.time, "name": it.name}
                 | it.notice._asdict()

@@ -7,7 +7,7 @@ from typing import Any
 import click
 
 from xbus.cli.failure import Failure
-from xbus.cli.inputs import Input, label, no_frame, task
+from xbus.cli.inputs import Input, label, no_frame, strings_option, task
 from xbus.cli.output import put, put_json
 from xbus.cli.progress import Progress
 
@@ -18,8 +18,9 @@ __all__ = ["info"]
 @click.argument(
     "files", type=click.Path(readable=False), metavar="FILE...", nargs=-1, required=True
 )
+@strings_option
 @click.option("--json", "as_json", is_flag=True, help="A JSON list with one object for each FILE.")
-def info(files: tuple[str, ...], as_json: bool) -> None:
+def info(files: tuple[str, ...], strings: tuple[str, ...], as_json: bool) -> None:
     """What is in a log: device, times, quantities, gaps, damage.
 
     Each FILE gets a page of its own; - is standard input. Sizes and offsets are in bytes, times in
@@ -36,8 +37,8 @@ def info(files: tuple[str, ...], as_json: bool) -> None:
     for file in files:
         try:
             with Progress(task(file)) as progress, Input([file], progress) as source:
-                facts = Facts(iter_log(source))
-            if not facts.stats.frames:
+                facts = Facts(iter_log(source, strings=strings))
+            if not facts.stats.frames and not facts.stats.strings:
                 raise no_frame([file], facts.stats.bytes)
         except Failure as failure:
             failure.show()

@@ -16,7 +16,7 @@ import click
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.progress import Progress
 
-__all__ = ["Input", "label", "no_frame", "task"]
+__all__ = ["Input", "label", "no_frame", "strings_option", "task"]
 
 #: Stands for standard input.
 STDIN = "-"
@@ -32,6 +32,31 @@ def label(name: str) -> str:
 def task(name: str) -> str:
     """What is being done, for a bar that has little room."""
     return f"reading {label(os.path.basename(name))}"  # noqa: PTH119 - pathlib is slow to import
+
+
+def _strings(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    values: tuple[str, ...],
+) -> tuple[str, ...]:
+    from xbus.protocol.values import StringType
+
+    for it in values:
+        if it not in StringType.__members__:
+            names = ", ".join(StringType.__members__)
+            raise click.BadParameter(f"no string is called {it!r}; there are {names}")
+    return values
+
+
+#: How commands are told of strings that nothing but their length tells from noise.
+strings_option = click.option(
+    "--string",
+    "strings",
+    multiple=True,
+    callback=_strings,
+    metavar="NAME",
+    help="Look for this string, too: EM1000, which nothing but its length tells from noise.",
+)
 
 
 def no_frame(names: Sequence[str], size: int) -> Failure:

@@ -58,6 +58,9 @@ def _head(facts: Facts) -> Iterator[str]:
         yield _line("malformed", f"{stats.malformed:,}, by packets that do not fill their message")
     counts = ", ".join(f"{name} {count:,}" for name, count in facts.messages.items())
     yield _line("messages", counts or "none but samples")
+    if facts.strings:
+        strings = (f"{name} {count:,}" for name, count in facts.strings.items())
+        yield _line("strings", ", ".join(strings))
 
 
 def _names(facts: Facts) -> set[str]:

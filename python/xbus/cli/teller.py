@@ -19,6 +19,7 @@ from xbus.codec import Damage, Scanner
 from xbus.ids import MessageId
 from xbus.log import Message
 from xbus.source import LONGEST
+from xbus.strings import String
 
 __all__ = ["Teller"]
 
@@ -30,17 +31,26 @@ class Teller:
     """Bytes to lines.
 
     Args:
-        wanted: Names and numbers of messages; all messages and the damage if empty.
-        with_hex: Whether each line ends with the frame.
+        wanted: Names and numbers of messages; all messages, strings and damage if empty.
+        strings: Strings to look for: see `read_log`.
+        with_hex: Whether each line ends with the frame, or the bytes of the string.
         as_json: JSON instead of words.
 
     Attributes:
-        frames: How many were found, wanted or not.
+        frames: How many frames and strings were found, wanted or not.
         size: Bytes that were fed.
     """
 
-    def __init__(self, wanted: Iterable[int | str], *, with_hex: bool, as_json: bool) -> None:
-        self._scanner = Scanner(LONGEST)  # the limit of a log, so that it is what `read_log` finds
+    def __init__(
+        self,
+        wanted: Iterable[int | str],
+        *,
+        strings: Iterable[str] = (),
+        with_hex: bool,
+        as_json: bool,
+    ) -> None:
+        # The limit of a log, so that it is what `read_log` finds.
+        self._scanner = Scanner(LONGEST, strings=strings)
         self._wanted = frozenset(wanted)
         self._hex = with_hex
         self._json = as_json
@@ -60,7 +70,7 @@ class Teller:
         """The lines that can be told now that no more bytes come."""
         return self._lines(self._scanner.close())
 
-    def _lines(self, found: Iterable[Message | Damage]) -> list[str]:
+    def _lines(self, found: Iterable[Message | String | Damage]) -> list[str]:
         lines = []
         for it in found:
             if isinstance(it, Damage):
@@ -68,6 +78,10 @@ class Teller:
                     lines.append(_damage(it, as_json=self._json))
                 continue
             self.frames += 1
+            if isinstance(it, String):
+                if not self._wanted:
+                    lines.append(_string(it, with_hex=self._hex, as_json=self._json))
+                continue
             if not self._wanted or it.mid in self._wanted or it.name in self._wanted:
                 frame = self._frame(it) if self._hex else None
                 lines.append(_facts(it, frame) if self._json else _words(it, frame))
@@ -85,6 +99,15 @@ def _damage(damage: Damage, *, as_json: bool) -> str:
     if as_json:
         return json.dumps(damage._asdict())
     return f"{damage.offset:>10}  {'':>12}  damage  {damage.length} bytes: {damage.reason}"
+
+
+def _string(string: String, *, with_hex: bool, as_json: bool) -> str:
+    name = string.type.name if string.type is not None else None
+    if as_json:
+        facts = {"offset": string.offset, "string": name, "text": string.text}
+        return json.dumps(facts | ({"bytes": string.data.hex().upper()} if with_hex else {}))
+    line = f"{string.offset:>10}  {'':>12}  {name or 'string'}  {string.text}"
+    return f"{line}  | {string.data.hex(' ').upper()}" if with_hex else line
 
 
 def _words(message: Message, frame: bytes | None) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Iterable
 
 import numpy as np
@@ -12,11 +13,14 @@ from xbus import _core
 from xbus.arrivals import Arrivals, HostTimes
 from xbus.codec import LONGEST_LIVE, encode_frame
 from xbus.device.channel import Channel
+from xbus.device.sample import Sample
 from xbus.hostclock import HostClock
 from xbus.ids import MessageId
 from xbus.log import Log
 from xbus.protocol.messages import encode
+from xbus.protocol.values import StringType
 from xbus.source import Key, wishes
+from xbus.strings import String, mask_of
 
 __all__ = ["Blocks"]
 
@@ -41,7 +45,8 @@ class Blocks:
         self._channel, self._seconds, self._samples = channel, seconds, samples
         self._timeout = timeout
         self._wanted = wishes(quantities)
-        self._decoder = _core.Decoder(LONGEST_LIVE, self._wanted)
+        # What comes here as a string is one.
+        self._decoder = _core.Decoder(LONGEST_LIVE, self._wanted, mask_of(StringType))
         self._clocks: dict[int, HostClock] = {}
         #: Bytes that the decoder was fed.
         self._end = 0
@@ -61,15 +66,24 @@ class Blocks:
         return self
 
     def __next__(self) -> Log:
+        channel = self._channel
         if self._seconds is not None:
-            self._channel.wait_for(lambda: False, self._seconds)
-        self._channel.wait_for_samples(self._samples or 1, self._timeout)
-        waiting = self._channel.samples
+            channel.wait_for(lambda: False, self._seconds)
+            channel.wait_for_strings(self._timeout, samples=True)
+        else:
+            channel.wait_for_samples(self._samples or 1, self._timeout)
+        waiting, strings = channel.samples, channel.strings
         count = len(waiting) if self._samples is None else self._samples
-        samples = [waiting.popleft() for _ in range(count)]
-        ends = self._feed([it.frame for it in samples])
-        epoch = self._channel.link.epoch
-        seconds = np.array([it.arrival or 0.0 for it in samples])
+        taken: list[Sample | String] = [waiting.popleft() for _ in range(count)]
+        # Strings that came before the last of these, or else before the next sample that is not taken.
+        bounded = taken if self._samples is not None else [*waiting][:1]
+        until = bounded[-1].offset if bounded else math.inf
+        while strings and strings[0].offset < until:
+            taken.append(strings.popleft())
+        taken.sort(key=lambda it: it.offset)
+        ends = self._feed([it.frame if isinstance(it, Sample) else it.data for it in taken])
+        epoch = channel.link.epoch
+        seconds = np.array([it.arrival or 0.0 for it in taken])
         arrivals = Arrivals(ends, np.rint(seconds * 1e9).astype(np.int64) + epoch)
         hosts = HostTimes(self._decoder.take(), arrivals, self._clocks)
         self._clocks = hosts.clocks

@@ -7,6 +7,7 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NoReturn
 
@@ -17,6 +18,7 @@ from xbus.device.timing import Timing
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.protocol.messages import ROWS
 from xbus.protocol.values import State
+from xbus.strings import String
 
 __all__ = ["Channel"]
 
@@ -48,6 +50,8 @@ PAUSE = 0.1
 TURN = 0.01
 #: Samples that are kept for who does not read them: as many as come in a minute at 4 Mbaud.
 KEPT = 1_000_000
+#: Strings that are kept for who does not read them.
+KEPT_STRINGS = 100_000
 
 
 class Channel:
@@ -60,8 +64,10 @@ class Channel:
         link: What carries the bytes.
         session: What is known of the device.
         samples: Samples that nobody has read, the oldest first.
+        strings: Strings that nobody has read, the oldest first.
         notices: Messages that nobody asked for, the latest 100.
         lost_samples: Samples that nobody read before a million others came.
+        lost_strings: Strings that nobody read before 100,000 others came.
         device_id: Device identifier, once it has been read.
         timing: The clocks by which samples tell their times.
     """
@@ -74,8 +80,9 @@ class Channel:
         #: When the port was lost, and in which state the device was then.
         self._lost: tuple[float, State] = (0.0, State.UNKNOWN)
         self.samples: deque[Sample] = deque()
+        self.strings: deque[String] = deque()
         self.notices: deque[Notice] = deque(maxlen=100)
-        self.lost_samples = 0
+        self.lost_samples = self.lost_strings = 0
         self.timing = Timing(link.epoch)
         if link.trouble is not None:
             self.notices.append(Notice("Port", link.trouble, b"", session.bid, None))
@@ -136,6 +143,11 @@ class Channel:
                     self.samples.popleft()
                     self.lost_samples += 1
                 self.samples.append(event)
+            elif isinstance(event, String):
+                if len(self.strings) >= KEPT_STRINGS:
+                    self.strings.popleft()
+                    self.lost_strings += 1
+                self.strings.append(replace(event, arrival=arrival))
             elif isinstance(event, Notice):
                 self.notices.append(event)
             else:
@@ -327,15 +339,40 @@ class Channel:
         """
         while (there := len(self.samples)) < count:
             if self.session.state == State.CONFIG:
-                raise StateError(
-                    "the device is in Config State and measures nothing; go_to_measurement() changes that",
-                    "read_sample",
-                    self.session.state,
-                )
+                self._refuse_config("read_sample")
             if not self.wait_for(partial(self._has_more, there), timeout):
+                instead = "; it sends strings: read_string()" if self.strings else ""
                 raise XbusTimeout(
-                    f"no sample from {self.link.name} within {timeout:g} s", None, timeout
+                    f"no sample from {self.link.name} within {timeout:g} s{instead}", None, timeout
                 )
 
     def _has_more(self, samples: int) -> bool:
         return len(self.samples) > samples or self.session.state == State.CONFIG
+
+    def wait_for_strings(self, timeout: float, *, samples: bool = False) -> None:
+        """Waits until there is a string, but no longer than ``timeout`` seconds.
+
+        Args:
+            timeout: How long.
+            samples: Whether a sample will do as well.
+
+        Raises:
+            StateError: The device is in Config State, where it sends none.
+            XbusTimeout: None came in time.
+        """
+
+        def is_there() -> bool:
+            return bool(self.strings or (samples and self.samples))
+
+        if not self.wait_for(lambda: is_there() or self.session.state == State.CONFIG, timeout):
+            what = "nothing" if samples else "no string"
+            raise XbusTimeout(f"{what} from {self.link.name} within {timeout:g} s", None, timeout)
+        if not is_there():
+            self._refuse_config("read_string")
+
+    def _refuse_config(self, command: str) -> NoReturn:
+        raise StateError(
+            "the device is in Config State and measures nothing; go_to_measurement() changes that",
+            command,
+            self.session.state,
+        )

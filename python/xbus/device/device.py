@@ -27,11 +27,21 @@ from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
 from xbus.device.settings import Settings
 from xbus.device.stats import LiveStats, by_name, live_stats
+from xbus.device.strings import BARE, check_strings_fit, plan_strings
 from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
 from xbus.ids import MessageId
 from xbus.protocol.products import Support, product_of_code, support
-from xbus.protocol.values import HardwareVersion, Output, PortConfig, PortProtocol, State, baud_code
+from xbus.protocol.values import (
+    HardwareVersion,
+    Output,
+    PortConfig,
+    PortProtocol,
+    State,
+    StringType,
+    baud_code,
+)
 from xbus.source import Key
+from xbus.strings import String, mask_of
 from xbus.tables import Product
 
 if TYPE_CHECKING:
@@ -76,15 +86,17 @@ class Device(Commands):
     (['sample_time_fine', 'acceleration'], 'MTi-630')
     """
 
-    def __init__(self, link: Link, *, bid: int = 0xFF, reconnect: bool = False) -> None:
-        self._channel = Channel(link, Session(bid=bid), reconnect=reconnect)
+    def __init__(
+        self, link: Link, *, bid: int = 0xFF, reconnect: bool = False, strings: int = 0
+    ) -> None:
+        self._channel = Channel(link, Session(bid=bid, strings=strings), reconnect=reconnect)
         self.device_id: int | None = None
         self.product_code: str | None = None
         self.firmware: Firmware | None = None
         self.hardware: HardwareVersion | None = None
         self.outputs: tuple[Output, ...] | None = None
         self._outdated = 0
-        #: When packets were counted for the rates, and how many there were; and the rates.
+        #: When packets and strings were counted for the rates, and how many there were; and the rates.
         self._counted: tuple[float, dict[str, int]] = (link.clock(), {})
         self._rates: dict[str, float] = {}
 
@@ -279,9 +291,67 @@ class Device(Commands):
             if check_baudrate and self.link.is_line:
                 check_fits(lines, known, self.link.baudrate)
             if known.string_types and self.req_string_output_type().types:
-                self.set_string_output_type(0, 0 if known.product.series == "600-series" else None)
+                self.set_strings(())
         self.outputs = tuple(self._ask("SetOutputConfiguration", lines))
         return self.outputs
+
+    def set_string_output_type(self, types: int, frequency: int | None = None) -> bytes:
+        """SetStringOutputType (0x8E): strings in the place of MTData2; none of them switches back.
+
+        Args:
+            types: `StringType` flags.
+            frequency: Hz, on the 600-series; the others take it from period and skip factor.
+        """
+        payload = super().set_string_output_type(types, frequency)
+        if types & BARE:
+            # What the answer says tells them from noise, here and in a recording.
+            self.req_string_output_type()
+        return payload
+
+    def set_strings(
+        self,
+        strings: Iterable[StringType | str],
+        frequency: float | None = None,
+        *,
+        check_baudrate: bool = True,
+    ) -> float | None:
+        """Switches to string outputs, which take the place of MTData2; or, with none of them, back.
+
+        On the 10- and 100-series SetPeriod and SetOutputSkipFactor make the rate, 115200 / (period (skip
+        factor + 1)) with a period from 225 to 1152 (Tables 18 and 19); on the 600-series it goes with the
+        types.
+
+        Args:
+            strings: Names, or `StringType` flags: ``["HEHDT", "GPGGA"]``.
+            frequency: Hz; None: only when they are asked for, by `req_data`, which the 600-series cannot.
+            check_baudrate: Whether the baud rate has to carry it; False where the port is no serial line.
+
+        Returns:
+            The rate in Hz; None where they come when they are asked for, or never.
+
+        Raises:
+            ValueError: A string or rate that the product cannot do, or more than the baud rate carries;
+                nothing was sent.
+
+        >>> import xbus
+        >>> device = xbus.connect("sim:MTi-630")
+        >>> with device.configure() as cfg:
+        ...     cfg.set_strings(["HEHDT", "HEROT"], 100)
+        100
+        """
+        self.session.check_state("SetStringOutputType")
+        self._identify()
+        plan = plan_strings(strings, frequency, self.session.support)
+        if check_baudrate and self.link.is_line and self.session.support is not None:
+            check_strings_fit(plan, self.session.support, self.link.baudrate)
+        for name, value in plan.messages:
+            self.session.validate(name, value)
+        if plan.period is not None:
+            self.set_period(plan.period)
+        if plan.skip_factor is not None:
+            self.set_output_skip_factor(plan.skip_factor)
+        self.set_string_output_type(plan.output.types, plan.output.frequency)
+        return plan.frequency
 
     # Settings
 
@@ -429,6 +499,34 @@ class Device(Commands):
         while True:
             yield self.read_sample()
 
+    def read_string(self, timeout: float = SILENCE) -> String:
+        """The next string output: see `set_strings`.
+
+        Samples and strings that come between each other are kept, and given each by its own call.
+
+        Args:
+            timeout: Seconds to wait for it.
+
+        Raises:
+            StateError: The device is in Config State, where it sends none.
+            XbusTimeout: None came.
+            Disconnected: The port is gone; what had come was given before.
+
+        >>> import xbus
+        >>> device = xbus.connect("sim:MTi-30")
+        >>> with device.configure() as cfg:
+        ...     rate = cfg.set_strings(["HCMTW"], 50)
+        >>> device.read_string()
+        <String $HCMTW,25.0,C*1F>
+        """
+        self._channel.wait_for_strings(timeout)
+        return self._channel.strings.popleft()
+
+    @property
+    def lost_strings(self) -> int:
+        """Strings that nobody read before 100,000 others came."""
+        return self._channel.lost_strings
+
     async def __aiter__(self) -> AsyncIterator[Sample]:
         waiting = self._channel.samples
         while True:
@@ -481,14 +579,13 @@ class Device(Commands):
     def stats(self) -> LiveStats:
         """What was counted of the stream since the port was opened; asking costs microseconds."""
         counted = self.link.acquisition.stats()
-        now, quantities = self.link.clock(), by_name(counted["quantities"])
+        now, counts = self.link.clock(), by_name(counted["quantities"]) | counted["strings"]
         then, before = self._counted
         if now - then >= RATE_SPAN:
             self._rates = {
-                name: (count - before.get(name, 0)) / (now - then)
-                for name, count in quantities.items()
+                name: (count - before.get(name, 0)) / (now - then) for name, count in counts.items()
             }
-            self._counted = now, quantities
+            self._counted = now, counts
         channel = self._channel
         unread, waiting = len(channel.samples), channel.waiting_bytes
         return live_stats(counted, self._rates, unread, channel.lost_samples, waiting)
@@ -536,6 +633,11 @@ class Device(Commands):
         """
         with self.configure():
             head = configuration_frame(self.command("ReqConfiguration").payload)
+            if self.session.support is not None and self.session.support.string_types:
+                # It tells binary strings from noise, whoever reads the file.
+                strings = self.command("ReqStringOutputType")
+                if strings.value.types & BARE:
+                    head += encode_frame(MessageId.ReqStringOutputTypeAck, strings.payload)
             # Not every device gives it, and files are readable without.
             with contextlib.suppress(DeviceError, StateError, XbusTimeout):
                 head += encode_frame(MessageId.EmtsData, self.req_emts())
@@ -569,6 +671,7 @@ def connect(
     bid: int = 0xFF,
     reconnect: bool = False,
     queue_seconds: float = 60.0,
+    strings: Iterable[StringType | str] = (),
 ) -> Device:
     """Opens the port of a device, and finds out in which state it is without changing it.
 
@@ -585,11 +688,13 @@ def connect(
             identifier once that has been read. Otherwise `Disconnected` is raised at once.
         queue_seconds: How long a program may read nothing and lose nothing, at 4 Mbaud; at a slower rate
             it is longer. What is older than that is dropped and counted then.
+        strings: Strings to look for that nothing but their length tells from noise: ``["EM1000"]``. All
+            others are found, and EM1000 too once the device was asked whether it is on.
 
     Raises:
         XbusTimeout: Nothing was heard.
         OSError: The port cannot be opened.
-        ValueError: No port was named, and not just one says Xsens.
+        ValueError: No port was named, and not just one says Xsens; or no string has that name.
 
     >>> import xbus
     >>> xbus.connect("sim:MTi-680G")
@@ -597,9 +702,10 @@ def connect(
     """
     if not 0 < queue_seconds <= LONGEST_QUEUE:
         raise ValueError(f"queue_seconds must be from 0 to {LONGEST_QUEUE}, not {queue_seconds}")
-    bound = int(queue_seconds * FASTEST)
-    link = open_link(_only_port() if port is None else port, baudrate or DEFAULT_BAUDRATE, bound)
-    device = Device(link, bid=bid, reconnect=reconnect)
+    bound, mask = int(queue_seconds * FASTEST), mask_of(strings)
+    port = _only_port() if port is None else port
+    link = open_link(port, baudrate or DEFAULT_BAUDRATE, bound, mask)
+    device = Device(link, bid=bid, reconnect=reconnect, strings=mask)
     rates = BAUDRATES if link.is_line else (link.baudrate,)
     try:
         device.find((baudrate,) if baudrate else rates)

@@ -107,14 +107,15 @@ class SerialLink:
         port: An open or closed port. It is closed by `close` only if ``owned``.
         owned: Whether it was opened for this link.
         bound: Most bytes that wait to be read.
+        strings: Strings to look for: see `_core.Scanner`.
 
     Attributes:
         acquisition: What takes in the bytes that come.
     """
 
-    def __init__(self, port: Any, *, owned: bool, bound: int = QUEUE) -> None:
+    def __init__(self, port: Any, *, owned: bool, bound: int = QUEUE, strings: int = 0) -> None:
         self._port = port
-        self._bound = bound
+        self._bound, self._strings = bound, strings
         self._owned = owned
         self.name = str(port.port or port.name)
         # Where a URL leads, what the rate is there is not known.
@@ -140,7 +141,7 @@ class SerialLink:
 
     def _begin(self) -> None:
         number = _descriptor(self._port)
-        self.acquisition = _core.Acquisition(number, bound=self._bound)
+        self.acquisition = _core.Acquisition(number, bound=self._bound, strings=self._strings)
         if number is None:
             _pump(self._port, self.acquisition)
 
@@ -237,7 +238,10 @@ def _pump(port: Any, acquisition: _core.Acquisition) -> None:
 
 
 def open_link(
-    port: str | serial.SerialBase | SimulatedDevice, baudrate: int, bound: int = QUEUE
+    port: str | serial.SerialBase | SimulatedDevice,
+    baudrate: int,
+    bound: int = QUEUE,
+    strings: int = 0,
 ) -> Link:
     """A link to a port: a name, a pyserial URL, a pyserial object, ``"sim:PRODUCT"`` or a virtual device.
 
@@ -246,12 +250,12 @@ def open_link(
         ValueError: No such virtual product.
     """
     if isinstance(port, serial.SerialBase):
-        return SerialLink(port, owned=False, bound=bound)
+        return SerialLink(port, owned=False, bound=bound, strings=strings)
     if not isinstance(port, str) or port.startswith("sim:"):
         from xbus.sim.link import SimLink  # whoever has a real device need not wait for it
 
-        return SimLink(port)
+        return SimLink(port, strings)
     made: Any = serial.serial_for_url(port, do_not_open=True, baudrate=baudrate, write_timeout=5)
     if "://" not in port:
         made.exclusive = True
-    return SerialLink(made, owned=True, bound=bound)
+    return SerialLink(made, owned=True, bound=bound, strings=strings)

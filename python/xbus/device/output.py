@@ -11,7 +11,7 @@ from xbus.protocol.products import Support
 from xbus.protocol.values import EVERY, Output
 from xbus.tables import QUANTITIES
 
-__all__ = ["Outputs", "bytes_per_second", "check_fits", "outputs_of"]
+__all__ = ["BITS", "Outputs", "bytes_per_second", "check_fits", "outputs_of", "too_much"]
 
 #: An output configuration: rates in Hz by what is wanted, or lines as the message has them. A rate of
 #: None asks for the highest.
@@ -28,7 +28,7 @@ _GNSS_RATE = 4
 #: How often a message comes that nothing but time stamps and status is asked for, Hz (Table 2).
 _STAMPS_RATE = 100
 #: Bits on the line for each byte: a start bit, eight, a stop bit.
-_BITS = 10
+BITS = 10
 
 
 def outputs_of(outputs: Outputs) -> tuple[Output, ...]:
@@ -103,16 +103,23 @@ def check_fits(outputs: Iterable[Output], support: Support, baudrate: int) -> No
     Raises:
         ValueError: It does not; the message says which baud rate, or what share of the rates, would do.
     """
-    needed, room = bytes_per_second(outputs, support), baudrate // _BITS
-    if needed <= room:
-        return
-    enough = [it for it in support.baudrates if it // _BITS >= needed]
+    needed, room = bytes_per_second(outputs, support), baudrate // BITS
+    if needed > room:
+        problem = too_much("outputs", needed, baudrate, support)
+        raise ValueError(
+            f"{problem}; at {baudrate:,} baud {room / needed:.0%} of the rates would fit"
+        )
+
+
+def too_much(what: str, needed: int, baudrate: int, support: Support) -> str:
+    """That a line does not carry so many bytes a second, and which baud rate would."""
+    enough = [it for it in support.baudrates if it // BITS >= needed]
     advice = (
         f"{min(enough):,} baud would do (set_baudrate)"
         if enough
         else "no baud rate of this product would do"
     )
-    raise ValueError(
-        f"these outputs make about {needed:,} bytes a second, and {baudrate:,} baud carry {room:,};"
-        f" {advice}; at {baudrate:,} baud {room / needed:.0%} of the rates would fit"
+    return (
+        f"these {what} make about {needed:,} bytes a second, and {baudrate:,} baud carry"
+        f" {baudrate // BITS:,}; {advice}"
     )

@@ -35,6 +35,7 @@ class Sample(Mapping[Key, Any]):
     Attributes:
         payload: The bytes of the message.
         bid: Bus identifier.
+        offset: Where its frame begins, in bytes since the port was opened.
         arrival: When its last byte came, seconds on the clock of the link (`time.monotonic` for a port); None
             for one that did not come over a link.
 
@@ -43,11 +44,12 @@ class Sample(Mapping[Key, Any]):
     (57285, [-0.4308698773384094, 0.8305544257164001, 9.795761108398438])
     """
 
-    __slots__ = ("__dict__", "arrival", "bid", "payload", "timing")
+    __slots__ = ("__dict__", "arrival", "bid", "offset", "payload", "timing")
 
-    def __init__(self, payload: bytes, bid: int = 0xFF) -> None:
+    def __init__(self, payload: bytes, bid: int = 0xFF, offset: int = 0) -> None:
         self.payload = payload
         self.bid = bid
+        self.offset = offset
         self.arrival: float | None = None
         self.timing: Timing | None = None
 

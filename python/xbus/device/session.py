@@ -14,6 +14,7 @@ from xbus.ids import MessageId
 from xbus.protocol.messages import LAYOUTS, ROWS, decode, encode
 from xbus.protocol.products import Support
 from xbus.protocol.values import DeviceErrorInfo, State
+from xbus.strings import String, type_at
 from xbus.tables import PRODUCTS, RESULT_CODES, MessageRow
 
 __all__ = ["Event", "Notice", "Refusal", "Reply", "Session"]
@@ -82,7 +83,7 @@ class Notice:
     mid: int | None
 
 
-Event = Sample | Reply | Refusal | Notice
+Event = Sample | String | Reply | Refusal | Notice
 
 
 class Session:
@@ -93,13 +94,14 @@ class Session:
 
     Args:
         bid: Bus identifier to address; 0xFF and 1 are the same device.
+        strings: Bits of `StringType`, of strings that nothing but their length tells from noise.
 
     Attributes:
         bid: Bus identifier that is addressed.
         state: State of the device.
         support: What its product supports; None until `identify` was called.
         pending: Name of the command that waits for its answer, or None.
-        skipped: Bytes that were no frame.
+        skipped: Bytes that were neither frame nor string.
 
     >>> from xbus import encode_frame
     >>> session = Session()
@@ -111,7 +113,7 @@ class Session:
     <State.CONFIG: 'config'>
     """
 
-    def __init__(self, *, bid: int = 0xFF) -> None:
+    def __init__(self, *, bid: int = 0xFF, strings: int = 0) -> None:
         if not (1 <= bid <= 31 or bid == 0xFF):
             raise ValueError(f"a device has the bus identifier 0xFF or 1 to 31, not {bid}")
         self.bid = bid
@@ -119,7 +121,7 @@ class Session:
         self.support: Support | None = None
         self.pending: str | None = None
         self.skipped = 0
-        self._scanner = _core.Scanner(LONGEST_LIVE)
+        self._scanner = _core.Scanner(LONGEST_LIVE, strings)
 
     # Commands
 
@@ -218,10 +220,23 @@ class Session:
         return self._events(*self._scanner.feed(b"", last=True))
 
     def _events(
-        self, messages: list[tuple[int, int, int, bytes]], damage: list[tuple[int, int, str]]
+        self,
+        found: list[tuple[int, int, int, bytes] | tuple[int, int | None, bytes]],
+        damage: list[tuple[int, int, str]],
     ) -> list[Event]:
         self.skipped += sum(length for _, length, _ in damage)
-        return [self._event(*it) for it in messages if self._is_ours(it[1])]
+        events: list[Event] = []
+        for it in found:
+            if len(it) == 3:
+                events.append(self._string(*it))
+            elif self._is_ours(it[1]):
+                events.append(self._event(*it))
+        return events
+
+    def _string(self, offset: int, place: int | None, data: bytes) -> String:
+        if self.state in (State.UNKNOWN, State.WAKEUP):
+            self.state = State.MEASUREMENT
+        return String(type_at(place), data, offset)
 
     def _is_ours(self, bid: int) -> bool:
         """Whether the addressed device may have sent it: what comes unasked has FF, or its own."""
@@ -231,7 +246,7 @@ class Session:
         if mid == MessageId.MTData2:
             if self.state in (State.UNKNOWN, State.WAKEUP):
                 self.state = State.MEASUREMENT
-            return Sample(payload, bid)
+            return Sample(payload, bid, offset)
         row = ROWS.get(self.pending or "")
         if row is not None:
             if mid == row.reply:

@@ -25,9 +25,10 @@ class LiveStats:
         lost_samples: Samples that the packet counter says are missing.
         gaps: In how many places.
         checksum_errors: Candidates refused by their checksum where a frame was due.
-        skipped_bytes: Bytes that belong to no frame.
+        skipped_bytes: Bytes that belong to neither frame nor string.
         quantities: How many packets of each quantity came, by name.
-        rates: The same in Hz, since the stats were last asked for (over half a second at least).
+        strings: How many strings came, by name; the name of those that the manual does not list is empty.
+        rates: Both in Hz, since the stats were last asked for (over half a second at least).
         unread_samples: Samples that have been taken in and that nobody has read.
         dropped_samples: Samples that were dropped because a million later ones were not read either.
         queued_bytes: Bytes that wait to be taken in.
@@ -48,6 +49,7 @@ class LiveStats:
     checksum_errors: int
     skipped_bytes: int
     quantities: dict[str, int]
+    strings: dict[str, int]
     rates: dict[str, float]
     unread_samples: int
     dropped_samples: int

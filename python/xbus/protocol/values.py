@@ -374,6 +374,10 @@ _NAMES = {it.id: it.name for it in QUANTITIES.values()}
 
 #: Sampling periods for strings, 1/115200 s: 512 to 100 Hz (Table 18).
 PERIODS = range(225, 1152 + 1)
+#: Ticks of a sampling period in a second.
+PERIOD_TICKS = 115_200
+#: The skip factor with which strings come only when ReqData asks for them (Table 19).
+ON_DEMAND = 0xFFFF
 
 
 class StringType(IntFlag):

@@ -21,13 +21,13 @@ class SimLink:
     epoch = 0
     trouble = None
 
-    def __init__(self, device: str | SimulatedDevice) -> None:
+    def __init__(self, device: str | SimulatedDevice, strings: int = 0) -> None:
         if isinstance(device, str):
             device = SimulatedDevice(device.removeprefix("sim:"))
         self.device = device
         self.name = f"sim:{device.product.name}"
         self.baudrate = device.baudrate
-        self.acquisition = _core.Acquisition(None)
+        self.acquisition = _core.Acquisition(None, strings=strings)
 
     def read(self, timeout: float) -> Received:
         """What has come."""

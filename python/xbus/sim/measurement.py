@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable
+from fractions import Fraction
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
@@ -12,16 +13,18 @@ import numpy as np
 from xbus.codec import encode_sample
 from xbus.ids import DataId
 from xbus.protocol.values import (
+    ON_DEMAND,
+    PERIOD_TICKS,
     IccCommand,
     IccReply,
     ResetCode,
-    StringType,
     SyncFunction,
     SyncLine,
 )
 from xbus.sim.clock import SECOND
 from xbus.sim.procedures import icc_result, is_still, reset
 from xbus.sim.stream import Stream
+from xbus.sim.strings import StringStream
 from xbus.sim.sync import delay_of, reference_period
 from xbus.tables import QUANTITIES, STATUS_FLAGS
 
@@ -48,13 +51,13 @@ def status_word(**fields: int) -> int:
 
 
 class Source(Protocol):
-    """Where samples come from: a `Stream`, or a recording."""
+    """Where samples come from: a `Stream`, strings, or a recording."""
 
     def take(self, until: float, status: int) -> list[tuple[float, bytes]]:
         """The frames sent since the last call, and when."""
 
     def latest(self, now: float, status: int) -> list[bytes]:
-        """The newest sample."""
+        """The newest sample, or strings."""
 
 
 class Measurement:
@@ -76,22 +79,23 @@ class Measurement:
         self.icc_since: int | None = None
         self._updating_since: int | None = None
         self._unit = unit
-        self._source = self._make_source()
         self._is_asked = any(it.function == SyncFunction.SEND_LATEST for it in settings.sync)
-        # Strings overrule MTData2.
-        self._is_silent = settings.strings.types != StringType(0)
+        self._source = self._make_source()
         self._taken = unit.clock.now
         self._momentary = 0
         #: How a packet begins that tells the flags.
         self._marks = [
             struct.pack(">HB", it.data_id, QUANTITIES[it.quantity].size)
             for it in settings.outputs
-            if it.quantity in ("status_word", "status_byte")
+            if it.quantity in ("status_word", "status_byte") and not settings.strings.types
         ]
         self.mark("filter_input_start")
 
     def _make_source(self) -> Source:
         unit, now = self._unit, self._unit.clock.now / SECOND
+        if unit.settings.strings.types:
+            # Strings overrule MTData2.
+            return self._make_strings(now)
         if unit.world.replay is not None:
             return unit.world.replay.play(now)
         return Stream(
@@ -107,11 +111,23 @@ class Measurement:
             location_id=unit.settings.location_id,
         )
 
+    def _make_strings(self, now: float) -> StringStream:
+        settings, unit = self._unit.settings, self._unit
+        if settings.strings.frequency is not None:
+            # What a device does at 0 Hz is not published: here nothing comes unasked.
+            rate = Fraction(settings.strings.frequency) or None
+        elif settings.skip_factor == ON_DEMAND:
+            rate = None
+        else:
+            rate = Fraction(PERIOD_TICKS, settings.period * (settings.skip_factor + 1))
+        self._is_asked = self._is_asked or rate is None
+        return StringStream(settings.strings.types, rate, unit.sensors(), now)
+
     # Samples
 
     def take(self, until: int) -> list[tuple[float, bytes]]:
         """The frames that are sent on their own up to a time in ns, and when, in seconds."""
-        if self._is_silent or self._is_asked:
+        if self._is_asked:
             return []
         frames: list[tuple[float, bytes]] = []
         while self._momentary and self._taken < until:
@@ -126,7 +142,7 @@ class Measurement:
 
     def send_latest(self) -> None:
         """Sends the newest sample, if samples are sent when they are asked for."""
-        if self._is_silent or not self._is_asked:
+        if not self._is_asked:
             return
         status = self._unit.status() | self._momentary
         frames = self._source.latest(self._unit.clock.now / SECOND, status)
@@ -145,7 +161,7 @@ class Measurement:
 
     def sensors_changed(self) -> None:
         """What is measured from now on is something else."""
-        if isinstance(self._source, Stream):
+        if isinstance(self._source, Stream | StringStream):
             self._source.sensors = self._unit.sensors()
 
     # Edges at the sync inputs

@@ -28,14 +28,15 @@ ANSWERS = [it.reply for it in MESSAGES if it.reply is not None] + [MessageId.Wak
 
 
 class Replay:
-    """A recording that virtual devices send, frame by frame as it was received.
+    """A recording that virtual devices send, frame by frame and string by string as it was received.
 
-    Sent is what devices send unasked in Measurement: samples, errors, warnings and unknown messages, none of
-    it changed, and not what lies between as damage. Answers to requests are left out, and so is what MT
-    Manager writes at the beginning of a log.
+    Sent is what devices send unasked in Measurement: samples, strings, errors, warnings and unknown
+    messages, none of it changed, and not what lies between as damage. Answers to requests are left out, and
+    so is what MT Manager writes at the beginning of a log.
 
     The pace is that of the time stamps. Samples without one, those of the GNSS receiver and other messages
-    come between their neighbours; without any stamp 100 samples come a second. A pause of more than 10 s
+    come between their neighbours, and so do strings; without any stamp 100 samples come a second, and
+    without any sample 100 strings. A pause of more than 10 s
     lasts 10 s, and a step back of the clock no time.
 
     Args:
@@ -61,19 +62,24 @@ class Replay:
             is_stamped[log[key].sample] = False
         times = _pace(log.time, is_stamped)
         unasked = ~np.isin(log.messages.mid, ANSWERS)
-        # One more instant, for messages after the last sample.
+        # One more instant, for messages and strings after the last sample.
         neighbours = np.append(times, times[-1:] if len(times) else [0.0])
-        offsets = np.concatenate([log.offset, log.messages.offset[unasked]])
-        times = np.concatenate([times, neighbours[log.messages.sample[unasked]]])
-        order = np.argsort(offsets)
-        self._offsets, self._times = offsets[order], times[order]
+        spoken = neighbours[log.strings.sample] if len(log) else np.arange(len(log.strings)) / RATE
+        offsets = [log.offset, log.messages.offset[unasked], log.strings.offset]
+        frames = np.concatenate(offsets[:2])
+        ends = [frames + _frame_sizes(self._data, frames), log.strings.end]
+        order = np.argsort(np.concatenate(offsets))
+        self._offsets = np.concatenate(offsets)[order]
+        self._times = np.concatenate([times, neighbours[log.messages.sample[unasked]], spoken])[
+            order
+        ]
+        self._ends = np.concatenate(ends)[order]
         self._is_sample = order < len(log)
-        self._ends = self._offsets + _frame_sizes(self._data, self._offsets)
         self.identity = log.identity
         self.duration = float(self._times[-1]) if len(self._times) else 0.0
 
     def __len__(self) -> int:
-        """How many frames there are."""
+        """How many frames and strings there are."""
         return len(self._offsets)
 
     def play(self, start: float) -> Playback:

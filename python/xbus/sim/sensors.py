@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import zlib
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from functools import cached_property
 from typing import Any, TypeAlias
 
@@ -60,10 +61,11 @@ SATELLITES = {0: (9, 32), 2: (6, 36), 6: (5, 24)}
 USED_FROM = 28
 
 
-def nanoseconds(numbers: IntArray, rate: int, phase: int) -> IntArray:
+def nanoseconds(numbers: IntArray, rate: int | Fraction, phase: int) -> IntArray:
     """When these ticks are, in ns since power-up, rounded down, (n,) int64; see `Ticks`."""
     # In two parts, which do not overflow.
-    return numbers // rate * 10**9 + numbers % rate * 10**9 // rate + phase * 10**5
+    ticks, a_second = numbers * rate.denominator, rate.numerator
+    return ticks // a_second * 10**9 + ticks % a_second * 10**9 // a_second + phase * 10**5
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,7 @@ class Ticks:
 
     first: int
     count: int
-    rate: int
+    rate: int | Fraction
     phase: int = 0
 
     @property
@@ -90,7 +92,8 @@ class Ticks:
     @property
     def time(self) -> FloatArray:
         """Seconds since power-up, (n,) float64."""
-        return np.asarray(self._numbers / self.rate + self.phase / 10_000)
+        numbers = self._numbers * self.rate.denominator
+        return np.asarray(numbers / self.rate.numerator + self.phase / 10_000)
 
     @property
     def _numbers(self) -> IntArray:
@@ -248,14 +251,15 @@ class Sensors:
         blocks = []
         for block in range(first, last + 1):
             # The generator counts in the first word; the others keep blocks and rates apart.
-            counter = np.array([0, block % 2**64, ticks.rate, ticks.phase], np.uint64)
+            rate = ticks.rate.numerator
+            counter = np.array([0, block % 2**64, rate, ticks.phase], np.uint64)
             generator = np.random.Philox(key=key, counter=counter)
             blocks.append(np.random.Generator(generator).standard_normal((NOISE_BLOCK, columns)))
         at = ticks.first - first * NOISE_BLOCK
         rows = np.concatenate(blocks)[at : at + ticks.count]
         # The band of a sampled signal ends at half its rate.
         density = NOISE_DENSITY.get(sensor)
-        sigma = NOISE[sensor] if density is None else density * np.sqrt(ticks.rate / 2)
+        sigma = NOISE[sensor] if density is None else density * np.sqrt(float(ticks.rate / 2))
         return np.asarray(self.noise * sigma * rows)
 
     def _aligned(self, vectors: FloatArray) -> FloatArray:
@@ -284,15 +288,17 @@ class Sensors:
         q = self._motion(ticks).orientation
         delta = quaternion.delta(q[:-1], q[1:])
         delta *= np.where(delta[:, :1] < 0, -1.0, 1.0)
-        error = quaternion.from_rotation_vector(self._noise("rate_of_turn", ticks) / ticks.rate)
+        error = quaternion.from_rotation_vector(
+            self._noise("rate_of_turn", ticks) / float(ticks.rate)
+        )
         turned = quaternion.multiply(quaternion.multiply(delta, error), self._rot_sensor)
         return quaternion.multiply(quaternion.conjugate(self._rot_sensor), turned)
 
     def _delta_v(self, ticks: Ticks) -> FloatArray:
         motion = self._motion(ticks)
-        gain = np.diff(motion.velocity, axis=0) + self._gravity / ticks.rate
+        gain = np.diff(motion.velocity, axis=0) + self._gravity / float(ticks.rate)
         seen = quaternion.rotate(quaternion.conjugate(motion.orientation[:-1]), gain)
-        return self._aligned(seen + self._noise("acceleration", ticks) / ticks.rate)
+        return self._aligned(seen + self._noise("acceleration", ticks) / float(ticks.rate))
 
     def _position(self, ticks: Ticks) -> FloatArray:
         error = self._noise("position", ticks) * (ACCURACIES[self.rtk][0] / ACCURACIES[0][0])

@@ -145,6 +145,11 @@ impl Acquisition {
         Ok(())
     }
 
+    /// Looks also for these strings in what comes: see [`Scanner::expect`](crate::scan::Scanner::expect).
+    pub fn expect(&self, strings: u32) {
+        lock(&self.shared.state).tally.expect(strings);
+    }
+
     /// Takes in what has come by other ways; whether it was taken, and not after the end.
     #[allow(clippy::must_use_candidate)] // whoever knows that it has not ended need not look
     pub fn push(&self, bytes: &[u8]) -> bool {
@@ -219,7 +224,8 @@ impl Acquisition {
         if self.recording().is_some_and(|it| it.active) {
             return Err(busy());
         }
-        let recorder = Arc::new(Recorder::start(recording, self.shared.epoch)?);
+        let strings = lock(&self.shared.state).tally.expected();
+        let recorder = Arc::new(Recorder::start(recording, self.shared.epoch, strings)?);
         let mut state = lock(&self.shared.state);
         if state.recorder.as_ref().is_some_and(|it| it.report().active) {
             return Err(busy());

@@ -138,13 +138,15 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Makes the first file and writes its head. `epoch` leads from arrivals to nanoseconds since 1970.
+    /// Makes the first file and writes its head. `epoch` leads from arrivals to nanoseconds since 1970; `strings` are those
+    /// that the scanner is to [expect](Scanner::expect).
     ///
     /// # Errors
     /// What the system says: no such folder, no permission, no space left.
-    pub fn start(recording: Recording, epoch: i64) -> io::Result<Self> {
+    pub fn start(recording: Recording, epoch: i64, strings: u32) -> io::Result<Self> {
         let Recording { flush, bound, .. } = recording;
-        let writer = Writer::new(recording, epoch)?;
+        let mut writer = Writer::new(recording, epoch)?;
+        writer.scanner.expect(strings);
         let desk = Arc::new(Desk::default());
         lock(&desk.queue).report = Report { active: true, ..writer.report() };
         let at = desk.clone();
@@ -311,7 +313,7 @@ impl Writer {
         let mut batch = Batch { bytes, pieces, start: self.written, ends: vec![] };
         let result = self.write_batch(&mut batch);
         // What is left there did not reach the disk.
-        self.frames -= batch.ends.len() as u64;
+        self.frames -= batch.ends.iter().map(|it| it.1).sum::<u64>();
         result
     }
 
@@ -319,17 +321,20 @@ impl Writer {
         let offset = self.scanner.at();
         let mut undecided = std::mem::take(&mut self.undecided);
         undecided.extend_from_slice(batch.bytes);
-        while let Step::Frame { at, length, .. } = self.scanner.step(Window { bytes: &undecided, offset, last: false })
-        {
-            let end = offset + (at + length) as u64;
-            self.frames += 1;
+        loop {
+            let (end, frames) = match self.scanner.step(Window { bytes: &undecided, offset, last: false }) {
+                Step::Frame { at, length, .. } => (offset + (at + length) as u64, 1),
+                Step::String { at, length, .. } => (offset + (at + length) as u64, 0),
+                Step::More | Step::End(_) => break,
+            };
+            self.frames += frames;
             // Some frames are known only by what follows them. Then this end may be written already.
             if end < self.written {
                 let place = self.output.length.saturating_sub(self.written - end);
                 self.output.whole = self.output.whole.max(place);
                 continue;
             }
-            batch.ends.push(end);
+            batch.ends.push((end, frames));
             self.turn_over(batch, end)?;
             if self.is_full(end, batch.arrival(end)) {
                 self.put(batch, end)?;
@@ -378,8 +383,8 @@ impl Writer {
         self.written += self.output.length - length;
         let place = |position: u64| length + (position - begin);
         // The last whole frame that the file has now.
-        let done = batch.ends.partition_point(|end| *end <= self.written);
-        if let Some(end) = batch.ends[..done].last() {
+        let done = batch.ends.partition_point(|(end, _)| *end <= self.written);
+        if let Some((end, _)) = batch.ends[..done].last() {
             self.output.whole = place(*end);
         }
         batch.ends.drain(..done);
@@ -413,8 +418,8 @@ struct Batch<'a> {
     pieces: &'a [Piece],
     /// Position of the first of them.
     start: u64,
-    /// Where frames end that are not written yet.
-    ends: Vec<u64>,
+    /// Where frames and strings end that are not written yet, and how many frames that is: one or none.
+    ends: Vec<(u64, u64)>,
 }
 
 impl<'a> Batch<'a> {

@@ -22,13 +22,15 @@ pub struct Counts {
     pub messages: u64,
     /// MTData2 messages that their packets do not tile, and empty ones.
     pub malformed: u64,
+    /// String outputs by name; one that the manual does not list has none.
+    pub strings: BTreeMap<&'static str, u64>,
     /// Packets by data identifier, its format bits zero.
     pub quantities: BTreeMap<u16, u64>,
     /// What the packet counters say was lost.
     pub losses: Losses,
     /// Candidates refused by their checksum where a frame was due.
     pub checksum_errors: u64,
-    /// Bytes that belong to no frame.
+    /// Bytes that belong to neither frame nor string.
     pub skipped_bytes: u64,
     /// Error messages (0x42), those that answer a command included.
     pub errors: u64,
@@ -74,6 +76,17 @@ impl Tally {
         &self.undecided
     }
 
+    /// The strings that are looked for though nothing but their length tells them from noise.
+    #[must_use]
+    pub const fn expected(&self) -> u32 {
+        self.scanner.expected()
+    }
+
+    /// Looks also for these strings: see [`Scanner::expect`].
+    pub fn expect(&mut self, strings: u32) {
+        self.scanner.expect(strings);
+    }
+
     /// Counts a piece.
     pub fn feed(&mut self, piece: &[u8]) {
         self.counts.bytes += piece.len() as u64;
@@ -95,6 +108,11 @@ impl Tally {
                 Step::End(damage) => {
                     self.counts.skip(damage);
                     break;
+                }
+                Step::String { place, damage, .. } => {
+                    self.counts.skip(damage);
+                    let name = place.map_or("", |it| table::STRINGS[usize::from(it)].name);
+                    *self.counts.strings.entry(name).or_default() += 1;
                 }
                 Step::Frame { at, length, damage } => {
                     self.counts.skip(damage);

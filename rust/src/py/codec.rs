@@ -165,22 +165,26 @@ pub struct Scanner {
     kept: Vec<u8>,
 }
 
-/// A message as (offset, bid, mid, payload), or damage as (offset, length, reason).
-type Found<'py> = (Vec<(u64, u8, u8, Bound<'py, PyBytes>)>, Vec<(u64, u64, &'static str)>);
+/// Messages as (offset, bid, mid, payload) and strings as (offset, place or None, bytes), in order; damage as (offset, length,
+/// reason).
+type Found<'py> = (Vec<Bound<'py, PyAny>>, Vec<(u64, u64, &'static str)>);
 
 #[pymethods]
 impl Scanner {
     #[new]
-    fn new(limit: usize) -> Self {
-        Self { scanner: crate::scan::Scanner::new(limit), kept: vec![] }
+    #[pyo3(signature = (limit, strings=0))]
+    fn new(limit: usize, strings: u32) -> Self {
+        let mut scanner = crate::scan::Scanner::new(limit);
+        scanner.expect(strings);
+        Self { scanner, kept: vec![] }
     }
 
-    /// The messages and the damage that can be told with these bytes; `last` says that none follow.
-    fn feed<'py>(&mut self, py: Python<'py>, data: &[u8], last: bool) -> Found<'py> {
+    /// The messages, strings and damage that can be told with these bytes; `last` says that none follow.
+    fn feed<'py>(&mut self, py: Python<'py>, data: &[u8], last: bool) -> PyResult<Found<'py>> {
         let offset = self.scanner.at();
         self.kept.extend_from_slice(data);
         let window = Window { bytes: &self.kept, offset, last };
-        let (mut messages, mut stretches) = (vec![], vec![]);
+        let (mut found, mut stretches) = (vec![], vec![]);
         let mut report = |damage: Option<Damage>| {
             stretches.extend(damage.map(|it| (it.offset, it.length, it.reason.name())));
         };
@@ -194,12 +198,18 @@ impl Scanner {
                 Step::Frame { at, length, damage } => {
                     report(damage);
                     let frame = Frame::of(&self.kept[at..at + length]);
-                    messages.push((offset + at as u64, frame.bid, frame.mid, PyBytes::new(py, frame.payload)));
+                    let message = (offset + at as u64, frame.bid, frame.mid, PyBytes::new(py, frame.payload));
+                    found.push(message.into_bound_py_any(py)?);
+                }
+                Step::String { at, length, place, damage } => {
+                    report(damage);
+                    let bytes = PyBytes::new(py, &self.kept[at..at + length]);
+                    found.push((offset + at as u64, place, bytes).into_bound_py_any(py)?);
                 }
             }
         }
         #[allow(clippy::cast_possible_truncation)] // a position in what was kept
         self.kept.drain(..(self.scanner.at() - offset) as usize);
-        (messages, stretches)
+        Ok((found, stretches))
     }
 }

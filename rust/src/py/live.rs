@@ -29,9 +29,10 @@ pub struct Acquisition(live::Acquisition);
 impl Acquisition {
     /// Reads a duplicate of the descriptor `fd`, or what is pushed.
     #[new]
-    #[pyo3(signature = (fd, *, bound=24_000_000))]
-    fn new(fd: Option<i32>, bound: usize) -> PyResult<Self> {
+    #[pyo3(signature = (fd, *, bound=24_000_000, strings=0))]
+    fn new(fd: Option<i32>, bound: usize, strings: u32) -> PyResult<Self> {
         let acquisition = Self(live::Acquisition::new(bound));
+        acquisition.0.expect(strings);
         if let Some(fd) = fd {
             acquisition.open(fd)?;
         }
@@ -90,6 +91,7 @@ impl Acquisition {
         row.set_item("samples", it.counts.samples)?;
         row.set_item("messages", it.counts.messages)?;
         row.set_item("malformed", it.counts.malformed)?;
+        row.set_item("strings", it.counts.strings)?;
         row.set_item("quantities", it.counts.quantities)?;
         row.set_item("lost_samples", it.counts.losses.samples)?;
         row.set_item("gaps", it.counts.losses.gaps)?;

@@ -28,7 +28,9 @@ mod _core {
     #[pymodule_export]
     use super::reader::{Column, Decoder, Part, Reader};
     #[pymodule_export]
-    use super::tables::{damage_reasons, message_name, messages, products, quantities, result_codes, status_flags};
+    use super::tables::{
+        damage_reasons, message_name, messages, products, quantities, result_codes, status_flags, strings,
+    };
 
     /// The version stands in Cargo.toml and nowhere else.
     #[pymodule_init]

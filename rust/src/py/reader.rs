@@ -113,12 +113,14 @@ pub struct Reader {
 impl Reader {
     /// `source` is a uint8 array, a path, or an object with a method `read`.
     #[new]
-    #[pyo3(signature = (source, *, limit, strict, wanted, part_bytes=None, fast=true))]
+    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, fast=true))]
+    #[allow(clippy::too_many_arguments)] // each has its name
     fn new(
         source: &Bound<'_, PyAny>,
         limit: usize,
         strict: bool,
         wanted: Option<Vec<(String, Option<String>)>>,
+        strings: u32,
         part_bytes: Option<u64>,
         fast: bool,
     ) -> PyResult<Self> {
@@ -132,7 +134,7 @@ impl Reader {
         } else {
             (Source::Stream(Stream::new(Box::new(PyInput(source.clone().unbind())))), None)
         };
-        let options = Options { limit, strict, wanted, fast };
+        let options = Options { limit, strict, strings, wanted, fast };
         let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
         Ok(Self { reader: log::Reader::new(options, part_bytes), source, clocks: Clocks::default(), total })
     }
@@ -183,11 +185,12 @@ pub struct Decoder {
 
 #[pymethods]
 impl Decoder {
-    /// No frame may carry more than `limit` bytes of payload.
+    /// No frame may carry more than `limit` bytes of payload; `strings` are those to look for: see `Scanner::expect`.
     #[new]
-    fn new(limit: usize, wanted: Option<Vec<(String, Option<String>)>>) -> PyResult<Self> {
+    #[pyo3(signature = (limit, wanted, strings=0))]
+    fn new(limit: usize, wanted: Option<Vec<(String, Option<String>)>>, strings: u32) -> PyResult<Self> {
         let wanted = wanted.map(|list| list.iter().map(wish).collect::<PyResult<_>>()).transpose()?;
-        let reader = log::Reader::new(Options { limit, wanted, ..Options::default() }, 0);
+        let reader = log::Reader::new(Options { limit, strings, wanted, ..Options::default() }, 0);
         Ok(Self { reader, clocks: Clocks::default(), kept: vec![] })
     }
 
@@ -300,7 +303,8 @@ impl Part {
     /// What was counted.
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
-        let Stats { bytes, frames, samples, messages, malformed, skipped_bytes, checksum_errors } = self.0.part.stats;
+        let Stats { bytes, frames, samples, messages, malformed, strings, skipped_bytes, checksum_errors } =
+            self.0.part.stats;
         let losses = py.detach(|| self.0.times().losses);
         let row = PyDict::new(py);
         row.set_item("bytes", bytes)?;
@@ -308,6 +312,7 @@ impl Part {
         row.set_item("samples", samples)?;
         row.set_item("messages", messages)?;
         row.set_item("malformed", malformed)?;
+        row.set_item("strings", strings)?;
         row.set_item("skipped_bytes", skipped_bytes)?;
         row.set_item("checksum_errors", checksum_errors)?;
         row.set_item("lost_samples", losses.samples)?;
@@ -338,6 +343,22 @@ impl Part {
             signed(slf.py(), messages.sample.iter().copied()),
             lend(&messages.payload.ends, slf),
             lend(&messages.payload.bytes, slf),
+        )
+    }
+
+    /// The string outputs: place in `strings` or 255, offset, sample, end of each, and the bytes of all.
+    #[getter]
+    #[allow(clippy::type_complexity)]
+    fn strings<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> (Array<'py, u8>, Array<'py, i64>, Array<'py, i64>, Array<'py, u64>, Array<'py, u8>) {
+        let strings = &slf.get().0.part.strings;
+        (
+            lend(&strings.place, slf),
+            signed(slf.py(), strings.offset.iter().copied()),
+            signed(slf.py(), strings.sample.iter().copied()),
+            lend(&strings.bytes.ends, slf),
+            lend(&strings.bytes.bytes, slf),
         )
     }
 

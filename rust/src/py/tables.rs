@@ -118,6 +118,12 @@ pub fn status_flags(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
     table::STATUS_FLAGS.iter().map(row).collect()
 }
 
+/// The string outputs, in the order of their bits: name, and how it begins.
+#[pyfunction]
+pub fn strings() -> Vec<(&'static str, &'static [u8])> {
+    table::STRINGS.iter().map(|it| (it.name, it.start)).collect()
+}
+
 /// What the numbers in Error and Warning messages mean.
 #[pyfunction]
 pub fn result_codes() -> Vec<(u32, &'static str)> {

@@ -39,6 +39,8 @@ pub const FIRMWARE_REV: u8 = mid("FirmwareRev");
 pub const HARDWARE_VERSION: u8 = mid("HardwareVersion");
 /// MID that takes the place of an answer when the device refuses.
 pub const ERROR: u8 = mid("Error");
+/// MID of the strings that are on.
+pub const STRING_OUTPUT_TYPE: u8 = mid("ReqStringOutputTypeAck");
 /// MID of a warning.
 pub const WARNING: u8 = mid("Warning");
 

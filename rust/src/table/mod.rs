@@ -8,16 +8,18 @@ mod errors;
 mod messages;
 mod products;
 mod quantities;
+mod strings;
 #[cfg(test)]
 mod tests;
 
 pub use errors::{RESULT_CODES, result_text};
 pub use messages::{
     CONFIGURATION, DEVICE_ID, ERROR, FIRMWARE_REV, GOTO_MEASUREMENT_ACK, HARDWARE_VERSION, INIT_BUS_RESULTS,
-    LONGEST_PAYLOAD, MESSAGES, MTDATA2, PRODUCT_CODE, RESET_ACK, WAKE_UP, WARNING,
+    LONGEST_PAYLOAD, MESSAGES, MTDATA2, PRODUCT_CODE, RESET_ACK, STRING_OUTPUT_TYPE, WAKE_UP, WARNING,
 };
 pub use products::{Class, PRODUCTS, Product, Products, Series};
 pub use quantities::{QUANTITIES, STATUS_FLAGS};
+pub use strings::{BARE_STRINGS, End, STRINGS, StringOutput};
 
 /// The number types of the manual, section 5.3.6. All are big-endian on the wire.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

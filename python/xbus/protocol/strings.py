@@ -1,0 +1,391 @@
+"""What the string outputs say, field by field (section 5.3.5, under SetStringOutputType).
+
+One table, read both ways. How a string is told from other bytes, and how it ends, is declared in the
+extension; here stands what is between. Formats are the manual's masks; where these are misprinted,
+the strings that devices send.
+"""
+
+from __future__ import annotations
+
+import datetime
+import re
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from xbus import _core
+from xbus.protocol.values import StringType
+
+__all__ = ["LAYOUTS", "STARTS", "Layout", "StringField", "join", "split"]
+
+#: How each string begins, by type.
+STARTS = {StringType[name]: start for name, start in _core.strings()}
+
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)")
+
+
+@dataclass(frozen=True)
+class Form:
+    """How a value is written.
+
+    Attributes:
+        parts: How many parts of the string it takes.
+        read: The value of these parts; None where they are empty. Raises ValueError.
+        write: The parts of a value, or of None.
+        dtype: numpy's type for a column of it, in which NaN, NaT or the empty text stand for None.
+    """
+
+    parts: int
+    read: Callable[[Sequence[str]], Any]
+    write: Callable[[Any], Sequence[str]]
+    dtype: str = "f8"
+
+
+@dataclass(frozen=True)
+class StringField:
+    """A field of a string output.
+
+    Attributes:
+        name: Its name; empty for a letter that is always the same.
+        unit: Its unit; empty for letters, counts, times and dates.
+        form: How it is written.
+        is_optional: Whether it may be left out at the end.
+    """
+
+    name: str
+    unit: str
+    form: Form
+    is_optional: bool = False
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The fields of a string output.
+
+    Attributes:
+        length: Bytes that it has at most, in the range of the sensors.
+        fields: They, in order.
+        validity: The field that says whether the others are valid, and its values that say so; None where
+            no field does.
+    """
+
+    length: int
+    fields: tuple[StringField, ...]
+    validity: tuple[str, tuple[Any, ...]] | None = None
+
+
+# Parts of text
+
+
+def _float(text: str) -> float:
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(f"{text!r} is no number")
+    return float(text)
+
+
+def _number(spec: str, *, blank: bool = False) -> Form:
+    """A number in a format of Python's; ``blank``: a blank stands where a minus would."""
+
+    def read(parts: Sequence[str]) -> float | None:
+        # A blank in the place of the sign, as in PTCF; and blanks alone, where there is nothing to tell.
+        return _float(text) if (text := parts[0].strip()) else None
+
+    def write(value: float | None) -> list[str]:
+        if value is None:
+            return [""]
+        text = format(abs(value), spec)
+        is_negative = value < 0 and float(text) > 0
+        if blank:
+            return [("-" if is_negative else " ") + text]
+        return [format(value, spec) if is_negative else text]
+
+    return Form(1, read, write)
+
+
+def _count(spec: str) -> Form:
+    def read(parts: Sequence[str]) -> int | None:
+        if parts[0] and not parts[0].isdecimal():
+            raise ValueError(f"{parts[0]!r} is no count")
+        return int(parts[0]) if parts[0] else None
+
+    return Form(1, read, lambda value: ["" if value is None else format(value, spec)])
+
+
+def _scaled(counts: int) -> Form:
+    """A number in so many counts of its unit, without a point."""
+
+    def read(parts: Sequence[str]) -> float | None:
+        return _float(text) / counts if (text := parts[0].strip()) else None
+
+    return Form(1, read, lambda value: ["" if value is None else str(round(value * counts))])
+
+
+def _lettered(spec: str, positive: str, negative: str) -> Form:
+    """A number and a letter that says its sign."""
+    number = _number(spec)
+
+    def read(parts: Sequence[str]) -> float | None:
+        value: float | None = number.read(parts)
+        if value is None:
+            return None
+        if parts[1] not in (positive, negative):
+            raise ValueError(f"{parts[1]!r} is neither {positive} nor {negative}")
+        return value if parts[1] == positive else 0.0 - value
+
+    def write(value: float | None) -> list[str]:
+        if value is None:
+            return ["", ""]
+        return [*number.write(abs(value)), negative if value < 0 else positive]
+
+    return Form(2, read, write)
+
+
+def _degrees(digits: int, decimals: int, letters: str) -> Form:
+    """Degrees in so many digits, minutes, and a letter for the hemisphere."""
+    limit = {2: 90, 3: 180}[digits]
+    width = 3 + decimals
+
+    def read(parts: Sequence[str]) -> float | None:
+        text, letter = parts
+        if not text:
+            return None
+        point = text.find(".") if "." in text else len(text)
+        whole, minutes = text[: point - 2], _float(text[max(point - 2, 0) :])
+        if not whole.isdecimal() or minutes >= 60 or letter not in letters or not letter:
+            raise ValueError(f"{text},{letter} is no angle")
+        degrees = int(whole) + minutes / 60
+        if degrees > limit:
+            raise ValueError(f"{text} is beyond {limit} degrees")
+        return degrees if letter == letters[0] else -degrees
+
+    def write(value: float | None) -> list[str]:
+        if value is None:
+            return ["", ""]
+        # Rounded as a whole, so that 59.99999 minutes become a degree.
+        minutes = round(abs(value) * 60 * 10**decimals)
+        whole, rest = divmod(minutes, 60 * 10**decimals)
+        return [
+            f"{whole:0{digits}d}{rest / 10**decimals:0{width}.{decimals}f}",
+            letters[1] if value < 0 else letters[0],
+        ]
+
+    return Form(2, read, write)
+
+
+def _text(default: str = "") -> Form:
+    """A letter or a few."""
+
+    def write(value: str | None) -> list[str]:
+        if value and not re.fullmatch(r"[ -#%-)+\-./0-9:-~]*", value):
+            raise ValueError("a field is of printable characters without comma, $ and *")
+        return [value or default]
+
+    return Form(1, lambda parts: parts[0] or None, write, "U4")
+
+
+def _time(decimals: int) -> Form:
+    """Time of day, hhmmss; None where there is no such time."""
+
+    def read(parts: Sequence[str]) -> datetime.time | None:
+        text = parts[0]
+        if not text:
+            return None
+        if not re.fullmatch(r"\d{6}(\.\d*)?", text):
+            raise ValueError(f"{text!r} is no time of day")
+        micros = int(f"{text[7:]:0<6}"[:6])
+        try:
+            return datetime.time(int(text[:2]), int(text[2:4]), int(text[4:6]), micros)
+        except ValueError:
+            return None
+
+    def write(value: datetime.time | None) -> list[str]:
+        if value is None:
+            return [""]
+        fraction = f".{value.microsecond:06d}"[: decimals + 1] if decimals else ""
+        return [f"{value:%H%M%S}{fraction}"]
+
+    return Form(1, read, write, "m8[us]")
+
+
+def _date(year: Callable[[str], int], write: Callable[[datetime.date], Sequence[str]]) -> Form:
+    parts = len(write(datetime.date(2000, 1, 1)))
+
+    def read(texts: Sequence[str]) -> datetime.date | None:
+        text = "".join(texts)
+        if not text:
+            return None
+        if not text.isdecimal():
+            raise ValueError(f"{','.join(texts)!r} is no date")
+        try:
+            return datetime.date(year(text[4:]), int(text[2:4]), int(text[:2]))
+        except ValueError:
+            return None
+
+    return Form(
+        parts, read, lambda value: [""] * parts if value is None else list(write(value)), "M8[D]"
+    )
+
+
+def _short_year(text: str) -> int:
+    """The year of two digits: GPS began in 1980."""
+    return (1900 if int(text) >= 80 else 2000) + int(text)
+
+
+# The table
+
+
+def _f(name: str, unit: str, form: Form) -> StringField:
+    return StringField(name, unit, form)
+
+
+def _named(names: str, unit: str, form: Form) -> list[StringField]:
+    return [_f(name, unit, form) for name in names.split()]
+
+
+def _always(letter: str) -> StringField:
+    def read(parts: Sequence[str]) -> None:
+        if parts[0] not in (letter, ""):
+            raise ValueError(f"{parts[0]!r} stands where {letter} does")
+
+    return StringField("", "", Form(1, read, lambda _: [letter]))
+
+
+def _layout(
+    length: int,
+    *fields: StringField | list[StringField],
+    validity: tuple[str, tuple[Any, ...]] | None = None,
+) -> Layout:
+    flat = [it for some in fields for it in (some if isinstance(some, list) else [some])]
+    return Layout(length, tuple(flat), validity)
+
+
+_LAT = _f("lat", "deg", _degrees(2, 4, "NS"))
+_LON = _f("lon", "deg", _degrees(3, 4, "EW"))
+_HUNDREDTHS = _scaled(100)
+#: Where bow and port are up the angle is positive, also where letters say which side it is.
+_BOW_UP, _PORT_UP = _lettered(".2f", "M", "P"), _lettered(".2f", "T", "B")
+
+#: The fields of each string.
+LAYOUTS: dict[StringType, Layout] = {
+    StringType.HCHDM: _layout(20, _f("heading", "deg", _number("06.2f")), _always("M")),
+    StringType.HCHDG: _layout(
+        33,
+        _f("heading", "deg", _number(".1f")),
+        _f("deviation", "deg", _lettered(".1f", "E", "W")),
+        _f("variation", "deg", _lettered(".1f", "E", "W")),
+    ),
+    StringType.TSS2: _layout(
+        27,
+        _f("heading", "deg", _HUNDREDTHS),
+        _f("heave", "cm", _scaled(1)),
+        _always("H"),
+        _named("roll pitch", "deg", _HUNDREDTHS),
+        _always("F"),
+    ),
+    StringType.PHTRO: _layout(28, _f("pitch", "deg", _BOW_UP), _f("roll", "deg", _PORT_UP)),
+    StringType.PRDID: _layout(30, _named("pitch roll heading", "deg", _number("06.2f"))),
+    StringType.EM1000: _layout(
+        10,
+        _named("roll pitch", "deg", _HUNDREDTHS),
+        _f("heave", "cm", _scaled(1)),
+        _f("heading", "deg", _HUNDREDTHS),
+    ),
+    StringType.PSONCMS: _layout(
+        132,
+        _named("quaternion_q0 quaternion_q1 quaternion_q2 quaternion_q3", "", _number(".4f")),
+        _named("acceleration_x acceleration_y acceleration_z", "m/s2", _number(".4f")),
+        _named("rate_of_turn_x rate_of_turn_y rate_of_turn_z", "rad/s", _number(".4f")),
+        _named("magnetic_field_x magnetic_field_y magnetic_field_z", "a.u.", _number(".4f")),
+        _f("temperature", "degC", _number(".1f")),
+    ),
+    StringType.HCMTW: _layout(19, _f("temperature", "degC", _number(".1f")), _always("C")),
+    # True, Grid or Magnetic.
+    StringType.HEHDT: _layout(
+        20, _f("heading", "deg", _number("06.2f")), _f("heading_type", "", _text("T"))
+    ),
+    # The manual says A for valid, the vendor's own parser asks for T.
+    StringType.HEROT: _layout(
+        22,
+        _f("rate_of_turn", "deg/min", _number(".1f")),
+        _f("status", "", _text("A")),
+        validity=("status", ("A", "T")),
+    ),
+    StringType.GPGGA: _layout(
+        82,
+        _f("time", "", _time(2)),
+        _LAT,
+        _LON,
+        _f("quality", "", _count("d")),
+        _f("satellites", "", _count("02d")),
+        _f("hdop", "", _number(".1f")),
+        _f("height_msl", "m", _number(".1f")),
+        _always("M"),
+        _f("geoid_separation", "m", _number(".1f")),
+        _always("M"),
+        _f("dgps_age", "s", _number(".1f")),
+        _f("dgps_station", "", _text()),
+        validity=("quality", tuple(range(1, 10))),
+    ),
+    StringType.PTCF: _layout(
+        45,
+        _f("heading", "deg", _number("05.1f")),
+        _always("T"),
+        _f("roll", "deg", _number("05.1f", blank=True)),
+        _f("pitch", "deg", _number("04.1f", blank=True)),
+        _named("roll_rate pitch_rate", "deg/s", _number("05.1f", blank=True)),
+    ),
+    StringType.XSVEL: _layout(
+        41, _named("velocity_x velocity_y velocity_z", "m/s", _number("08.4f", blank=True))
+    ),
+    StringType.GPZDA: _layout(
+        38,
+        _f("time", "", _time(2)),
+        _f("date", "", _date(int, lambda it: (f"{it:%d}", f"{it:%m}", f"{it.year:04d}"))),
+        _named("zone_hours zone_minutes", "", _number("02.0f")),
+    ),
+    StringType.GPRMC: _layout(
+        74,
+        _f("time", "", _time(0)),
+        _f("status", "", _text("V")),
+        _f("lat", "deg", _degrees(2, 2, "NS")),
+        _f("lon", "deg", _degrees(3, 2, "EW")),
+        _f("speed", "knots", _number("05.1f")),
+        _f("course", "deg", _number("05.1f")),
+        _f("date", "", _date(_short_year, lambda it: (f"{it:%d%m%y}",))),
+        _f("variation", "deg", _lettered("05.1f", "E", "W")),
+        StringField("mode", "", _text(), is_optional=True),
+        validity=("status", ("A",)),
+    ),
+}
+
+#: Roll, pitch and heave, then heading: little-endian, which nothing else of these devices is.
+_EM1000 = struct.Struct("<hhhH")
+#: Where the parts of TSS2 are: heading, heave, status, roll, pitch, status.
+_TSS2 = (slice(0, 5), slice(6, 11), slice(11, 12), slice(12, 17), slice(18, 23), slice(23, 24))
+
+
+def split(kind: StringType, body: bytes) -> list[str]:
+    """The parts of a string: what is between its start and its checksum or end of line."""
+    if kind is StringType.EM1000:
+        return [str(it) for it in _EM1000.unpack(body)]
+    text = body.decode("ascii")
+    if kind is StringType.TSS2:
+        return [text[it].strip() for it in _TSS2]
+    return text.split(",")
+
+
+def join(kind: StringType, parts: Sequence[str]) -> bytes:
+    """The inverse of `split`. Numbers that have more digits than their mask become its largest."""
+    if kind is StringType.EM1000:
+        return _EM1000.pack(*(int(it or 0) for it in parts))
+    if kind is StringType.TSS2:
+        heading, heave, status, roll, pitch, flag = parts
+        signed = [_masked(it) for it in (heave, roll, pitch)]
+        return f"{heading:>05} {signed[0]}{status}{signed[1]} {signed[2]}{flag}".encode("ascii")
+    return ",".join(parts).encode("ascii")
+
+
+def _masked(text: str) -> str:
+    number = int(text or 0)
+    return f"{'-' if number < 0 else ' '}{min(abs(number), 9999):04d}"

@@ -1,0 +1,416 @@
+"""The strings that a device sends in the place of MTData2, or between its frames (section 5.3.5)."""
+
+from __future__ import annotations
+
+import datetime
+import math
+import struct
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+import numpy.typing as npt
+
+from xbus.errors import DecodeError
+from xbus.extras import require
+from xbus.protocol.strings import LAYOUTS, STARTS, StringField, join, split
+from xbus.protocol.values import StringType
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from xbus import _core
+    from xbus.arrivals import Arrivals
+
+__all__ = [
+    "String",
+    "Strings",
+    "encode_string",
+    "mask_of",
+    "parse_string",
+    "string_types",
+    "type_at",
+]
+
+#: Bytes of the longest string that is believed in; the longest of the manual, PSONCMS, has up to 130.
+LONGEST = 255
+#: How a core names a string that the manual does not list.
+UNLISTED = 255
+
+
+@dataclass(frozen=True)
+class String:
+    """A string output.
+
+    Attributes:
+        type: Which one; None for a sentence with a good checksum that the manual does not list.
+        data: Its bytes as they came, the end of the line included.
+        offset: Where it begins, in bytes from the start of the input, or since the port was opened.
+        sample: Index of the next sample, in a log.
+        arrival: When its last byte came, seconds on the clock of the link, live; see `Sample.arrival`.
+
+    >>> string = parse_string("$PHTRO,10.37,P,177.62,T*65")
+    >>> string.type.name, string.values
+    ('PHTRO', {'pitch': -10.37, 'roll': 177.62})
+    """
+
+    type: StringType | None
+    data: bytes
+    offset: int = 0
+    sample: int | None = None
+    arrival: float | None = None
+
+    @property
+    def text(self) -> str:
+        """The string without the end of its line; a binary one in hex."""
+        if self.type is StringType.EM1000:
+            return self.data.hex(" ").upper()
+        return self.data.decode("ascii").rstrip("\r\n")
+
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """What it says by the names of its fields: numbers in their `units`, letters, times, dates.
+
+        None is what is not available: an empty field, or a date or time that does not exist. Angles of
+        roll and pitch are positive where port and bow are up, deviations and variations to the east. Empty
+        for a string of no known type.
+
+        Raises:
+            ValueError: Its fields are not those of its type.
+        """
+        if self.type is None:
+            return {}
+        parts = split(self.type, self._body)
+        values: dict[str, Any] = {}
+        at = 0
+        for field in LAYOUTS[self.type].fields:
+            taken, at = parts[at : at + field.form.parts], at + field.form.parts
+            if len(taken) < field.form.parts:
+                if field.is_optional and not taken:
+                    values[field.name] = None
+                    continue
+                raise ValueError(f"{self.type.name}: it ends in front of {_called(field)}")
+            try:
+                value = field.form.read(taken)
+            except ValueError as error:
+                raise ValueError(f"{self.type.name}, {_called(field)}: {error}") from None
+            if field.name:
+                values[field.name] = value
+        if len(parts) > at:
+            raise ValueError(f"{self.type.name} has {at} fields, not {len(parts)}")
+        return values
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The unit of each of its values; empty for letters, counts, times and dates."""
+        fields = LAYOUTS[self.type].fields if self.type is not None else ()
+        return {it.name: it.unit for it in fields if it.name}
+
+    @property
+    def valid(self) -> bool | None:
+        """Whether it says that its values are valid; None where it has no field for that."""
+        validity = LAYOUTS[self.type].validity if self.type is not None else None
+        return None if validity is None else self.values[validity[0]] in validity[1]
+
+    @property
+    def _body(self) -> bytes:
+        assert self.type is not None  # noqa: S101 - asked only of those that have one
+        start = len(STARTS[self.type])
+        if self.type is StringType.EM1000:
+            return self.data[start:]
+        body = self.data.rstrip(b"\r\n")[start:]
+        return body[:-3] if body[-3:-2] == b"*" else body
+
+    def __repr__(self) -> str:
+        return f"<String {self.text}>"
+
+
+def _called(field: StringField) -> str:
+    return field.name or "the letter behind it"
+
+
+def parse_string(data: bytes | str) -> String:
+    """Reads one string, with or without the end of its line.
+
+    Raises:
+        DecodeError: It is cut or too long, its checksum does not hold, or its fields are not those of its
+            type; `DecodeError.offset` says where in it.
+
+    >>> parse_string("$HCHDM,093.8,M*2B").values["heading"]
+    93.8
+    >>> parse_string(bytes.fromhex("00 90 7B 00 38 FE 00 00 39 30")).values["pitch"]
+    -4.56
+    """
+    data = data.encode("utf-8") if isinstance(data, str) else bytes(data)
+    if data.startswith(STARTS[StringType.EM1000]):
+        if len(data) != 10:
+            raise DecodeError(f"EM1000 has 10 bytes, not {len(data)}", min(len(data), 10))
+        string = String(StringType.EM1000, data)
+    else:
+        string = String(_type(data), data)
+    try:
+        _ = string.values
+    except ValueError as error:
+        raise DecodeError(str(error), 0) from None
+    return string
+
+
+def _type(data: bytes) -> StringType | None:
+    """The type of a string that is text, which is whole."""
+    text = data.removesuffix(b"\n").removesuffix(b"\r")
+    if not data.startswith((b"$", b":")):
+        raise DecodeError(
+            f"a string begins with $ or :, or with 00 90, not with {data[:4].hex(' ').upper() or 'nothing'}",
+            0,
+        )
+    if len(data) > LONGEST:
+        raise DecodeError(
+            f"a string has at most {LONGEST} bytes, not {len(data)}: where is the end of its line?",
+            LONGEST,
+        )
+    for at, byte in enumerate(text):
+        if not 0x20 <= byte < 0x7F or (byte == 0x24 and at):
+            raise DecodeError(
+                f"byte {at} is 0x{byte:02X}, and strings are of printable characters, with one $ in front",
+                at,
+            )
+    kind = next((it for it, start in STARTS.items() if text.startswith(start)), None)
+    body, star, checksum = text[1:].rpartition(b"*")
+    if kind is StringType.TSS2:
+        if len(text) != 25:
+            raise DecodeError(f"TSS2 has 25 characters, not {len(text)}", min(len(text), 25))
+        return kind
+    if not star and kind is StringType.PRDID:
+        return kind
+    if not star or len(checksum) < 2:
+        raise DecodeError(
+            f"it is cut: a sentence ends with * and two digits of checksum, not with {text[-8:].decode()!r}",
+            len(text),
+        )
+    expected = _checksum(body)
+    if checksum.upper() != expected:
+        raise DecodeError(
+            f"its checksum is {checksum.decode()}, and its characters make {expected.decode()}",
+            len(text) - len(checksum),
+        )
+    return kind
+
+
+def _checksum(body: bytes) -> bytes:
+    total = 0
+    for byte in body:
+        total ^= byte
+    return b"%02X" % total
+
+
+def encode_string(kind: StringType | str, values: Mapping[str, Any] | None = None) -> bytes:
+    r"""The bytes of a string output, as a device would send it.
+
+    Args:
+        kind: Which one, or its name.
+        values: What it says: see `String.values`. What is left out, None or NaN is not available, and
+            its field is empty; in TSS2 and EM1000, which have no empty fields, it is zero.
+
+    Raises:
+        ValueError: No such string or field, or a value that the field cannot say.
+
+    >>> encode_string("HEHDT", {"heading": 123.45})
+    b'$HEHDT,123.45,T*1E\r\n'
+    """
+    (kind,) = string_types([kind])
+    layout, values = LAYOUTS[kind], values or {}
+    names = [it.name for it in layout.fields if it.name]
+    if unknown := set(values) - set(names):
+        raise ValueError(
+            f"{kind.name} has no {sorted(unknown)[0]}; it has {', '.join(names)}"
+        ) from None
+    parts: list[str] = []
+    for field in layout.fields:
+        value = values.get(field.name)
+        if isinstance(value, float) and math.isnan(value):
+            value = None
+        try:
+            written = list(field.form.write(value))
+            field.form.read(written)  # what cannot be read, infinity for one, is not to be written
+        except (ValueError, TypeError, AttributeError, OverflowError) as error:
+            raise ValueError(
+                f"{kind.name}, {field.name}: it cannot be {value!r}: {error}"
+            ) from None
+        parts += written
+    try:
+        body = STARTS[kind] + join(kind, parts)
+    except (struct.error, UnicodeEncodeError) as error:
+        raise ValueError(f"{kind.name} cannot say that: {error}") from None
+    if kind is StringType.EM1000:
+        return body
+    if kind not in (StringType.TSS2, StringType.PRDID):
+        body += b"*" + _checksum(body[1:])
+    if len(body) + 2 > LONGEST:
+        raise ValueError(f"{kind.name} would have {len(body) + 2} bytes; {LONGEST} is the most")
+    return body + b"\r\n"
+
+
+def string_types(kinds: Iterable[StringType | str] | StringType) -> list[StringType]:
+    """The types of strings that are named: by flags, or by their names.
+
+    Raises:
+        ValueError: No string is called like that.
+        TypeError: One name, where names are expected.
+    """
+    if isinstance(kinds, str):
+        raise TypeError(f"strings must be a list of names, such as [{kinds!r}]")
+    if isinstance(kinds, StringType):
+        return [it for it in StringType if it in kinds]
+    types = []
+    for it in kinds:
+        if isinstance(it, str) and it not in StringType.__members__:
+            raise ValueError(
+                f"no string is called {it!r}; there are {', '.join(StringType.__members__)}"
+            )
+        types += string_types(it if isinstance(it, StringType) else StringType[it])
+    return types
+
+
+def mask_of(kinds: Iterable[StringType | str]) -> int:
+    """The types of strings that are named, as the bits of `StringType`. Raises as `string_types`."""
+    return sum(set(string_types(kinds)))
+
+
+def type_at(place: int | None) -> StringType | None:
+    """The type at a place in the core's table; None for what the manual does not list."""
+    return None if place is None or place == UNLISTED else StringType(1 << place)
+
+
+class Strings(Sequence[String]):
+    """The string outputs of a log, in order; each is made when it is asked for.
+
+    Attributes:
+        offset: Where each begins, in bytes from the start of the input, ``(n,)`` int64.
+        sample: Index of the next sample, ``(n,)`` int64.
+    """
+
+    def __init__(self, core: _core.Part, arrivals: Arrivals | None = None) -> None:
+        self._place, self.offset, self.sample, self._ends, self._bytes = core.strings
+        self._arrivals = arrivals
+
+    def __len__(self) -> int:
+        return len(self._place)
+
+    @overload
+    def __getitem__(self, index: int) -> String: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[String]: ...
+    def __getitem__(self, index: int | slice) -> String | list[String]:
+        if isinstance(index, slice):
+            return [self[it] for it in range(*index.indices(len(self)))]
+        at = range(len(self))[index]
+        start = int(self._ends[at - 1]) if at else 0
+        data = self._bytes[start : int(self._ends[at])].tobytes()
+        kind = type_at(int(self._place[at]))
+        return String(kind, data, int(self.offset[at]), int(self.sample[at]))
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many there are, by name; the name of those that the manual does not list is empty."""
+        places, counts = np.unique(self._place, return_counts=True)
+        kinds = [type_at(it) for it in places.tolist()]
+        names = ["" if it is None else str(it.name) for it in kinds]
+        return dict(zip(names, counts.tolist(), strict=True))
+
+    @cached_property
+    def end(self) -> npt.NDArray[np.int64]:
+        """Where each ends, in bytes from the start of the input, ``(n,)`` int64."""
+        ends = np.concatenate([[0], self._ends.astype(np.int64)])
+        return np.asarray(self.offset + np.diff(ends), np.int64)
+
+    @cached_property
+    def host_time(self) -> npt.NDArray[np.float64]:
+        """When the last byte of each came, seconds since 1970, ``(n,)`` float64; NaN where that is unknown.
+
+        From the side file of a recording; see `Log.host_time`.
+        """
+        times = np.full(len(self), np.nan)
+        if self._arrivals is not None:
+            arrived = self._arrivals.of(self.end)
+            times[: len(arrived)] = arrived / 1e9
+        times.flags.writeable = False
+        return times
+
+    def named(self, *kinds: StringType | str) -> list[String]:
+        """The strings of these types."""
+        return [self[it] for it in self._indices(kinds).tolist()]
+
+    def _indices(self, kinds: Iterable[StringType | str]) -> npt.NDArray[np.int64]:
+        places = [it.bit_length() - 1 for it in string_types(kinds)]
+        return np.flatnonzero(np.isin(self._place, places))
+
+    def table(self, kind: StringType | str) -> npt.NDArray[Any]:
+        """All strings of a type, a row each, in order: ``(n,)``, structured.
+
+        The fields are ``index`` (in this sequence), ``sample``, ``host_time``, and those of the type: numbers
+        as float64 in their units, times of day as ``timedelta64[us]``, dates as ``datetime64[D]``, letters as
+        text. NaN, NaT and the empty text are what is not available, and all that a string says whose fields
+        are not those of its type.
+
+        Raises:
+            ValueError: No such string.
+
+        >>> import xbus
+        >>> log = xbus.read_log(xbus.encode_string("HEHDT", {"heading": 12.5}) * 3)
+        >>> log.strings.table("HEHDT")["heading"]
+        array([12.5, 12.5, 12.5])
+        """
+        (one,) = string_types([kind])
+        fields = [it for it in LAYOUTS[one].fields if it.name]
+        indices = self._indices([one])
+        dtype = [("index", "i8"), ("sample", "i8"), ("host_time", "f8")]
+        table = np.zeros(len(indices), [*dtype, *((it.name, it.form.dtype) for it in fields)])
+        table["index"], table["sample"] = indices, self.sample[indices]
+        table["host_time"] = self.host_time[indices]
+        rows: list[dict[str, Any]] = []
+        for index in indices.tolist():
+            try:
+                rows.append(self[index].values)
+            except ValueError:
+                rows.append({})
+        for it in fields:
+            table[it.name] = [_cell(row.get(it.name), it.form.dtype) for row in rows]
+        table.flags.writeable = False
+        return table
+
+    def to_arrow(self, kind: StringType | str) -> pa.Table:
+        """`table` as a pyarrow table: nulls for what is not available, units in the fields' metadata.
+
+        Raises:
+            ImportError: The extra ``arrow`` is not installed.
+            ValueError: No such string.
+        """
+        arrow = require("pyarrow", "arrow", "to make Arrow tables")
+        table = self.table(kind)
+        units = {it.name: it.unit for it in LAYOUTS[string_types([kind])[0]].fields}
+        columns, fields = [], []
+        for name in table.dtype.names or ():
+            # Empty texts, too, stand for what is not available.
+            is_text = table.dtype[name].kind == "U"
+            values = [it or None for it in table[name].tolist()] if is_text else table[name]
+            column = arrow.array(values, arrow.string() if is_text else None, from_pandas=True)
+            unit = {"unit": units[name]} if units.get(name) else None
+            fields.append(arrow.field(name, column.type, metadata=unit))
+            columns.append(column)
+        made: pa.Table = arrow.table(columns, schema=arrow.schema(fields))
+        return made
+
+    def __repr__(self) -> str:
+        kinds = ", ".join(f"{name or 'others'}: {count}" for name, count in self.counts.items())
+        return f"<Strings {len(self)}: {kinds}>" if kinds else "<Strings 0>"
+
+
+def _cell(value: Any, dtype: str) -> Any:
+    if value is None:
+        return np.nan if dtype == "f8" else "" if dtype[0] == "U" else np.array("NaT", dtype)
+    if isinstance(value, datetime.time):
+        seconds = (value.hour * 60 + value.minute) * 60 + value.second
+        return np.timedelta64(seconds * 10**6 + value.microsecond, "us")
+    return value
