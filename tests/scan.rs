@@ -8,9 +8,10 @@ use proptest::prelude::*;
 
 use fuzz::checks::scanning;
 use fuzz::scans::Scan;
-use fuzz::streams::{Random, extended, frame, frame_of, packet, sample, stream};
+use fuzz::streams::{Random, extended, frame, frame_of, packet, sample, stream, string};
 use xbus::frame::{Frame, MASTER, PREAMBLE};
-use xbus::scan::{Reason, Scanner, Step, Window};
+use xbus::scan::{Reason, Scanner, Step, Window, plain};
+use xbus::strings::LONGEST_STRING;
 use xbus::table;
 
 /// The limit of a log.
@@ -167,6 +168,69 @@ proptest! {
     ) {
         scanning(&bytes, limit, &mut Random::new(seed));
     }
+}
+
+proptest! {
+    #![proptest_config(cases(300))]
+
+    /// Strings of all kinds, whole and damaged, among frames and noise.
+    #[test]
+    fn strings_are_cut_and_compared_with_the_plain_rules(
+        kinds in prop::collection::vec(0_usize..20, 0..40),
+        limit in prop::sample::select(vec![16, 254, LIMIT]),
+        seed: u64,
+    ) {
+        let mut random = Random::new(seed);
+        let piece = |kind: usize, random: &mut Random| match kind {
+            17 => random.noise(20),
+            18 => frame(0xB2, b"odd"),
+            19 => frame(0x31, &[]),
+            place => string(place, random),
+        };
+        let stream: Vec<u8> = kinds.into_iter().flat_map(|kind| piece(kind, &mut random)).collect();
+        scanning(&stream, limit, &mut random);
+    }
+
+    /// Nothing but bytes that strings are made of.
+    #[test]
+    fn pieces_of_strings_are_cut_and_compared_with_the_plain_rules(
+        bytes in prop::collection::vec(prop::sample::select(b"$:*ABPRDI,-.0 \r\nHF\x00\x90\xFA\xFF".to_vec()), 0..400),
+        seed: u64,
+    ) {
+        let told = frame(table::STRING_OUTPUT_TYPE, &[0xFF, 0xFF]);
+        scanning(&bytes, LIMIT, &mut Random::new(seed));
+        scanning(&[told, bytes].concat(), LIMIT, &mut Random::new(seed));
+    }
+}
+
+#[test]
+fn a_string_is_at_most_so_long() {
+    for length in 240..270 {
+        let body = format!("PX,{}", "0".repeat(length - "$PX,*hh\r\n".len()));
+        let sum = body.bytes().fold(0, |sum, it| sum ^ it);
+        let wire = format!("${body}*{sum:02X}\r\n").into_bytes();
+        assert_eq!(wire.len(), length);
+        let scan = Scan::whole(&wire, LIMIT);
+        assert_eq!(scan, Scan::plainly(&wire, LIMIT));
+        assert_eq!(scan, Scan::byte_by_byte(&wire, LIMIT));
+        if length <= LONGEST_STRING {
+            assert_eq!(scan.strings, [(0, length, None)]);
+        } else {
+            assert_eq!((scan.strings.len(), scan.damage[0].reason), (0, Reason::TooLong));
+        }
+    }
+}
+
+#[test]
+fn what_nothing_tells_from_noise_is_expected_first() {
+    let wire = [0x00, 0x90, 0x7B, 0x00, 0x38, 0xFE, 0x00, 0x00, 0x39, 0x30];
+    let window = Window { bytes: &wire, offset: 0, last: true };
+    let mut scanner = Scanner::new(LIMIT);
+    assert!(matches!(scanner.step(window), Step::End(Some(_))));
+    let mut scanner = Scanner::new(LIMIT);
+    scanner.expect(u32::MAX);
+    assert_eq!(scanner.step(window), Step::String { at: 0, length: 10, place: Some(5), damage: None });
+    assert_eq!(plain::scan(&wire, LIMIT, table::BARE_STRINGS).strings, [(0, 10, Some(5))]);
 }
 
 #[test]

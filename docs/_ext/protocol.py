@@ -35,6 +35,7 @@ from xbus.cli.words import value_text
 from xbus.device.commands import Commands
 from xbus.protocol import EVERY, HardwareVersion, OptionFlag, Output, StringType
 from xbus.protocol.products import Support, support
+from xbus.protocol.strings import LAYOUTS
 from xbus.protocol.values import BAUD_CODES
 from xbus.tables import (
     MESSAGES,
@@ -264,6 +265,16 @@ def strings() -> list[nodes.Node]:
     return _bits(StringType, "string", lambda its: its.string_types)
 
 
+def string_fields() -> list[nodes.Node]:
+    rows = (
+        (code(kind.name or ""), code(it.name), it.unit)
+        for kind, layout in LAYOUTS.items()
+        for it in layout.fields
+        if it.name
+    )
+    return [table(("string", "field", "unit"), rows)]
+
+
 def filter_profiles() -> list[nodes.Node]:
     found: dict[tuple[int, str], list[int]] = {}
     for number in PRODUCTS:
@@ -390,6 +401,7 @@ class Protocol(SphinxDirective):
             sync,
             option_flags,
             strings,
+            string_fields,
             filter_profiles,
             baudrates,
             defaults,

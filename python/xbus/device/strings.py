@@ -70,19 +70,14 @@ def period_and_skip_factor(frequency: float) -> tuple[int, int]:
     if not PERIODS[0] <= ticks <= PERIODS[-1] * ON_DEMAND:
         least, most = PERIOD_TICKS / PERIODS[-1] / ON_DEMAND, PERIOD_TICKS // PERIODS[0]
         raise ValueError(f"strings come at {least:.4f} to {most} Hz, not at {frequency:g} Hz")
-    exact = round(ticks)
+    exact, below = round(ticks), int(ticks)
     # A rate that was written with a few digits is meant, too.
     if abs(ticks - exact) <= 1e-6 * ticks and (found := _factors(exact)) is not None:
         return found
-    below, above = (next(it for it in range(*way) if _factors(it)) for way in _ways(exact))
-    slower, faster = PERIOD_TICKS / max(below, above), PERIOD_TICKS / min(below, above)
-    raise ValueError(
-        f"no period and skip factor make {frequency:g} Hz; the nearest are {slower:.6g} and {faster:.6g} Hz"
-    )
-
-
-def _ways(ticks: int) -> tuple[tuple[int, int, int], tuple[int, int, int]]:
-    return (ticks, PERIODS[0] - 1, -1), (ticks + 1, PERIODS[-1] * ON_DEMAND + 1, 1)
+    faster = next(it for it in range(below, 0, -1) if _factors(it))
+    slower = next(it for it in range(below + 1, PERIODS[-1] * ON_DEMAND + 1) if _factors(it))
+    rates = f"{PERIOD_TICKS / slower:.6g} and {PERIOD_TICKS / faster:.6g} Hz"
+    raise ValueError(f"no period and skip factor make {frequency:g} Hz; the nearest are {rates}")
 
 
 def _factors(ticks: int) -> tuple[int, int] | None:

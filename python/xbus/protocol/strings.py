@@ -136,7 +136,8 @@ def _lettered(spec: str, positive: str, negative: str) -> Form:
     def write(value: float | None) -> list[str]:
         if value is None:
             return ["", ""]
-        return [*number.write(abs(value)), negative if value < 0 else positive]
+        (text,) = number.write(abs(value))
+        return [text, negative if value < 0 and float(text) else positive]
 
     return Form(2, read, write)
 
@@ -167,7 +168,7 @@ def _degrees(digits: int, decimals: int, letters: str) -> Form:
         whole, rest = divmod(minutes, 60 * 10**decimals)
         return [
             f"{whole:0{digits}d}{rest / 10**decimals:0{width}.{decimals}f}",
-            letters[1] if value < 0 else letters[0],
+            letters[1] if value < 0 and minutes else letters[0],
         ]
 
     return Form(2, read, write)
