@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -487,3 +488,31 @@ def test_a_log_of_nothing_but_strings() -> None:
     assert run("dump", "nmea.txt").stdout.count("HEHDT") == 6
     assert run("decode", "nmea.txt", "--quantity", "HEHDT", "-o", "x.npz").exit_code == 0
     assert np.load("x.npz")["HEHDT"]["heading"].tolist() == [123.45] * 3
+
+
+@pytest.mark.parametrize("strings", [["EM1000"], ["HEHDT", "GPZDA"]])
+def test_rotated_files_end_with_whole_strings(tmp_path: Path, strings: list[str]) -> None:
+    device = sending("MTi-300", strings, 100)
+    with device.record(tmp_path / "log.mtb", rotate_bytes=3000) as recording:
+        while len(recording.files) < 4:
+            device.read_string()
+    logs = [xbus.read_log(it, strict=True, strings=strings) for it in recording.files]
+    assert all(it.stats.strings > 20 for it in logs)
+    assert recording.frames == sum(it.stats.messages for it in logs) - 2 * len(logs) - (
+        len(logs) if strings == ["EM1000"] else 0
+    )
+    assert device.stats.skipped_bytes == 0
+
+
+def test_the_command_records_strings(
+    tmp_path: Path, behind: Callable[[SimulatedDevice], str]
+) -> None:
+    virtual = SimulatedDevice("MTi-300")
+    with connect(virtual) as device, device.configure():
+        device.set_strings(["HEHDT"], 50)
+    path = tmp_path / "log.mtb"
+    result = run("record", behind(virtual), "-o", str(path), "--duration", "4")
+    assert result.exit_code == 0, result.stderr
+    count = xbus.read_log(path).stats.strings
+    assert f"4.0 s, 0 samples, {count} strings, " in result.stderr
+    assert count == pytest.approx(200, abs=2)

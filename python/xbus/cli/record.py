@@ -195,7 +195,7 @@ def _wait(shown: _Shown, is_stopped: Callable[[], bool], duration: float) -> Non
             heard_at, size, is_silent = link.clock(), stats.bytes, False
         elif link.clock() - heard_at >= SILENCE and not is_silent:
             is_silent = True
-            if stats.samples == shown.before.samples:
+            if _heard(stats) == _heard(shown.before):
                 raise Failure(
                     f"nothing comes from {link.name}: has it outputs (xbus send {link.name} --config"
                     " ReqOutputConfiguration), or does it wait for a trigger?"
@@ -210,7 +210,7 @@ class _Shown:
         self.device, self.recording, self.before = device, recording, before
         self._began = device.link.clock()
         self._terminal = sys.stderr is not None and sys.stderr.isatty()
-        self._rate, self._rated = 0.0, (self._began, before.samples)
+        self._rate, self._rated = 0.0, (self._began, _heard(before))
 
     def __enter__(self) -> _Shown:
         return self
@@ -246,15 +246,16 @@ class _Shown:
     def update(self) -> LiveStats:
         """Shows how it goes; what was counted."""
         stats, now = self.device.stats, self.device.link.clock()
-        then, samples = self._rated
+        then, heard = self._rated
         if now - then >= 1:
-            self._rate = (stats.samples - samples) / (now - then)
-            self._rated = now, stats.samples
+            self._rate = (_heard(stats) - heard) / (now - then)
+            self._rated = now, _heard(stats)
         if self._terminal:
             minutes, seconds = divmod(int(self.elapsed), 60)
+            what = "samples" if stats.samples > self.before.samples else "strings"
             self._line(
                 f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
-                f"  {_size(self.recording.bytes)}  {self._rate:,.0f} samples/s"
+                f"  {_size(self.recording.bytes)}  {self._rate:,.0f} {what}/s"
                 f"  {self._lost(stats)}  {_size(self.recording.queued_bytes)} queued"
             )
         return stats
@@ -266,6 +267,8 @@ class _Shown:
         # The stats go on when the recording has ended.
         others = stats.messages - self.before.messages
         samples = count(self.recording.frames - others, "sample")
+        if strings := sum(stats.strings.values()) - sum(self.before.strings.values()):
+            samples += f", {count(strings, 'string')}"
         size = _size(self.recording.bytes)
         return f"{names}: {self.elapsed:,.1f} s, {samples}, {size}; {self._lost(stats)}"
 
@@ -290,6 +293,11 @@ class _Shown:
     def _line(self, text: str) -> None:
         width = shutil.get_terminal_size().columns - 1
         click.echo(f"\r{text[:width]:<{width}}\r", nl=False, err=True)
+
+
+def _heard(stats: LiveStats) -> int:
+    """Samples and strings."""
+    return stats.samples + sum(stats.strings.values())
 
 
 def _size(number: int) -> str:
