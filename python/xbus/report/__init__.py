@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+import numpy as np
+
 from xbus.export import replacing
 from xbus.extras import require
 from xbus.log import iter_log
@@ -53,13 +55,18 @@ def plotly_js() -> str:
     Raises:
         ImportError: The extra ``report`` is not installed.
     """
-    script: str = require("plotly.offline", "report", "to write a report").get_plotlyjs()
+    require("plotly", "report", "to write a report")
+    from plotly.offline import get_plotlyjs
+
+    script: str = get_plotlyjs()
     return script
 
 
 def gather(source: Source) -> Gathered:
     """Reads a log for a report."""
-    return Gathered(iter_log(source, block_bytes=BLOCK))
+    # A log may hold any number; what gets too large is shown as inf.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return Gathered(iter_log(source, block_bytes=BLOCK))
 
 
 def write_page(

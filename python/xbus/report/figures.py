@@ -14,7 +14,7 @@ from xbus.report.gather import Gathered, Panel, Series
 from xbus.report.thin import Bands, FloatArray
 from xbus.report.track import SOURCES
 
-__all__ = ["Figure", "events", "flags", "noise", "panel", "steps", "track"]
+__all__ = ["Figure", "events", "flags", "noise", "panel", "steps", "track", "tracks"]
 
 Figure = dict[str, Any]
 
@@ -162,28 +162,32 @@ def _bands(
     return figure
 
 
+def tracks(it: Gathered) -> list[str]:
+    """The quantities that tell where the device was, the best first."""
+    return [name for name in SOURCES if name in it.tracks and it.tracks[name].rows]
+
+
 def track(it: Gathered) -> Figure | None:
     """Where the device was, in metres, a metre as long to the north as to the east."""
-    known = [
-        (name, it.tracks[name]) for name in SOURCES if name in it.tracks and it.tracks[name].rows
-    ]
+    known = tracks(it)
     if not known:
         return None
-    origin = known[0][1].origin
+    origin = it.tracks[known[0]].origin
     data: list[Figure] = []
     # The best is drawn last, on top of the others.
-    for at, (name, one) in reversed(list(enumerate(known))):
-        east, north = one.metres(origin)
-        curve: Figure = {"type": "scatter", "x": numbers(east), "y": numbers(north), "name": name}
-        curve["customdata"] = numbers(one.time)
+    for at, name in reversed(list(enumerate(known))):
+        one = it.tracks[name]
+        gaps = np.flatnonzero(np.diff(one.piece)) + 1
+        x, y, time = (np.insert(it, gaps, np.nan) for it in (*one.metres(origin), one.time))
+        curve: Figure = {"type": "scatter", "x": numbers(x), "y": numbers(y), "name": name}
+        curve["customdata"] = numbers(time)
         curve["hovertemplate"] = "%{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m"
         if at:
-            data.append(
-                {**curve, "mode": "markers", "marker": {"color": COLOURS[4 - at], "size": 4}}
-            )
+            look = {"mode": "markers", "marker": {"color": COLOURS[4 - at], "size": 4}}
         else:
-            data.append({**curve, "mode": "lines", "line": {"color": COLOURS[2], "width": 2}})
-    east, north = known[0][1].metres(origin)
+            look = {"mode": "lines", "line": {"color": COLOURS[2], "width": 2}}
+        data.append(curve | look)
+    east, north = it.tracks[known[0]].metres(origin)
     for name, row, symbol in (("start", 0, "circle"), ("end", -1, "square")):
         place = {"x": [float(east[row])], "y": [float(north[row])], "name": name}
         marker = {"size": 10, "symbol": symbol, "color": COLOURS[-row]}

@@ -234,7 +234,7 @@ class Gathered:
             if column.name in STATUS:
                 self._add_status(column, time, breaks, series.steps.usual)
             if column.name in SOURCES:
-                self.tracks.setdefault(column.name, Track()).add(column, time)
+                self.tracks.setdefault(column.name, Track()).add(column, time, breaks)
             if column.name == "gnss_pvt_data":
                 fixes = int(np.count_nonzero(has_fix(column.values)))
                 self.positions = self.positions[0] + fixes, self.positions[1] + len(column)

@@ -11,7 +11,7 @@
     for (const name of ["xaxis", "yaxis"]) for (const key in axis) colours[`${name}.${key}`] = axis[key];
     return colours;
   };
-  const paint = (isDark) => plots.filter((it) => it.layout).forEach((it) => Plotly.relayout(it, theme(isDark)));
+  const paint = (isDark, size) => plots.filter((it) => it.layout).forEach((it) => Plotly.relayout(it, { ...theme(isDark), ...size }));
 
   // What is zoomed in one plot over time is zoomed in all of them.
   let isFollowing = false;
@@ -48,7 +48,8 @@
   };
 
   dark.addEventListener("change", () => paint(dark.matches));
-  addEventListener("beforeprint", () => paint(false));
-  addEventListener("afterprint", () => paint(dark.matches));
+  // Paper is white, and narrower than a window: A4 and letter have 700 pixels between their margins.
+  addEventListener("beforeprint", () => paint(false, { width: 700 }));
+  addEventListener("afterprint", () => paint(dark.matches, { width: null, autosize: true }));
   draw(0);
 })();

@@ -46,7 +46,8 @@ def page(title: str, it: Gathered, plotly: str) -> str:
         plotly: plotly's JavaScript.
     """
     drawn: list[Figure] = []
-    body = "".join(_body(title, it, drawn))
+    with np.errstate(over="ignore", invalid="ignore"):  # as in `gather`
+        body = "".join(_body(title, it, drawn))
     scripts = [plotly, resources.files("xbus.report").joinpath("page.js").read_text("utf-8")]
     hashes = " ".join(f"'sha256-{_hash(script)}'" for script in scripts)
     # Nothing is fetched, and no other script runs, whatever a file name or a device may say.
@@ -284,7 +285,7 @@ def _status(it: Gathered, drawn: list[Figure]) -> str:
 
 
 def _track(it: Gathered, figure: Figure, drawn: list[Figure]) -> str:
-    names = [data["name"] for data in figure["data"] if data["name"] in it.tracks]
+    names = figures.tracks(it)
     origin = it.tracks[names[0]].origin
     text = (
         f"Metres east and north of {origin.lat:.7f}°, {origin.lon:.7f}°, where {names[0]} begins."
@@ -372,7 +373,7 @@ def _figures_of(series: Series, curves: list[tuple[FloatArray, FloatArray]]) -> 
     rows = []
     for axis, (tau, deviation) in zip("xyz", curves, strict=True):
         if not np.all(deviation > 0):
-            rows.append((axis, "constant", "", "", "", ""))
+            rows.append((axis, "constant or too large", "", "", "", ""))
             continue
         read = at_one_second(tau, deviation)
         walk = slope = "not reached"

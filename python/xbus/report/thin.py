@@ -235,7 +235,7 @@ class Steps:
         self._last = float(time[-1])
         if not len(real):
             return np.zeros(len(time), bool)
-        usual = np.concatenate([np.full(len(it), _usual(it)) for it in _blocks(real)])
+        usual = _usual(real)
         if len(real) < AROUND // 4 and np.isfinite(self.usual):
             usual[:] = self.usual  # too few to say what is usual
         self.usual = float(usual[-1])
@@ -246,14 +246,18 @@ class Steps:
         return np.concatenate((np.zeros(len(time) - len(real), bool), long))
 
 
-def _usual(steps: FloatArray) -> float:
+def _usual(steps: FloatArray) -> FloatArray:
+    """For each step the usual one around it: the median of its block."""
+    whole = len(steps) // AROUND * AROUND
+    blocks = np.partition(steps[:whole].reshape(-1, AROUND), AROUND // 2, axis=1)
+    medians = np.repeat(blocks[:, AROUND // 2], AROUND)
+    if whole < len(steps):
+        # The last block may share rows with the one before.
+        last = steps[-AROUND:]
+        middle = np.partition(last, len(last) // 2)[len(last) // 2]
+        medians = np.concatenate((medians, np.full(len(steps) - whole, middle)))
     # Rows that share a stamp have no step between them.
-    return float(np.median(steps) or steps.max())
-
-
-def _blocks(steps: FloatArray) -> list[FloatArray]:
-    """Stretches of about the same length."""
-    return np.array_split(steps, max(1, round(len(steps) / AROUND)))
+    return np.where(medians > 0, medians, steps.max())
 
 
 class Bands:

@@ -18,6 +18,8 @@ __all__ = ["FIXES", "SOURCES", "Track", "has_fix"]
 FIXES = (2, 3, 4)
 #: Quantities that tell where the device is, the best first.
 SOURCES = ("lat_lon", "position_ecef", "gnss_pvt_data")
+#: Degrees, and metres, beyond which there is no place.
+MOST = {"lat_lon": np.array([90.0, 360.0]), "position_ecef": np.full(3, 1e9)}
 
 
 def has_fix(rows: npt.NDArray[Any]) -> BoolArray:
@@ -31,25 +33,32 @@ class Track:
 
     Attributes:
         time: Of each position that is kept, s.
+        piece: Grows where nothing is to be drawn between a position and the one before.
         rows: How many there were; those that say nothing (no fix, exactly zero, NaN) are not counted.
     """
 
     def __init__(self) -> None:
         self.time: FloatArray = np.empty(0)
+        self.piece: npt.NDArray[np.int64] = np.empty(0, np.int64)
         self.rows = 0
+        self._pieces = 0
         self._values: FloatArray | None = None
         self._width = 0.0
 
-    def add(self, column: Column, time: FloatArray) -> None:
-        """Takes in the next rows, at these times."""
+    def add(self, column: Column, time: FloatArray, breaks: BoolArray) -> None:
+        """Takes in the next rows, at these times; before some of them others are missing."""
         if column.name == "gnss_pvt_data":
             fine = has_fix(column.values)
             values = np.stack([column.scaled["lat"], column.scaled["lon"]], axis=1)
         else:
             values = column.values.astype(np.float64)
-            # So says a filter that knows of no place yet.
-            fine = np.isfinite(values).all(axis=1) & (values != 0).any(axis=1)
+            # Zero says a filter that knows of no place yet.
+            fine = (np.abs(values) <= MOST[column.name]).all(axis=1) & (values != 0).any(axis=1)
+        # So are those that say nothing.
+        piece = self._pieces + np.cumsum(breaks | ~fine)
+        self._pieces = int(piece[-1]) if len(piece) else self._pieces
         self.rows += int(np.count_nonzero(fine))
+        self.piece = np.concatenate((self.piece, piece[fine]))
         self.time = np.concatenate((self.time, time[fine]))
         known = [] if self._values is None else [self._values]
         self._values = np.concatenate([*known, values[fine]])
@@ -61,7 +70,8 @@ class Track:
 
     def _keep(self, rows: npt.NDArray[np.intp]) -> None:
         assert self._values is not None  # noqa: S101 - see `add`
-        self.time, self._values = self.time[rows], self._values[rows]
+        self.time, self.piece = self.time[rows], self.piece[rows]
+        self._values = self._values[rows]
 
     @property
     def _ecef(self) -> FloatArray:
