@@ -440,9 +440,8 @@ def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # In a browser
 
-CHROMIUM = next(
-    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None
-)
+#: A browser to take pictures with; `.ci/run browser` installs one.
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 
 
 class Shown(NamedTuple):
@@ -534,7 +533,7 @@ def test_a_browser_draws_all_of_it(tmp_path: Path) -> None:
     out = tmp_path / "field.html"
     write_report(tmp_path / "field.mtb", out, title=EVIL)
     figures = Page(out.read_text("utf-8")).figures
-    shown = browse(out, tmp_path, 12_000)
+    shown = browse(out, tmp_path, 4000)
     console = [it for it in shown.log.splitlines() if "CONSOLE" in it]
     assert console == []
     assert f'data-drawn="{len(figures)}"' in shown.dom
