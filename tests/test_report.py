@@ -316,6 +316,21 @@ def test_a_track_without_a_fix() -> None:
     assert "no GNSS fix in 100 % of the time" in said(b"".join(rows))
 
 
+def test_a_receiver_without_a_fix_tells_no_height() -> None:
+    virtual = SimulatedDevice("MTi-680G", trajectory="drive", time_to_fix=3)
+    with xbus.connect(virtual) as device, device.configure() as cfg:
+        cfg.set_output_configuration({"sample_time_fine": None, "gnss_pvt_data": 4})
+    virtual.advance(6)
+    data = bytes(virtual.read())
+    fixes = np.isin(xbus.read_log(data)["gnss_pvt_data"].values["fixtype"], (2, 3, 4))
+    assert 0 < np.count_nonzero(fixes) < len(fixes)
+    it = page_of(data)
+    assert len(array(it.figure("gnss_pvt_data height")["data"][0]["y"])) == np.count_nonzero(fixes)
+    satellites = it.figure("gnss_pvt_data fix type and satellites")["data"][0]["y"]
+    assert len(array(satellites)) == len(fixes)
+    assert any(it.startswith("no GNSS fix in") for it in said(data))
+
+
 def test_a_long_track_keeps_its_corners() -> None:
     corner = 7777
     rows = samples(20_000, lat_lon=lambda row: [52, 6 + 1e-3 * (row == corner) + 1e-9 * row])
@@ -433,9 +448,11 @@ def test_a_page_of_a_file(tmp_path: Path) -> None:
 
 
 def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
-    whole = text_of(FIELD)
+    whole = page_of(FIELD)
     monkeypatch.setattr("xbus.report.BLOCK", 3000)
-    assert Page(text_of(FIELD)).rows == Page(whole).rows
+    parts = page_of(FIELD)
+    assert parts.text == whole.text
+    assert parts.figures == whole.figures
 
 
 # In a browser

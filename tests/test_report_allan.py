@@ -100,6 +100,17 @@ def test_the_longest_stretch(rows: int, gaps: set[int], cuts: list[int]) -> None
         assert longest.best.rate == 8
 
 
+@pytest.mark.parametrize("cut", [0, 50, 51, 52, 53, 100])
+def test_a_value_that_is_none_ends_a_stretch(cut: int) -> None:
+    time, values = np.arange(100.0), np.ones((100, 1))
+    values[[51, 52]] = np.nan
+    longest = Longest(1)
+    for part in (slice(0, cut), slice(cut, None)):
+        longest.add(time[part], values[part], np.zeros(len(time[part]), bool))
+    assert (longest.best.start, longest.best.end, longest.best.rows) == (0, 50, 51)
+    assert longest.stretches == 2
+
+
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=12), st.integers(4, 64))
 def test_a_long_stretch_is_averaged(parts: list[int], most: int) -> None:
     """Phases stay what they are: the deviation of means is that of the rows at longer times."""

@@ -181,11 +181,21 @@ class Longest:
         self.best = self._now = Stretch(width)
         self._width = width
         self.stretches = 1
+        self._is_cut = False
 
     def add(
         self, time: FloatArray, values: npt.NDArray[np.floating], breaks: npt.NDArray[np.bool_]
     ) -> None:
-        """Takes in rows; ``breaks`` says before which of them some are missing."""
+        """Takes in rows; ``breaks`` says before which of them some are missing.
+
+        Those with a value that is no number are missing, too.
+        """
+        if not len(time):
+            return
+        finite = np.isfinite(values).all(axis=1)
+        after = np.concatenate(([self._is_cut], ~finite[:-1]))
+        self._is_cut = not finite[-1]
+        time, values, breaks = time[finite], values[finite], (breaks | after)[finite]
         cuts = np.flatnonzero(breaks)
         self.stretches += len(cuts)
         edges = np.array([0, *cuts, len(time)])

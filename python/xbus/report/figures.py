@@ -18,7 +18,7 @@ __all__ = ["Figure", "events", "flags", "noise", "panel", "steps", "track", "tra
 
 Figure = dict[str, Any]
 
-#: x, y, z and what else there is: apart also for eyes that see fewer colours, on white and on black.
+#: x, y, z and what else there is; to be seen on white and on black.
 COLOURS = (
     "#e4572e",
     "#1f9d8a",
@@ -70,16 +70,16 @@ def panel(it: Gathered, series: Series, shown: Panel) -> Figure:
     for at, (name, curve) in enumerate(zip(shown.curves.names, shown.curves.curves, strict=True)):
         colour = COLOURS[at % len(COLOURS)]
         time, values = curve.drawn()
-        line = {"type": "scatter", "mode": "lines", "x": numbers(time), "y": numbers(values)}
-        data.append({**line, "name": name, "legendgroup": name, "line": _line(colour)})
-        if len(rows := curve.alone()):
-            dots = {"x": numbers(curve.time[rows]), "y": numbers(curve.values[rows])}
-            marker = {"color": colour, "size": 3}
-            one = {**line, **dots, "mode": "markers", "marker": marker, "legendgroup": name}
-            data.append({**one, "name": name, "showlegend": len(rows) == len(curve.time)})
-            if len(rows) == len(curve.time):
-                del data[-2]
-    what = f"{series.name}: {shown.title}" if shown.title else series.name
+        both = {"type": "scatter", "name": name, "legendgroup": name}
+        alone = curve.alone()
+        if has_line := len(alone) < len(curve.time) or not len(alone):
+            line = {"mode": "lines", "line": _line(colour)}
+            data.append({**both, **line, "x": numbers(time), "y": numbers(values)})
+        if len(alone):
+            dots = {"mode": "markers", "marker": {"color": colour, "size": 3}}
+            place = {"x": numbers(curve.time[alone]), "y": numbers(curve.values[alone])}
+            data.append({**both, **dots, **place, "showlegend": not has_line})
+    what = shown.title or series.name
     title = f"{what}, {shown.unit}" if shown.unit else what
     name = f"{series.anchor} {shown.title}".strip()
     figure = _over_time(it, name, data, {"title": {"text": title}}, HEIGHT)

@@ -40,6 +40,8 @@ MAIN: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
     "trigger_in2": [("polarity", "", ("polarity",))],
     "trigger_in3": [("polarity", "", ("polarity",))],
 }
+#: What a receiver says without a fix, too.
+ALWAYS = ("fix type and satellites",)
 #: Of these the noise is told: their unit, as rows of a sensor at rest.
 NOISY = ("acceleration", "acceleration_hr", "rate_of_turn", "rate_of_turn_hr")
 STATUS = ("status_word", "status_byte")
@@ -92,10 +94,7 @@ class Series:
             panel = self.panels.setdefault(title, Panel(title, unit, Curves(names)))
             panel.curves.add(time, values, breaks)
         if self.longest is not None:
-            finite = np.isfinite(column.values).all(axis=1)
-            # What is no number is missing, too.
-            after = np.concatenate(([False], ~finite[:-1])) if len(finite) else finite
-            self.longest.add(time[finite], column.values[finite], (breaks | after)[finite])
+            self.longest.add(time, column.values, breaks)
         return breaks
 
 
@@ -110,7 +109,11 @@ def _plotted(
             yield "signal strength", "dBHz", ("least", "mean", "greatest"), _signals(column)
     elif column.fields and row.fields:
         for title, unit, names in MAIN.get(column.name, []):
-            yield title, unit, names, np.stack([column.scaled[it] for it in names], axis=1)
+            values = np.stack([column.scaled[it] for it in names], axis=1)
+            if column.name == "gnss_pvt_data" and title not in ALWAYS:
+                # What a receiver says of a position that it does not have is nothing.
+                values = np.where(has_fix(column.values)[:, None], values, np.nan)
+            yield title, unit, names, values
     elif row.group != "Timestamp" and row.kind != "id" and column.name not in STATUS:
         values = column.values
         names = column.fields or (column.name,)

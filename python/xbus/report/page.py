@@ -211,7 +211,7 @@ def _timeline(it: Gathered, drawn: list[Figure]) -> str:
 
 def _quantities(it: Gathered) -> str:
     top, *rows = quantities(it.facts)
-    gaps = [str(series.steps.gaps) if _is_regular(series) else "" for series in it.series]
+    gaps = [f"{series.steps.gaps:,}" if _is_regular(series) else "" for series in it.series]
     places = {at: _place(series) for at, series in enumerate(it.series)}
     return _table(
         [*top, "gaps by time"],
@@ -261,7 +261,8 @@ def _number(number: float, span: float) -> str:
     if span <= 0 or not np.isfinite(span):
         return f"{number:.6g}" if abs(number) > 1e-12 else "0"
     decimals = int(np.clip(3 - np.floor(np.log10(span)), 0, 12))
-    return f"{number:,.{decimals}f}" if decimals < 8 else f"{number:.9g}"
+    # No minus before a zero.
+    return f"{round(number, decimals) + 0.0:,.{decimals}f}" if decimals < 8 else f"{number:.9g}"
 
 
 def _status(it: Gathered, drawn: list[Figure]) -> str:
