@@ -12,7 +12,7 @@ import subprocess
 import zlib
 from html.parser import HTMLParser
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -461,12 +461,7 @@ def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 
 
-class Shown(NamedTuple):
-    """What a browser made of a page: its elements, what it complained of, its picture."""
-
-    dom: str
-    log: str
-    picture: npt.NDArray[np.uint8]
+browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
 
 
 def pixels(png: bytes) -> npt.NDArray[np.uint8]:
@@ -510,62 +505,113 @@ def unfiltered(kind: int, line: npt.NDArray[Any], above: npt.NDArray[Any], step:
     return done[step:]
 
 
-def browse(path: Path, folder: Path, height: int) -> Shown:
-    """Opens a page without a window."""
+def browse(path: Path, what: str) -> tuple[str, str]:
+    """Opens a page without a window; what comes to stdout, and what the page complained of."""
     assert CHROMIUM is not None
-    # A browser that could reach nothing at all: the page must not need it.
-    common = [
-        "--headless=new",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--hide-scrollbars",
-        "--proxy-server=127.0.0.1:9",
-        f"--user-data-dir={folder / 'profile'}",
-        f"--window-size=1200,{height}",
-        "--virtual-time-budget=60000",
-        "--enable-logging=stderr",
-        "--v=0",
-    ]
-    environment = os.environ | {"HOME": str(folder), "XDG_CACHE_HOME": str(folder)}
-    made = [
-        subprocess.run(  # noqa: S603 - a browser that was found, and our own page
-            [CHROMIUM, *common, what, path.as_uri()],
-            capture_output=True,
-            check=True,
-            timeout=100,
-            cwd=folder,
-            env=environment,
-        )
-        for what in ("--dump-dom", f"--screenshot={folder / 'page.png'}")
-    ]
-    log = "".join(it.stderr.decode("utf-8", "replace") for it in made)
-    return Shown(made[0].stdout.decode("utf-8"), log, pixels((folder / "page.png").read_bytes()))
+    folder = path.parent
+    done = subprocess.run(  # noqa: S603 - a browser that was found, and our own page
+        [
+            CHROMIUM,
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            # It could reach nothing: the page must not need it.
+            "--proxy-server=127.0.0.1:9",
+            f"--user-data-dir={folder / 'profile'}",
+            "--window-size=1200,4000",
+            "--virtual-time-budget=60000",
+            "--enable-logging=stderr",
+            "--v=0",
+            what,
+            path.as_uri(),
+        ],
+        capture_output=True,
+        check=True,
+        timeout=100,
+        cwd=folder,
+        env=os.environ | {"HOME": str(folder), "XDG_CACHE_HOME": str(folder)},
+    )
+    log = done.stderr.decode("utf-8", "replace").splitlines()
+    return done.stdout.decode("utf-8"), "\n".join(it for it in log if "CONSOLE" in it)
 
 
-@pytest.mark.timeout(240)
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
-def test_a_browser_draws_all_of_it(tmp_path: Path) -> None:
+def evil_page(folder: Path) -> tuple[Path, list[dict[str, Any]]]:
+    """A page of a recording that has some of everything, and what is to be drawn in it."""
     data = encode_frame(MessageId.Warning, bytes([0, 0, 0, 42]) + EVIL.encode())
-    (tmp_path / "field.mtb").write_bytes(data + FIELD.read_bytes())
-    out = tmp_path / "field.html"
-    write_report(tmp_path / "field.mtb", out, title=EVIL)
-    figures = Page(out.read_text("utf-8")).figures
-    shown = browse(out, tmp_path, 4000)
-    console = [it for it in shown.log.splitlines() if "CONSOLE" in it]
-    assert console == []
-    assert f'data-drawn="{len(figures)}"' in shown.dom
+    (folder / "field.mtb").write_bytes(data + FIELD.read_bytes())
+    out = folder / "field.html"
+    write_report(folder / "field.mtb", out, title=EVIL)
+    return out, Page(out.read_text("utf-8")).figures
+
+
+@browser
+def test_a_browser_draws_all_of_it(tmp_path: Path) -> None:
+    out, figures = evil_page(tmp_path)
+    dom, complaints = browse(out, "--dump-dom")
+    # What the page is not allowed to do, such as to fetch something, is a complaint too.
+    assert complaints == ""
+    assert f'data-drawn="{len(figures)}"' in dom
     # Each plot has as many curves as it was given, in a picture of its own.
-    plots = shown.dom.split('class="plot js-plotly-plot"')[1:]
+    plots = dom.split('class="plot js-plotly-plot"')[1:]
     assert len(plots) == len(figures)
     for plot, figure in zip(plots, figures, strict=True):
         _, *traces = plot.split('class="trace scatter')
         assert len(traces) == len(figure["data"]), figure["name"]
         for drawn, data in zip(traces, figure["data"], strict=True):
             # A path for each piece of a line, a path for each dot.
-            assert len(re.findall(r'\bd="M[-0-9.,]+[LVHA]', drawn)) >= 1, (figure["name"], data)
-    # And it can be seen: the colours of curves, bands and alarms.
-    flat = shown.picture[..., :3].reshape(-1, 3).astype(int)
+            assert re.search(r'\bd="M[-0-9.,]+[LVHA]', drawn), (figure["name"], data["name"])
+
+
+@browser
+def test_a_browser_shows_it(tmp_path: Path) -> None:
+    out, _ = evil_page(tmp_path)
+    browse(out, f"--screenshot={tmp_path / 'page.png'}")
+    picture = pixels((tmp_path / "page.png").read_bytes())
+    flat = picture[..., :3].reshape(-1, 3).astype(int)
+    # Curves, bands, what is wrong.
     for colour in ("#e4572e", "#1f9d8a", "#3a86d4", "#d62828"):
         wanted = [int(colour[at : at + 2], 16) for at in (1, 3, 5)]
         near = np.abs(flat - wanted).max(axis=1) < 12
         assert np.count_nonzero(near) > 300, colour
+
+
+#: Somebody who zooms in one plot and prints; tells what has become of all of them.
+VISITOR = """<script>
+(async () => {
+  while (!document.body.dataset.drawn) await new Promise((go) => setTimeout(go, 10));
+  const plots = [...document.querySelectorAll(".plot")];
+  const told = {};
+  const ranges = () => plots.map((it) => it.layout.xaxis.range.map(Number));
+  told.before = ranges();
+  await Plotly.relayout(plots[0], { "xaxis.range[0]": 2, "xaxis.range[1]": 3 });
+  await new Promise((go) => setTimeout(go, 100));
+  told.zoomed = ranges();
+  dispatchEvent(new Event("beforeprint"));
+  told.printed = plots.map((it) => it.layout.width);
+  dispatchEvent(new Event("afterprint"));
+  told.after = plots.map((it) => it.querySelector("svg").getBoundingClientRect().width > 900);
+  const note = document.createElement("pre");
+  note.id = "told";
+  note.textContent = JSON.stringify(told);
+  document.body.append(note);
+})();
+</script>"""
+
+
+@browser
+def test_a_browser_follows(tmp_path: Path) -> None:
+    """What is zoomed in one plot over time is zoomed in all; on paper plots are as wide as paper."""
+    out, figures = evil_page(tmp_path)
+    text = re.sub("<meta http-equiv[^>]*>", "", out.read_text("utf-8"))
+    out.write_text(text.replace("</body>", f"{VISITOR}</body>"), "utf-8")
+    dom, complaints = browse(out, "--dump-dom")
+    assert complaints == ""
+    found = re.search('<pre id="told">(.*?)</pre>', dom)
+    assert found is not None
+    told = json.loads(found[1])
+    for figure, before, zoomed in zip(figures, told["before"], told["zoomed"], strict=True):
+        assert zoomed == ([2, 3] if figure["is_over_time"] else before), figure["name"]
+        assert before != [2, 3]
+    assert set(told["printed"]) == {700}
+    assert set(told["after"]) == {True}
