@@ -139,6 +139,8 @@ def test_names_of_the_package_are_there_when_asked_for() -> None:
         (["decode", WALK, "-o", "x.csv", "--quantity", "x" * 9], "xbus items lists them"),
         (["decode", WALK, "-o", "x.csv", "--quantity", "quaternion:ABC"], "ENU, NED, NWU"),
         (["decode", WALK, "-o", "x.csv", "--quantity", "acceleration:NED"], "has no coordinates"),
+        (["report", WALK], "Missing option '-o'"),
+        (["report", WALK, "-o", "walk.pdf"], "'walk.pdf' must end in .html"),
         (["dump", WALK, "--mid", "Warnin"], "did you mean Warning?"),
         (["dump", WALK, "--mid", "0x100"], "a message identifier is a byte"),
         (["dump", WALK, WALK], "unexpected extra argument"),
@@ -157,6 +159,7 @@ COMMANDS_ON_FILES = {
     "info": ["info"],
     "dump": ["dump"],
     "decode": ["decode", "-o", "never.csv"],
+    "report": ["report", "-o", "never.html"],
 }
 
 
@@ -165,6 +168,8 @@ def reading(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> list[str]:
     """A command that reads a file, in an empty folder in which it must leave nothing."""
+    if request.param == "report":
+        pytest.importorskip("plotly")
     monkeypatch.chdir(tmp_path)
     return COMMANDS_ON_FILES[request.param]
 

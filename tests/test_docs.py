@@ -45,6 +45,8 @@ def have(page: Path, language: str) -> bool:
 def test_docstrings(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if module == "xbus.__main__":
         pytest.skip("importing it runs the command")
+    if module == "xbus.report":
+        pytest.importorskip("plotly")
     monkeypatch.chdir(ROOT)
     found = doctest.testmod(importlib.import_module(module))
     assert found.failed == 0

@@ -488,6 +488,11 @@ def test_a_log_of_nothing_but_strings() -> None:
     assert run("dump", "nmea.txt").stdout.count("HEHDT") == 6
     assert run("decode", "nmea.txt", "--quantity", "HEHDT", "-o", "x.npz").exit_code == 0
     assert np.load("x.npz")["HEHDT"]["heading"].tolist() == [123.45] * 3
+    pytest.importorskip("plotly")
+    assert run("report", "nmea.txt", "-o", "x.html").exit_code == 0
+    page = Path("x.html").read_text("utf-8")
+    assert "not one sample: strings only" in page
+    assert "HEHDT (string)" in page
 
 
 @pytest.mark.parametrize("strings", [["EM1000"], ["HEHDT", "GPZDA"]])

@@ -19,6 +19,7 @@ __all__ = ["main"]
 COMMANDS = {
     "info": "info",
     "decode": "decode",
+    "report": "report",
     "dump": "dump",
     "items": "tables",
     "messages": "tables",

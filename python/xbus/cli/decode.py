@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-import errno
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.failure import Failure, cannot
-from xbus.cli.inputs import STDIN, Input, label, no_frame, strings_option, task
+from xbus.cli.failure import Failure
+from xbus.cli.inputs import Input, label, no_frame, strings_option, task
+from xbus.cli.out import check, summary, writing
 from xbus.cli.output import count, hint, put_json
 from xbus.cli.progress import Progress
 
@@ -112,7 +111,11 @@ def decode(
     An .npz holds an array for each quantity instead, with NAME.sample and NAME.time beside it; with
     --quantity only that one. OUT replaces what is there, and appears whole or not at all.
     """
-    _check(files, out)
+    check(files, out)
+    if _suffix(out) != ".npz":
+        from xbus.extras import require
+
+        require("pyarrow", "arrow", f"to write {_suffix(out)} files")
     with Progress(task(files[0]), shown=not quiet) as progress:
         log = _read(files, key, strings=strings, strict=strict, progress=progress)
         table = log if key is None else _one(log, key, ", ".join(map(label, files)))
@@ -122,33 +125,11 @@ def decode(
         put_json(_facts(files, out, key, log, rows, columns))
     if not quiet:
         shape = f"{count(rows, 'row')}, {count(columns, 'column')}"
-        click.echo(f"{label(out)}: {shape}; {_summary(log)}", err=True)
+        click.echo(f"{label(out)}: {shape}; {summary(log)}", err=True)
 
 
 def _suffix(path: str) -> str:
     return os.path.splitext(path)[1].lower()  # noqa: PTH122 - pathlib is slow to import
-
-
-def _check(files: Sequence[str], out: str) -> None:
-    """What can be known to go wrong before reading, which may take long."""
-    for it in files:
-        with contextlib.suppress(OSError):
-            if it != STDIN and os.path.samefile(it, out):  # noqa: PTH121
-                raise click.UsageError(f"OUT is the input {label(it)}; choose another name")
-    with _writing(out):
-        folder = os.path.dirname(out) or "."  # noqa: PTH120
-        os.stat(folder)  # noqa: PTH116
-        wrong = None
-        if os.path.isdir(out):  # noqa: PTH112
-            wrong = errno.EISDIR
-        elif not os.access(folder, os.W_OK) and (os.path.isfile(out) or not os.path.exists(out)):  # noqa: PTH110, PTH113
-            wrong = errno.EACCES  # a file is written beside OUT, and then takes its place
-        if wrong is not None:
-            raise OSError(wrong, os.strerror(wrong))
-    if _suffix(out) != ".npz":
-        from xbus.extras import require
-
-        require("pyarrow", "arrow", f"to write {_suffix(out)} files")
 
 
 def _read(
@@ -180,7 +161,7 @@ def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
     """Writes OUT; its rows and columns, of an npz samples and quantities."""
     writer = WRITERS[_suffix(out)]
     if writer is None:
-        with _writing(out):
+        with writing(out):
             log.to_npz(out)
         return len(log), len(log.keys())
     from pyarrow import RecordBatchReader
@@ -189,7 +170,7 @@ def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
 
     reader = RecordBatchReader.from_stream(table)
     columns = len(reader.schema)
-    with _writing(out):
+    with writing(out):
         getattr(export, writer)(reader, out)
     rows = len(table.satellites) if key == "gnss_sat_info" else len(table)
     return rows, columns
@@ -216,32 +197,6 @@ def _is_string(key: Key) -> bool:
     from xbus.protocol.values import StringType
 
     return key in StringType.__members__
-
-
-@contextlib.contextmanager
-def _writing(out: str) -> Iterator[None]:
-    try:
-        yield
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        raise cannot(f"write {label(out)}", error) from error
-
-
-def _summary(log: Log) -> str:
-    """What a person wants to know before trusting the table."""
-    stats = log.stats
-    parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
-    if stats.lost_samples:
-        parts.append(f"{count(stats.lost_samples, 'sample')} lost in {count(stats.gaps, 'gap')}")
-    else:
-        parts.append("no samples lost")
-    if stats.skipped_bytes:
-        places = count(len(log.damage), "place")
-        parts.append(f"{count(stats.skipped_bytes, 'byte')} of damage in {places}")
-    else:
-        parts.append("no damage")
-    return ", ".join(parts)
 
 
 def _facts(

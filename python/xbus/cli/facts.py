@@ -146,7 +146,7 @@ class Facts:
         self._counters: dict[int, int] = {}
         self._restarted: set[int] = set()
         for part in parts:
-            self._add(part)
+            self.add(part)
 
     @property
     def quantities(self) -> list[QuantityFacts]:
@@ -158,7 +158,8 @@ class Facts:
         """Seconds between the earliest and the latest time stamp; NaN for fewer than two."""
         return self.end - self.start if self._stamped > 1 else float("nan")
 
-    def _add(self, part: Log) -> None:
+    def add(self, part: Log) -> None:
+        """Takes in the next part."""
         counts = asdict(self.stats)
         self.stats = Stats(**{key: counts[key] + it for key, it in asdict(part.stats).items()})
         self.identity = part.identity

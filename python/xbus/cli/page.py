@@ -12,7 +12,7 @@ from xbus.cli.facts import Event, Facts
 from xbus.cli.output import aligned, bold, count
 from xbus.cli.words import Notice, device_name, finite, printable, recorded
 
-__all__ = ["page"]
+__all__ = ["head", "moment", "page", "quantities"]
 
 WIDTH = 80
 #: How many gaps, stretches of damage and events are shown; the rest is counted.
@@ -21,7 +21,7 @@ SHOWN = 5
 
 def page(name: str, facts: Facts) -> str:
     """All that a person wants to know about a log."""
-    lines = [bold(name), *_head(facts), "", *_quantities(facts)]
+    lines = [bold(name), *(_line(*it) for it in head(facts)), "", *_quantities(facts)]
     for title, section in (
         ("gaps", _gaps(facts)),
         ("damage", _damage(facts)),
@@ -33,34 +33,34 @@ def page(name: str, facts: Facts) -> str:
     return "\n".join(lines)
 
 
-def _head(facts: Facts) -> Iterator[str]:
+def head(facts: Facts) -> Iterator[tuple[str, str]]:
+    """What is said of a log as a whole: titles of a word, and what there is to say."""
     stats, told = facts.stats, facts.identity
-    yield _line("size", f"{stats.bytes:,} bytes")
-    yield _line("device", ", ".join(_device(facts)))
+    yield "size", f"{stats.bytes:,} bytes"
+    yield "device", ", ".join(_device(facts))
     if told.configuration is not None and (when := recorded(told.configuration)):
-        yield _line("recorded", f"{when} by the clock of the recording computer")
+        yield "recorded", f"{when} by the clock of the recording computer"
     if facts.utc:
-        yield _line("UTC", " to ".join(_moment(it) for it in facts.utc))
+        yield "UTC", " to ".join(moment(it) for it in facts.utc)
     elif facts.utc_rows:
-        yield _line("UTC", "sent, but never marked as valid")
+        yield "UTC", "sent, but never marked as valid"
     if finite(facts.duration) is not None:
-        yield _line("duration", f"{facts.duration:,.2f} s")
-    yield _line("samples", f"{stats.samples:,}")
+        yield "duration", f"{facts.duration:,.2f} s"
+    yield "samples", f"{stats.samples:,}"
     lost = f"{stats.lost_samples:,} in {count(stats.gaps, 'gap')}, by the packet counter"
     if stats.lost_samples:
-        yield _line("lost", lost)
+        yield "lost", lost
     else:
-        yield _line("lost", "none" if "packet_counter" in _names(facts) else "no counter to tell")
+        yield "lost", "none" if "packet_counter" in _names(facts) else "no counter to tell"
     share = f", {100 * stats.skipped_bytes / max(stats.bytes, 1):.2g} % of the file"
     damage = f"{stats.skipped_bytes:,} bytes in {count(len(facts.damage), 'place')}"
-    yield _line("damage", damage + share if facts.damage else "none")
+    yield "damage", damage + share if facts.damage else "none"
     if stats.malformed:
-        yield _line("malformed", f"{stats.malformed:,}, by packets that do not fill their message")
+        yield "malformed", f"{stats.malformed:,}, by packets that do not fill their message"
     counts = ", ".join(f"{name} {count:,}" for name, count in facts.messages.items())
-    yield _line("messages", counts or "none but samples")
+    yield "messages", counts or "none but samples"
     if facts.strings:
-        strings = (f"{name} {count:,}" for name, count in facts.strings.items())
-        yield _line("strings", ", ".join(strings))
+        yield "strings", ", ".join(f"{name} {count:,}" for name, count in facts.strings.items())
 
 
 def _names(facts: Facts) -> set[str]:
@@ -80,17 +80,18 @@ def _device(facts: Facts) -> Iterator[str]:
         yield f"firmware {told.firmware}" + ("" if build is None else f" build {build}")
 
 
+def quantities(facts: Facts) -> Iterator[tuple[str, ...]]:
+    """The table of quantities: its head, then a row each."""
+    yield "quantity", "coord.", "rows", "rate/Hz", "precision", "unit"
+    for it in facts.quantities:
+        rate = "" if finite(it.rate) is None else f"{it.rate:,.1f}"
+        yield it.name, it.coordinates or "", f"{it.rows:,}", rate, it.precision or "", it.unit
+
+
 def _quantities(facts: Facts) -> Iterator[str]:
     if not facts.quantities:
         return
-    head = ("quantity", "coord.", "rows", "rate/Hz", "precision", "unit")
-    rows = [head]
-    for it in facts.quantities:
-        rate = "" if finite(it.rate) is None else f"{it.rate:,.1f}"
-        rows.append(
-            (it.name, it.coordinates or "", f"{it.rows:,}", rate, it.precision or "", it.unit)
-        )
-    first, *rest = aligned(rows, right=(2, 3))
+    first, *rest = aligned(list(quantities(facts)), right=(2, 3))
     yield bold(first)
     yield from rest
 
@@ -153,5 +154,6 @@ def _more(number: int, which: str) -> Iterator[str]:
         yield f"... and {number - SHOWN:,} {which}; --json lists all"
 
 
-def _moment(time: np.datetime64) -> str:
+def moment(time: np.datetime64) -> str:
+    """UTC to the millisecond."""
     return str(time.astype("datetime64[ms]")).replace("T", " ")

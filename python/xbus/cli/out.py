@@ -1,0 +1,69 @@
+"""What commands write that make a file of a log: ``-o OUT``."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import math
+import os
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
+
+import click
+
+from xbus.cli.failure import cannot
+from xbus.cli.inputs import STDIN, label
+from xbus.cli.output import count
+
+if TYPE_CHECKING:
+    from xbus.cli.facts import Facts
+    from xbus.log import Log
+
+__all__ = ["check", "summary", "writing"]
+
+
+def check(files: Sequence[str], out: str) -> None:
+    """What can be known to go wrong with OUT before reading, which may take long."""
+    for it in files:
+        with contextlib.suppress(OSError):
+            if it != STDIN and os.path.samefile(it, out):  # noqa: PTH121 - pathlib is slow to import
+                raise click.UsageError(f"OUT is the input {label(it)}; choose another name")
+    with writing(out):
+        folder = os.path.dirname(out) or "."  # noqa: PTH120
+        os.stat(folder)  # noqa: PTH116
+        wrong = None
+        if os.path.isdir(out):  # noqa: PTH112
+            wrong = errno.EISDIR
+        elif not os.access(folder, os.W_OK) and (os.path.isfile(out) or not os.path.exists(out)):  # noqa: PTH110, PTH113
+            wrong = errno.EACCES  # a file is written beside OUT, and then takes its place
+        if wrong is not None:
+            raise OSError(wrong, os.strerror(wrong))
+
+
+@contextlib.contextmanager
+def writing(out: str) -> Iterator[None]:
+    """Says what could not be written."""
+    try:
+        yield
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        raise cannot(f"write {label(out)}", error) from error
+
+
+def summary(log: Log | Facts) -> str:
+    """What a person wants to know before trusting the file."""
+    stats = log.stats
+    parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
+    if stats.strings:
+        parts.append(count(stats.strings, "string"))
+    if stats.lost_samples:
+        parts.append(f"{count(stats.lost_samples, 'sample')} lost in {count(stats.gaps, 'gap')}")
+    else:
+        parts.append("no samples lost")
+    if stats.skipped_bytes:
+        places = count(len(log.damage), "place")
+        parts.append(f"{count(stats.skipped_bytes, 'byte')} of damage in {places}")
+    else:
+        parts.append("no damage")
+    return ", ".join(parts)

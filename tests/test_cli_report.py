@@ -1,0 +1,114 @@
+"""``xbus report``."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from test_cli import FIELD, WALK, run, sentence, start
+
+pytest.importorskip("plotly")
+
+
+@pytest.fixture(autouse=True)
+def _scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def test_a_page() -> None:
+    result = run("report", FIELD, "-o", "field.html")
+    assert (result.exit_code, result.stdout) == (0, "")
+    assert result.stderr == (
+        "field.html: 9.99 s, 23 samples lost in 12 gaps, 1,816 bytes of damage in 12 places\n"
+    )
+    assert "<title>field.mtb</title>" in Path("field.html").read_text("utf-8")
+
+
+def test_quietly_with_a_title() -> None:
+    result = run("report", "-q", WALK, "-o", "WALK.HTM", "--title", "<Tuesday>")
+    assert (result.exit_code, result.output) == (0, "")
+    assert "<h1>&lt;Tuesday&gt;</h1>" in Path("WALK.HTM").read_text("utf-8")
+
+
+def test_a_recording_that_was_split() -> None:
+    data = Path(WALK).read_bytes()
+    Path("a.mtb").write_bytes(data[:80_001])
+    Path("b.mtb").write_bytes(data[80_001:])
+    assert run("report", "a.mtb", "b.mtb", "-o", "both.html").exit_code == 0
+    text = Path("both.html").read_text("utf-8")
+    assert "<h1>a.mtb, b.mtb</h1>" in text
+    assert "<dt>samples</dt><dd>1,040</dd>" in text
+
+
+def test_standard_input() -> None:
+    result = run("report", "-", "-o", "it.html", stdin=Path(WALK).read_bytes())
+    assert result.exit_code == 0
+    assert "<h1>standard input</h1>" in Path("it.html").read_text("utf-8")
+
+
+def test_what_is_there_is_replaced_and_kept_on_failure() -> None:
+    Path("it.html").write_text("before")
+    Path("no.mtb").write_bytes(b"nothing")
+    assert "no Xbus frame in no.mtb" in sentence(run("report", "no.mtb", "-o", "it.html"))
+    assert Path("it.html").read_text() == "before"
+    assert run("report", WALK, "-o", "it.html").exit_code == 0
+    assert Path("it.html").stat().st_size > 10**6
+    assert sorted(it.name for it in Path().iterdir()) == ["it.html", "no.mtb"]
+
+
+def test_where_nothing_can_be_written() -> None:
+    said = sentence(run("report", WALK, "-o", "nowhere/it.html"))
+    assert said == "cannot write nowhere/it.html: No such file or directory; check the path"
+    Path("it.html").mkdir()
+    assert "cannot write it.html: Is a directory" in sentence(run("report", WALK, "-o", "it.html"))
+
+
+def test_the_input_is_not_overwritten() -> None:
+    Path("log.html").write_bytes(Path(WALK).read_bytes())
+    result = run("report", "log.html", "-o", "log.html")
+    assert result.exit_code == 2
+    assert "OUT is the input log.html" in result.stderr
+
+
+def test_without_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "plotly", None)
+    said = sentence(run("report", WALK, "-o", "it.html"))
+    assert said == 'to write a report, plotly is needed: pip install "xbus-mti[report]"'
+    assert list(Path().iterdir()) == []
+
+
+def test_a_full_disk() -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("no /dev/full")
+    Path("it.html").symlink_to(full)
+    assert "No space left on device; free some room" in sentence(
+        run("report", WALK, "-o", "it.html")
+    )
+
+
+def test_ctrl_c_leaves_nothing() -> None:
+    os.mkfifo("port")
+    with start("report", "port", "-o", "it.html") as child, Path("port").open("wb", 0) as writer:
+        # That it could be opened says that it is being read.
+        writer.write(Path(WALK).read_bytes()[:1000])
+        child.send_signal(signal.SIGINT)
+        out, said = child.communicate()
+    assert (child.returncode, out, said) == (130, b"", b"")
+    assert [it.name for it in Path().iterdir()] == ["port"]
+
+
+def test_names_are_text() -> None:
+    evil = "a\u202e\x1b[0m<b>.mtb"
+    Path(evil).write_bytes(Path(WALK).read_bytes())
+    odd = os.fsdecode(b"\xff.mtb")
+    Path(odd).write_bytes(b"")
+    result = run("report", evil, odd, "-o", "it.html")
+    assert result.exit_code == 0
+    head = Path("it.html").read_text("utf-8").partition("<style>")[0]
+    assert "<title>a\\u202e\\x1b[0m&lt;b&gt;.mtb, " in head
+    assert "\u202e" not in head

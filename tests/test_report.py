@@ -1,0 +1,617 @@
+"""What a report says, and that a browser draws all of it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import os
+import re
+import shutil
+import struct
+import subprocess
+import zlib
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+
+import xbus
+from conftest import OWN_CAPTURES, counter, damaged_streams, fine
+from streams import mtdata2, packet
+from xbus import MessageId, SimulatedDevice, encode_frame, encode_sample
+from xbus.report import gather, write_report
+from xbus.report.findings import findings, percent
+from xbus.report.page import page
+
+pytest.importorskip("plotly")
+
+WALK, FIELD = OWN_CAPTURES / "walk.mtb", OWN_CAPTURES / "field.mtb"
+#: Stands for plotly's JavaScript where nobody draws.
+NO_PLOTLY = "var none = '</b>';"
+EVIL = "</script><script>alert(1)</script><b>&"
+
+
+class Page(HTMLParser):
+    """A page, taken apart: tags, ids, links, the cells of tables, text, and the figures."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.sources: list[str] = []
+        self.rows: list[list[str]] = []
+        self.texts: list[str] = []
+        self._open: list[str] = []
+        self.feed(text)
+        found = re.search(r'id="figures">(.*?)</script>', text, re.DOTALL)
+        assert found is not None
+        self.figures: list[dict[str, Any]] = json.loads(found[1])
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        known = dict(attrs)
+        self.tags.append(tag)
+        if known.get("id"):
+            self.ids.append(str(known["id"]))
+        if tag == "a":
+            self.links.append(str(known["href"]))
+        self.sources += [str(known[it]) for it in ("src", "href") if it in known and tag != "a"]
+        if tag == "tr":
+            self.rows.append([])
+        if tag in ("td", "th"):
+            self.rows[-1].append("")
+        if tag in ("script", "style", "td", "th"):
+            self._open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if self._open and self._open[-1] == tag:
+            self._open.pop()
+
+    def handle_data(self, data: str) -> None:
+        if self._open and self._open[-1] in ("td", "th"):
+            self.rows[-1][-1] += data
+        if not {"script", "style"} & set(self._open):
+            self.texts.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.texts).split())
+
+    def figure(self, name: str) -> dict[str, Any]:
+        (found,) = [it for it in self.figures if it["name"] == name]
+        return found
+
+
+def text_of(source: Any, title: str = "walk") -> str:
+    return page(title, gather(source), NO_PLOTLY)
+
+
+def page_of(source: Any) -> Page:
+    return Page(text_of(source))
+
+
+def array(data: dict[str, str]) -> npt.NDArray[Any]:
+    return np.frombuffer(base64.b64decode(data["bdata"]), f"<{data['dtype']}")
+
+
+def said(source: Any) -> list[str]:
+    return [it.text for it in findings(gather(source))]
+
+
+def samples(rows: int, **more: Any) -> list[bytes]:
+    """Samples at 100 Hz; of ``more`` the values by row."""
+    found = []
+    for row in range(rows):
+        values: dict[Any, Any] = {"packet_counter": row, "sample_time_fine": 100 * row}
+        values |= {name: of(row) if callable(of) else of for name, of in more.items()}
+        found.append(encode_sample(values))
+    return found
+
+
+# What is said
+
+
+def test_a_good_recording() -> None:
+    it = page_of(WALK)
+    assert "No sample lost, no damage, no errors size 169,069 bytes" in it.text
+    assert "MTi-680G-8A1G6, id 008000A1B2, firmware 1.12.0 build 30" in it.text
+    assert "0 s is 2026-11-22 09:30:00.000 UTC" in it.text
+    assert ["acceleration", "", "1,000", "100.0", "Float32", "m/s2", "0"] in it.rows
+    assert ["filter profile", "0"] in it.rows
+    assert ["MTData2 (samples)", "1,040"] in it.rows
+    assert said(WALK) == []
+
+
+def test_a_bad_recording() -> None:
+    it = page_of(FIELD)
+    first, *rest = said(FIELD)
+    assert first == "23 samples lost in 12 gaps, 2.2 %; the most at once 12, before 2.99 s"
+    assert rest[:2] == [
+        "1,816 bytes of damage in 12 places, 1.1 % of the file",
+        "1 error from the device; the first: 41: more data than the baud rate can carry",
+    ]
+    assert "3 things to look at before this recording is used" in it.text
+    assert ["4.90", "81,068", "Error", "41: more data than the baud rate can carry"] in it.rows
+    assert ["2.99", "12", "294"] in it.rows
+    assert ["3,713", "227", "checksum"] in it.rows
+    events = it.figure("events")
+    assert [data["name"] for data in events["data"]] == ["samples lost", "damage", "errors"]
+    starts = array(events["data"][2]["x"])[::3]
+    assert starts == pytest.approx([4.9])
+
+
+def test_every_quantity_has_its_plots() -> None:
+    it = page_of(WALK)
+    log = xbus.read_log(WALK)
+    names = [figure["name"] for figure in it.figures]
+    for name in ("quaternion", "euler_angles", "acceleration", "velocity_xyz", "lat_lon"):
+        data = it.figure(name)["data"]
+        assert [curve["name"] for curve in data] == list(log[name].fields)
+        for at, curve in enumerate(data):
+            np.testing.assert_array_equal(array(curve["y"]), log[name].values[:, at])
+            assert array(curve["x"]) == pytest.approx(log[name].time - log.time[0])
+    assert it.figure("acceleration")["layout"]["yaxis"]["title"]["text"] == "acceleration, m/s2"
+    under = it.figure("acceleration")["layout"]["xaxis"]["title"]["text"]
+    assert under == "time since 09:30:00.000 UTC, s"
+    assert {"baro_pressure", "temperature", "status", "steps", "track"} <= set(names)
+    accuracy = it.figure("gnss_pvt_data stated accuracy")
+    assert accuracy["data"][0]["name"] == "hAcc"
+    assert array(accuracy["data"][0]["y"]) == pytest.approx(log["gnss_pvt_data"].scaled["hAcc"])
+    assert {"noise acceleration", "noise rate_of_turn"} <= set(names)
+    assert len(names) == len(set(names)) == it.tags.count("figure")
+
+
+def test_links_lead_somewhere() -> None:
+    for file in (WALK, FIELD):
+        it = page_of(file)
+        assert len(it.ids) == len(set(it.ids))
+        assert {link.removeprefix("#") for link in it.links} <= set(it.ids)
+        assert {"timeline", "quantities", "acceleration", "track", "noise", "messages"} <= set(
+            it.ids
+        )
+
+
+def test_two_coordinate_systems() -> None:
+    data = b"".join(
+        samples(30, temperature=20)
+        + [encode_sample({("euler_angles", it): [1, 2, 3]}) for it in ("ENU", "NED")]
+    )
+    it = page_of(data)
+    assert {"euler_angles", "euler_angles-NED"} <= set(it.ids) & {f["name"] for f in it.figures}
+
+
+def test_a_rotation_matrix_has_nine_curves() -> None:
+    data = b"".join(samples(5, rotation_matrix=lambda row: np.arange(9) + row))
+    curves = page_of(data).figure("rotation_matrix")["data"]
+    log = xbus.read_log(data)
+    assert [it["name"] for it in curves] == list(log["rotation_matrix"].fields)
+    values = log["rotation_matrix"].values.reshape(5, 9)
+    assert [array(it["y"]).tolist() for it in curves] == values.T.tolist()
+
+
+def test_lines_end_at_lost_samples() -> None:
+    rows = samples(100, acceleration=lambda row: [row, 0, 9.81])
+    it = page_of(b"".join(rows[:40] + rows[45:]))
+    x = it.figure("acceleration")["data"][0]
+    assert np.flatnonzero(np.isnan(array(x["y"]))).tolist() == [40]
+    assert array(it.figure("events")["data"][0]["x"])[:2] == pytest.approx([0.39, 0.45])
+
+
+def test_clipping_is_told() -> None:
+    word = 1 << 10 | 1 << 19 | 2
+    rows = samples(100, status_word=lambda row: word if 20 <= row < 22 else 2)
+    assert (
+        said(b"".join(rows))[0]
+        == "accelerometer z out of range in 2 % of the time, first at 0.20 s"
+    )
+    data = {it["name"]: it for it in page_of(b"".join(rows)).figure("status")["data"]}
+    assert set(data) == {"filter_valid", "clip_acc_z", "clipping"}
+    assert array(data["clip_acc_z"]["x"])[:2] == pytest.approx([0.2, 0.22])
+
+
+def test_a_filter_that_is_not_valid() -> None:
+    rows = samples(100, status_word=lambda row: 0 if row in (5, 7) else 2)
+    text = "the orientation filter is not valid in 2 % of the time, last at 0.07 s"
+    assert text in said(b"".join(rows))
+
+
+def test_what_the_recording_does_not_say() -> None:
+    rows = b"".join(encode_sample({"acceleration": [0, 0, it]}) for it in range(50))
+    texts = said(rows)
+    assert "no time stamp was recorded: the plots are over the sample" in texts
+    assert any(it.startswith("no packet counter was recorded") for it in texts)
+    it = page_of(rows)
+    assert "No damage, no errors" in it.text
+    assert "no counter to tell" in it.text
+    figure = it.figure("acceleration")
+    assert figure["layout"]["xaxis"]["title"]["text"] == "sample"
+    assert array(figure["data"][2]["x"]).tolist() == list(range(50))
+
+
+def test_a_counter_stands_in_for_time() -> None:
+    rows = [encode_sample({"packet_counter": it, "temperature": it}) for it in range(50)]
+    it = page_of(b"".join(rows[:20] + rows[25:]))
+    curve = it.figure("temperature")["data"][0]
+    assert array(curve["x"])[19:22].tolist() == pytest.approx([19, np.nan, 25], nan_ok=True)
+
+
+def test_without_a_counter_times_tell_of_pauses() -> None:
+    rows = [encode_sample({"sample_time_fine": 100 * it, "temperature": 1}) for it in range(90)]
+    text = "1 pause in temperature, by its times, and no counter tells why"
+    assert said(b"".join(rows[:50] + rows[60:]))[0] == text
+
+
+def test_values_that_are_none() -> None:
+    rows = samples(30, acceleration=lambda row: [np.nan if row == 3 else 0, 0, 9.81])
+    assert "1 value of acceleration NaN or infinite" in said(b"".join(rows))
+
+
+def test_messages_alone() -> None:
+    it = page_of(encode_frame(MessageId.Error, b"\x29"))
+    assert "not one sample: messages only" in it.text
+
+
+def test_nothing_at_all() -> None:
+    assert "not one sample" in page_of(b"").text
+
+
+def test_an_unknown_identifier() -> None:
+    it = page_of(mtdata2(counter(1), fine(1), packet(0xF990, b"abc")))
+    assert ["0xF990", "1", "3"] in it.rows
+    assert "1 data identifier that xbus does not know" in it.text
+
+
+@pytest.mark.parametrize(
+    ("part", "whole", "text"),
+    [(0, 5, "0 %"), (1, 10**6, "less than 0.01 %"), (999, 1000, "99.9 %"), (1, 3, "33 %")],
+)
+def test_percent(part: int, whole: int, text: str) -> None:
+    assert percent(part, whole) == text
+
+
+@settings(max_examples=25)
+@given(damaged_streams())
+def test_whatever_was_received(data: bytes) -> None:
+    """Anything makes a page, and in parts it is the same one."""
+    whole = text_of(data)
+    found = Page(whole)
+    assert len(found.figures) == found.tags.count("figure")
+    assert {it.removeprefix("#") for it in found.links} <= set(found.ids)
+
+
+# Track
+
+
+def test_a_track_in_metres() -> None:
+    rows = samples(50, lat_lon=lambda row: [52 + row * 1e-5, 6.0] if row >= 10 else [0, 0])
+    north = page_of(b"".join(rows)).figure("track")["data"][0]
+    y = array(north["y"])
+    # A degree of latitude is 111.27 km at 52 degrees; what was zero is no place.
+    assert len(y) == 40
+    assert y[-1] - y[0] == pytest.approx(39e-5 * 111_267, abs=0.2)
+    assert array(north["x"]) == pytest.approx(0, abs=1e-3)
+
+
+@pytest.mark.parametrize("name", ["position_ecef", "gnss_pvt_data"])
+def test_other_sources_of_a_track(name: str) -> None:
+    rows: dict[str, Any] = {"position_ecef": lambda row: [3_900_000, 468_000 + row, 5_000_000]}
+    log = xbus.read_log(WALK)
+    if name in rows:
+        it = page_of(b"".join(samples(20, **rows)))
+    else:
+        it = page_of(WALK)
+        assert len(log["gnss_pvt_data"]) == 40
+    (track,) = [data for data in it.figure("track")["data"] if data["name"] == name]
+    assert len(array(track["x"])) in (20, 40)
+    assert np.ptp(array(track["x"])) > 1
+
+
+def test_a_track_without_a_fix() -> None:
+    rows = samples(50, lat_lon=[0, 0], status_word=0)
+    assert "track" not in {it["name"] for it in page_of(b"".join(rows)).figures}
+    assert "no GNSS fix in 100 % of the time" in said(b"".join(rows))
+
+
+def test_a_receiver_without_a_fix_tells_no_height() -> None:
+    virtual = SimulatedDevice("MTi-680G", trajectory="drive", time_to_fix=3)
+    with xbus.connect(virtual) as device, device.configure() as cfg:
+        cfg.set_output_configuration({"sample_time_fine": None, "gnss_pvt_data": 4})
+    virtual.advance(6)
+    data = bytes(virtual.read())
+    fixes = np.isin(xbus.read_log(data)["gnss_pvt_data"].values["fixtype"], (2, 3, 4))
+    assert 0 < np.count_nonzero(fixes) < len(fixes)
+    it = page_of(data)
+    assert len(array(it.figure("gnss_pvt_data height")["data"][0]["y"])) == np.count_nonzero(fixes)
+    satellites = it.figure("gnss_pvt_data fix type and satellites")["data"][0]["y"]
+    assert len(array(satellites)) == len(fixes)
+    assert any(it.startswith("no GNSS fix in") for it in said(data))
+
+
+def test_a_long_track_keeps_its_corners() -> None:
+    corner = 7777
+    rows = samples(20_000, lat_lon=lambda row: [52, 6 + 1e-3 * (row == corner) + 1e-9 * row])
+    track = page_of(b"".join(rows)).figure("track")["data"][0]
+    assert len(array(track["x"])) < 10_000
+    at = int(np.argmax(array(track["x"])))
+    assert array(track["customdata"])[at] == pytest.approx(corner / 100)
+
+
+# Noise
+
+
+def still(seconds: float, rate: int = 100) -> bytes:
+    """A virtual MTi-630 that lies still."""
+    virtual = SimulatedDevice("MTi-630", trajectory="still", noise=1)
+    outputs = {"packet_counter": None, "sample_time_fine": None}
+    with xbus.connect(virtual) as device, device.configure() as cfg:
+        cfg.set_output_configuration({**outputs, "acceleration": rate, "rate_of_turn": rate})
+    virtual.advance(seconds)
+    return bytes(virtual.read())
+
+
+def figures_of(it: Page, kind: str) -> list[list[str]]:
+    at = next(at for at, row in enumerate(it.rows) if len(row) > 1 and row[1].startswith(kind))
+    return it.rows[at + 1 : at + 4]
+
+
+def test_noise_figures() -> None:
+    data = still(120)
+    it = page_of(data)
+    log = xbus.read_log(data)
+    for name, kind, factor in (
+        ("rate_of_turn", "angle", np.degrees(60)),
+        ("acceleration", "velocity", 60),
+    ):
+        rows = figures_of(it, kind)
+        assert [row[0] for row in rows] == ["x", "y", "z"]
+        for at, row in enumerate(rows):
+            # Of white noise, from its standard deviation.
+            walk = float(log[name].values[:, at].std()) / np.sqrt(log[name].rate) * factor
+            assert float(row[1]) == pytest.approx(walk, rel=0.25)
+            assert float(row[2]) == pytest.approx(-0.5, abs=0.15)
+    assert "moved" not in it.text
+
+
+def test_noise_of_the_longest_stretch() -> None:
+    log = xbus.read_log(data := still(20))
+    cut = data[: int(log.offset[500])] + data[int(log.offset[504]) :]
+    rows, seconds = len(log) - 504, log.time[-1] - log.time[504]
+    start = log.time[504] - log.time[0]
+    text = f"{rows:,} rows at 100.00 Hz: {seconds:.2f} s from {start:.2f} s on, the longest without"
+    assert f"{text} any of 1 gap." in page_of(cut).text
+
+
+def test_noise_of_what_moves() -> None:
+    text = page_of(WALK).text
+    assert "The device moved (standard deviation 0.418 rad/s)" in text
+
+
+def test_too_little_for_noise() -> None:
+    it = page_of(b"".join(samples(12, acceleration=[0, 0, 9.81])))
+    assert "Too little: 12 rows without a gap" in it.text
+
+
+def test_a_rate_that_is_not_uniform() -> None:
+    times = [100 * it + 20 * (it % 2) for it in range(400)]
+    rows = [encode_sample({"sample_time_fine": it, "acceleration": [0, 0, 1]}) for it in times]
+    assert "The rate is not uniform: 50 % of the steps differ" in page_of(b"".join(rows)).text
+
+
+# Nothing in it is taken for what it is not
+
+
+def test_text_is_text() -> None:
+    words = EVIL.encode()
+    data = encode_frame(MessageId.Warning, bytes([0, 0, 0, 42]) + words) + WALK.read_bytes()
+    text = text_of(data, EVIL + "\u202e\x1b[0m")
+    it = Page(text)
+    assert "alert" not in re.sub(re.escape("&lt;script&gt;alert(1)"), "", text)
+    assert it.tags.count("script") == 3
+    assert EVIL in it.text
+    assert "\u202e" not in text
+    assert "\x1b" not in text
+
+
+def test_json_cannot_end_its_script() -> None:
+    text = text_of(WALK)
+    figures = text.partition('id="figures">')[2].partition("</script>")[0]
+    assert "<br>" in json.loads(figures)[2]["data"][0]["hovertemplate"]
+    assert "<" not in figures
+
+
+def test_nothing_is_fetched() -> None:
+    text = text_of(WALK)
+    assert Page(text).sources == ["data:,"]
+    assert "default-src 'none'" in text
+    style = text.partition("<style>")[2].partition("</style>")[0]
+    assert "url(" not in style
+    assert "@import" not in style
+
+
+# The file
+
+
+def test_a_page_of_a_file(tmp_path: Path) -> None:
+    out = tmp_path / "walk.html"
+    write_report(WALK, out)
+    text = out.read_text("utf-8")
+    assert "<title>walk.mtb</title>" in text
+    assert text.count("plotly.js v") == 1
+    assert len(text) < 15e6
+    write_report(WALK.read_bytes(), out, title="yesterday")
+    assert "<h1>yesterday</h1>" in out.read_text("utf-8")
+    assert [it.name for it in tmp_path.iterdir()] == ["walk.html"]
+
+
+def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = page_of(FIELD)
+    monkeypatch.setattr("xbus.report.BLOCK", 3000)
+    parts = page_of(FIELD)
+    assert parts.text == whole.text
+    assert parts.figures == whole.figures
+
+
+# In a browser
+
+#: A browser to take pictures with; `.ci/run browser` installs one.
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+
+
+browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
+
+
+def pixels(png: bytes) -> npt.NDArray[np.uint8]:
+    """The picture in a PNG of 8 bits a channel, ``(height, width, channels)``."""
+    chunks, at = [], 8
+    while at < len(png):
+        size, kind = struct.unpack_from(">I4s", png, at)
+        if kind == b"IHDR":
+            width, height, depth, colours = struct.unpack_from(">IIBB", png, at + 8)
+        elif kind == b"IDAT":
+            chunks.append(png[at + 8 : at + 8 + size])
+        at += size + 12
+    channels = {2: 3, 6: 4}[colours]
+    assert depth == 8
+    lines = np.frombuffer(zlib.decompress(b"".join(chunks)), np.uint8).reshape(height, -1)
+    found = np.zeros((height, width * channels), np.int64)
+    for row, (kind, line) in enumerate(
+        zip(lines[:, 0].tolist(), lines[:, 1:].astype(int), strict=True)
+    ):
+        above = found[row - 1] if row else np.zeros(width * channels, np.int64)
+        found[row] = unfiltered(kind, line, above, channels)
+    return found.astype(np.uint8).reshape(height, width, channels)
+
+
+def unfiltered(kind: int, line: npt.NDArray[Any], above: npt.NDArray[Any], step: int) -> Any:
+    """A line of a PNG before it was filtered (its section 9)."""
+    if kind in (0, 2):
+        return (line + above * (kind == 2)) % 256
+    if kind == 1:
+        return np.cumsum(line.reshape(-1, step), axis=0).ravel() % 256
+    done = [0] * step
+    before = [0] * step + above.tolist()
+    for at, value in enumerate(line.tolist()):
+        left, up, corner = done[at], int(above[at]), before[at]
+        if kind == 3:
+            guess = (left + up) // 2
+        else:
+            near = left + up - corner
+            guess = min((left, up, corner), key=lambda it: abs(near - it))
+        done.append((value + guess) % 256)
+    return done[step:]
+
+
+def browse(path: Path, what: str) -> tuple[str, str]:
+    """Opens a page without a window; what comes to stdout, and what the page complained of."""
+    assert CHROMIUM is not None
+    folder = path.parent
+    done = subprocess.run(  # noqa: S603 - a browser that was found, and our own page
+        [
+            CHROMIUM,
+            "--headless=new",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--hide-scrollbars",
+            # It could reach nothing: the page must not need it.
+            "--proxy-server=127.0.0.1:9",
+            f"--user-data-dir={folder / 'profile'}",
+            "--window-size=1200,4000",
+            "--virtual-time-budget=60000",
+            "--enable-logging=stderr",
+            "--v=0",
+            what,
+            path.as_uri(),
+        ],
+        capture_output=True,
+        check=True,
+        timeout=100,
+        cwd=folder,
+        env=os.environ | {"HOME": str(folder), "XDG_CACHE_HOME": str(folder)},
+    )
+    log = done.stderr.decode("utf-8", "replace").splitlines()
+    return done.stdout.decode("utf-8"), "\n".join(it for it in log if "CONSOLE" in it)
+
+
+def evil_page(folder: Path) -> tuple[Path, list[dict[str, Any]]]:
+    """A page of a recording that has some of everything, and what is to be drawn in it."""
+    data = encode_frame(MessageId.Warning, bytes([0, 0, 0, 42]) + EVIL.encode())
+    (folder / "field.mtb").write_bytes(data + FIELD.read_bytes())
+    out = folder / "field.html"
+    write_report(folder / "field.mtb", out, title=EVIL)
+    return out, Page(out.read_text("utf-8")).figures
+
+
+@browser
+def test_a_browser_draws_all_of_it(tmp_path: Path) -> None:
+    out, figures = evil_page(tmp_path)
+    dom, complaints = browse(out, "--dump-dom")
+    # What the page is not allowed to do, such as to fetch something, is a complaint too.
+    assert complaints == ""
+    assert f'data-drawn="{len(figures)}"' in dom
+    # Each plot has as many curves as it was given, in a picture of its own.
+    plots = dom.split('class="plot js-plotly-plot"')[1:]
+    assert len(plots) == len(figures)
+    for plot, figure in zip(plots, figures, strict=True):
+        _, *traces = plot.split('class="trace scatter')
+        assert len(traces) == len(figure["data"]), figure["name"]
+        for drawn, data in zip(traces, figure["data"], strict=True):
+            # A path for each piece of a line, a path for each dot.
+            assert re.search(r'\bd="M[-0-9.,]+[LVHA]', drawn), (figure["name"], data["name"])
+
+
+@browser
+def test_a_browser_shows_it(tmp_path: Path) -> None:
+    out, _ = evil_page(tmp_path)
+    browse(out, f"--screenshot={tmp_path / 'page.png'}")
+    picture = pixels((tmp_path / "page.png").read_bytes())
+    flat = picture[..., :3].reshape(-1, 3).astype(int)
+    # Curves, bands, what is wrong.
+    for colour in ("#e4572e", "#1f9d8a", "#3a86d4", "#d62828"):
+        wanted = [int(colour[at : at + 2], 16) for at in (1, 3, 5)]
+        near = np.abs(flat - wanted).max(axis=1) < 12
+        assert np.count_nonzero(near) > 300, colour
+
+
+#: Somebody who zooms in one plot and prints; tells what has become of all of them.
+VISITOR = """<script>
+(async () => {
+  while (!document.body.dataset.drawn) await new Promise((go) => setTimeout(go, 10));
+  const plots = [...document.querySelectorAll(".plot")];
+  const told = {};
+  const ranges = () => plots.map((it) => it.layout.xaxis.range.map(Number));
+  told.before = ranges();
+  await Plotly.relayout(plots[0], { "xaxis.range[0]": 2, "xaxis.range[1]": 3 });
+  await new Promise((go) => setTimeout(go, 100));
+  told.zoomed = ranges();
+  dispatchEvent(new Event("beforeprint"));
+  told.printed = plots.map((it) => it.layout.width);
+  dispatchEvent(new Event("afterprint"));
+  told.after = plots.map((it) => it.querySelector("svg").getBoundingClientRect().width > 900);
+  const note = document.createElement("pre");
+  note.id = "told";
+  note.textContent = JSON.stringify(told);
+  document.body.append(note);
+})();
+</script>"""
+
+
+@browser
+def test_a_browser_follows(tmp_path: Path) -> None:
+    """What is zoomed in one plot over time is zoomed in all; on paper plots are as wide as paper."""
+    out, figures = evil_page(tmp_path)
+    text = re.sub("<meta http-equiv[^>]*>", "", out.read_text("utf-8"))
+    out.write_text(text.replace("</body>", f"{VISITOR}</body>"), "utf-8")
+    dom, complaints = browse(out, "--dump-dom")
+    assert complaints == ""
+    found = re.search('<pre id="told">(.*?)</pre>', dom)
+    assert found is not None
+    told = json.loads(found[1])
+    for figure, before, zoomed in zip(figures, told["before"], told["zoomed"], strict=True):
+        assert zoomed == ([2, 3] if figure["is_over_time"] else before), figure["name"]
+        assert before != [2, 3]
+    assert set(told["printed"]) == {700}
+    assert set(told["after"]) == {True}
