@@ -240,3 +240,16 @@ def test_no_such_folder(tmp_path: Path) -> None:
     path = str(tmp_path / "no" / "log.mtb")
     said = sentence(run("record", "sim:MTi-630", "-o", path))
     assert said == f"cannot write {path}: No such file or directory; check the path"
+
+
+def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(b"yesterday's")
+    result = run("record", "sim:MTi-3", "-o", str(path), "--duration", "1")
+    assert result.exit_code == 1
+    assert sentence(result) == f"{path} is there; name another file, or add --overwrite"
+    assert path.read_bytes() == b"yesterday's"
+    assert (
+        run("record", "sim:MTi-3", "-o", str(path), "--duration", "1", "--overwrite").exit_code == 0
+    )
+    assert xbus.read_log(path).stats.skipped_bytes == 0

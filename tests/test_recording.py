@@ -353,3 +353,28 @@ def test_killed(tmp_path: Path, seed: int) -> None:
     cut = log.stats.skipped_bytes
     assert cut < 30, "at most the last frame is not whole"
     assert log.damage["offset"].tolist() == ([path.stat().st_size - cut] if cut else [])
+
+
+def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
+    """But for an empty one; and a number that is taken is left out."""
+    path = tmp_path / "log.mtb"
+    path.touch()
+    taken = tmp_path / "log-0001.mtb"
+    taken.write_bytes(b"yesterday's")
+    with xbus.connect("sim:MTi-3") as device:
+        with device.record(path, rotate_bytes=2000) as recording:
+            while len(recording.files) < 3:
+                device.read_sample()
+        names = [Path(it).name for it in recording.files]
+        assert names == ["log.mtb", *(f"log-{i:04}.mtb" for i in range(2, len(names) + 1))]
+        assert taken.read_bytes() == b"yesterday's"
+        before = path.read_bytes()
+        with pytest.raises(FileExistsError):
+            device.record(path)
+        assert path.read_bytes() == before
+        with device.record(path, overwrite=True, rotate_bytes=2000) as recording:
+            while len(recording.files) < 2:
+                device.read_sample()
+        assert taken.read_bytes() != b"yesterday's"
+        with device.record(os.devnull, times=False):
+            device.read_sample()

@@ -379,6 +379,7 @@ class Acquisition:
         rotate_seconds: float | None = None,
         times: bool = True,
         *,
+        overwrite: bool = False,
         bound: int = 24_000_000,
     ) -> None:
         """Records every byte from now on, beginning with the frame that is under way.
@@ -387,7 +388,7 @@ class Acquisition:
         error in `recording`; the file is good to its end in any case.
 
         Args:
-            path: The first file, overwritten; ``log.mtb`` is followed by ``log-0001.mtb`` and so on.
+            path: The first file; ``log.mtb`` is followed by ``log-0001.mtb`` and so on.
             head: Whole frames that each file begins with; nothing unless given.
             flush: Most seconds until what has come is written.
             fsync: Make the disk have it each time, so that it survives a power cut.
@@ -396,10 +397,12 @@ class Acquisition:
             times: Write a file ``path + ".times"``: 24 bytes of header (``"XBUSTIME"``; as u32 the version,
                 1, and the bytes of a record, 16; `epoch` as i64), then records ``("<u8", "<i8")``: so many
                 bytes of the log had come by then, in ns since 1970. At most one in 10 ms, and the last.
+            overwrite: Replace what is there. If not, a number that is taken is left out.
             bound: Most bytes that may wait for the disk.
 
         Raises:
             OSError: The file cannot be made, or its head does not fit.
+            FileExistsError: It is there, and not empty.
             RuntimeError: A recording is under way.
             ValueError: A number makes no sense.
         """

@@ -118,7 +118,7 @@ def _record(path: Path, seconds: float, product: str) -> None:
             # There is no line with a baud rate behind this port.
             outputs = device.set_output_configuration(wanted, check_baudrate=False)
             put(f"configured: {len(outputs)} quantities at their highest rates", now=True)
-        with device.record(path) as recording:
+        with device.record(path, overwrite=True) as recording:
             time.sleep(seconds)  # the recording goes on by itself
     put(f"recorded:   {recording.bytes:,} bytes in {seconds:g} s", now=True)
 

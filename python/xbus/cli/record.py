@@ -8,6 +8,7 @@ import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -83,8 +84,9 @@ def _outputs(
     type=click.Path(),
     metavar="FILE",
     required=True,
-    help="What to write; what is there is overwritten.",
+    help="What to write.",
 )
+@click.option("--overwrite", is_flag=True, help="Replace FILE if it is there.")
 @click.option(
     "--duration", type=click.FloatRange(min=0, min_open=True), metavar="S", help="How many seconds."
 )
@@ -119,6 +121,7 @@ def _outputs(
 def record(
     port: str,
     out: str,
+    overwrite: bool,
     duration: float | None,
     rotate: dict[str, Any],
     outputs: dict[Any, int | None],
@@ -139,13 +142,18 @@ def record(
     from xbus.protocol import State
 
     settings = None if config is None else read_file(config)
+    there = Path(out)
+    if not overwrite and there.is_file() and there.stat().st_size:
+        raise Failure(f"{label(out)} is there; name another file, or add --overwrite")
     with told_to_stop() as is_stopped, connected(port, baudrate) as device:
         found = device.state
         if config is not None and settings is not None:
             applied(device, settings, config)
         with _configured(device, outputs):
             try:
-                recording = device.record(out, fsync=fsync, times=not no_times, **rotate)
+                recording = device.record(
+                    out, fsync=fsync, times=not no_times, overwrite=overwrite, **rotate
+                )
             except OSError as error:
                 raise cannot(f"write {label(error.filename or out)}", error) from error
             before = device.stats  # nothing comes in this state: it is what is not in the file

@@ -599,6 +599,7 @@ class Device(Commands):
         rotate_bytes: int | None = None,
         rotate_seconds: float | None = None,
         times: bool = True,
+        overwrite: bool = False,
     ) -> Recording:
         """Begins to record every byte that comes, until the recording is stopped.
 
@@ -608,15 +609,17 @@ class Device(Commands):
         when a URL loses its connection; at a port it goes on with ``reconnect``.
 
         Args:
-            path: The first file, overwritten; where it is rotated, ``log.mtb`` is followed by
-                ``log-0001.mtb``.
+            path: The first file; where it is rotated, ``log.mtb`` is followed by ``log-0001.mtb``, or by the
+                next number that is free.
             flush: Most seconds until what has come is written.
             fsync: Whether the disk must have it each time, so that it survives a power cut.
             rotate_bytes: Begin another file when one has so many bytes.
             rotate_seconds: The same by time.
             times: Whether to write ``path + ".times"`` beside it, with the times at which the bytes came.
+            overwrite: Whether a file that is there and not empty may be replaced.
 
         Raises:
+            FileExistsError: It is there, and may not be overwritten.
             OSError: The file cannot be made.
             RuntimeError: A recording is under way.
             ValueError: A number makes no sense.
@@ -642,7 +645,14 @@ class Device(Commands):
             with contextlib.suppress(DeviceError, StateError, XbusTimeout):
                 head += encode_frame(MessageId.EmtsData, self.req_emts())
             self.link.acquisition.record(
-                path, head, flush, fsync, rotate_bytes, rotate_seconds, times
+                path,
+                head,
+                flush,
+                fsync,
+                rotate_bytes,
+                rotate_seconds,
+                times,
+                overwrite=overwrite,
             )
         return Recording(self.link.acquisition)
 

@@ -57,8 +57,11 @@ const PLENTY: usize = 256 << 10;
 /// How to record.
 #[derive(Clone, Debug)]
 pub struct Recording {
-    /// The first file. What was there is overwritten.
+    /// The first file.
     pub path: PathBuf,
+    /// Whether what is there may be overwritten. If not, a first file that is there and not empty is an error, and for the
+    /// following ones a number is taken that is free.
+    pub overwrite: bool,
     /// What each file begins with: whole frames.
     pub head: Vec<u8>,
     /// How long bytes may wait before they are written.
@@ -81,6 +84,7 @@ impl Recording {
     pub fn to(path: impl Into<PathBuf>) -> Self {
         Self {
             path: path.into(),
+            overwrite: false,
             head: vec![],
             flush: Duration::from_millis(500),
             fsync: false,
@@ -280,6 +284,8 @@ struct Writer {
     /// What comes next belongs into another file.
     full: bool,
     files: Vec<PathBuf>,
+    /// The last file's number.
+    number: usize,
     /// Finds the ends of frames. Its positions, and all others here, count the bytes received.
     scanner: Scanner,
     undecided: Vec<u8>,
@@ -297,6 +303,7 @@ impl Writer {
             epoch,
             output,
             full: false,
+            number: 0,
             scanner: Scanner::new(LONGEST_PAYLOAD),
             undecided: vec![],
             written: 0,
@@ -366,8 +373,15 @@ impl Writer {
         if !self.full || to == self.written {
             return Ok(());
         }
-        let path = numbered(&self.recording.path, self.files.len());
-        self.output = Output::new(&self.recording, path.clone(), self.epoch).map_err(of_file(&path))?;
+        let (path, output) = loop {
+            self.number += 1;
+            let path = numbered(&self.recording.path, self.number);
+            match Output::new(&self.recording, path.clone(), self.epoch) {
+                Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+                output => break (path.clone(), output.map_err(of_file(&path))?),
+            }
+        };
+        self.output = output;
         self.output.began = batch.arrival(self.written + 1);
         self.files.push(path);
         self.full = false;
@@ -459,7 +473,7 @@ struct Times {
 
 impl Output {
     fn new(recording: &Recording, path: PathBuf, epoch: i64) -> io::Result<Self> {
-        let file = File::create(&path)?;
+        let file = if recording.overwrite { File::create(&path) } else { create_anew(&path) }?;
         let mut times_path = path.as_os_str().to_owned();
         times_path.push(".times");
         let times = if recording.times {
@@ -557,6 +571,17 @@ impl Times {
 }
 
 /// `NAME.mtb`, `NAME-0001.mtb`, `NAME-0002.mtb`, ...
+/// Creates a file where there is none, but for an empty one or what is no file at all: `/dev/null`, a pipe.
+fn create_anew(path: &Path) -> io::Result<File> {
+    match File::create_new(path) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => match fs::metadata(path) {
+            Ok(there) if there.is_file() && there.len() > 0 => Err(error),
+            _ => File::create(path),
+        },
+        file => file,
+    }
+}
+
 fn numbered(path: &Path, number: usize) -> PathBuf {
     let mut name = path.file_stem().unwrap_or_default().to_owned();
     name.push(format!("-{number:04}"));

@@ -110,7 +110,7 @@ impl Acquisition {
 
     /// Records from now on.
     #[pyo3(signature = (
-        path, head=b"".as_slice(), flush=0.5, fsync=false, rotate_bytes=None, rotate_seconds=None, times=true, *, bound=24_000_000
+        path, head=b"".as_slice(), flush=0.5, fsync=false, rotate_bytes=None, rotate_seconds=None, times=true, *, overwrite=false, bound=24_000_000
     ))]
     #[allow(clippy::too_many_arguments)] // each has its name
     fn record(
@@ -123,6 +123,7 @@ impl Acquisition {
         rotate_bytes: Option<u64>,
         rotate_seconds: Option<f64>,
         times: bool,
+        overwrite: bool,
         bound: usize,
     ) -> PyResult<()> {
         let rotate_after = rotate_seconds.map(seconds("rotate_seconds")).transpose()?;
@@ -131,7 +132,7 @@ impl Acquisition {
         }
         let flush = seconds("flush")(flush)?;
         let head = head.to_vec();
-        let recording = Recording { path, head, flush, fsync, rotate_bytes, rotate_after, times, bound };
+        let recording = Recording { path, overwrite, head, flush, fsync, rotate_bytes, rotate_after, times, bound };
         let name = recording.path.clone();
         py.detach(|| self.0.record(recording)).map_err(|error| of_system(&error, Some(name)))
     }
