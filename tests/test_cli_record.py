@@ -7,10 +7,13 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import xbus
@@ -18,7 +21,7 @@ from test_cli import PROGRAM, run, sentence, start
 from test_recording import LONG, parted, wait_until
 from xbus import Faults, SimulatedDevice
 from xbus.protocol import State
-from xbus.sim import serving
+from xbus.sim import PtyServer, serve, serving
 
 posix = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals and signals")
 
@@ -139,6 +142,46 @@ def test_a_pulled_plug(tmp_path: Path) -> None:
     log = xbus.read_log(path)
     assert f"; {path}: " in line
     assert f" s, {len(log):,} samples, " in line
+
+
+@contextmanager
+def in_a_thread(server: PtyServer) -> Iterator[None]:
+    """Serves in a thread; the port keeps its name when the plug is pulled and put in again."""
+    done = threading.Event()
+    with ThreadPoolExecutor(1) as pool:
+        pool.submit(serve, server, done.is_set)
+        try:
+            yield
+        finally:
+            done.set()
+
+
+@posix
+def test_a_plug_that_is_put_in_again(tmp_path: Path) -> None:
+    """--reconnect: the same file goes on."""
+    path = tmp_path / "log.mtb"
+    virtual = SimulatedDevice("MTi-680G", faults=Faults.parse(["unplug=3:1"], 0))
+    port = str(tmp_path / "mti")
+    with (
+        PtyServer(virtual, link=port) as server,
+        in_a_thread(server),
+        recording(port, path, "--reconnect") as child,
+    ):
+        assert child.stderr is not None
+        lines: list[str] = []
+        while len(lines) < 2:
+            lines.append(child.stderr.readline().decode())
+        size = path.stat().st_size
+        wait_until(lambda: path.stat().st_size > size + 5000)
+        child.send_signal(signal.SIGINT)
+        code, line = end(child)
+    assert code == 0
+    assert lines[0].startswith(f"xbus: {port}: the port is gone: unplugged")
+    assert lines[0].endswith("; waiting for it\n")
+    assert lines[1] == f"xbus: {port} is there again\n"
+    log = xbus.read_log(path)
+    assert f" s, {len(log):,} samples, " in line
+    assert np.diff(log.time).max() == pytest.approx(1.5, abs=0.7)
 
 
 FULL = """

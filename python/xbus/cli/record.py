@@ -117,6 +117,11 @@ def _outputs(
 @click.option(
     "--fsync", is_flag=True, help="Twice a second, make sure that a power cut loses nothing."
 )
+@click.option(
+    "--reconnect",
+    is_flag=True,
+    help="Wait for a device that is unplugged, and go on in the same file.",
+)
 @click.option("--no-times", is_flag=True, help="Do not write FILE.times, when the bytes came.")
 def record(
     port: str,
@@ -128,11 +133,12 @@ def record(
     config: str | None,
     baudrate: int | None,
     fsync: bool,
+    reconnect: bool,
     no_times: bool,
 ) -> None:
     """Records every byte that a device sends.
 
-    Until Ctrl-C, SIGTERM or --duration. The file is one that MT Manager opens: it begins with what the
+    Until Ctrl-C, SIGTERM or --duration. The file begins like those of MT Manager with what the
     device is and how it is set, for which the device stops measuring for a moment. It is written twice a
     second, and whatever happens, what was written can be read.
 
@@ -162,7 +168,7 @@ def record(
         with _Shown(device, recording, before) as shown:
             if device.link.trouble is not None:
                 shown.say(device.link.trouble)
-            _wait(shown, is_stopped, duration or math.inf)
+            _wait(shown, is_stopped, duration or math.inf, reconnect=reconnect)
         if found == State.CONFIG:
             with contextlib.suppress(XbusError):
                 device.go_to_config()
@@ -182,20 +188,31 @@ def _configured(device: Device, outputs: dict[Any, int | None]) -> Iterator[None
         yield
 
 
-def _wait(shown: _Shown, is_stopped: Callable[[], bool], duration: float) -> None:
+def _wait(
+    shown: _Shown, is_stopped: Callable[[], bool], duration: float, *, reconnect: bool
+) -> None:
     """Looks at the recording now and then until it is to end.
 
     Raises:
         Failure: It ended by itself, or there is nothing to record.
     """
-    link, recording = shown.device.link, shown.recording
+    from xbus.protocol import State
+
+    device, link, recording = shown.device, shown.device.link, shown.recording
     heard_at, size, is_silent = link.clock(), 0, False
     while not is_stopped() and (left := duration - shown.elapsed) > 0:
         link.pause(min(LOOK, left))
         try:
             link.read(0)  # nobody wants them: they are counted, and on their way to the disk
         except OSError as error:
-            raise shown.ended(f"{link.name}: {error}") from error
+            if not reconnect or recording.error is not None:
+                raise shown.ended(f"{link.name}: {error}") from error
+            shown.say(f"{link.name}: {error}; waiting for it")
+            while not (is_stopped() or device.come_back() or shown.elapsed >= duration):
+                shown.update()
+            heard_at = link.clock()
+            if device.state != State.UNKNOWN:
+                shown.say(f"{link.name} is there again")
         stats = shown.update()
         if recording.error is not None:
             raise shown.ended(recording.error)

@@ -316,19 +316,28 @@ class Channel:
 
     def _come_back(self) -> None:
         """Waits until the device is there again, and brings it into the state in which it was lost."""
+        while not self.come_back():
+            pass
+
+    def come_back(self) -> bool:
+        """Tries once whether the device is there again, and brings it into the state in which it was lost."""
+        if self.link.acquisition.ended is not None and not self._is_broken:
+            # Who reads the link without this channel has seen its end.
+            with contextlib.suppress(Disconnected):
+                self._lose(ConnectionResetError(self.link.acquisition.ended), None)
         lost_at, state = self._lost
-        while True:
-            self.link.pause(PAUSE)
-            # Whatever goes wrong while it comes back, it is tried again.
-            with contextlib.suppress(Disconnected, XbusTimeout, DeviceError, DecodeError):
-                self.command("GoToConfig", None)
-                is_other = self.device_id not in (None, self.command("ReqDID", None).value)
-                if is_other or state == State.MEASUREMENT:
-                    self.command("GoToMeasurement", None)
-                if not is_other:
-                    gap = self.link.clock() - lost_at
-                    self.notices.append(Notice("Reconnected", gap, b"", self.session.bid, None))
-                    return
+        self.link.pause(PAUSE)
+        # Whatever goes wrong while it comes back, it is tried again.
+        with contextlib.suppress(Disconnected, XbusTimeout, DeviceError, DecodeError):
+            self.command("GoToConfig", None)
+            is_other = self.device_id not in (None, self.command("ReqDID", None).value)
+            if is_other or state == State.MEASUREMENT:
+                self.command("GoToMeasurement", None)
+            if not is_other:
+                gap = self.link.clock() - lost_at
+                self.notices.append(Notice("Reconnected", gap, b"", self.session.bid, None))
+                return True
+        return False
 
     def wait_for_samples(self, count: int, timeout: float) -> None:
         """Waits until so many samples are there, and no longer than ``timeout`` seconds for the next one.

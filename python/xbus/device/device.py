@@ -479,6 +479,17 @@ class Device(Commands):
             self._channel.receive(0.0003, "restore_communication")
         self.command("WakeUpAck")
 
+    def come_back(self) -> bool:
+        """Tries once whether a device that was lost is there again, and brings it into the state it had then.
+
+        For programs that go on without `connect`'s ``reconnect``. It takes a tenth of a second, and longer
+        where something is there that does not answer; another device than before is left as it is.
+
+        Returns:
+            Whether it is there. `Device.notices` has the gap then.
+        """
+        return self._channel.come_back()
+
     # Samples
 
     def read_sample(self, timeout: float = SILENCE) -> Sample:
@@ -604,7 +615,7 @@ class Device(Commands):
         """Begins to record every byte that comes, until the recording is stopped.
 
         A thread writes, whatever the program does meanwhile. The file begins with Configuration, with
-        date and time filled in, and EmtsData, so that MT Manager opens it; a device that measures is in
+        date and time filled in, and EmtsData, as MT Manager's files do; a device that measures is in
         Config State for a moment to give them. After a crash it is readable up to the last flush. It ends
         when a URL loses its connection; at a port it goes on with ``reconnect``.
 

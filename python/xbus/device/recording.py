@@ -1,4 +1,4 @@
-"""Recordings: every byte that comes, in files that MT Manager opens."""
+"""Recordings: every byte that comes, in files laid out as MT Manager's are."""
 
 from __future__ import annotations
 
