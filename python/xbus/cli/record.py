@@ -16,7 +16,7 @@ from xbus.cli.config import applied, read_file
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot, told_to_stop
 from xbus.cli.inputs import label
-from xbus.cli.output import count
+from xbus.cli.output import count, size
 from xbus.errors import StateError, XbusError
 
 if TYPE_CHECKING:
@@ -254,8 +254,8 @@ class _Shown:
             minutes, seconds = divmod(int(self.elapsed), 60)
             self._line(
                 f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
-                f"  {_size(self.recording.bytes)}  {self._rate:,.0f} samples/s"
-                f"  {self._lost(stats)}  {_size(self.recording.queued_bytes)} queued"
+                f"  {size(self.recording.bytes)}  {self._rate:,.0f} samples/s"
+                f"  {self._lost(stats)}  {size(self.recording.queued_bytes)} queued"
             )
         return stats
 
@@ -266,8 +266,8 @@ class _Shown:
         # The stats go on when the recording has ended.
         others = stats.messages - self.before.messages
         samples = count(self.recording.frames - others, "sample")
-        size = _size(self.recording.bytes)
-        return f"{names}: {self.elapsed:,.1f} s, {samples}, {size}; {self._lost(stats)}"
+        written = size(self.recording.bytes)
+        return f"{names}: {self.elapsed:,.1f} s, {samples}, {written}; {self._lost(stats)}"
 
     def _lost(self, stats: LiveStats) -> str:
         """What is missing or damaged, by all that can tell."""
@@ -290,11 +290,3 @@ class _Shown:
     def _line(self, text: str) -> None:
         width = shutil.get_terminal_size().columns - 1
         click.echo(f"\r{text[:width]:<{width}}\r", nl=False, err=True)
-
-
-def _size(number: int) -> str:
-    """So many bytes."""
-    for unit, size in (("GB", 1_000_000_000), ("MB", 1_000_000), ("kB", 1_000)):
-        if number >= size:
-            return f"{number / size:.1f} {unit}"
-    return f"{number} bytes"
