@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
 
 import xbus
+from conftest import damaged_streams
 from streams import frame, packet
 from test_cli import FIELD, WALK, run, sentence
 from xbus import SimulatedDevice, encode_frame, encode_sample, read_log
-from xbus.cli.monitor import sources
+from xbus.cli.monitor import snapshot, sources
 from xbus.cli.monitor.attitude import Attitude, attitude, ground, tape
 from xbus.cli.monitor.model import Known, Model
 from xbus.cli.monitor.rows import ASCII, UNICODE, rows, table
@@ -81,6 +83,7 @@ def test_the_heading_is_that_of_a_car() -> None:
         ("quaternion", [0, 0, 0, 0]),
         ("quaternion", [math.nan, 0, 0, 1]),
         ("quaternion", [math.inf, 0, 0, 1]),
+        ("quaternion", np.array([0x7FA00000] * 4, "u4").view("f4")),  # a NaN that signals
         ("rotation_matrix", [[math.nan] * 3] * 3),
         ("euler_angles", [math.inf, 0, 0]),
     ],
@@ -200,11 +203,8 @@ def test_every_quantity_has_words() -> None:
     model = known(data)
     assert {it for it, _ in model.quantities} == set(xbus.tables.QUANTITIES)
     assert all(it[3] for it in table(model))
-    from xbus.cli.monitor.snapshot import facts
-
-    assert len(json.loads(json.dumps(facts(model), allow_nan=False))["quantities"]) == len(
-        xbus.tables.QUANTITIES
-    )
+    facts = json.loads(json.dumps(snapshot.facts(model), allow_nan=False))
+    assert len(facts["quantities"]) == len(xbus.tables.QUANTITIES)
 
 
 def example(row: xbus.tables.Quantity) -> Any:
@@ -213,6 +213,16 @@ def example(row: xbus.tables.Quantity) -> Any:
     if row.kind == "struct":
         return [1] * len(row.fields)
     return np.ones(row.numbers).tolist() if row.kind in ("real", "f4") else [1] * row.numbers
+
+
+@given(damaged_streams())
+def test_whatever_comes_can_be_shown(data: bytes) -> None:
+    """NaN of any kind, impossible dates, unknown identifiers: and warnings are errors here."""
+    model = known(data)
+    for columns in (30, 80, 200):
+        assert len(draw(model, Shown(), columns, 24, UNICODE)) == 24
+    assert snapshot.text(model)
+    json.dumps(snapshot.facts(model), allow_nan=False)
 
 
 def words(model: Model) -> dict[str, str]:

@@ -54,7 +54,7 @@ def attitude(name: str, coordinates: str | None, row: Any) -> Attitude | None:
     >>> attitude("quaternion", "NED", [0, 1, 0, 0])  # lies flat and points north: z is up, and NED's down
     Attitude(heading=0.0, pitch=0.0, roll=0.0)
     """
-    matrix = _MATRIX[name](np.asarray(row, float).ravel().tolist())
+    matrix = _MATRIX[name](np.ravel(row).tolist())
     if matrix is None or not all(math.isfinite(it) for line in matrix for it in line):
         return None
     # East, north and up of the sensor's axes: rows of the matrix, or their opposites.
