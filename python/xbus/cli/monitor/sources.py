@@ -12,7 +12,7 @@ from datetime import datetime
 from itertools import count as numbers
 from itertools import takewhile
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from xbus.device.recording import Recording
     from xbus.device.session import Notice
 
-__all__ = ["Live", "Replay", "Source"]
+__all__ = ["Live", "Replay"]
 
 #: Seconds of a stream that are taken in at a time.
 STEP = 0.1
@@ -41,21 +41,8 @@ LOOKED_AT, LEAST = 1 << 18, 64
 RATE, LONGEST_PAUSE = 100, 10.0
 
 
-class Source(Protocol):
-    """What a monitor shows."""
-
-    def model(self) -> Model:
-        """What is known in the beginning."""
-
-    def advance(self, model: Model) -> None:
-        """Takes in what has come, or comes next."""
-
-    def wait(self) -> float:
-        """Seconds until there is something to take in."""
-
-
 class Live:
-    """A device: nothing is sent to it, unless the user asks for it.
+    """A device: only listened to, unless the user asks for more, or it is back and silent.
 
     Args:
         device: As it was found; the state is restored by `leave`.

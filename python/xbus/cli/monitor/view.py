@@ -12,7 +12,7 @@ from xbus.cli.monitor.values import unit_text
 from xbus.cli.output import size
 from xbus.protocol.values import State
 
-__all__ = ["KEYS", "Shown", "draw", "room"]
+__all__ = ["Line", "Shown", "draw", "room"]
 
 #: The keys, and what they do.
 KEYS = (
