@@ -32,6 +32,7 @@ bench:
 	python benches/startup.py
 	python benches/virtual.py
 	python benches/live.py
+	python benches/monitor.py
 	python benches/delay.py
 	python benches/flood.py
 	python benches/soak.py 60

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pty
 import random
 import signal
 import struct
@@ -18,9 +19,12 @@ import xbus
 from conftest import coarse, counter, damaged_streams, fine, shared, trigger
 from streams import frame, packet, random_frames
 from test_cli import FIELD, WALK, run, sentence, start
+from test_cli_sim import simulated
 from xbus import DataId, MessageId, encode_frame, encode_packet
 from xbus.cli import dump as command
 from xbus.cli.teller import KEPT, Teller
+from xbus.device.link import Received
+from xbus.sim.link import SimLink
 
 
 def lines_of(data: bytes, *, pieces: list[int] | None = None, as_json: bool = False) -> list[str]:
@@ -437,6 +441,130 @@ def test_standard_input() -> None:
     # --follow ends with the pipe, too.
     assert run("dump", "--follow", "-", stdin=Path(FIELD).read_bytes()).stdout == result.stdout
     assert sentence(run("dump", "-", stdin=b"")).startswith("no Xbus frame in standard input")
+
+
+# Ports
+
+
+def test_a_port_is_followed_to_its_end() -> None:
+    """All that comes, from the middle of whatever it was; nothing is sent."""
+    with simulated("--fault", "unplug=2") as (port, _):
+        with start("dump", "--follow", "--json", port) as child:
+            out, said = child.communicate()
+        assert child.returncode == 1
+        assert said.decode() == (
+            f"xbus: {port} is gone: unplugged, or closed on the other side; is it plugged in?\n"
+        )
+        lines = [json.loads(it) for it in out.splitlines()]
+        samples = [it for it in lines if it.get("name") == "MTData2"]
+        assert len(samples) > 20
+        # Whole frames, byte for byte, one behind the other.
+        ends = [it["offset"] + len(it["frame"]) // 2 for it in samples]
+        assert ends[:-1] == [it["offset"] for it in samples[1:]]
+        # No answer among them: the device was not asked.
+        assert {it["name"] for it in lines if "name" in it} == {"MTData2"}
+
+
+def test_silence_ends_a_frame_that_was_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What comes then is not kept waiting by it. Nothing is sent."""
+    error = encode_frame(MessageId.Error, b"\x1e")
+    comes = [error[:5], b"", error, b"", error[:3]]
+
+    def read(link: SimLink, timeout: float) -> Received:
+        if not comes:
+            raise OSError("was unplugged")
+        return Received.at(comes.pop(0), link.clock())
+
+    def write(link: SimLink, data: bytes) -> None:
+        raise AssertionError(data)
+
+    monkeypatch.setattr(SimLink, "read", read)
+    monkeypatch.setattr(SimLink, "write", write)
+    result = run("dump", "--follow", "--no-hex", "sim:MTi-3")
+    assert sentence(result) == "sim:MTi-3 is gone: was unplugged; is it plugged in?"
+    assert [it.split()[:2] for it in result.stdout.splitlines()] == [
+        ["0", "damage"],
+        ["5", "Error"],
+        ["11", "damage"],
+    ]
+
+
+def test_at_the_rate_of_the_line_until_ctrl_c() -> None:
+    with simulated("--baudrate", "230400") as (port, _):
+        with start("dump", "--follow", "--baudrate", "230400", port) as child:
+            assert child.stdout is not None
+            assert b"  MTData2  " in b"".join(child.stdout.readline() for _ in range(3))
+            child.send_signal(signal.SIGINT)
+            _, said = child.communicate()
+        assert (child.returncode, said) == (130, b"")
+
+
+def test_a_virtual_device_is_a_port() -> None:
+    with start("dump", "--follow", "--mid", "MTData2", "--no-hex", "sim:MTi-3") as child:
+        assert child.stdout is not None
+        assert child.stdout.readline().split()[2:4] == [b"MTData2", b"packet_counter"]
+        child.stdout.close()
+        assert child.wait() == 0
+
+
+def test_bytes_that_were_dropped_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Who does not read the lines for half an hour is told that there are gaps."""
+    stats = {"dropped_bytes": 0}
+
+    class Full:
+        def stats(self) -> dict[str, int]:
+            return stats
+
+        def close(self) -> None:
+            pass
+
+    def full(link: SimLink, timeout: float) -> Received:
+        link.acquisition = Full()  # type: ignore[assignment]
+        stats["dropped_bytes"] = 1000
+        if link.clock() > 1:
+            raise OSError("was unplugged")
+        link.device.advance(timeout)
+        return Received.at(link.device.read(link.baudrate), link.clock())
+
+    monkeypatch.setattr(SimLink, "read", full)
+    said = run("dump", "--follow", "sim:MTi-3").stderr.splitlines()
+    assert said[0] == "xbus: 1,000 bytes came while nobody read the lines, and are lost"
+    assert len(said) == 2
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        (["sim:MTi-630"], "sim:MTi-630 is a port and has no end; --follow tells what comes"),
+        (["socket://127.0.0.1:1"], "is a port"),
+        ([WALK, "--baudrate", "9600"], "is no port and has no --baudrate"),
+        (["-", "--follow", "--baudrate", "9600"], "standard input is no port"),
+        (["sim:nonsense", "--follow"], "sim:nonsense is no port"),
+    ],
+)
+def test_ports_and_files_are_told_apart(args: list[str], words: str) -> None:
+    result = run("dump", *args)
+    assert result.exit_code == 2
+    assert words in " ".join(result.output.split())
+
+
+def test_a_terminal_is_a_port() -> None:
+    master, slave = pty.openpty()
+    try:
+        result = run("dump", os.ttyname(slave))
+    finally:
+        os.close(slave)
+        os.close(master)
+    assert result.exit_code == 2
+    assert "--follow tells what comes until Ctrl-C" in " ".join(result.output.split())
+    # Other devices of the system are files, as they were.
+    assert sentence(run("dump", os.devnull)).startswith("no Xbus frame in /dev/null: it is empty")
+
+
+def test_a_port_that_cannot_be_opened() -> None:
+    assert sentence(run("dump", "--follow", "socket://127.0.0.1:1")).startswith(
+        "cannot open socket:"
+    )
 
 
 def test_pieces_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:

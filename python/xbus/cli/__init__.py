@@ -27,6 +27,7 @@ COMMANDS = {
     "send": "send",
     "config": "config",
     "record": "record",
+    "monitor": "monitor",
     "ntrip": "ntrip",
     "sim": "sim",
     "demo": "demo",

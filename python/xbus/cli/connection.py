@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import click
@@ -12,8 +14,9 @@ from xbus.errors import XbusError
 
 if TYPE_CHECKING:
     from xbus.device import Device
+    from xbus.device.link import Link
 
-__all__ = ["baudrate_option", "connected", "gone"]
+__all__ = ["baudrate_option", "connected", "gone", "opened"]
 
 #: How commands are told the rate of a port.
 baudrate_option = click.option(
@@ -43,8 +46,27 @@ def connected(port: str, baudrate: int | None = None, *, bid: int = 0xFF) -> Dev
     """
     from xbus.device import connect
 
-    try:
+    with _opening(port):
         return connect(port, baudrate, bid=bid)
+
+
+def opened(port: str, baudrate: int) -> Link:
+    """What carries the bytes of a port, to listen to: nothing is sent.
+
+    Raises:
+        Failure: The port cannot be opened.
+        UsageError: It cannot be a port at all.
+    """
+    from xbus.device.link import open_link
+
+    with _opening(port):
+        return open_link(port, baudrate)
+
+
+@contextlib.contextmanager
+def _opening(port: str) -> Iterator[None]:
+    try:
+        yield
     except XbusError:
         raise
     except OSError as error:
@@ -57,7 +79,8 @@ def connected(port: str, baudrate: int | None = None, *, bid: int = 0xFF) -> Dev
 
 def gone(port: str, error: OSError) -> Failure:
     """The port went away while it was used."""
-    return Failure(f"{port} is gone: {_cause(error)[1]}; is it plugged in?")
+    words = _cause(error)[1].removeprefix("the port is gone: ")
+    return Failure(f"{port} is gone: {words}; is it plugged in?")
 
 
 def _cause(error: OSError) -> tuple[int, str]:

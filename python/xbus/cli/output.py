@@ -22,6 +22,7 @@ __all__ = [
     "put_json",
     "put_json_rows",
     "put_table",
+    "size",
 ]
 
 #: Columns of a terminal from which a table shows all of its own.
@@ -73,6 +74,14 @@ def aligned(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> list
 def count(number: int, thing: str) -> str:
     """So many of a thing."""
     return f"{number:,} {thing}" + ("" if number == 1 else "s")
+
+
+def size(number: int) -> str:
+    """So many bytes."""
+    for unit, one in (("GB", 1_000_000_000), ("MB", 1_000_000), ("kB", 1_000)):
+        if number >= one:
+            return f"{number / one:.1f} {unit}"
+    return f"{number} bytes"
 
 
 def hint(text: str, names: Iterable[str], command: str) -> str:

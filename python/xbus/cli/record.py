@@ -17,7 +17,7 @@ from xbus.cli.config import applied, read_file
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot, told_to_stop
 from xbus.cli.inputs import label
-from xbus.cli.output import count
+from xbus.cli.output import count, size
 from xbus.errors import StateError, XbusError
 
 if TYPE_CHECKING:
@@ -280,8 +280,8 @@ class _Shown:
             what = "samples" if stats.samples > self.before.samples else "strings"
             self._line(
                 f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
-                f"  {_size(self.recording.bytes)}  {self._rate:,.0f} {what}/s"
-                f"  {self._lost(stats)}  {_size(self.recording.queued_bytes)} queued"
+                f"  {size(self.recording.bytes)}  {self._rate:,.0f} {what}/s"
+                f"  {self._lost(stats)}  {size(self.recording.queued_bytes)} queued"
             )
         return stats
 
@@ -294,8 +294,8 @@ class _Shown:
         samples = count(self.recording.frames - others, "sample")
         if strings := sum(stats.strings.values()) - sum(self.before.strings.values()):
             samples += f", {count(strings, 'string')}"
-        size = _size(self.recording.bytes)
-        return f"{names}: {self.elapsed:,.1f} s, {samples}, {size}; {self._lost(stats)}"
+        written = size(self.recording.bytes)
+        return f"{names}: {self.elapsed:,.1f} s, {samples}, {written}; {self._lost(stats)}"
 
     def _lost(self, stats: LiveStats) -> str:
         """What is missing or damaged, by all that can tell."""
@@ -323,11 +323,3 @@ class _Shown:
 def _heard(stats: LiveStats) -> int:
     """Samples and strings."""
     return stats.samples + sum(stats.strings.values())
-
-
-def _size(number: int) -> str:
-    """So many bytes."""
-    for unit, size in (("GB", 1_000_000_000), ("MB", 1_000_000), ("kB", 1_000)):
-        if number >= size:
-            return f"{number / size:.1f} {unit}"
-    return f"{number} bytes"

@@ -7,13 +7,13 @@ finds them; nothing else reaches the receiver, which would take other bytes for 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from xbus.device.sample import Sample
 from xbus.errors import XbusTimeout
 from xbus.extras import require
+from xbus.source import Key
 from xbus.tables import QUANTITIES, STATUS_FLAGS
 
 if TYPE_CHECKING:
@@ -172,8 +172,8 @@ class Fix:
         self.position: Position | None = None
         self._has_pvt = self._has_status = False
 
-    def update(self, sample: Sample) -> None:
-        """Takes in a sample."""
+    def update(self, sample: Mapping[Key, Any]) -> None:
+        """Takes in a sample, or anything with the same keys and values."""
         if (word := sample.get("status_word")) is not None:
             self._has_status = True
             self.rtk = _rtk(_flag(word, "rtk_status"))

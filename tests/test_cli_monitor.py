@@ -1,0 +1,651 @@
+"""``xbus monitor`` without a terminal: what is known of a stream, and how it is drawn."""
+
+from __future__ import annotations
+
+import datetime
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+import xbus
+from conftest import damaged_streams
+from streams import frame, packet
+from test_cli import FIELD, WALK, run, sentence
+from xbus import SimulatedDevice, encode_frame, encode_sample, read_log
+from xbus.cli.monitor import snapshot, sources
+from xbus.cli.monitor.attitude import Attitude, attitude, ground, tape
+from xbus.cli.monitor.model import Known, Model
+from xbus.cli.monitor.rows import ASCII, UNICODE, rows, table
+from xbus.cli.monitor.sources import Live, Replay
+from xbus.cli.monitor.terminal import keys_in
+from xbus.cli.monitor.view import Line, Shown, draw
+from xbus.ids import MessageId
+from xbus.protocol import State
+
+# Which way it points
+
+
+def block_of(
+    product: str, trajectory: str, outputs: dict[Any, int | None], samples: int = 400
+) -> xbus.Log:
+    device = xbus.connect(SimulatedDevice(product, trajectory=trajectory))
+    with device.configure(outputs):
+        pass
+    for it in device.blocks(samples=samples):
+        return it
+    raise AssertionError
+
+
+@pytest.mark.parametrize("coordinates", ["ENU", "NED", "NWU"])
+def test_all_forms_and_coordinates_agree_with_the_accelerometer(coordinates: str) -> None:
+    """In a gimbal, through all orientations: what is up is measured."""
+    forms = ("quaternion", "rotation_matrix", "euler_angles")
+    block = block_of(
+        "MTi-630", "tumble", {"acceleration": 100, **{(it, coordinates): 100 for it in forms}}
+    )
+    up = block["acceleration"].values / 9.81
+    for at in range(len(block)):
+        told = [attitude(it, coordinates, block[it].values[at]) for it in forms]
+        x, y, z = up[at].tolist()
+        for it in told:
+            assert it is not None
+            assert math.sin(math.radians(it.pitch)) == pytest.approx(x, abs=2e-3)
+            if math.hypot(y, z) > 0.1:  # next to the vertical roll means nothing
+                assert math.hypot(y, z) * math.sin(math.radians(it.roll)) == pytest.approx(
+                    y, abs=2e-3
+                )
+                assert math.hypot(y, z) * math.cos(math.radians(it.roll)) == pytest.approx(
+                    z, abs=2e-3
+                )
+                turned = math.radians(it.heading - told[0].heading)  # type: ignore[union-attr]
+                assert math.cos(turned) == pytest.approx(1, abs=1e-3)
+
+
+def test_the_heading_is_that_of_a_car() -> None:
+    block = block_of("MTi-680G", "drive", {("quaternion", "NED"): 10, "velocity_xyz": 10}, 800)
+    moving = block["velocity_xyz"]
+    for velocity, sample in zip(moving.values, moving.sample, strict=True):
+        row = block["quaternion"].values[block["quaternion"].sample == sample]
+        told = attitude("quaternion", "NED", row[0])
+        assert told is not None
+        track = math.degrees(math.atan2(velocity[0], velocity[1]))
+        assert math.cos(math.radians(told.heading - track)) == pytest.approx(1, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("form", "row"),
+    [
+        ("quaternion", [0, 0, 0, 0]),
+        ("quaternion", [math.nan, 0, 0, 1]),
+        ("quaternion", [math.inf, 0, 0, 1]),
+        ("quaternion", np.array([0x7FA00000] * 4, "u4").view("f4")),  # a NaN that signals
+        ("rotation_matrix", [[math.nan] * 3] * 3),
+        ("euler_angles", [math.inf, 0, 0]),
+    ],
+)
+def test_what_is_no_orientation_is_not_shown_as_one(form: str, row: Any) -> None:
+    assert attitude(form, "ENU", row) is None
+
+
+def test_the_heading_is_never_360() -> None:
+    told = attitude("euler_angles", "ENU", [0, 0, 90 + 1e-9])
+    assert told == Attitude(0.0, 0.0, 0.0)
+
+
+def picture(shown: Attitude) -> list[str]:
+    return ["".join(".#"[it] for it in line) for line in ground(shown, 9, 8)]
+
+
+def test_the_horizon() -> None:
+    level = picture(Attitude(0, 0, 0))
+    assert level == ["." * 9] * 4 + ["#" * 9] * 4
+    # The nose up: more sky. The right side down: more ground at the right.
+    assert picture(Attitude(0, 15, 0)) == ["." * 9] * 6 + ["#" * 9] * 2
+    assert picture(Attitude(0, -40, 0)) == ["#" * 9] * 8
+    assert picture(Attitude(0, 0, 180)) == level[::-1]
+    right = picture(Attitude(0, 0, 40))
+    assert [it.count("#") for it in right] == [0, 2, 3, 4, 5, 6, 7, 9]
+    assert all(it == "." * it.count(".") + "#" * it.count("#") for it in right)
+    assert picture(Attitude(0, 0, -40)) == [it[::-1] for it in right]
+
+
+@pytest.mark.parametrize(
+    ("heading", "shown"),
+    [
+        (0, "·  NW ·  ·  N  ·  ·  NE ·"),
+        (90, "·  NE ·  ·  E  ·  ·  SE ·"),
+        (359.9, "·  NW ·  ·  N  ·  ·  NE ·"),
+        (45, "·  N  ·  ·  NE ·  ·  E  ·"),
+    ],
+)
+def test_the_compass(heading: float, shown: str) -> None:
+    assert tape(heading, 25, "·") == shown
+
+
+# What is known
+
+
+def test_rates_are_those_of_the_device() -> None:
+    known = Known("temperature")
+    for second in range(4):
+        known.seen(1, 100 + second * 1.1, 7.0 + second)
+    assert known.rate(103.5) == 1.0
+    assert known.rate(110.0) == 0.0
+    # Without time stamps the clock of the host counts, from then on.
+    for tenth in range(1, 31):
+        known.seen(20, 110 + tenth / 10, math.nan)
+    assert known.rate(113.0) == pytest.approx(200)
+    # A device that starts anew begins its time anew.
+    for stamp in (500.0, 500.1, 0.1, 0.2, 0.3):
+        known.seen(10, 113.0 + stamp % 1, stamp)
+    assert known.rate(113.4) == pytest.approx(100)
+
+
+def known(data: bytes) -> Model:
+    model = Model("test")
+    model.take(read_log(data), 0.0)
+    return model
+
+
+def shown_values(data: bytes) -> dict[str, str]:
+    return {it[0]: it[3].strip() for it in table(known(data))}
+
+
+def test_values() -> None:
+    date = [1_000_000, 2026, 11, 22, 9, 30, 5, 7]
+    said = shown_values(
+        encode_sample(
+            {
+                "temperature": 31.625,
+                "baro_pressure": 100259,
+                ("lat_lon", "Fp1632"): [52.2404607, -6.8382202],
+                "acceleration": [0.5, -9.80665, math.nan],
+                "free_acceleration": [1e30, 0, math.inf],
+                "utc_time": date,
+                "status_word": 0x09800006,
+                "rotation_matrix": [[1, 0, 0], [0, 0, -1], [0, 1, 0]],
+                "trigger_in1": [9, 1, 1234567, 3],
+                "gnss_sat_info": ([1, 2, 0, 0, 0], [[0, 3, 40, 1], [0, 7, 0, 0]]),
+            }
+        )
+        + encode_frame(MessageId.MTData2, packet(0xC2A0, b"\x01\xff") + packet(0xC2B0, b""))
+    )
+    assert said == {
+        "temperature": "31.62",
+        "baro_pressure": "100259",
+        "lat_lon": "52.2404607   -6.8382202",
+        "acceleration": "0.5000   -9.8067       nan",
+        "free_acceleration": "1e+30    0.0000       inf",
+        "utc_time": "2026-11-22 09:30:05.001",
+        "status_word": "0x09800006",
+        "rotation_matrix": "1.00  0.00  0.00  0.00  0.00 -1.00  0.00  1.00  0.00",
+        "trigger_in1": "line=9 polarity=1 timestamp=1.234567s frame=3",
+        "gnss_sat_info": "2 satellites, 40 to 40 dBHz",
+        "0xC2A0": "01 FF",
+        "0xC2B0": "empty",
+    }
+    date[-1] = 3
+    assert shown_values(encode_sample({"utc_time": date})) == {
+        "utc_time": "2026-11-22 09:30:05.001 not valid"
+    }
+
+
+def test_every_quantity_has_words() -> None:
+    """Whatever a recording holds can be shown, and given to programs."""
+    data = b"".join(
+        encode_sample({name: example(row)}) for name, row in xbus.tables.QUANTITIES.items()
+    )
+    model = known(data)
+    assert {it for it, _ in model.quantities} == set(xbus.tables.QUANTITIES)
+    assert all(it[3] for it in table(model))
+    facts = json.loads(json.dumps(snapshot.facts(model), allow_nan=False))
+    assert len(facts["quantities"]) == len(xbus.tables.QUANTITIES)
+
+
+def example(row: xbus.tables.Quantity) -> Any:
+    if row.kind == "list":
+        return [1] * len(row.fields), [[2] * len(row.entry)]
+    if row.kind == "struct":
+        return [1] * len(row.fields)
+    return np.ones(row.numbers).tolist() if row.kind in ("real", "f4") else [1] * row.numbers
+
+
+@given(damaged_streams())
+def test_whatever_comes_can_be_shown(data: bytes) -> None:
+    """NaN of any kind, impossible dates, unknown identifiers: and warnings are errors here."""
+    model = known(data)
+    for columns in (30, 80, 200):
+        assert len(draw(model, Shown(), columns, 24, UNICODE)) == 24
+    assert snapshot.text(model)
+    json.dumps(snapshot.facts(model), allow_nan=False)
+
+
+def words(model: Model) -> dict[str, str]:
+    return {it.label: it.text for it in rows(model, UNICODE)}
+
+
+def test_status_by_name() -> None:
+    word = 1 << 8 | 1 << 19 | 3 << 23
+    sample = {"packet_counter": 1, "status_word": word}
+    said = words(known(encode_sample(sample | {"quaternion": [1, 0, 0, 0]})))
+    assert said["status"] == "filter not valid clip_acc_x clipping filter_mode=3"
+    # One that has no filter need not say so.
+    said = words(known(encode_sample(sample)))
+    assert said["status"] == "clip_acc_x clipping filter_mode=3"
+    assert "GNSS" not in said
+    assert said["losses"] == "nothing lost  no damage  queue empty"
+    said = words(known(encode_sample({"status_byte": 0b111})))
+    assert said["status"] == "selftest filter_valid gnss_fix"
+
+
+def test_gnss() -> None:
+    fields = {it.name: 0 for it in xbus.tables.QUANTITIES["gnss_pvt_data"].fields}
+    fields |= {"fixtype": 3, "flags": 2 << 6, "numSV": 18, "hAcc": 14, "vAcc": 1234}
+    data = encode_sample({"gnss_pvt_data": fields})
+    assert words(known(data))["GNSS"] == "3D  RTK fixed  18 SV  hAcc 14 mm  vAcc 1.2 m"
+    model = known(data)
+    model.now = 10.0
+    assert words(model)["GNSS"] == "3D  RTK fixed  stopped"
+
+
+def test_an_old_orientation_is_not_shown_as_if_it_were_true() -> None:
+    model = known(encode_sample({"quaternion": [1, 0, 0, 0]}))
+    assert words(model)["heading"] == "090° E  pitch 0.0° up  roll 0.0° right"
+    model.now = 3.0
+    assert words(model)["heading"] == "not told for 3 s"
+    assert model.points is None
+
+
+# What is drawn
+
+
+def lines(drawn: list[Line]) -> list[str]:
+    return ["".join(text for text, _ in it) for it in drawn]
+
+
+@pytest.fixture(scope="module")
+def field() -> Model:
+    """All of the damaged recording."""
+    source = Replay(FIELD)
+    model = source.model()
+    while not source.is_over:
+        source.advance(model)
+    return model
+
+
+def test_what_matters_fits_80_by_24(field: Model) -> None:
+    """All quantities of an MTi-680G, and all that went wrong."""
+    screen = lines(draw(field, Shown(), 80, 24, UNICODE))
+    text = "\n".join(screen)
+    for name, _ in field.quantities:
+        assert f"\n{name} " in text
+    for it in (
+        "heading 000° N  pitch 0.3° up  roll 0.2° left",
+        "GNSS    3D  RTK float  19 SV  hAcc 14 mm  vAcc 19 mm",
+        "23 samples lost in 12 gaps  1,816 bytes damaged",
+        "9 checksum errors",
+        "Error 41: more data than the baud rate can",
+        "filter_valid",
+        "q quit",
+    ):
+        assert it in text
+    assert "▄▄---▄+▄---▄▄" in text
+    assert not any("…" in it for it in screen[7:])
+
+
+@pytest.mark.parametrize("columns", [1, 2, 7, 20, 40, 79, 80, 81, 97, 132, 300])
+def test_any_size(field: Model, columns: int) -> None:
+    pages = (
+        Shown(),
+        Shown(is_help=True),
+        Shown("acc", is_typing=True),
+        Shown("acc"),
+        Shown("no such"),
+        Shown(first=99, is_paused=True),
+    )
+    for height in (1, 2, 3, 5, 7, 10, 13, 23, 24, 25, 40, 100):
+        for shown in pages:
+            drawn = lines(draw(field, shown, columns, height, UNICODE))
+            assert len(drawn) == height
+            assert max(map(len, drawn)) <= columns
+
+
+def test_a_long_name_leaves_room_for_the_state() -> None:
+    model = Model(
+        "/dev/serial/by-id/usb-Xsens_MTi_Converter_0123456789-if00-port0", state=State.MEASUREMENT
+    )
+    title = lines(draw(model, Shown(is_paused=True), 80, 24, UNICODE))[0]
+    assert title.startswith(" …ter_0123456789-if00-port0  PAUSED  Measurement State")
+
+
+def test_where_there_is_no_room_for_all_of_it(field: Model) -> None:
+    first = lines(draw(field, Shown(), 80, 20, UNICODE))
+    head = next(it for it in first if it.startswith("quantity"))
+    assert head.endswith("4 below: arrow keys")
+    assert not any(it.startswith("gnss_pvt_data") for it in first)
+    last = lines(draw(field, Shown(first=99), 80, 20, UNICODE))
+    assert any("4 above: arrow keys" in it for it in last)
+    assert last[-2].startswith("gnss_pvt_data")
+
+
+def test_filter(field: Model) -> None:
+    drawn = lines(draw(field, Shown("ACC"), 80, 24, UNICODE))
+    names = [
+        it.split()[0]
+        for it in drawn[drawn.index(next(it for it in drawn if "rate/Hz" in it)) :]
+        if it
+    ]
+    assert names == ["quantity", "acceleration", "names"]
+
+
+def test_ascii(field: Model) -> None:
+    assert all(it.isascii() for it in lines(draw(field, Shown(), 60, 24, ASCII)))
+    assert all(it.isascii() for it in lines(draw(field, Shown(), 120, 24, ASCII)))
+
+
+def test_help_has_all_that_happened(field: Model) -> None:
+    text = "\n".join(lines(draw(field, Shown(is_help=True), 80, 24, UNICODE)))
+    assert "What happened" in text
+    assert "0:00:04   Error 41: more data than the baud rate can carry" in text
+
+
+def test_keys() -> None:
+    assert keys_in("q\x1b[B\x1b[5~\x7f\r") == ["q", "down", "page up", "backspace", "enter"]
+    # Home, F5 and Alt-x mean nothing, and are not taken for letters.
+    assert keys_in("\x1b[H\x1b[15~p") == ["p"]
+    assert keys_in("\x1bOA\x1b") == ["up", "escape"]
+
+
+# Sources
+
+
+def test_a_recording_is_what_read_log_finds() -> None:
+    for path in (WALK, FIELD):
+        source = Replay(path)
+        model = source.model()
+        while not source.is_over:
+            source.advance(model)
+        log = read_log(path)
+        assert {name: it.count for (name, _), it in model.quantities.items()} == {
+            str(name): len(log[name]) for name in log
+        }
+        stats = log.stats
+        assert model.counts.samples == stats.samples
+        assert model.counts.lost_samples == stats.lost_samples
+        assert model.counts.skipped_bytes == stats.skipped_bytes
+        assert model.counts.checksum_errors == stats.checksum_errors
+        assert model.elapsed == pytest.approx(log.duration, abs=0.02)
+        assert model.read == 1.0
+    assert [it.text for it in model.events] == ["Error 41: more data than the baud rate can carry"]
+
+
+@pytest.mark.parametrize("speed", [1.0, 4.0])
+def test_a_recording_has_its_own_pace(monkeypatch: pytest.MonkeyPatch, speed: float) -> None:
+    now = 50.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    source = Replay(WALK, speed)
+    model = source.model()
+    while not source.is_over:
+        wait = source.wait()
+        assert wait * speed < 0.2
+        now += wait
+        source.advance(model)
+        assert (now - 50.0) * speed == pytest.approx(model.elapsed)
+    assert source.wait() == math.inf
+
+
+def test_a_paused_recording_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    now = 50.0
+    monkeypatch.setattr("time.monotonic", lambda: now)
+    source = Replay(WALK)
+    wait = source.wait()
+    source.pause()
+    assert source.wait() == math.inf
+    now += 1000
+    source.pause()
+    assert source.wait() == pytest.approx(wait)
+
+
+def test_pauses_of_a_recording(tmp_path: Path) -> None:
+    """A long one is short, a step back takes no time; without stamps 100 samples come a second."""
+    stamps = [0, 10_000, 5_000_000, 4_000_000, 4_010_000]
+    path = tmp_path / "log.mtb"
+    path.write_bytes(b"".join(encode_sample({"sample_time_fine": it}) for it in stamps))
+    source = Replay(str(path))
+    model = source.model()
+    while not source.is_over:
+        source.advance(model)
+    assert model.elapsed == pytest.approx(1 + 10 + 0 + 1)
+    path.write_bytes(encode_sample({"temperature": 20}) * 500)
+    source = Replay(str(path))
+    model = source.model()
+    while not source.is_over:
+        source.advance(model)
+    assert model.elapsed == pytest.approx(5.0)
+
+
+def test_a_new_file_is_never_one_that_was_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Clock(datetime.datetime):
+        @classmethod
+        def now(cls, tz: datetime.tzinfo | None = None) -> Clock:
+            return cls(2026, 11, 22, 9, 30, 5)
+
+    monkeypatch.setattr(sources, "datetime", Clock)
+    monkeypatch.chdir(tmp_path)
+    names = [sources._new_file().name for _ in range(3)]
+    assert names == [f"xbus-20261122-093005{it}.mtb" for it in ("", "-2", "-3")]
+
+
+def live(sim: SimulatedDevice) -> tuple[Live, Model, xbus.Device]:
+    device = xbus.connect(sim)
+    source = Live(device, waits=True)
+    return source, source.model(), device
+
+
+def test_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    source, model, device = live(SimulatedDevice("MTi-680G"))
+    for _ in range(2):
+        source.record(model)
+        for _ in range(10):
+            source.advance(model)
+        assert model.recorded is not None
+        assert model.device == "MTi-680G-8A1G6"
+        source.record(model)
+        assert model.recorded is None
+    source.leave(model)
+    assert device.state == State.MEASUREMENT
+    files = sorted(tmp_path.glob("*.mtb"))
+    assert {it.file for it in source.recorded} == {it.name for it in files}
+    assert all(len(read_log(it)) > 90 for it in files)
+    assert len(files) == 2
+
+
+def test_a_recording_that_cannot_be_made_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    source, model, _ = live(SimulatedDevice("MTi-680G"))
+    gone = tmp_path / "gone"
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    source.record(model)
+    assert model.recorded is None
+    assert model.events[-1].text.startswith("no recording: ")
+    # The device did not answer: no empty file is left behind.
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(
+        xbus.Device,
+        "record",
+        lambda *_: (_ for _ in ()).throw(xbus.XbusTimeout("no answer", None, 0.5)),
+    )
+    source.record(model)
+    assert model.events[-1].text == "no recording: no answer"
+    assert list(tmp_path.iterdir()) == []
+
+
+class FullDisk:
+    """A recording that has ended by itself."""
+
+    files = ("full.mtb",)
+    bytes = 1234
+    error = "No space left on device"
+    is_active = False
+
+    def stop(self) -> None:
+        raise OSError(self.error)
+
+
+def test_a_recording_that_ends_by_itself_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(xbus.Device, "record", lambda *_: FullDisk())
+    source, model, _ = live(SimulatedDevice("MTi-680G"))
+    source.record(model)
+    assert model.recorded is None
+    said = "recorded 1,234 bytes in full.mtb; it ended too early: No space left on device"
+    assert (model.events[-1].text, model.events[-1].is_bad) == (said, True)
+    assert [str(it) for it in source.recorded] == [said]
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_a_device_is_left_as_it_was_found(measured: bool) -> None:
+    sim = SimulatedDevice("MTi-630")
+    xbus.connect(sim).go_to_config()
+    source, model, _ = live(sim)
+    source.advance(model)
+    assert str(model.state) == "config"
+    assert model.quantities == {}
+    if measured:
+        source.measure(model)
+        source.advance(model)
+        assert str(model.state) == "measurement"
+        assert model.quantities
+    source.leave(model)
+    assert sim.state == State.CONFIG
+
+
+def test_nothing_is_sent_while_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+    sim = SimulatedDevice("MTi-630")
+    source, model, device = live(sim)
+    written: list[bytes] = []
+    monkeypatch.setattr(device.link, "write", written.append)
+    for _ in range(20):
+        source.advance(model)
+    source.leave(model)
+    assert written == []
+    assert model.counts.samples > 150
+
+
+def test_a_lost_port_is_waited_for() -> None:
+    source, model, device = live(SimulatedDevice("MTi-630", faults=xbus.Faults(unplug=(2.0, 3.0))))
+    said = set()
+    while device.link.clock() < 8:
+        source.advance(model)
+        said.add(model.is_lost)
+        if model.is_lost and model.now - 2.0 > 2:
+            assert next(iter(model.quantities.values())).rate(model.now) == 0
+    assert said == {True, False}
+    assert not model.is_lost
+    assert model.state == State.MEASUREMENT
+    texts = [it.text for it in model.events]
+    assert "the port is gone; is it plugged in?" in texts
+    assert "the port is there again, after 3 s" in texts
+
+
+def test_counts_are_those_since_the_monitor_began(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also when the connection of a URL is made anew, and its counts begin anew."""
+    device = xbus.connect(SimulatedDevice("MTi-630"))
+    source = Live(device, waits=True)
+    model = source.model()
+    assert model.counts.samples == 0
+    for _ in range(5):
+        source.advance(model)
+    before = model.counts.samples
+    assert before > 40
+    monkeypatch.setattr(device.link, "acquisition", xbus._core.Acquisition(None))
+    device.link.acquisition.push(encode_sample({"packet_counter": 1}) * 7)
+    source._tell(model)
+    assert model.counts.samples == before + 7
+
+
+# The command
+
+
+def test_once() -> None:
+    said = run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
+    assert said[0].startswith("sim:MTi-680G  Measurement State  115200 baud  3.")
+    assert said[1].startswith("heading ")
+    head = next(at for at, it in enumerate(said) if it.startswith("quantity "))
+    found = {it.split()[0]: it.split()[1] for it in said[head + 1 :]}
+    assert found["packet_counter"] == found["quaternion"] == "100.0"
+    assert said == run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
+
+
+def test_once_of_a_recording() -> None:
+    facts = json.loads(run("monitor", WALK, "--once", "5", "--json").stdout)
+    assert facts["seconds"] == pytest.approx(5, abs=0.2)
+    assert facts["product_code"] == "MTi-680G-8A1G6"
+    assert (facts["state"], facts["baudrate"]) == (None, None)
+    log = read_log(WALK)
+    found = {it["name"]: it for it in facts["quantities"]}
+    assert list(found) == list(log)
+    at = found["acceleration"]["count"] - 1
+    expected = dict(zip("xyz", log["acceleration"].values[at].tolist(), strict=True))
+    assert found["acceleration"]["value"] == expected
+    assert found["acceleration"]["rate_hz"] == pytest.approx(100)
+    assert found["temperature"]["rate_hz"] == pytest.approx(1)
+    assert facts["status"] == {"filter_valid": 1, "gnss_fix": 1, "filter_mode": 3, "rtk_status": 1}
+    # All of it, where it is shorter.
+    assert json.loads(run("monitor", WALK, "--once", "99", "--json").stdout)["seconds"] < 11
+
+
+def test_once_of_a_port_that_is_lost(behind: Any) -> None:
+    port = behind(SimulatedDevice("MTi-630", faults=xbus.Faults(unplug=(2.0, 9.0))))
+    said = sentence(run("monitor", port, "--once", "5"))
+    assert said == "mti is gone: sim:MTi-630 was unplugged; is it plugged in?"
+
+
+def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
+    text = b"\x1b[31mred\x07" + "\u202e".encode()
+    path = tmp_path / "odd\x1b[2J.mtb"
+    path.write_bytes(
+        encode_frame(MessageId.Warning, b"\0\0\0\x1e" + text)
+        + frame(0x0D, b"MTi\x1b[2J\x07 abcdef")
+    )
+    for args in (["--once", "1"], ["--once", "1", "--json"]):
+        said = run("monitor", str(path), *args).stdout
+        assert all(it.isprintable() or it == "\n" for it in said)
+
+
+@pytest.mark.parametrize(
+    ("args", "said"),
+    [
+        (["sim:MTi-630"], "needs a terminal"),
+        (["sim:MTi-630", "--json"], "--json is for --once"),
+        (["sim:MTi-630", "--once", "0"], "x>0"),
+        (["sim:MTi-630", "--once", "1", "--speed", "2"], "--speed is for a recording"),
+        ([WALK, "--once", "1", "--baudrate", "9600"], "has no --baudrate"),
+        (["sim:nonsense", "--once", "1"], "is no port"),
+    ],
+)
+def test_wrong_call(args: list[str], said: str) -> None:
+    result = run("monitor", *args)
+    assert result.exit_code == 2
+    assert said in " ".join(result.output.split())
+
+
+def test_what_cannot_be_read(tmp_path: Path) -> None:
+    empty = tmp_path / "empty.mtb"
+    empty.touch()
+    assert sentence(run("monitor", str(empty), "--once", "1")).startswith("no Xbus frame in ")
+    assert sentence(run("monitor", str(tmp_path / "no"), "--once", "1")).startswith("cannot open ")

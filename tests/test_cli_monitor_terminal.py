@@ -1,0 +1,338 @@
+"""``xbus monitor`` on a terminal, as somebody sees it: the screen is that of a terminal emulator."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import pty
+import signal
+import struct
+import subprocess
+import sys
+import termios
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+import serial
+
+from test_cli import ENVIRONMENT, FIELD, PROGRAM, WALK
+from test_cli_sim import GO_TO_CONFIG, GO_TO_CONFIG_ACK, REQ_DID, answer, simulated
+from xbus import read_log
+
+pyte = pytest.importorskip("pyte")
+
+#: What the terminal is told at the end: no other screen, the cursor, line wrap, no colour.
+LEFT = b"\x1b[0m\x1b[?7h\x1b[?25h\x1b[?1049l"
+
+
+class Seen:
+    """A terminal with somebody before it."""
+
+    def __init__(self, master: int, columns: int, lines: int) -> None:
+        self._master = master
+        self.screen = pyte.Screen(columns, lines)
+        self._stream = pyte.ByteStream(self.screen)
+        self.bytes = b""
+
+    def more(self) -> bool:
+        """Waits for something to be drawn; False once the program has let go of the terminal."""
+        try:
+            data = os.read(self._master, 65536)
+        except OSError:  # Linux says so
+            return False
+        self.bytes += data
+        self._stream.feed(data)
+        return bool(data)
+
+    @property
+    def text(self) -> str:
+        return "\n".join(it.rstrip() for it in self.screen.display)
+
+    def wait_for(self, *words: str) -> str:
+        return self.wait_until(lambda text: all(it in text for it in words), words)
+
+    def wait_until(self, holds: Callable[[str], bool], what: object = "") -> str:
+        while not holds(self.text):
+            assert self.more(), f"it ended before {what}:\n{self.text}"
+        return self.text
+
+    def wait_for_the_end(self) -> None:
+        while self.more():
+            pass
+
+    def press(self, keys: str) -> None:
+        os.write(self._master, keys.encode())
+
+    def resize(self, columns: int, lines: int) -> None:
+        self.screen.resize(lines, columns)
+        resize(self._master, columns, lines)
+
+
+def resize(terminal: int, columns: int, lines: int) -> None:
+    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("4H", lines, columns, 0, 0))
+
+
+@contextlib.contextmanager
+def monitoring(
+    *args: str,
+    size: tuple[int, int] = (80, 24),
+    program: list[str] | None = None,
+    code: int = 0,
+    env: dict[str, str] | None = None,
+) -> Iterator[tuple[Seen, subprocess.Popen[bytes]]]:
+    """The command on a terminal, which it must leave as it was."""
+    master, slave = pty.openpty()
+    resize(slave, *size)
+    before = termios.tcgetattr(slave)
+    plain = {
+        key: it for key, it in ENVIRONMENT.items() if key not in ("NO_COLOR", "COLUMNS", "LINES")
+    }
+    plain |= {"TERM": "xterm", **(env or {})}
+    command = [*(program or PROGRAM), "monitor", *args]
+    seen = Seen(master, *size)
+    with subprocess.Popen(command, env=plain, stdin=slave, stdout=slave, stderr=slave) as child:  # noqa: S603
+        try:
+            yield seen, child
+            # With one end open what is asked of the terminal can still be asked.
+            assert child.wait(timeout=30) == code
+            assert termios.tcgetattr(slave) == before
+            os.close(slave)
+            seen.wait_for_the_end()
+            assert LEFT in seen.bytes
+            assert "\x1b[?1049h" not in seen.bytes.rpartition(LEFT)[2].decode()
+        finally:
+            child.kill()
+            os.close(master)
+
+
+def test_a_device() -> None:
+    with simulated() as (port, _), monitoring(port) as (seen, _):
+        text = seen.wait_for(
+            "packet_counter", "heading", "nothing lost", "Measurement State", "fix"
+        )
+        assert port in text
+        assert "▄" in text
+        # The rates are right as soon as there are any.
+        text = seen.wait_until(lambda it: "100.0" in it, "the rates")
+        assert "quaternion" in text
+        seen.press("q")
+
+
+def test_ctrl_c() -> None:
+    """It is a signal to whom the terminal belongs."""
+    owner = (
+        "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0);"
+        "os.execv(sys.executable, [sys.executable, '-m', 'xbus', *sys.argv[1:]])"
+    )
+    with monitoring("sim:MTi-3", program=[sys.executable, "-c", owner]) as (seen, _):
+        seen.wait_for("packet_counter")
+        seen.press("\x03")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signals(number: int) -> None:
+    with monitoring("sim:MTi-3") as (seen, child):
+        seen.wait_for("packet_counter")
+        child.send_signal(number)
+
+
+def test_a_terminal_that_is_closed() -> None:
+    with monitoring("sim:MTi-3", code=129) as (seen, child):
+        seen.wait_for("packet_counter")
+        child.send_signal(signal.SIGHUP)
+
+
+def test_whatever_goes_wrong_the_terminal_is_as_it_was() -> None:
+    patched = (
+        "import sys, xbus.cli.monitor.loop as it; from xbus.cli import main\n"
+        "draw = it.draw\n"
+        "def worn_out(model, *args):\n"
+        "    if model.elapsed > 1: raise ZeroDivisionError('worn out')\n"
+        "    return draw(model, *args)\n"
+        "it.draw = worn_out; main(sys.argv[1:])"
+    )
+    with monitoring("sim:MTi-3", program=[sys.executable, "-c", patched], code=1) as (seen, _):
+        seen.wait_for("packet_counter")
+    # What is to be read is behind it.
+    assert b"ZeroDivisionError: worn out" in seen.bytes.rpartition(LEFT)[2]
+
+
+def test_pause_and_filter_and_help() -> None:
+    with simulated() as (port, _), monitoring(port) as (seen, _):
+        seen.wait_for("packet_counter", "velocity_xyz")
+        seen.press("/vEl")
+        seen.wait_for("names with: vEl_")
+        seen.wait_until(lambda it: "packet_counter" not in it, "the filter")
+        seen.press("x\x7f\r")
+        seen.wait_for("names with 'vEl', Esc shows all", "velocity_xyz")
+        seen.press("\x1b")
+        seen.wait_for("packet_counter")
+        seen.press("?")
+        seen.wait_for("begin or end a recording")
+        seen.press("q")  # any key
+        seen.wait_for("velocity_xyz")
+        seen.press("p")
+        still = seen.wait_for("PAUSED")
+        # A key asks for a picture; it is the same one until the pause ends.
+        seen.press("?")
+        seen.wait_for("this page")
+        seen.press("x")
+        assert seen.wait_for("velocity_xyz") == still
+        seen.press(" ")
+        seen.wait_until(lambda it: "PAUSED" not in it and it != still, "the pause ended")
+        seen.press("q")
+
+
+def test_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with simulated() as (port, _), monitoring(port) as (seen, _):
+        seen.wait_for("packet_counter")
+        seen.press("r")
+        seen.wait_for("REC ", "recording to xbus-", "MTi-680G-8A1G6")
+        seen.wait_until(lambda it: " kB  Measurement" in it, "some bytes")
+        seen.press("r")
+        seen.wait_for("recorded ")
+        seen.press("r")
+        seen.wait_for("REC ")
+        seen.press("q")
+    (first, second) = sorted(tmp_path.glob("xbus-*.mtb"))
+    for it in (first, second):
+        log = read_log(it)
+        assert log.product_code == "MTi-680G-8A1G6"
+        assert log.stats.skipped_bytes == 0
+    assert len(read_log(first)) > 10
+    # The one that was under way was ended, and what was recorded is told behind the screen.
+    told = seen.bytes.rpartition(LEFT)[2].decode()
+    assert f"{first.name}\r\n" in told
+    assert f"{second.name}\r\n" in told
+
+
+def test_config_state() -> None:
+    """Said, and ended by a key; it is as it was afterwards."""
+    with simulated() as (path, _):
+        with serial.Serial(path, timeout=10) as port:
+            answer(port, GO_TO_CONFIG, GO_TO_CONFIG_ACK[:3])
+        with monitoring(path) as (seen, _):
+            seen.wait_for("Config State", "m lets it measure")
+            seen.press("m")
+            seen.wait_for("Measurement State", "packet_counter")
+            seen.press("q")
+        with serial.Serial(path, timeout=10) as port:
+            # Only in Config State does it answer this, and nothing comes before the answer.
+            port.write(REQ_DID)
+            assert port.read(3) == b"\xfa\xff\x01"
+
+
+def test_a_pulled_plug(tmp_path: Path) -> None:
+    """Waited for; rates stop, and go on."""
+    link = str(tmp_path / "mti")
+    with (
+        simulated("--link", link, "--fault", "unplug=4:2") as (path, sim),
+        monitoring(path) as (seen, _),
+    ):
+        seen.wait_for("packet_counter")
+        seen.wait_for("port lost, waiting for it", "the port is gone")
+        seen.wait_for("is there again")
+        seen.wait_until(lambda it: "Measurement State" in it and "stopped" not in it, "samples")
+        seen.press("q")
+        assert sim.stdout is not None
+        sim.stdout.readline()  # it tells its new port
+
+
+def test_any_size_of_terminal() -> None:
+    with monitoring("sim:MTi-680G", size=(120, 40)) as (seen, _):
+        seen.wait_for("packet_counter", "heading")
+        for columns, lines in ((40, 10), (3, 2), (1, 1), (80, 24)):
+            seen.resize(columns, lines)
+            seen.bytes = b""
+            while b"\x1b[2J" not in seen.bytes:  # it has noticed
+                assert seen.more()
+        seen.wait_for("packet_counter", "heading")
+        seen.press("q")
+
+
+def test_no_colour_and_no_characters_but_ascii() -> None:
+    env = {"NO_COLOR": "1", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    with monitoring("sim:MTi-680G", env=env) as (seen, _):
+        seen.wait_for("packet_counter", "#####")
+        seen.press("q")
+    assert seen.bytes.isascii()
+    assert not any(b"\x1b[0;%d" % it in seen.bytes for it in range(30, 48))
+
+
+def test_colours() -> None:
+    with monitoring("sim:MTi-680G") as (seen, _):
+        seen.wait_for("nothing lost", "heading")
+        at = seen.text.splitlines().index(
+            next(it for it in seen.text.splitlines() if "nothing lost" in it)
+        )
+        column = seen.screen.display[at].index("nothing lost")
+        assert seen.screen.buffer[at][column].fg == "green"
+        assert {seen.screen.buffer[1][it].bg for it in range(20)} == {"blue"}
+        seen.press("q")
+
+
+def test_a_recording_is_replayed_to_its_end() -> None:
+    with monitoring(FIELD, "--speed", "20") as (seen, _):
+        text = seen.wait_for("end of the recording")
+        assert "r record" not in text
+        assert "23 samples lost in 12 gaps" in text
+        assert "Error 41" in text
+        seen.press("r")  # there is nothing to record
+        seen.press("?")
+        seen.wait_for("What happened")
+        seen.press("x")
+        seen.wait_for("gnss_pvt_data")
+        seen.press("q")
+
+
+def test_the_quantities_move_where_there_is_no_room() -> None:
+    with monitoring(FIELD, "--speed", "20", size=(80, 18)) as (seen, _):
+        seen.wait_for("end of the recording", "6 below: arrow keys")
+        seen.press("\x1b[B")
+        seen.wait_for("1 above and 5 below: arrow keys")
+        seen.press("\x1b[6~")
+        seen.wait_for("6 above: arrow keys", "gnss_pvt_data")
+        seen.press("\x1b[5~")
+        seen.wait_for("6 below: arrow keys", "packet_counter")
+        seen.press("\x1b[A")
+        seen.press("q")
+
+
+def test_a_recording_stands_still_while_it_is_paused() -> None:
+    with monitoring(WALK) as (seen, _):
+        seen.wait_for("packet_counter")
+        seen.press(" ")
+        still = seen.wait_for("PAUSED")
+        for key in "?x":
+            seen.press(key)
+            seen.wait_for("this page" if key == "?" else "packet_counter")
+        assert seen.text == still
+        seen.press("p")
+        seen.wait_until(lambda it: "PAUSED" not in it and it != still, "the pause ended")
+        seen.press("q")
+
+
+@pytest.mark.parametrize(("piped", "kind"), [(True, "xterm"), (False, "dumb")])
+def test_a_pipe_is_no_terminal(piped: bool, kind: str) -> None:
+    """Nor is one that has no screen."""
+    master, slave = pty.openpty()
+    seen = Seen(master, 80, 24)
+    try:
+        done = subprocess.run(  # noqa: S603
+            [*PROGRAM, "monitor", "sim:MTi-3"],
+            stdin=slave,
+            stdout=subprocess.PIPE if piped else slave,
+            stderr=subprocess.PIPE,
+            env={**ENVIRONMENT, "TERM": kind},
+            check=False,
+        )
+        os.close(slave)
+        seen.wait_for_the_end()
+    finally:
+        os.close(master)
+    assert done.returncode == 2
+    assert b"needs a terminal" in done.stderr
+    assert seen.bytes + (done.stdout or b"") == b""
