@@ -495,6 +495,19 @@ def test_a_log_of_nothing_but_strings() -> None:
     assert "HEHDT (string)" in page
 
 
+def test_the_monitor_shows_strings(behind: Callable[[SimulatedDevice], str], folder: Path) -> None:
+    virtual = SimulatedDevice("MTi-300")
+    with connect(virtual) as device, device.configure():
+        device.set_strings(["HCMTW", "EM1000"], 50)
+    lines = run("monitor", behind(virtual), "--once", "3", "--string", "EM1000").stdout.splitlines()
+    found = {it.split()[0]: it.split()[1:] for it in lines if it.startswith(("HCMTW", "EM1000"))}
+    assert found["HCMTW"] == ["50.0", "$HCMTW,25.1,C*1E"]
+    assert found["EM1000"][:3] == ["50.0", "00", "90"]
+    page = run("monitor", "mixed.mtb", "--once", "1").stdout
+    assert "other strings" in page
+    assert "$GPGSV,1*" in page
+
+
 @pytest.mark.parametrize("strings", [["EM1000"], ["HEHDT", "GPZDA"]])
 def test_rotated_files_end_with_whole_strings(tmp_path: Path, strings: list[str]) -> None:
     device = sending("MTi-300", strings, 100)

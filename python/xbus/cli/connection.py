@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import click
@@ -36,7 +36,9 @@ ADVICE = {
 }
 
 
-def connected(port: str, baudrate: int | None = None, *, bid: int = 0xFF) -> Device:
+def connected(
+    port: str, baudrate: int | None = None, *, bid: int = 0xFF, strings: Sequence[str] = ()
+) -> Device:
     """The device behind a port, as `xbus.connect` finds it.
 
     Raises:
@@ -47,7 +49,7 @@ def connected(port: str, baudrate: int | None = None, *, bid: int = 0xFF) -> Dev
     from xbus.device import connect
 
     with _opening(port):
-        return connect(port, baudrate, bid=bid)
+        return connect(port, baudrate, bid=bid, strings=strings)
 
 
 def opened(port: str, baudrate: int) -> Link:

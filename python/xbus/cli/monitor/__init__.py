@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 import stat
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import click
 
 from xbus.cli.connection import baudrate_option, connected, gone
 from xbus.cli.failure import told_to_stop
-from xbus.cli.inputs import label
+from xbus.cli.inputs import label, strings_option
 from xbus.cli.output import put, put_json
 from xbus.errors import Disconnected
 
@@ -36,9 +37,15 @@ __all__ = ["monitor"]
     metavar="S",
     help="Print what is known after so many seconds, and end; for scripts.",
 )
+@strings_option
 @click.option("--json", "as_json", is_flag=True, help="With --once: JSON.")
 def monitor(
-    source: str, baudrate: int | None, speed: float | None, once: float | None, as_json: bool
+    source: str,
+    baudrate: int | None,
+    speed: float | None,
+    once: float | None,
+    strings: tuple[str, ...],
+    as_json: bool,
 ) -> None:
     """Shows what a device sends, as it comes, on the whole terminal.
 
@@ -66,9 +73,9 @@ def monitor(
             "--speed is for a recording; what a device sends comes when it comes"
         )
     if is_file:
-        _replay(source, speed or 1.0, once, as_json=as_json)
+        _replay(source, speed or 1.0, strings, once, as_json=as_json)
     else:
-        _live(source, baudrate, once, as_json=as_json)
+        _live(source, baudrate, strings, once, as_json=as_json)
 
 
 def _is_file(name: str) -> bool:
@@ -78,10 +85,12 @@ def _is_file(name: str) -> bool:
         return False
 
 
-def _replay(file: str, speed: float, once: float | None, *, as_json: bool) -> None:
+def _replay(
+    file: str, speed: float, strings: Sequence[str], once: float | None, *, as_json: bool
+) -> None:
     from xbus.cli.monitor.sources import Replay
 
-    source = Replay(file, speed)
+    source = Replay(file, speed, strings)
     model = source.model()
     if once is None:
         _watch(source, model)
@@ -91,10 +100,12 @@ def _replay(file: str, speed: float, once: float | None, *, as_json: bool) -> No
     _print(model, as_json=as_json)
 
 
-def _live(port: str, baudrate: int | None, once: float | None, *, as_json: bool) -> None:
+def _live(
+    port: str, baudrate: int | None, strings: Sequence[str], once: float | None, *, as_json: bool
+) -> None:
     from xbus.cli.monitor.sources import Live
 
-    with connected(port, baudrate) as device:
+    with connected(port, baudrate, strings=strings) as device:
         source = Live(device, waits=once is None)
         model = source.model()
         if once is None:

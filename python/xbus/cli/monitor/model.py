@@ -30,7 +30,7 @@ KEPT = 100
 
 @dataclass
 class Known:
-    """What is known of a quantity.
+    """What is known of a quantity, or of a type of string.
 
     Attributes:
         name: Its name, or the identifier in hex where the tables have none.
@@ -40,7 +40,7 @@ class Known:
         units: Units of the fields of a struct.
         count: Packets that came.
         value: The latest row of the column, scaled; the bytes of an unknown one; the satellites of
-            ``gnss_sat_info``.
+            ``gnss_sat_info``; the text of a string.
         at: When it came, on the clock of the source.
     """
 
@@ -218,8 +218,18 @@ class Model:
             known = self.quantities.setdefault((name, None), Known(name))
             known.value = packets[-1]
             known.seen(len(packets), now, math.nan)
+        self._take_strings(block, now)
         self._take_attitude(came, now)
         self._take_fix(block)
+
+    def _take_strings(self, block: Log, now: float) -> None:
+        counts = block.strings.counts
+        for string in block.strings:
+            name = "" if string.type is None else str(string.type.name)
+            known = self.quantities.setdefault((name, None), Known(name or "other strings"))
+            known.value = string.text
+        for name, count in counts.items():
+            self.quantities[name, None].seen(count, now, math.nan)
 
     def _take(self, column: Column, now: float) -> Known:
         name, coordinates = column.name, column.coordinates

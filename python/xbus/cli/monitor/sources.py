@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, fields
 from datetime import datetime
@@ -226,6 +226,7 @@ class Replay:
     Args:
         file: Path of the recording.
         speed: How many times as fast as it was recorded.
+        strings: As in `read_log`.
 
     Attributes:
         is_over: Whether all of it was taken in.
@@ -234,8 +235,8 @@ class Replay:
         Failure: The file cannot be read, or holds no frame.
     """
 
-    def __init__(self, file: str, speed: float = 1.0) -> None:
-        self._file, self._speed = file, speed
+    def __init__(self, file: str, speed: float = 1.0, strings: Sequence[str] = ()) -> None:
+        self._file, self._speed, self._strings = file, speed, strings
         self._size, step = self._looked_at()
         self._parts = self._read(step)
         self._stamp = math.nan
@@ -308,7 +309,8 @@ class Replay:
         """How many bytes the file has, and in how many a step of it is, about."""
         with self._reading():
             size = os.stat(self._file).st_size  # noqa: PTH116 - the name as it was given
-            if not any(it.stats.frames for it in iter_log(self._file, block_bytes=LOOKED_AT)):
+            parts = iter_log(self._file, block_bytes=LOOKED_AT, strings=self._strings)
+            if not any(it.stats.frames + it.stats.strings for it in parts):
                 raise no_frame([self._file], size)
             head = next(iter_log(self._file, block_bytes=LOOKED_AT))
         seconds = head.duration if head.duration > 0 else max(1, len(head)) / RATE
@@ -316,7 +318,7 @@ class Replay:
 
     def _read(self, step: int) -> Iterator[Log]:
         with self._reading():
-            yield from iter_log(self._file, block_bytes=step)
+            yield from iter_log(self._file, block_bytes=step, strings=self._strings)
 
     @contextmanager
     def _reading(self) -> Iterator[None]:

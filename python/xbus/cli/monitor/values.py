@@ -49,6 +49,8 @@ def rate_text(rate: float | None) -> str:
 def value_text(known: Known) -> str:
     """The latest value in one line."""
     name, value = known.name, known.value
+    if isinstance(value, str):
+        return value
     if isinstance(value, bytes):
         return value.hex(" ").upper() or "empty"
     if name in DIGITS:
@@ -80,6 +82,8 @@ def flags(word: int, bits: int) -> list[tuple[str, int]]:
 def value_facts(known: Known) -> Any:
     """The latest value for programs: numbers by the names of components and fields, null for NaN."""
     value = known.value
+    if isinstance(value, str):
+        return value
     if isinstance(value, bytes):
         return value.hex().upper()
     if known.name == "gnss_sat_info":
