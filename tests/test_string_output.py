@@ -515,7 +515,7 @@ def test_rotated_files_end_with_whole_strings(tmp_path: Path, strings: list[str]
         while len(recording.files) < 4:
             device.read_string()
     logs = [xbus.read_log(it, strict=True, strings=strings) for it in recording.files]
-    assert all(it.stats.strings > 20 for it in logs)
+    assert all(it.stats.strings > 20 for it in logs[:-1])
     assert recording.frames == sum(it.stats.messages for it in logs) - 2 * len(logs) - (
         len(logs) if strings == ["EM1000"] else 0
     )
