@@ -18,8 +18,8 @@ from conftest import counter, damaged_streams, fine, shared, sound_streams
 from streams import frame, packet
 from test_cli import FIELD, WALK, run, sentence
 from xbus import MessageId, encode_frame
-from xbus.cli.facts import Facts
 from xbus.cli.page import page
+from xbus.facts import Facts
 
 
 def facts_of(data: bytes, block: int = 1 << 20) -> Facts:

@@ -16,7 +16,6 @@ from hypothesis import strategies as st
 
 from conftest import shared
 from xbus import Configuration, Message, Scanner
-from xbus.cli.words import value_text
 from xbus.configuration import Firmware
 from xbus.protocol import (
     EVERY,
@@ -63,6 +62,7 @@ from xbus.protocol.layout import NOTHING, RAW
 from xbus.protocol.messages import LAYOUTS, ROWS
 from xbus.protocol.values import BAUD_CODES, CAN_BAUD_CODES
 from xbus.tables import MESSAGES
+from xbus.words import value_text
 
 # ---------------------------------------------------------------------------------------------
 # What each message says

@@ -31,7 +31,6 @@ from sphinx.util.docutils import SphinxDirective
 from xbus import Coordinates, Device, Precision, encode_packet
 from xbus.cli import main
 from xbus.cli.tables import _layout, _lengths, _products  # the words of ``xbus items``
-from xbus.cli.words import value_text
 from xbus.device.commands import Commands
 from xbus.protocol import EVERY, HardwareVersion, OptionFlag, Output, StringType
 from xbus.protocol.products import Support, support
@@ -46,6 +45,7 @@ from xbus.tables import (
     Field,
     MessageRow,
 )
+from xbus.words import value_text
 
 #: What a cell shows: text, or code where it is wrapped.
 Cell = str | nodes.Node

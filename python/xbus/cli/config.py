@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
+from xbus.amounts import count
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import label
-from xbus.cli.output import count, put
+from xbus.cli.output import put
 from xbus.errors import ApplyError
 
 if TYPE_CHECKING:

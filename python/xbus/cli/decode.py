@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xbus.amounts import count
 from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
 from xbus.cli.out import check, summary, writing
-from xbus.cli.output import count, hint, put_json
+from xbus.cli.output import hint, put_json
 from xbus.cli.progress import Progress
 
 if TYPE_CHECKING:

@@ -78,8 +78,8 @@ def demo(folder: str, seconds: float, product: str) -> None:
     arrow), else an npz. The picture is a PNG where matplotlib is installed (the extra plot), else a few
     lines on the terminal.
     """
-    from xbus.cli.facts import Facts
     from xbus.cli.page import page
+    from xbus.facts import Facts
     from xbus.log import iter_log, read_log
 
     path = Path(folder, "demo.mtb")

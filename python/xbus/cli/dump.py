@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
+from xbus.amounts import count
 from xbus.cli.connection import gone, opened
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.output import called, count, is_terminal, put
+from xbus.cli.output import called, is_terminal, put
 from xbus.cli.progress import Progress
 
 if TYPE_CHECKING:

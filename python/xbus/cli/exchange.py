@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from xbus.cli.output import count, put
-from xbus.cli.words import Notice, message_facts, notice, said
+from xbus.amounts import count
+from xbus.cli.output import put
 from xbus.codec import Damage, Scanner, encode_frame
 from xbus.device import Device
 from xbus.device.link import Received
@@ -19,6 +19,7 @@ from xbus.log import Message
 from xbus.protocol.messages import ROWS
 from xbus.protocol.values import State
 from xbus.strings import String
+from xbus.words import Notice, message_facts, notice, said
 
 __all__ = ["Exchange", "shown"]
 

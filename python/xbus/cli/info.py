@@ -28,8 +28,8 @@ def info(files: tuple[str, ...], strings: tuple[str, ...], as_json: bool) -> Non
     damage and error; null stands for what the log does not tell. An unreadable FILE has the keys
     "file" and "error".
     """
-    from xbus.cli.facts import Facts
     from xbus.cli.page import page
+    from xbus.facts import Facts
     from xbus.log import iter_log
 
     said: list[dict[str, Any]] = []

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xbus.amounts import count
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure
-from xbus.cli.output import count, put
+from xbus.cli.output import put
 from xbus.errors import XbusTimeout
 
 if TYPE_CHECKING:

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import click
 
+from xbus.amounts import count
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import STDIN, label
-from xbus.cli.output import count
 
 if TYPE_CHECKING:
-    from xbus.cli.facts import Facts
+    from xbus.facts import Facts
     from xbus.log import Log
 
 __all__ = ["check", "summary", "writing"]

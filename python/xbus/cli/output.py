@@ -15,14 +15,12 @@ __all__ = [
     "aligned",
     "bold",
     "called",
-    "count",
     "hint",
     "is_terminal",
     "put",
     "put_json",
     "put_json_rows",
     "put_table",
-    "size",
 ]
 
 #: Columns of a terminal from which a table shows all of its own.
@@ -69,19 +67,6 @@ def aligned(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> list
         ]
         lines.append("  ".join(cells).rstrip())
     return lines
-
-
-def count(number: int, thing: str) -> str:
-    """So many of a thing."""
-    return f"{number:,} {thing}" + ("" if number == 1 else "s")
-
-
-def size(number: int) -> str:
-    """So many bytes."""
-    for unit, one in (("GB", 1_000_000_000), ("MB", 1_000_000), ("kB", 1_000)):
-        if number >= one:
-            return f"{number / one:.1f} {unit}"
-    return f"{number} bytes"
 
 
 def hint(text: str, names: Iterable[str], command: str) -> str:

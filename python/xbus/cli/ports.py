@@ -55,7 +55,7 @@ def _facts(port: Port) -> dict[str, Any]:
 
 def _who(port: Port) -> dict[str, Any]:
     """Who is behind a port, or why that cannot be told."""
-    from xbus.cli.words import device_name
+    from xbus.words import device_name
 
     if sys.stderr is not None and sys.stderr.isatty():
         click.echo(f"asking {port.device}", err=True)
@@ -87,7 +87,7 @@ def _put_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
 
 def _device(facts: dict[str, Any]) -> str:
     """A device in a line."""
-    from xbus.cli.words import printable
+    from xbus.words import printable
 
     if "baudrate" not in facts:
         return str(facts.get("problem", "not asked"))

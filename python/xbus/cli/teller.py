@@ -7,7 +7,12 @@ from collections.abc import Iterable
 from typing import Any
 
 from xbus import _core
-from xbus.cli.words import (
+from xbus.codec import Damage, Scanner
+from xbus.ids import MessageId
+from xbus.log import Message
+from xbus.source import LONGEST
+from xbus.strings import String
+from xbus.words import (
     is_malformed,
     message_facts,
     packet_facts,
@@ -15,11 +20,6 @@ from xbus.cli.words import (
     said,
     seconds,
 )
-from xbus.codec import Damage, Scanner
-from xbus.ids import MessageId
-from xbus.log import Message
-from xbus.source import LONGEST
-from xbus.strings import String
 
 __all__ = ["Teller"]
 

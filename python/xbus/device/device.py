@@ -232,8 +232,11 @@ class Device(Commands):
 
     def go_to_measurement(self) -> None:
         """GoToMeasurement (0x10): enters Measurement State; what was measured before and not read is gone."""
-        self._outdated += len(self._channel.samples)
-        self._channel.samples.clear()
+        channel = self._channel
+        self._outdated += len(channel.samples)
+        channel.lost_strings += len(channel.strings)
+        channel.samples.clear()
+        channel.strings.clear()
         super().go_to_measurement()
 
     def reset(self, *, config: bool = False) -> None:
@@ -535,7 +538,7 @@ class Device(Commands):
 
     @property
     def lost_strings(self) -> int:
-        """Strings that nobody read before 100,000 others came."""
+        """Strings that nobody read before 100,000 others came, or before a new measurement began."""
         return self._channel.lost_strings
 
     async def __aiter__(self) -> AsyncIterator[Sample]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from xbus.cli.output import count
+from xbus.amounts import count
 from xbus.report.gather import Gathered, Series
 from xbus.tables import QUANTITIES
 

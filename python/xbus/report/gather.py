@@ -8,15 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.cli.facts import Facts
-from xbus.cli.words import said
 from xbus.column import Column
+from xbus.facts import Facts
 from xbus.ids import MessageId
 from xbus.log import Log
 from xbus.report.allan import Longest
 from xbus.report.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.report.track import SOURCES, Track, has_fix
 from xbus.tables import QUANTITIES, STATUS_FLAGS, StatusFlag
+from xbus.words import said
 
 __all__ = ["Flag", "Gathered", "Panel", "Series", "Setting"]
 

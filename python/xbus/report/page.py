@@ -12,8 +12,7 @@ from importlib import resources
 import numpy as np
 
 from xbus._core import __version__
-from xbus.cli.output import count
-from xbus.cli.page import head, moment, quantities
+from xbus.amounts import count
 from xbus.configuration import Configuration
 from xbus.report import figures
 from xbus.report.allan import PARTS, Stretch, at_one_second, flicker_floor
@@ -21,6 +20,7 @@ from xbus.report.figures import Figure
 from xbus.report.findings import Finding, findings, percent
 from xbus.report.gather import SETTINGS, STATUS, Gathered, Series
 from xbus.report.thin import FloatArray
+from xbus.summary import head, moment, quantities
 
 __all__ = ["page"]
 

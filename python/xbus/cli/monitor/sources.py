@@ -19,10 +19,10 @@ import numpy as np
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label, no_frame
 from xbus.cli.monitor.model import GNSS, Counts, Model, Recorded
-from xbus.cli.words import said
 from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
 from xbus.log import Log, Message, iter_log
 from xbus.protocol.values import State
+from xbus.words import said
 
 if TYPE_CHECKING:
     from xbus.device import Device

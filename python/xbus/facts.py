@@ -9,11 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from xbus.cli.words import Notice, device_name, finite, notice, recorded
 from xbus.column import Column
 from xbus.configuration import Configuration, Identity
 from xbus.ids import MessageId
 from xbus.log import UTC_VALID, Log, Message, Stats
+from xbus.words import Notice, device_name, finite, notice, recorded
 
 __all__ = ["Event", "Facts", "Gap", "QuantityFacts"]
 
