@@ -14,11 +14,14 @@ from hypothesis import strategies as st
 import xbus
 from conftest import coarse, counter, fine, shared, trigger
 from streams import frame, mtdata2, packet, real
+from test_cli import run
 from xbus import HostClock
 
 HEAD = b"XBUSTIME" + struct.pack("<IIq", 1, 16, 0)
 BEGIN = 1_790_000_000 * 10**9
 MS = 10**6
+#: A GnssSatInfo of one satellite.
+ONE = bytes([0, 0, 0, 0, 1, 0, 0, 0]) + bytes(4)
 
 
 def records(*pieces: tuple[int, int]) -> bytes:
@@ -210,6 +213,54 @@ def test_only_some_quantities(tmp_path: Path) -> None:
     path = written(tmp_path, data, HEAD + records(*pieces))
     some = xbus.read_log(path, quantities=["acceleration"])
     np.testing.assert_array_equal(some.host_time, xbus.read_log(path).host_time)
+
+
+def test_tables(tmp_path: Path) -> None:
+    """A column of every table, beside time; null where a sample has none."""
+    arrow = pytest.importorskip("pyarrow")
+    samples = [
+        *SAMPLES,
+        mtdata2(counter(100)),
+        mtdata2(counter(101), fine(15_200), packet(0x7020, ONE)),
+    ]
+    data, pieces = recording(samples)
+    log = xbus.read_log(written(tmp_path, data, HEAD + records(*pieces)))
+    wide = log.to_arrow()
+    assert wide.column_names[:3] == ["sample", "time", "host_time"]
+    assert wide.schema.field("host_time").metadata == {b"unit": b"s"}
+    assert wide["host_time"].null_count == int(np.isnan(log.host_time).sum()) == 1
+    host = wide["host_time"].to_numpy()
+    assert np.array_equal(host, log.host_time, equal_nan=True)
+    fine_time = log.to_arrow("sample_time_fine")
+    assert fine_time["host_time"].to_numpy().tolist() == log["sample_time_fine"].host_time.tolist()
+    assert arrow.table(log["sample_time_fine"]).equals(fine_time)
+    satellites = log.to_arrow("gnss_sat_info")
+    assert satellites["host_time"].to_pylist() == [log.host_time[101]]
+    assert "host_time" not in xbus.read_log(data).to_arrow().column_names
+
+
+def test_parquet_of_several_files(tmp_path: Path) -> None:
+    """The command, too, knows the side files of a split recording, up to the first without."""
+    pq = pytest.importorskip("pyarrow.parquet")
+    names = []
+    for number in range(3):
+        samples = [
+            mtdata2(counter(it), fine(5000 + 100 * it))
+            for it in range(100 * number, 100 * number + 100)
+        ]
+        data, pieces = recording(samples)
+        later = [(end, arrival + number * 10**9) for end, arrival in pieces]
+        side = HEAD + records(*later) if number < 2 else None
+        names.append(str(written(tmp_path, data, side, f"{number}.mtb")))
+    out = tmp_path / "all.parquet"
+    assert run("decode", *names, "-o", str(out)).exit_code == 0
+    host = pq.read_table(out)["host_time"].to_numpy()
+    assert np.isfinite(host[:200]).all()
+    assert np.diff(host[20:200]) == pytest.approx(0.01, abs=1e-4)
+    assert np.isnan(host[200:]).all()
+    assert np.array_equal(host[:100], xbus.read_log(names[0]).host_time)
+    assert run("decode", names[2], "-o", str(out)).exit_code == 0
+    assert "host_time" not in pq.read_schema(out).names
 
 
 def test_npz(tmp_path: Path) -> None:

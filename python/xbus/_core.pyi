@@ -423,10 +423,17 @@ class ArrowStream:
     """A table that is made, batch by batch, when a consumer of the Arrow C stream interface asks."""
 
     @staticmethod
-    def wide(part: Part, columns: list[Column] | None = None) -> ArrowStream:
-        """One row for each sample, these columns (or all) side by side."""
+    def wide(
+        part: Part,
+        columns: list[Column] | None = None,
+        host: npt.NDArray[np.float64] | None = None,
+    ) -> ArrowStream:
+        """One row for each sample, these columns (or all) side by side.
+
+        ``host`` has the host times of all samples. Raises ValueError if these are more or fewer.
+        """
     @staticmethod
-    def rows(column: Column) -> ArrowStream:
-        """One row for each row of the column; for each entry, where it is a list."""
+    def rows(column: Column, host: npt.NDArray[np.float64] | None = None) -> ArrowStream:
+        """One row for each row of the column; for each entry, where it is a list. ``host`` as in `wide`."""
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """The stream, in a capsule."""

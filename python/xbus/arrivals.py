@@ -10,9 +10,10 @@ it is little-endian. A last record that was cut short is none.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -21,7 +22,7 @@ from xbus import _core
 from xbus.hostclock import HostClock
 from xbus.source import Source
 
-__all__ = ["Arrivals", "HostTimes", "arrivals_of"]
+__all__ = ["Arrivals", "HostTimes", "arrivals_of", "joined"]
 
 SUFFIX = ".times"
 HEAD = np.dtype([("magic", "S8"), ("version", "<u4"), ("size", "<u4"), ("epoch", "<i8")])
@@ -53,6 +54,15 @@ class Arrivals:
         """Arrivals of what ends at these rising offsets, as far as they are known: maybe fewer."""
         known = np.searchsorted(end, self.end[-1], side="right") if len(self.end) else 0
         return self.time[np.searchsorted(self.end, end[:known])]
+
+
+@runtime_checkable
+class Timed(Protocol):
+    """A source that knows by itself when its bytes arrived."""
+
+    def arrivals(self) -> Arrivals | None:
+        """When they did; None where that is not known."""
+        ...
 
 
 class HostTimes:
@@ -94,6 +104,11 @@ class HostTimes:
         return host, clocks
 
     @property
+    def known(self) -> npt.NDArray[np.float64] | None:
+        """The same as `time`; None where no arrivals are known at all."""
+        return self.time if self.clocks else None
+
+    @property
     def time(self) -> npt.NDArray[np.float64]:
         """Seconds since 1970 of each sample; NaN where that is not known."""
         return self._worked_out[0]
@@ -106,6 +121,8 @@ class HostTimes:
 
 def arrivals_of(source: Source) -> Arrivals | None:
     """What the side file of a log says; None where there is none. Ask before the log is read: it may grow."""
+    if isinstance(source, Timed):
+        return source.arrivals()
     if not isinstance(source, str | os.PathLike) or (isinstance(source, str) and "://" in source):
         return None
     path = os.fsdecode(source)
@@ -140,6 +157,25 @@ def _arrivals(data: bytes, side: str, size: int) -> Arrivals:
     if abs(int(time[-1]) - int(time[within])) > LOST:
         return _none(f"{fault}: it belongs to another")
     return Arrivals(end, time, fault)
+
+
+def joined(several: Iterable[tuple[Arrivals | None, int]]) -> Arrivals | None:
+    """The arrivals of files that are one recording, up to the first one of which none are known.
+
+    Args:
+        several: Those of each file, and its bytes.
+    """
+    ends, times, faults, start = [], [], [], 0
+    for arrivals, size in several:
+        if arrivals is None:
+            break
+        ends.append(arrivals.end + start)
+        times.append(arrivals.time)
+        faults += [arrivals.fault] if arrivals.fault else []
+        start += size
+    if not ends:
+        return None
+    return Arrivals(np.concatenate(ends), np.concatenate(times), faults[0] if faults else None)
 
 
 def _none(fault: str) -> Arrivals:

@@ -173,7 +173,9 @@ class Column:
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """The column as an Arrow table: sample, time and the values, one row a packet."""
-        return _core.ArrowStream.rows(self._core).__arrow_c_stream__(requested_schema)
+        return _core.ArrowStream.rows(self._core, self._hosts.known).__arrow_c_stream__(
+            requested_schema
+        )
 
     @property
     def _about(self) -> str:

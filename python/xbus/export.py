@@ -81,11 +81,12 @@ def parquet_options(schema: Any) -> dict[str, Any]:
         integers, "DELTA_BINARY_PACKED"
     )
     moments = [it.name for it in schema if types.is_timestamp(it.type)]
+    times = [it for it in ("time", "host_time") if it in schema.names]
     return {
         "compression": "zstd",
         "use_dictionary": False,
         "column_encoding": encoding,
-        "write_statistics": ["sample", "time", *moments],
+        "write_statistics": ["sample", *times, *moments],
     }
 
 

@@ -484,8 +484,9 @@ class Log:
 
     def _stream(self, key: Key | None = None) -> _core.ArrowStream:
         if key is None:
-            return _core.ArrowStream.wide(self._core, [it._core for it in self._columns.values()])
-        return _core.ArrowStream.rows(self[key]._core)
+            columns = [it._core for it in self._columns.values()]
+            return _core.ArrowStream.wide(self._core, columns, self._hosts.known)
+        return _core.ArrowStream.rows(self[key]._core, self._hosts.known)
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """The wide table, for pyarrow, polars, DuckDB and whoever speaks the Arrow C interface."""
@@ -494,10 +495,10 @@ class Log:
     def to_arrow(self, key: Key | None = None) -> pa.Table:
         """A pyarrow table.
 
-        Without a key: one row a sample, columns ``sample``, ``time`` and one for each component of
-        each quantity (``acceleration_x``), null where the sample lacks it. With a key: that quantity
-        alone, one row a packet; ``"gnss_sat_info"`` gives one row a satellite. Unit, coordinates,
-        precision and data identifier are in the fields' metadata.
+        Without a key: one row a sample, columns ``sample``, ``time``, ``host_time`` where arrivals are known,
+        and one for each component of each quantity (``acceleration_x``), null where the sample lacks it. With
+        a key: that quantity alone, one row a packet; ``"gnss_sat_info"`` gives one row a satellite. Unit,
+        coordinates, precision and data identifier are in the fields' metadata.
 
         Raises:
             ImportError: The extra ``arrow`` is not installed.

@@ -9,12 +9,15 @@ import select
 import stat
 import sys
 from collections.abc import Iterator, Sequence
-from typing import IO
+from typing import IO, TYPE_CHECKING
 
 import click
 
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from xbus.arrivals import Arrivals
 
 __all__ = ["Input", "label", "no_frame", "strings_option", "task"]
 
@@ -85,8 +88,8 @@ class Input:
     """
 
     def __init__(self, names: Sequence[str], progress: Progress | None = None) -> None:
-        sizes = [_size(it) for it in names]
-        self.total = None if None in sizes else sum(it or 0 for it in sizes)
+        self._names, self._sizes = list(names), [_size(it) for it in names]
+        self.total = None if None in self._sizes else sum(it or 0 for it in self._sizes)
         self._progress = progress
         self._waiting = list(names)
         self._file: IO[bytes] | None = None
@@ -104,6 +107,13 @@ class Input:
     def __length_hint__(self) -> int:
         """Bytes of all files, 0 where nobody knows: how much room a reader should make."""
         return self.total or 0
+
+    def arrivals(self) -> Arrivals | None:
+        """When the bytes of these files arrived, by their side files; None where nobody knows."""
+        from xbus.arrivals import arrivals_of, joined
+
+        known = zip(self._names, self._sizes, strict=True)
+        return joined((None if size is None else arrivals_of(it), size or 0) for it, size in known)
 
     def _close(self) -> None:
         if self._file is not None and self._starts[-1][1] != STDIN:

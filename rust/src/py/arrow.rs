@@ -15,6 +15,7 @@ use arrow_array::types::{
 use arrow_array::{Array, ArrayRef, PrimitiveArray, RecordBatch, RecordBatchIterator};
 use arrow_buffer::{Buffer, NullBuffer, ScalarBuffer};
 use arrow_schema::{ArrowError, DataType, Field, Metadata, Schema, SchemaRef, TimeUnit};
+use numpy::{PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyCapsule;
@@ -35,6 +36,8 @@ const CAPSULE: &CStr = c"arrow_array_stream";
 pub struct ArrowStream {
     shared: Arc<Shared>,
     shape: Shape,
+    /// Host time of each sample, where that is known.
+    host: Option<Arc<Vec<f64>>>,
 }
 
 #[derive(Clone)]
@@ -49,10 +52,14 @@ enum Shape {
 
 #[pymethods]
 impl ArrowStream {
-    /// One row for each sample of `part`, with all of its columns, or with `columns` only.
+    /// One row for each sample of `part`, with all of its columns, or with `columns` only. `host` has their host times.
     #[staticmethod]
-    #[pyo3(signature = (part, columns=None))]
-    fn wide(part: &PyPart, columns: Option<Vec<PyRef<'_, PyColumn>>>) -> PyResult<Self> {
+    #[pyo3(signature = (part, columns=None, host=None))]
+    fn wide(
+        part: &PyPart,
+        columns: Option<Vec<PyRef<'_, PyColumn>>>,
+        host: Option<PyReadonlyArray1<'_, f64>>,
+    ) -> PyResult<Self> {
         let shared = part.0.clone();
         let chosen = match columns {
             Some(columns) => {
@@ -63,15 +70,19 @@ impl ArrowStream {
             }
             None => (0..shared.part.columns.len()).collect(),
         };
-        Ok(Self { shared, shape: Shape::Wide(chosen) })
+        let host = host_times(&shared, host)?;
+        Ok(Self { shared, shape: Shape::Wide(chosen), host })
     }
 
-    /// One row for each row of `column`; for each satellite, where it is a list of them.
+    /// One row for each row of `column`; for each satellite, where it is a list of them. `host` has the host times of the
+    /// samples.
     #[staticmethod]
-    fn rows(column: &PyColumn) -> Self {
+    #[pyo3(signature = (column, host=None))]
+    fn rows(column: &PyColumn, host: Option<PyReadonlyArray1<'_, f64>>) -> PyResult<Self> {
         let list = matches!(kind(column.column()), Some(Kind::List(..)));
         let shape = if list { Shape::Entries(column.index) } else { Shape::Rows(column.index) };
-        Self { shared: column.shared.clone(), shape }
+        let host = host_times(&column.shared, host)?;
+        Ok(Self { shared: column.shared.clone(), shape, host })
     }
 
     /// The stream, in a capsule. A requested schema is not looked at: the interface leaves that to the producer.
@@ -82,24 +93,33 @@ impl ArrowStream {
         requested_schema: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyCapsule>> {
         let _ = requested_schema;
-        let (shared, shape) = (self.shared.clone(), self.shape.clone());
-        let (schema, batches) = py.detach(move || batches(&shared, &shape));
+        let (shared, shape, host) = (self.shared.clone(), self.shape.clone(), self.host.clone());
+        let (schema, batches) = py.detach(move || batches(&shared, &shape, host.as_ref()));
         let reader = RecordBatchIterator::new(batches, schema);
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(reader)), CAPSULE)
     }
 }
 
+/// The host times of all samples, if they are given.
+fn host_times(shared: &Shared, host: Option<PyReadonlyArray1<'_, f64>>) -> PyResult<Option<Arc<Vec<f64>>>> {
+    let Some(host) = host else { return Ok(None) };
+    if host.len() != shared.part.len() {
+        return Err(PyValueError::new_err("there must be one host time for each sample"));
+    }
+    Ok(Some(Arc::new(host.as_array().to_vec())))
+}
+
 type Batches = Box<dyn Iterator<Item = Result<RecordBatch, ArrowError>> + Send>;
 
-fn batches(shared: &Arc<Shared>, shape: &Shape) -> (SchemaRef, Batches) {
+fn batches(shared: &Arc<Shared>, shape: &Shape, host: Option<&Arc<Vec<f64>>>) -> (SchemaRef, Batches) {
     let (rows, series) = match shape {
-        Shape::Wide(columns) => (shared.part.len(), wide(shared, columns)),
+        Shape::Wide(columns) => (shared.part.len(), wide(shared, columns, host)),
         Shape::Rows(column) => {
             let rows = Rows::of(shared, *column);
-            (rows.len(), one(shared, *column, &rows))
+            (rows.len(), one(shared, *column, &rows, host))
         }
         Shape::Entries(column) => {
-            let (rows, series) = entries(shared, *column);
+            let (rows, series) = entries(shared, *column, host);
             (rows, series)
         }
     };
@@ -131,8 +151,33 @@ enum Source {
     Records { shared: Arc<Shared>, column: usize, entries: bool, at: usize, wire: Wire },
     /// The time stamps of the records.
     Utc { shared: Arc<Shared>, column: usize },
+    /// A time of each sample.
+    Time(Times),
+}
+
+/// The times of the samples, NaN where one has none.
+#[derive(Clone)]
+enum Times {
     /// Seconds on the device clock.
-    Time(Arc<Shared>),
+    Device(Arc<Shared>),
+    /// Seconds since 1970 on the host's clock.
+    Host(Arc<Vec<f64>>),
+}
+
+impl Times {
+    fn seconds(&self) -> &[f64] {
+        match self {
+            Self::Device(shared) => &shared.times().time,
+            Self::Host(times) => times,
+        }
+    }
+
+    fn lent(&self) -> PrimitiveArray<Float64Type> {
+        match self {
+            Self::Device(shared) => lend::<Float64Type, _>(shared, self.seconds()),
+            Self::Host(times) => lend::<Float64Type, _>(times, self.seconds()),
+        }
+    }
 }
 
 /// Which row of the source goes into which row of the table.
@@ -175,20 +220,29 @@ fn sample_field() -> Field {
     Field::new("sample", DataType::Int64, false)
 }
 
-fn time_field() -> Field {
-    Field::new("time", DataType::Float64, true).with_metadata(Metadata::from([("unit".to_owned(), "s".to_owned())]))
+/// Number of the sample, its time, and its host time where that is known.
+fn stamps(shared: &Arc<Shared>, samples: Vec<i64>, host: Option<&Arc<Vec<f64>>>, places: &Places) -> Vec<Series> {
+    let time = |name: &str, times: Times| Series {
+        field: Field::new(name, DataType::Float64, true)
+            .with_metadata(Metadata::from([("unit".to_owned(), "s".to_owned())])),
+        source: Source::Time(times),
+        places: places.clone(),
+    };
+    let mut series = vec![
+        Series { field: sample_field(), source: made::<Int64Type>(samples), places: Places::Same },
+        time("time", Times::Device(shared.clone())),
+    ];
+    series.extend(host.map(|it| time("host_time", Times::Host(it.clone()))));
+    series
 }
 
 /// One row for each sample.
 #[allow(clippy::cast_possible_wrap)]
-fn wide(shared: &Arc<Shared>, columns: &[usize]) -> Vec<Series> {
+fn wide(shared: &Arc<Shared>, columns: &[usize], host: Option<&Arc<Vec<f64>>>) -> Vec<Series> {
     let part = &shared.part;
     let first = part.first as i64;
     let samples: Vec<i64> = (first..first + part.len() as i64).collect();
-    let mut series = vec![
-        Series { field: sample_field(), source: made::<Int64Type>(samples), places: Places::Same },
-        Series { field: time_field(), source: Source::Time(shared.clone()), places: Places::Same },
-    ];
+    let mut series = stamps(shared, samples, host, &Places::Same);
     for &column in columns {
         let places =
             if part.is_dense(&part.columns[column]) { Places::Same } else { Places::At(Rows::of(shared, column).0) };
@@ -199,20 +253,17 @@ fn wide(shared: &Arc<Shared>, columns: &[usize]) -> Vec<Series> {
 
 /// One row for each row of a column.
 #[allow(clippy::cast_possible_wrap)]
-fn one(shared: &Arc<Shared>, column: usize, rows: &Rows) -> Vec<Series> {
+fn one(shared: &Arc<Shared>, column: usize, rows: &Rows, host: Option<&Arc<Vec<f64>>>) -> Vec<Series> {
     let first = shared.part.first as i64;
     let samples: Vec<i64> = rows.0.iter().map(|it| it + first).collect();
-    let mut series = vec![
-        Series { field: sample_field(), source: made::<Int64Type>(samples), places: Places::Same },
-        Series { field: time_field(), source: Source::Time(shared.clone()), places: Places::From(rows.0.clone()) },
-    ];
+    let mut series = stamps(shared, samples, host, &Places::From(rows.0.clone()));
     series.extend(of_column(shared, column, &Places::Same, &[column]));
     series
 }
 
 /// One row for each entry of a list.
 #[allow(clippy::cast_possible_wrap)]
-fn entries(shared: &Arc<Shared>, column: usize) -> (usize, Vec<Series>) {
+fn entries(shared: &Arc<Shared>, column: usize, host: Option<&Arc<Vec<f64>>>) -> (usize, Vec<Series>) {
     let source = &shared.part.columns[column];
     let (Some(Kind::List(head, entry)), Values::Records(heads)) = (kind(source), &source.values) else {
         return (0, vec![]);
@@ -223,10 +274,7 @@ fn entries(shared: &Arc<Shared>, column: usize) -> (usize, Vec<Series>) {
     let places: Vec<i64> = rows.iter().map(|&row| owner[usize::try_from(row).unwrap_or(0)]).collect();
     let first = shared.part.first as i64;
     let samples: Vec<i64> = places.iter().map(|it| it + first).collect();
-    let mut series = vec![
-        Series { field: sample_field(), source: made::<Int64Type>(samples), places: Places::Same },
-        Series { field: time_field(), source: Source::Time(shared.clone()), places: Places::From(Arc::new(places)) },
-    ];
+    let mut series = stamps(shared, samples, host, &Places::From(Arc::new(places)));
     let rows = Arc::new(rows);
     for (list, entries, places) in [(head, false, Places::From(rows.clone())), (entry, true, Places::Same)] {
         let mut at = 0;
@@ -374,9 +422,7 @@ impl Series {
             Source::Numbers { shared, column, .. } => {
                 matches!(self.places, Places::Same) && shared.part.columns[*column].width == 1
             }
-            Source::Time(shared) => {
-                matches!(self.places, Places::Same) && !shared.times().time.iter().any(|it| it.is_nan())
-            }
+            Source::Time(times) => matches!(self.places, Places::Same) && !times.seconds().iter().any(|it| it.is_nan()),
             Source::Records { .. } | Source::Utc { .. } => false,
         }
     }
@@ -385,10 +431,10 @@ impl Series {
     fn array(&self, from: usize, to: usize) -> ArrayRef {
         match &self.source {
             Source::Made(array) => array.slice(from, to - from),
-            Source::Time(shared) => {
-                let time = &shared.times().time;
+            Source::Time(times) => {
+                let time = times.seconds();
                 if self.is_lent() {
-                    return Arc::new(lend::<Float64Type, _>(shared, time).slice(from, to - from));
+                    return Arc::new(times.lent().slice(from, to - from));
                 }
                 let array = self.gather::<Float64Type>(from, to, |row| time[row]);
                 let valid: NullBuffer = array.values().iter().map(|it| !it.is_nan()).collect();
