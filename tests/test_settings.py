@@ -208,6 +208,46 @@ def test_storing_is_switched_on_before_anything_else_and_off_after_it() -> None:
     assert device.settings().location_id == 3
 
 
+# What the line carries
+
+
+FAST = Settings(output_configuration=(Output(0x4040, 2000),))
+STRINGS = StringOutput(StringType.PSONCMS | StringType.GPGGA)
+
+
+def test_outputs_are_checked_against_the_rate_that_the_ports_will_have() -> None:
+    device = connect(SimulatedDevice("MTi-630", baudrate=115_200))
+    with pytest.raises(ValueError, match=r"^output_configuration: .* 115,200 baud carry"):
+        device.apply(FAST)
+    ports = device.settings().port_config
+    assert ports is not None
+    faster = tuple(replace(it, baud_code=0x80) if it.protocol else it for it in ports)
+    applied = device.apply(replace(FAST, port_config=faster))
+    assert [it.name for it in applied.changes] == ["output_configuration", "port_config"]
+    device.reset()
+    slower = Settings(port_config=ports)
+    device = connect(device.link.device)  # type: ignore[attr-defined]
+    assert device.link.baudrate == 921_600
+    with pytest.raises(ValueError, match="115,200 baud carry"):
+        device.apply(slower)
+    assert device.apply(slower, check_baudrate=False).changes
+
+
+def test_strings_are_checked_and_not_the_outputs_that_they_overrule() -> None:
+    device = connect(SimulatedDevice("MTi-710", baudrate=115_200))
+    strings = Settings(string_output_type=STRINGS, period=1152, output_skip_factor=0)
+    with pytest.raises(ValueError, match=r"^string_output_type: .* 21,400 bytes a second"):
+        device.apply(strings)
+    assert device.apply(replace(strings, output_skip_factor=9)).changes
+    with pytest.raises(ValueError, match=r"^string_output_type: these strings"):
+        device.apply(Settings(output_skip_factor=0))
+    assert device.apply(Settings(output_skip_factor=0xFFFF)).changes
+    many = Settings(output_configuration=tuple(Output(it, 400) for it in (0x2013, 0x4023, 0x8023)))
+    assert device.apply(many).changes
+    with pytest.raises(ValueError, match=r"^output_configuration: these outputs make"):
+        device.apply(Settings(string_output_type=StringOutput(StringType(0))))
+
+
 # What cannot be applied
 
 

@@ -10,6 +10,7 @@ from xbus.device.checks import check
 from xbus.device.forms import ROTATIONS, ROWS
 from xbus.device.output import check_fits
 from xbus.device.settings import Change, Settings
+from xbus.device.strings import StringPlan, check_strings_fit, frequency_of
 from xbus.errors import ApplyError, DeviceError, XbusError
 from xbus.protocol import values as v
 from xbus.protocol.products import Support
@@ -21,6 +22,16 @@ __all__ = ["Applied", "Plan", "apply_settings", "compared", "plan", "read_settin
 
 #: What is applied last: what changes who answers, and at which rate.
 LAST = ("option_flags", "port_config")
+#: What decides how much is sent, and how fast.
+SENDING = (
+    "output_configuration",
+    "string_output_type",
+    "period",
+    "output_skip_factor",
+    "port_config",
+)
+
+Ports = tuple[v.PortConfig, ...] | None
 
 
 def read_settings(device: Device) -> Settings:
@@ -103,8 +114,14 @@ def plan(device: Device, settings: Settings, *, check_baudrate: bool = True) -> 
     changes, impossible = [], []
     for change in _in_order(_differences(before, settings, device.support)):
         try:
-            _check(device, change, settings, check_baudrate=check_baudrate)
+            _check(device, change, settings)
             changes.append(change)
+        except ValueError as error:
+            impossible.append(str(error))
+    if check_baudrate and not impossible and any(it.name in SENDING for it in changes):
+        try:
+            after = replace(before, **{it.name: it.after for it in changes})
+            _check_line(device, before, after, settings)
         except ValueError as error:
             impossible.append(str(error))
     return Plan(before, tuple(changes), tuple(impossible))
@@ -163,15 +180,14 @@ def _stores_again(change: Change) -> bool:
     return bool(int(change.before) & ~int(change.after) & flag)
 
 
-def _check(device: Device, change: Change, settings: Settings, *, check_baudrate: bool) -> None:
+def _check(device: Device, change: Change, settings: Settings) -> None:
     """Whether the product can do it.
 
     Raises:
         ValueError: It cannot; the message says in which line.
     """
     key, value, known = change.name, change.after, device.support
-    lines = settings.lines.get(key, ())
-    head = f"line {lines[0]}, {key}: " if lines else f"{key}: "
+    lines, head = settings.lines.get(key, ()), _head(settings, key)
     product = known.product.name if known else device.product_code or "device"
     if change.before is None:
         raise ValueError(f"{head}the {product} does not have it")
@@ -189,12 +205,51 @@ def _check(device: Device, change: Change, settings: Settings, *, check_baudrate
             for line, it in zip(lines[1:], sent, strict=False):
                 head = f"line {line}, {key}: "
                 check(name, (it,), known)
-            head = f"line {lines[0]}, {key}: " if lines else head
+            head = _head(settings, key)
         device.session.validate(name, sent)
-        if key == "output_configuration" and known and check_baudrate and device.link.is_line:
-            check_fits(sent, known, device.link.baudrate)
     except ValueError as error:
         raise ValueError(f"{head}{error}") from None
+
+
+def _head(settings: Settings, key: str) -> str:
+    """Where a sentence about a setting points."""
+    lines = settings.lines.get(key, ())
+    return f"line {lines[0]}, {key}: " if lines else f"{key}: "
+
+
+def _check_line(device: Device, before: Settings, after: Settings, settings: Settings) -> None:
+    """Whether the line carries what the device would send, at the rate that its port would have.
+
+    Raises:
+        ValueError: It does not.
+    """
+    known, strings = device.support, after.string_output_type
+    if known is None or not device.link.is_line:
+        return
+    baudrate = _baudrate(device.link.baudrate, before.port_config, after.port_config)
+    key = "output_configuration"
+    try:
+        if strings is not None and strings.types:  # which overrule the outputs
+            key = "string_output_type"
+            rate: float | None = strings.frequency
+            if after.period is not None and after.output_skip_factor is not None:
+                rate = frequency_of(after.period, after.output_skip_factor)
+            check_strings_fit(StringPlan(strings, frequency=rate), known, baudrate)
+        elif after.output_configuration is not None:
+            check_fits(after.output_configuration, known, baudrate)
+    except ValueError as error:
+        raise ValueError(f"{_head(settings, key)}{error}") from None
+
+
+def _baudrate(now: int, before: Ports, after: Ports) -> int:
+    """The rate of the port in use after the next reset: of those that speak Xbus at the present one."""
+    pairs = zip(before or (), after or (), strict=False)
+    rates = [new.baudrate for old, new in pairs if old.baudrate == now and _speak_xbus(old, new)]
+    return min((it for it in rates if it), default=now)
+
+
+def _speak_xbus(*ports: v.PortConfig) -> bool:
+    return all(it.protocol == v.PortProtocol.XBUS for it in ports)
 
 
 def _message(change: Change, known: Support | None) -> tuple[str, Any]:
