@@ -450,7 +450,7 @@ def test_info_and_dump_tell_of_strings() -> None:
     }
     lines = run("dump", "--no-hex", "mixed.mtb", "--string", "EM1000").stdout.splitlines()
     assert lines[1].split()[1:] == ["HEHDT", "$HEHDT,000.00,T*1F"]
-    assert lines[-2].split()[1] == "string"
+    assert lines[-2].split()[1] == "GPGSV"
     assert lines[-1].split()[1:3] == ["EM1000", "00"]
     told = json.loads(run("dump", "--json", "mixed.mtb").stdout.splitlines()[1])
     assert told == {

@@ -93,6 +93,7 @@ SAMPLE = xbus.encode_sample({"packet_counter": 7, "sample_time_fine": 100})
 def test_a_string_both_ways(name: str, wire: bytes, values: dict[str, Any]) -> None:
     string = parse_string(wire)
     assert string.type is StringType[name]
+    assert string.name == name
     assert string.values == values
     assert list(string.values) == list(string.units)
     assert encode_string(name, values) == wire
@@ -428,6 +429,7 @@ def test_a_string_that_the_manual_does_not_list() -> None:
     log = xbus.read_log(SAMPLE + wire + SAMPLE, strict=True)
     (string,) = log.strings
     assert (string.type, string.data, string.values, string.units) == (None, wire, {}, {})
+    assert (string.name, str(string)) == ("GPGSV", wire.decode().strip())
     assert string.valid is None
     assert log.strings.counts == {"": 1}
     assert "others: 1" in repr(log.strings)

@@ -63,6 +63,13 @@ class String:
     arrival: float | None = None
 
     @property
+    def name(self) -> str:
+        """The manual's name; of a sentence that it does not list what stands before the first comma."""
+        if self.type is not None:
+            return str(self.type.name)
+        return self.text[1:].partition("*")[0].partition(",")[0]
+
+    @property
     def text(self) -> str:
         """The string without the end of its line; a binary one in hex."""
         if self.type is StringType.EM1000:
@@ -122,6 +129,9 @@ class String:
             return self.data[start:]
         body = self.data.rstrip(b"\r\n")[start:]
         return body[:-3] if body[-3:-2] == b"*" else body
+
+    def __str__(self) -> str:
+        return self.text
 
     def __repr__(self) -> str:
         return f"<String {self.text}>"

@@ -102,11 +102,10 @@ def _damage(damage: Damage, *, as_json: bool) -> str:
 
 
 def _string(string: String, *, with_hex: bool, as_json: bool) -> str:
-    name = string.type.name if string.type is not None else None
     if as_json:
-        facts = {"offset": string.offset, "string": name, "text": string.text}
+        facts = {"offset": string.offset, "string": string.name, "text": string.text}
         return json.dumps(facts | ({"bytes": string.data.hex().upper()} if with_hex else {}))
-    line = f"{string.offset:>10}  {'':>12}  {name or 'string'}  {string.text}"
+    line = f"{string.offset:>10}  {'':>12}  {string.name}  {string.text}"
     return f"{line}  | {string.data.hex(' ').upper()}" if with_hex else line
 
 
