@@ -266,6 +266,7 @@ def test_summary_for_programs() -> None:
         "duration_s": log.duration,
         "bytes": 166910,
         "frames": 1018,
+        "strings": 0,
         "samples": 1016,
         "lost_samples": 23,
         "gaps": 12,

@@ -242,10 +242,15 @@ def test_strings_are_checked_and_not_the_outputs_that_they_overrule() -> None:
     with pytest.raises(ValueError, match=r"^string_output_type: these strings"):
         device.apply(Settings(output_skip_factor=0))
     assert device.apply(Settings(output_skip_factor=0xFFFF)).changes
+    off = StringOutput(StringType(0))
     many = Settings(output_configuration=tuple(Output(it, 400) for it in (0x2013, 0x4023, 0x8023)))
-    assert device.apply(many).changes
+    with pytest.raises(
+        ValueError, match=r"strings are on \(PSONCMS, GPGGA\), and overrule it; add string_out"
+    ):
+        device.apply(many)
+    assert device.apply(replace(many, string_output_type=STRINGS)).changes
     with pytest.raises(ValueError, match=r"^output_configuration: these outputs make"):
-        device.apply(Settings(string_output_type=StringOutput(StringType(0))))
+        device.apply(Settings(string_output_type=off))
 
 
 # What cannot be applied

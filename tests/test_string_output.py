@@ -14,7 +14,15 @@ import pytest
 import streams
 import xbus
 from test_cli import run
-from xbus import Device, SimulatedDevice, StateError, StringType, XbusTimeout, connect
+from xbus import (
+    Device,
+    DeviceError,
+    SimulatedDevice,
+    StateError,
+    StringType,
+    XbusTimeout,
+    connect,
+)
 from xbus.device import channel as channel_module
 from xbus.device.strings import frequency_of, period_and_skip_factor, plan_strings
 from xbus.protocol import State, StringOutput
@@ -128,6 +136,8 @@ def test_what_a_wish_takes(product: int, strings: Any, rate: Any, messages: Any)
          "the MTi-630 sends no strings on demand: a rate is needed, from 1 to 400 Hz"),
         ("MTi-630", ["HEHDT"], 0.5, "at whole numbers of Hz, from 1 to 400, not at 0.5 Hz"),
         ("MTi-630", ["HEHDT"], 401, "not at 401 Hz"),
+        ("MTi-630", ["HEHDT"], float("inf"), "not at inf Hz"),
+        ("MTi-630", ["HEHDT"], float("nan"), "not at nan Hz"),
         ("MTi-300", ["PSONCMS"], 200, "these strings make about 26,400 bytes a second, and 115,200 baud carry"
          " 11,520; 460,800 baud would do"),
     ],
@@ -336,9 +346,13 @@ def test_em1000_is_told_by_the_device_or_the_caller() -> None:
     unaware = connect(virtual)
     with pytest.raises(XbusTimeout, match=r"no string from sim:MTi-300 within 0\.5 s"):
         unaware.read_string(0.5)
+    assert unaware.stats.skipped_bytes > 400  # also while nothing follows
     with unaware.configure() as cfg:
         cfg.req_string_output_type()
     assert unaware.read_string().type is StringType.EM1000
+    with unaware.configure() as cfg:
+        cfg.set_strings([])
+    assert not unaware.session.receive(EM1000 * 2 + xbus.encode_frame(0x3E))[0:-1]
 
 
 def test_who_waits_for_the_other_kind_is_told() -> None:
@@ -458,6 +472,8 @@ def test_info_and_dump_tell_of_strings() -> None:
         "bytes": b"$HEHDT,000.00,T*1F\r\n".hex().upper(),
     }  # fmt: skip
     assert "HEHDT" not in run("dump", "--mid", "MTData2", "mixed.mtb").stdout
+    failed = run("info", "--string", "HEHDT", "mixed.mtb")
+    assert (failed.exit_code, "HEHDT is found in any case" in failed.stderr) == (2, True)
     failed = run("info", "--string", "NMEA", "mixed.mtb")
     assert failed.exit_code == 2
     assert "no string is called 'NMEA'; there are HCHDM, " in failed.stderr
@@ -477,8 +493,22 @@ def test_decode_writes_a_type_of_string(folder: Path, suffix: str) -> None:
         heading = table["heading"].to_numpy()
     assert heading.tolist() == [i / 100 for i in range(200)]
     missing = run("decode", "mixed.mtb", "--quantity", "GPGGA", "-o", f"none{suffix}")
-    if suffix != ".npz":
-        assert (missing.exit_code, "no GPGGA in mixed.mtb" in missing.stderr) == (1, True)
+    assert (missing.exit_code, "no GPGGA in mixed.mtb" in missing.stderr) == (1, True)
+    told = json.loads(run("decode", "mixed.mtb", "--quantity", "HEHDT", "-o", out, "--json").stdout)
+    assert (told["rows"], told["columns"], told["strings"]) == (200, 5, 201)
+
+
+@pytest.mark.usefixtures("folder")
+def test_npz_has_what_was_asked_for() -> None:
+    for key, names in (
+        ("HEHDT", {"HEHDT"}),
+        ("packet_counter", {"time", "packet_counter.unwrapped", "packet_counter", "packet_counter.sample",
+                            "packet_counter.time"}),
+    ):  # fmt: skip
+        assert run("decode", "mixed.mtb", "--quantity", key, "-o", "x.npz").exit_code == 0
+        assert set(np.load("x.npz")) == names
+    assert run("decode", "mixed.mtb", "-o", "x.npz").exit_code == 0
+    assert "HEHDT" in np.load("x.npz")
 
 
 @pytest.mark.usefixtures("folder")
@@ -488,6 +518,9 @@ def test_a_log_of_nothing_but_strings() -> None:
     assert run("dump", "nmea.txt").stdout.count("HEHDT") == 6
     assert run("decode", "nmea.txt", "--quantity", "HEHDT", "-o", "x.npz").exit_code == 0
     assert np.load("x.npz")["HEHDT"]["heading"].tolist() == [123.45] * 3
+    result = run("decode", "nmea.txt", "-o", "x.parquet")
+    assert result.exit_code == 1
+    assert "nmea.txt holds no sample but strings: HEHDT; name one with --quantity" in result.stderr
     pytest.importorskip("plotly")
     assert run("report", "nmea.txt", "-o", "x.html").exit_code == 0
     page = Path("x.html").read_text("utf-8")
@@ -520,6 +553,45 @@ def test_rotated_files_end_with_whole_strings(tmp_path: Path, strings: list[str]
         len(logs) if strings == ["EM1000"] else 0
     )
     assert device.stats.skipped_bytes == 0
+
+
+def test_each_file_says_which_strings_are_on(tmp_path: Path) -> None:
+    """Also those that were switched on while the recording went on."""
+    device = sending("MTi-300", ["HEHDT"], 100)
+    with device.record(tmp_path / "log.mtb", rotate_bytes=4000) as recording:
+        for _ in range(150):
+            device.read_string()
+        with device.configure():
+            device.set_strings(["EM1000"], 100)
+        for _ in range(1500):
+            device.read_string()
+        with device.configure():
+            device.set_strings(["HEHDT"], 100)
+        for _ in range(500):
+            device.read_string()
+    logs = [xbus.read_log(it) for it in recording.files]
+    assert [it.stats.skipped_bytes for it in logs] == [0] * len(logs)
+    assert [sum(it.strings.counts.get(name, 0) for it in logs) >= least for name, least in (
+        ("EM1000", 1500), ("HEHDT", 600))] == [True, True]  # fmt: skip
+
+
+def test_firmware_that_does_not_know_strings_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device = connect("sim:MTi-300")
+    command = device._channel.command
+
+    def old(name: str, value: Any) -> Any:
+        if name == "ReqStringOutputType":
+            raise DeviceError("the device answered with Error 4", 4, name)
+        return command(name, value)
+
+    monkeypatch.setattr(device._channel, "command", old)
+    with device.record(tmp_path / "log.mtb"):
+        device.read_sample()
+    with device.configure({"acceleration": 100}):
+        pass
+    assert "acceleration" in device.read_sample()
 
 
 def test_the_command_records_strings(

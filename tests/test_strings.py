@@ -199,6 +199,11 @@ def wrong(body: str) -> bytes:
         (wrong("GPGGA,091507,,,,,-1,09,1.1,45.2,M,42.8,M,,"), "GPGGA, quality: '-1' is no count"),
         (wrong("GPZDA,091507.00,13,Jul,2025,00,00"), "GPZDA, date: '13,Jul,2025' is no date"),
         (b"$PRDID,1,2\r\n", "PRDID: it ends in front of heading"),
+        (b":12345X 0000H 0123X-0456F", "TSS2: its characters are not those of :DDDDD SMHHHHQMRRRRSMPPPPE"),
+        (b":+1.34  0000H 0123 -0456F", "TSS2: its characters are not those of"),
+        (bytes.fromhex("00 90 20 4E 00 00 00 00 00 00"), "EM1000: roll goes to 180, pitch to 90"),
+        (wrong("GPZDA,091507.00,12,1,2025,00,00"), "GPZDA, date: '12,1,2025' is no date"),
+        (wrong("GPRMC,091507,A,,,,,,,13072025,,,"), "GPRMC, date: '13072025' is no date"),
     ],
 )  # fmt: skip
 def test_a_bad_string_is_one_sentence(data: bytes, problem: str) -> None:
@@ -216,6 +221,10 @@ def test_a_bad_string_is_one_sentence(data: bytes, problem: str) -> None:
         ("HCHDM", {"heading": "north"}, "HCHDM, heading: it cannot be 'north'"),
         ("HCHDM", {"course": 1.0}, "HCHDM has no course; it has heading"),
         ("EM1000", {"roll": 400.0}, "EM1000 cannot say that"),
+        ("EM1000", {"roll": 181.0}, "EM1000 cannot say that: roll goes to 180, pitch to 90"),
+        ("TSS2", {"heading": -12.5}, "TSS2 cannot say that: its characters are not those of"),
+        ("TSS2", {"heading": 1234.5}, "TSS2 cannot say that: its characters are not those of"),
+        ("PRDID", {"heading": math.inf}, "PRDID, heading: it cannot be inf"),
         ("TSS2", {"roll": math.inf}, "TSS2, roll: it cannot be inf"),
         ("GPGGA", {"lat": 91.0}, "GPGGA, lat: it cannot be 91.0"),
         ("GPGGA", {"time": 12.5}, "GPGGA, time: it cannot be 12.5"),
@@ -228,6 +237,24 @@ def test_what_cannot_be_written(name: str, values: dict[str, Any], problem: str)
     with pytest.raises(ValueError, match=r"^[^\n]*$") as caught:
         encode_string(name, values)
     assert problem in str(caught.value)
+
+
+def test_names_that_name_no_string() -> None:
+    for wrong_name in (1, None, b"HEHDT"):
+        with pytest.raises(TypeError, match="a string is named by a StringType or a name"):
+            encode_string(wrong_name)  # type: ignore[arg-type]
+    for many in (StringType.HEHDT | StringType.HEROT, StringType(0)):
+        with pytest.raises(ValueError, match="one string is to be named, not"):
+            encode_string(many)
+    with pytest.raises(ValueError, match="0x8100 has bits that are no strings"):
+        xbus.read_log(b"", strings=StringType.HEHDT | 0x8000)
+    assert encode_string("HEHDT", {"heading": np.float32("nan")}) == encode_string("HEHDT")
+
+
+def test_texts_are_kept_whole_in_tables() -> None:
+    wires = [encode_string("GPGGA", {"dgps_station": it}) for it in ("0120", "12345678", "")]
+    table = xbus.read_log(b"".join(wires)).strings.table("GPGGA")
+    assert table["dgps_station"].tolist() == ["0120", "12345678", ""]
 
 
 @pytest.mark.parametrize("kind", list(StringType))
@@ -371,14 +398,17 @@ def test_every_byte_is_frame_string_or_damage(stream: bytes, seed: int) -> None:
     stream += streams.random_string(random.Random(seed))
     log = xbus.read_log(stream)
     scanner = Scanner(65535)
-    strings = sum(len(it.data) for it in log.strings)
-    frames = sum(
-        len(xbus.encode_frame(it.mid, it.payload))
-        for it in scanner.feed(stream) + scanner.close()
-        if isinstance(it, xbus.Message)
-    )
-    # An extended frame that need not be one is two bytes longer than it is when it is written again.
-    assert (len(stream) - strings - frames - log.stats.skipped_bytes) % 2 == 0
+    end = 0
+    for it in scanner.feed(stream) + scanner.close():
+        assert it.offset == end
+        if isinstance(it, xbus.Message):
+            # Preamble, BID, MID, length and checksum; in extended form the length has two bytes more.
+            end += len(it.payload) + (7 if stream[it.offset + 3] == 0xFF else 5)
+        else:
+            end += len(it.data) if isinstance(it, String) else it.length
+    assert end == len(stream)
+    found = [it for it in Scanner(65535).feed(stream) if isinstance(it, String)]
+    assert [it.sample for it in log.strings][: len(found)] == [it.sample for it in found]
 
 
 @given(st.sampled_from(WIRES[:-1]), st.lists(edits(), min_size=1, max_size=2))
@@ -539,7 +569,10 @@ def test_strings_as_arrow(mixed: bytes) -> None:
     assert table.num_rows == 40
     assert table.schema.field("lat").metadata == {b"unit": b"deg"}
     assert table["dgps_station"].null_count == table["dgps_age"].null_count == 40
-    assert table["time"][0].as_py() == datetime.timedelta(hours=9, minutes=15, seconds=7)
+    assert table["time"].type == pa.time64("us")
+    assert table["time"][0].as_py() == datetime.time(9, 15, 7)
+    empty = xbus.read_log(encode_string("GPGGA")).strings.to_arrow("GPGGA")
+    assert empty["time"].null_count == empty["lat"].null_count == 1
     assert table["host_time"].type == pa.float64()
 
 

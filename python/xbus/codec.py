@@ -23,6 +23,7 @@ __all__ = [
     "encode_frame",
     "encode_packet",
     "encode_sample",
+    "is_malformed",
 ]
 
 #: The longest payload that a live device is believed to send: the vendor's limit of 8192 bytes a frame.
@@ -93,8 +94,16 @@ class Scanner:
             offset, bid, mid, payload = thing
             name = _core.message_name(mid, len(payload)) or f"0x{mid:02X}"
             found.append(Message(mid, name, bid, payload, offset, self._samples))
-            self._samples += mid == MessageId.MTData2
+            self._samples += mid == MessageId.MTData2 and not is_malformed(payload)
         return sorted(found, key=lambda it: it.offset)
+
+
+def is_malformed(payload: bytes) -> bool:
+    """Whether the packets of an MTData2 payload do not fill it."""
+    at = 0
+    while at + 3 <= len(payload):
+        at += 3 + payload[at + 2]
+    return at != len(payload) or not payload
 
 
 def encode_frame(mid: int, payload: bytes = b"", *, bid: int = 0xFF) -> bytes:

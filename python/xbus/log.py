@@ -286,7 +286,7 @@ class Log:
         identity: Identity | None = None,
         hosts: HostTimes | None = None,
     ) -> None:
-        self._core = core
+        self._core, self._wanted = core, wanted
         self._earlier = identity or Identity()
         self._hosts = hosts or HostTimes(core)
         #: Index of the first sample, counted from the beginning of the log; 0 but for parts.
@@ -550,7 +550,8 @@ class Log:
 
         Beside each ``name`` (``name_ned`` where coordinates are mixed) stand ``name.sample`` and
         ``name.time``; beside them all ``time``, ``packet_counter.unwrapped`` and, where arrivals are known,
-        ``host_time``, one for each sample. Each type of string has its `Strings.table` under its name.
+        ``host_time``, one for each sample. Each type of string has its `Strings.table` under its
+        name, unless only some quantities were asked for.
 
         Raises:
             OSError: The file cannot be written.
@@ -572,7 +573,8 @@ class Log:
                     f"{stem}.satellites": column.satellites,
                     f"{stem}.offsets": column.offsets,
                 }
-        arrays |= {it: self.strings.table(it) for it in self.strings.counts if it}
+        if self._wanted is None:
+            arrays |= {it: self.strings.table(it) for it in self.strings.counts if it}
         export.npz(arrays, path)
 
     # Print

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import math
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 import numpy.typing as npt
 
+from xbus import _core
 from xbus.errors import DecodeError
 from xbus.extras import require
 from xbus.protocol.strings import LAYOUTS, STARTS, StringField, join, split
@@ -21,7 +21,6 @@ from xbus.protocol.values import StringType
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from xbus import _core
     from xbus.arrivals import Arrivals
 
 __all__ = [
@@ -164,7 +163,28 @@ def parse_string(data: bytes | str) -> String:
         _ = string.values
     except ValueError as error:
         raise DecodeError(str(error), 0) from None
+    if not _is_found(string):
+        raise DecodeError(f"{string.name}: {_SHAPES[string.name]}", 0)
     return string
+
+
+#: What is wrong with a string whose fields can be read, and that is none all the same.
+_SHAPES = {
+    "TSS2": "its characters are not those of :DDDDD SMHHHHQMRRRRSMPPPPE",
+    "PRDID": "it has three numbers and nothing else",
+    "EM1000": "roll goes to 180, pitch to 90 and heading to 360 degrees",
+}
+
+
+def _is_found(string: String) -> bool:
+    """Whether the scanner finds a string that has no checksum, only characters in their places."""
+    if string.name not in _SHAPES:
+        return True
+    data = string.data.rstrip(b"\r\n") + b"\r\n"
+    if string.type is StringType.EM1000:
+        data = string.data
+    found, _ = _core.Scanner(0, int(StringType.EM1000)).feed(data, last=True)
+    return [it[-1] for it in found] == [data]
 
 
 def _type(data: bytes) -> StringType | None:
@@ -229,7 +249,7 @@ def encode_string(kind: StringType | str, values: Mapping[str, Any] | None = Non
     >>> encode_string("HEHDT", {"heading": 123.45})
     b'$HEHDT,123.45,T*1E\r\n'
     """
-    (kind,) = string_types([kind])
+    kind = _one(kind)
     layout, values = LAYOUTS[kind], values or {}
     names = [it.name for it in layout.fields if it.name]
     if unknown := set(values) - set(names):
@@ -239,7 +259,7 @@ def encode_string(kind: StringType | str, values: Mapping[str, Any] | None = Non
     parts: list[str] = []
     for field in layout.fields:
         value = values.get(field.name)
-        if isinstance(value, float) and math.isnan(value):
+        if value != value:
             value = None
         try:
             written = list(field.form.write(value))
@@ -253,6 +273,8 @@ def encode_string(kind: StringType | str, values: Mapping[str, Any] | None = Non
         body = STARTS[kind] + join(kind, parts)
     except (struct.error, UnicodeEncodeError) as error:
         raise ValueError(f"{kind.name} cannot say that: {error}") from None
+    if not _is_found(String(kind, body)):
+        raise ValueError(f"{kind.name} cannot say that: {_SHAPES[str(kind.name)]}")
     if kind is StringType.EM1000:
         return body
     if kind not in (StringType.TSS2, StringType.PRDID):
@@ -267,20 +289,33 @@ def string_types(kinds: Iterable[StringType | str] | StringType) -> list[StringT
 
     Raises:
         ValueError: No string is called like that.
-        TypeError: One name, where names are expected.
+        TypeError: One name where names are expected, or what is neither name nor flag.
     """
     if isinstance(kinds, str):
         raise TypeError(f"strings must be a list of names, such as [{kinds!r}]")
     if isinstance(kinds, StringType):
+        if int(kinds) & ~sum(StringType):
+            raise ValueError(f"0x{int(kinds):X} has bits that are no strings")
         return [it for it in StringType if it in kinds]
-    types = []
-    for it in kinds:
-        if isinstance(it, str) and it not in StringType.__members__:
-            raise ValueError(
-                f"no string is called {it!r}; there are {', '.join(StringType.__members__)}"
-            )
-        types += string_types(it if isinstance(it, StringType) else StringType[it])
-    return types
+    return [one for it in kinds for one in string_types(_flags(it))]
+
+
+def _flags(kind: StringType | str) -> StringType:
+    if isinstance(kind, StringType):
+        return kind
+    if not isinstance(kind, str):
+        raise TypeError(f"a string is named by a StringType or a name, not by {kind!r}")
+    if kind not in StringType.__members__:
+        names = ", ".join(StringType.__members__)
+        raise ValueError(f"no string is called {kind!r}; there are {names}")
+    return StringType[kind]
+
+
+def _one(kind: StringType | str) -> StringType:
+    kinds = string_types([kind])
+    if len(kinds) != 1:
+        raise ValueError(f"one string is to be named, not {len(kinds)}")
+    return kinds[0]
 
 
 def mask_of(kinds: Iterable[StringType | str]) -> int:
@@ -372,21 +407,29 @@ class Strings(Sequence[String]):
         >>> log.strings.table("HEHDT")["heading"]
         array([12.5, 12.5, 12.5])
         """
-        (one,) = string_types([kind])
+        one = _one(kind)
         fields = [it for it in LAYOUTS[one].fields if it.name]
         indices = self._indices([one])
-        dtype = [("index", "i8"), ("sample", "i8"), ("host_time", "f8")]
-        table = np.zeros(len(indices), [*dtype, *((it.name, it.form.dtype) for it in fields)])
-        table["index"], table["sample"] = indices, self.sample[indices]
-        table["host_time"] = self.host_time[indices]
         rows: list[dict[str, Any]] = []
         for index in indices.tolist():
             try:
                 rows.append(self[index].values)
             except ValueError:
                 rows.append({})
-        for it in fields:
-            table[it.name] = [_cell(row.get(it.name), it.form.dtype) for row in rows]
+        columns = {
+            it.name: np.array(
+                [_cell(row.get(it.name), it.form.dtype) for row in rows], it.form.dtype
+            )
+            for it in fields
+        }
+        dtype = [("index", "i8"), ("sample", "i8"), ("host_time", "f8")]
+        table = np.zeros(
+            len(indices), [*dtype, *((it, made.dtype) for it, made in columns.items())]
+        )
+        table["index"], table["sample"] = indices, self.sample[indices]
+        table["host_time"] = self.host_time[indices]
+        for name, made in columns.items():
+            table[name] = made
         table.flags.writeable = False
         return table
 
@@ -399,13 +442,18 @@ class Strings(Sequence[String]):
         """
         arrow = require("pyarrow", "arrow", "to make Arrow tables")
         table = self.table(kind)
-        units = {it.name: it.unit for it in LAYOUTS[string_types([kind])[0]].fields}
+        units = {it.name: it.unit for it in LAYOUTS[_one(kind)].fields}
         columns, fields = [], []
         for name in table.dtype.names or ():
             # Empty texts, too, stand for what is not available.
-            is_text = table.dtype[name].kind == "U"
-            values = [it or None for it in table[name].tolist()] if is_text else table[name]
-            column = arrow.array(values, arrow.string() if is_text else None, from_pandas=True)
+            values: Any = table[name]
+            kind_of = {"U": arrow.string(), "m": arrow.time64("us")}.get(values.dtype.kind)
+            if values.dtype.kind == "U":
+                values = [it or None for it in values.tolist()]
+            elif values.dtype.kind == "m":
+                # A time of day, which Arrow does not take for a duration.
+                values = np.ma.masked_array(values.astype(np.int64), np.isnat(values))
+            column = arrow.array(values, kind_of, from_pandas=True)
             unit = {"unit": units[name]} if units.get(name) else None
             fields.append(arrow.field(name, column.type, metadata=unit))
             columns.append(column)

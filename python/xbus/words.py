@@ -24,7 +24,6 @@ __all__ = [
     "Packet",
     "device_name",
     "finite",
-    "is_malformed",
     "message_facts",
     "notice",
     "packet_facts",
@@ -195,14 +194,6 @@ def printable(data: bytes) -> str:
     """Text of a device, with nothing that a terminal would obey."""
     text = data.decode("ascii", "backslashreplace").strip("\0 \r\n")
     return "".join(it if it.isprintable() else f"\\x{ord(it):02x}" for it in text)
-
-
-def is_malformed(payload: bytes) -> bool:
-    """Whether the packets of an MTData2 payload do not fill it."""
-    at = 0
-    while at + 3 <= len(payload):
-        at += 3 + payload[at + 2]
-    return at != len(payload) or not payload
 
 
 # Packets

@@ -160,6 +160,12 @@ impl Scanner {
         self.at
     }
 
+    /// Bytes that have been refused since the last frame or string, and are not reported yet.
+    #[must_use]
+    pub fn refused(&self) -> u64 {
+        self.damage.map_or(0, |(offset, _)| self.at - offset)
+    }
+
     /// The next frame, if the window is enough to find it.
     pub fn step(&mut self, window: Window<'_>) -> Step {
         self.step_with(window, |at| at)

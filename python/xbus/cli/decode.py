@@ -119,7 +119,7 @@ def decode(
         require("pyarrow", "arrow", f"to write {_suffix(out)} files")
     with Progress(task(files[0]), shown=not quiet) as progress:
         log = _read(files, key, strings=strings, strict=strict, progress=progress)
-        table = log if key is None else _one(log, key, ", ".join(map(label, files)))
+        table = _table(log, key, ", ".join(map(label, files)), is_npz=_suffix(out) == ".npz")
         progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119
         rows, columns = _write(log, table, key, out)
     if as_json:
@@ -161,6 +161,13 @@ def _read(
 def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
     """Writes OUT; its rows and columns, of an npz samples and quantities."""
     writer = WRITERS[_suffix(out)]
+    if writer is None and isinstance(key, str) and _is_string(key):
+        from xbus import export
+
+        strings = log.strings.table(key)
+        with writing(out):
+            export.npz({key: strings}, out)
+        return len(strings), len(strings.dtype.names or ())
     if writer is None:
         with writing(out):
             log.to_npz(out)
@@ -177,13 +184,18 @@ def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
     return rows, columns
 
 
-def _one(log: Log, key: Key, names: str) -> Any:
-    """The column of one quantity, or the table of one type of string."""
+def _table(log: Log, key: Key | None, names: str, *, is_npz: bool) -> Any:
+    """What is written: the log, the column of a quantity, or the table of a type of string."""
+    if key is None:
+        if not len(log) and not is_npz and log.strings.counts:
+            found = ", ".join(it or "others" for it in log.strings.counts)
+            raise Failure(f"{names} holds no sample but strings: {found}; name one with --quantity")
+        return log
     name = key if isinstance(key, str) else key[0]
     if _is_string(key):
         if name not in log.strings.counts:
             raise Failure(f"no {name} in {names}; xbus info lists what is there")
-        return log.strings.to_arrow(name)
+        return None if is_npz else log.strings.to_arrow(name)
     systems = [it for it in log if isinstance(it, tuple) and it[0] == name]
     if systems and isinstance(key, str):
         choices = " or ".join(map(":".join, systems))
@@ -215,6 +227,7 @@ def _facts(
         "bytes": stats.bytes,
         "frames": stats.frames,
         "samples": stats.samples,
+        "strings": stats.strings,
         "lost_samples": stats.lost_samples,
         "gaps": stats.gaps,
         "skipped_bytes": stats.skipped_bytes,

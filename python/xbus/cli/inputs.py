@@ -48,6 +48,8 @@ def _strings(
         if it not in StringType.__members__:
             names = ", ".join(StringType.__members__)
             raise click.BadParameter(f"no string is called {it!r}; there are {names}")
+        if it != StringType.EM1000.name:
+            raise click.BadParameter(f"{it} is found in any case; --string is for EM1000")
     return values
 
 

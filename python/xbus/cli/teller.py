@@ -7,13 +7,12 @@ from collections.abc import Iterable
 from typing import Any
 
 from xbus import _core
-from xbus.codec import Damage, Scanner
+from xbus.codec import Damage, Scanner, is_malformed
 from xbus.ids import MessageId
 from xbus.log import Message
 from xbus.source import LONGEST
 from xbus.strings import String
 from xbus.words import (
-    is_malformed,
     message_facts,
     packet_facts,
     packet_text,

@@ -118,9 +118,17 @@ def plan(device: Device, settings: Settings, *, check_baudrate: bool = True) -> 
             changes.append(change)
         except ValueError as error:
             impossible.append(str(error))
+    after = replace(before, **{it.name: it.after for it in changes})
+    strings = after.string_output_type
+    is_silent = settings.output_configuration is not None and settings.string_output_type is None
+    if is_silent and strings is not None and strings.types:
+        on = ", ".join(str(it.name) for it in strings.types)
+        impossible.append(
+            f"{_head(settings, 'output_configuration')}strings are on ({on}), and overrule it; add"
+            " string_output_type = { types = [] }"
+        )
     if check_baudrate and not impossible and any(it.name in SENDING for it in changes):
         try:
-            after = replace(before, **{it.name: it.after for it in changes})
             _check_line(device, before, after, settings)
         except ValueError as error:
             impossible.append(str(error))

@@ -73,13 +73,15 @@ class Blocks:
         else:
             channel.wait_for_samples(self._samples or 1, self._timeout)
         waiting, strings = channel.samples, channel.strings
+        known = len(strings)  # what comes from here on belongs into the next block
         count = len(waiting) if self._samples is None else self._samples
         taken: list[Sample | String] = [waiting.popleft() for _ in range(count)]
         # Strings that came before the last of these, or else before the next sample that is not taken.
         bounded = taken if self._samples is not None else [*waiting][:1]
         until = bounded[-1].offset if bounded else math.inf
-        while strings and strings[0].offset < until:
+        while known and strings[0].offset < until:
             taken.append(strings.popleft())
+            known -= 1
         taken.sort(key=lambda it: it.offset)
         ends = self._feed([it.frame if isinstance(it, Sample) else it.data for it in taken])
         epoch = channel.link.epoch

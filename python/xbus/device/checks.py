@@ -212,6 +212,11 @@ def _check_strings(strings: StringOutput, support: Support) -> None:
             else "takes the rate by SetPeriod and SetOutputSkipFactor"
         )
         raise ValueError(f"the {product.name} {how}")
+    most = support.rates["acceleration"]
+    if has_rate and strings.types and not 1 <= (strings.frequency or 0) <= most:
+        raise ValueError(
+            f"the {product.name} sends strings at 1 to {most} Hz, not at {strings.frequency} Hz"
+        )
 
 
 def _check_profile(number: int, support: Support) -> None:

@@ -32,6 +32,7 @@ from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
 from xbus.ids import MessageId
 from xbus.protocol.products import Support, product_of_code, support
 from xbus.protocol.values import (
+    ErrorCode,
     HardwareVersion,
     Output,
     PortConfig,
@@ -293,7 +294,7 @@ class Device(Commands):
             self.session.validate("SetOutputConfiguration", lines)
             if check_baudrate and self.link.is_line:
                 check_fits(lines, known, self.link.baudrate)
-            if known.string_types and self.req_string_output_type().types:
+            if known.string_types and self._strings_on():
                 self.set_strings(())
         self.outputs = tuple(self._ask("SetOutputConfiguration", lines))
         return self.outputs
@@ -306,10 +307,19 @@ class Device(Commands):
             frequency: Hz, on the 600-series; the others take it from period and skip factor.
         """
         payload = super().set_string_output_type(types, frequency)
-        if types & BARE:
-            # What the answer says tells them from noise, here and in a recording.
+        # What the answer says tells those from noise that only their length tells, here and in a recording.
+        with contextlib.suppress(DeviceError):
             self.req_string_output_type()
         return payload
+
+    def _strings_on(self) -> StringType:
+        """The strings that are on; firmware that does not know the question has none."""
+        try:
+            return self.req_string_output_type().types
+        except DeviceError as error:
+            if error.code != ErrorCode.MESSAGE:
+                raise
+            return StringType(0)
 
     def set_strings(
         self,
@@ -650,12 +660,11 @@ class Device(Commands):
         """
         with self.configure():
             head = configuration_frame(self.command("ReqConfiguration").payload)
-            if self.session.support is not None and self.session.support.string_types:
-                # It tells binary strings from noise, whoever reads the file.
+            # Not every device gives them, and files are readable without.
+            with contextlib.suppress(DeviceError, StateError, XbusTimeout):
                 strings = self.command("ReqStringOutputType")
-                if strings.value.types & BARE:
+                if strings.value.types & BARE:  # it tells them from noise, whoever reads the file
                     head += encode_frame(MessageId.ReqStringOutputTypeAck, strings.payload)
-            # Not every device gives it, and files are readable without.
             with contextlib.suppress(DeviceError, StateError, XbusTimeout):
                 head += encode_frame(MessageId.EmtsData, self.req_emts())
             self.link.acquisition.record(

@@ -116,7 +116,7 @@ def plan_strings(
             raise ValueError(
                 f"the {name} sends no strings on demand: a rate is needed, from 1 to {most} Hz"
             )
-        if frequency != int(frequency) or not 1 <= frequency <= most:
+        if frequency not in range(1, most + 1):
             raise ValueError(
                 f"the {name} sends strings at whole numbers of Hz, from 1 to {most}, not at {frequency:g} Hz"
             )

@@ -182,7 +182,7 @@ def _text(default: str = "") -> Form:
             raise ValueError("a field is of printable characters without comma, $ and *")
         return [value or default]
 
-    return Form(1, lambda parts: parts[0] or None, write, "U4")
+    return Form(1, lambda parts: parts[0] or None, write, "U")
 
 
 def _time(decimals: int) -> Form:
@@ -210,13 +210,14 @@ def _time(decimals: int) -> Form:
 
 
 def _date(year: Callable[[str], int], write: Callable[[datetime.date], Sequence[str]]) -> Form:
-    parts = len(write(datetime.date(2000, 1, 1)))
+    lengths = [len(it) for it in write(datetime.date(2000, 1, 1))]
+    parts = len(lengths)
 
     def read(texts: Sequence[str]) -> datetime.date | None:
         text = "".join(texts)
         if not text:
             return None
-        if not text.isdecimal():
+        if not text.isdecimal() or [len(it) for it in texts] != lengths:
             raise ValueError(f"{','.join(texts)!r} is no date")
         try:
             return datetime.date(year(text[4:]), int(text[2:4]), int(text[:2]))

@@ -157,6 +157,8 @@ def _set_strings(unit: Unit, strings: StringOutput) -> bytes:
     if unit.product.series == "600-series":
         # Also two bytes are taken: the manual's way to switch strings off names no product.
         strings = StringOutput(strings.types, strings.frequency or 0)
+        fastest = unit.support.rates["acceleration"]
+        _require(not strings.types or 1 <= (strings.frequency or 0) <= fastest)
     _require(unit.product.series == "600-series" or strings.frequency is None)
     unit.memory.change(strings=strings)
     return b""

@@ -113,9 +113,9 @@ class Measurement:
 
     def _make_strings(self, now: float) -> StringStream:
         settings, unit = self._unit.settings, self._unit
+        rate: Fraction | None
         if settings.strings.frequency is not None:
-            # What a device does at 0 Hz is not published: here nothing comes unasked.
-            rate = Fraction(settings.strings.frequency) or None
+            rate = Fraction(settings.strings.frequency)
         elif settings.skip_factor == ON_DEMAND:
             rate = None
         else:

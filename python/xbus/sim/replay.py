@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from xbus.ids import MessageId
 from xbus.log import read_log
+from xbus.protocol.values import StringType
 from xbus.sim.earth import FloatArray
 from xbus.sim.sensors import IntArray
 from xbus.tables import MESSAGES
@@ -41,6 +43,7 @@ class Replay:
 
     Args:
         source: Path of the recording, or its bytes.
+        strings: As in `xbus.read_log`.
 
     Attributes:
         identity: What the recording says about its device: `device_id`, `product_code`, `firmware`.
@@ -54,9 +57,14 @@ class Replay:
     ('MTi-680G-8A1G6', 9.99)
     """
 
-    def __init__(self, source: str | os.PathLike[str] | bytes) -> None:
+    def __init__(
+        self,
+        source: str | os.PathLike[str] | bytes,
+        *,
+        strings: Iterable[StringType | str] = (),
+    ) -> None:
         self._data = source if isinstance(source, bytes) else Path(source).read_bytes()
-        log = read_log(self._data, quantities=GNSS)
+        log = read_log(self._data, quantities=GNSS, strings=strings)
         is_stamped = np.isfinite(log.time)
         for key in log:
             is_stamped[log[key].sample] = False

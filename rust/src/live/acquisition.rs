@@ -206,7 +206,7 @@ impl Acquisition {
         }
         let state = lock(&self.shared.state);
         Stats {
-            counts: state.tally.counts().clone(),
+            counts: Counts { skipped_bytes: state.tally.skipped_bytes(), ..state.tally.counts().clone() },
             queued: state.bytes.len(),
             most_queued: state.most_queued,
             dropped: state.dropped,

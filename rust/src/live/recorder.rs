@@ -38,8 +38,10 @@ use std::time::Duration;
 
 use super::time::monotonic;
 use super::{Piece, lock, most_pieces};
+use crate::frame::Frame;
 use crate::scan::{Scanner, Step, Window};
-use crate::table::LONGEST_PAYLOAD;
+use crate::strings::types_told;
+use crate::table::{LONGEST_PAYLOAD, STRING_OUTPUT_TYPE};
 
 /// What a file of times begins with.
 pub const TIMES_MAGIC: [u8; 8] = *b"XBUSTIME";
@@ -286,6 +288,9 @@ struct Writer {
     files: Vec<PathBuf>,
     /// The last file's number.
     number: usize,
+    /// The last `StringOutputType` that came: each file says which strings are on, since nothing else tells some of them
+    /// from noise.
+    strings: Vec<u8>,
     /// Finds the ends of frames. Its positions, and all others here, count the bytes received.
     scanner: Scanner,
     undecided: Vec<u8>,
@@ -296,7 +301,7 @@ struct Writer {
 
 impl Writer {
     fn new(recording: Recording, epoch: i64) -> io::Result<Self> {
-        let output = Output::new(&recording, recording.path.clone(), epoch)?;
+        let output = Output::new(&recording, &[], recording.path.clone(), epoch)?;
         Ok(Self {
             files: vec![recording.path.clone()],
             recording,
@@ -304,11 +309,19 @@ impl Writer {
             output,
             full: false,
             number: 0,
+            strings: vec![],
             scanner: Scanner::new(LONGEST_PAYLOAD),
             undecided: vec![],
             written: 0,
             frames: 0,
         })
+    }
+
+    /// Takes note of the strings that are on.
+    fn learn(&mut self, frame: &[u8]) {
+        if frame[2] == STRING_OUTPUT_TYPE && types_told(Frame::of(frame).payload).is_some() {
+            self.strings = frame.to_vec();
+        }
     }
 
     fn report(&self) -> Report {
@@ -330,7 +343,10 @@ impl Writer {
         undecided.extend_from_slice(batch.bytes);
         loop {
             let (end, frames) = match self.scanner.step(Window { bytes: &undecided, offset, last: false }) {
-                Step::Frame { at, length, .. } => (offset + (at + length) as u64, 1),
+                Step::Frame { at, length, .. } => {
+                    self.learn(&undecided[at..at + length]);
+                    (offset + (at + length) as u64, 1)
+                }
                 Step::String { at, length, .. } => (offset + (at + length) as u64, 0),
                 Step::More | Step::End(_) => break,
             };
@@ -376,7 +392,7 @@ impl Writer {
         let (path, output) = loop {
             self.number += 1;
             let path = numbered(&self.recording.path, self.number);
-            match Output::new(&self.recording, path.clone(), self.epoch) {
+            match Output::new(&self.recording, &self.strings, path.clone(), self.epoch) {
                 Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
                 output => break (path.clone(), output.map_err(of_file(&path))?),
             }
@@ -472,7 +488,7 @@ struct Times {
 }
 
 impl Output {
-    fn new(recording: &Recording, path: PathBuf, epoch: i64) -> io::Result<Self> {
+    fn new(recording: &Recording, strings: &[u8], path: PathBuf, epoch: i64) -> io::Result<Self> {
         let file = if recording.overwrite { File::create(&path) } else { create_anew(&path) }?;
         let mut times_path = path.as_os_str().to_owned();
         times_path.push(".times");
@@ -484,7 +500,7 @@ impl Output {
             None
         };
         let mut output = Self { path, file, length: 0, whole: 0, began: monotonic(), times };
-        if let Err(error) = output.put(&recording.head) {
+        if let Err(error) = output.put(&recording.head).and_then(|()| output.put(strings)) {
             output.cut();
             return Err(error);
         }

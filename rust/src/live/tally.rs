@@ -70,6 +70,12 @@ impl Tally {
         &self.counts
     }
 
+    /// Bytes that belong to neither frame nor string, those included that nothing has followed yet.
+    #[must_use]
+    pub fn skipped_bytes(&self) -> u64 {
+        self.counts.skipped_bytes + self.scanner.refused()
+    }
+
     /// The bytes that came last and are not decided yet: they begin with the frame that is under way.
     #[must_use]
     pub fn undecided(&self) -> &[u8] {

@@ -30,6 +30,8 @@ __all__ = [
 HEAD = ("quantity", "rate/Hz", "unit", "latest")
 #: Quantities of products with a GNSS receiver.
 POSITION = ("gnss_pvt_data", "gnss_sat_info", "lat_lon", "altitude_ellipsoid", "velocity_xyz")
+#: Bytes of damage from which on it is strange that nothing was found.
+UNHEARD = 500
 #: Fields of the status word in which 1 is one value among others.
 NUMBERS = ("no_rotation_update_status", "filter_mode", "rtk_status")
 
@@ -191,6 +193,9 @@ def _status(word: int, bits: int, *, is_filtered: bool) -> list[Span]:
 def _losses(model: Model) -> list[Span]:
     counts = model.counts
     parts: list[Span] = []
+    if not model.quantities and counts.skipped_bytes > UNHEARD:
+        nothing = f"nothing in {size(counts.skipped_bytes)}: another baud rate, or --string EM1000?"
+        return [(nothing, Style.WARN)]
     if counts.lost_samples:
         where = count(counts.gaps, "gap")
         parts.append((f"{count(counts.lost_samples, 'sample')} lost in {where}", Style.BAD))
