@@ -562,20 +562,16 @@ def test_a_lost_port_is_waited_for() -> None:
     assert "the port is there again, after 3 s" in texts
 
 
-def test_counts_are_those_since_the_monitor_began(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also when the connection of a URL is made anew, and its counts begin anew."""
+def test_counts_are_those_since_the_monitor_began() -> None:
     device = xbus.connect(SimulatedDevice("MTi-630"))
+    for _ in range(30):
+        device.read_sample()
     source = Live(device, waits=True)
     model = source.model()
     assert model.counts.samples == 0
     for _ in range(5):
         source.advance(model)
-    before = model.counts.samples
-    assert before > 40
-    monkeypatch.setattr(device.link, "acquisition", xbus._core.Acquisition(None))
-    device.link.acquisition.push(encode_sample({"packet_counter": 1}) * 7)
-    source._tell(model)
-    assert model.counts.samples == before + 7
+    assert 40 < model.counts.samples < 60
 
 
 # The command

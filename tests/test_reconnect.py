@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import xbus
 from xbus import Device, Disconnected, Faults, SimulatedDevice, connect
 from xbus.device.session import Notice
 from xbus.protocol import State
-from xbus.sim import PtyServer
+from xbus.sim import PtyServer, serving
 
 OUTPUTS = {"packet_counter": None, "sample_time_fine": None, "acceleration": 100}
 
@@ -133,3 +134,56 @@ def test_on_a_pty_that_is_another_one_afterwards(server: PtyServer) -> None:
     finally:
         done.set()
         thread.join()
+
+
+def test_a_recording_of_a_url_goes_on(tmp_path: Path) -> None:
+    """The connection is made anew; queue, counts and file are the same."""
+    sim = SimulatedDevice("MTi-630")
+    with serving(sim, tcp=True) as port, connect(port, reconnect=True) as device:
+        with device.configure(OUTPUTS):
+            pass
+        acquisition = device.link.acquisition
+        with device.record(tmp_path / "log.mtb") as recording:
+            for _ in range(50):
+                device.read_sample()
+            sim.unplug()
+            while not acquisition.ended:
+                pass
+            sim.plug()
+            while not gaps(device):
+                device.read_sample()
+            for _ in range(50):
+                device.read_sample()
+        assert recording.error is None
+        assert device.link.acquisition is acquisition
+        assert device.stats.samples > 100
+    log = xbus.read_log(tmp_path / "log.mtb")
+    assert len(log) > 100
+    assert log.stats.skipped_bytes < 100
+
+
+def test_a_plug_that_bounces() -> None:
+    """Lost again while it comes back, it is brought into the state in which it was lost at first."""
+    sim = SimulatedDevice("MTi-630")
+    device = measuring(sim, reconnect=True)
+    device.read_sample()
+    sim.unplug()
+    link, answered = device.link, []
+    write, pause = link.write, link.pause
+
+    def bounce(data: bytes) -> None:
+        write(data)
+        answered.append(data[2])
+        if answered.count(0x00) == 1 and data[2] == 0x00:  # ReqDID
+            sim.unplug()
+
+    def wait(seconds: float) -> None:
+        pause(seconds)
+        sim.plug()
+
+    link.write = bounce  # type: ignore[method-assign]
+    link.pause = wait  # type: ignore[method-assign]
+    for _ in range(50):
+        device.read_sample()
+    assert answered.count(0x00) == 2
+    assert (sim.state, device.state) == (State.MEASUREMENT, State.MEASUREMENT)

@@ -350,6 +350,12 @@ class Acquisition:
         """
     def push(self, data: bytes) -> bool:
         """Takes in bytes that have come just now; False if the stream has ended."""
+    def resume(self) -> None:
+        """Goes on after an end with what is pushed, in the same queue, counts and recording.
+
+        Raises:
+            RuntimeError: The stream has not ended.
+        """
     def end(self, reason: str) -> None:
         """Ends the stream for a reason; what is queued can still be read."""
     @property

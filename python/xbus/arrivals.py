@@ -160,7 +160,7 @@ def _arrivals(data: bytes, side: str, size: int) -> Arrivals:
 
 
 def joined(several: Iterable[tuple[Arrivals | None, int]]) -> Arrivals | None:
-    """The arrivals of files that are one recording, up to the first one of which none are known.
+    """The arrivals of files that are one recording, up to the first one of which not all are known.
 
     Args:
         several: Those of each file, and its bytes.
@@ -173,6 +173,8 @@ def joined(several: Iterable[tuple[Arrivals | None, int]]) -> Arrivals | None:
         times.append(arrivals.time)
         faults += [arrivals.fault] if arrivals.fault else []
         start += size
+        if arrivals.fault or not len(arrivals.end) or arrivals.end[-1] < size:
+            break  # what the next one says is not to be taken for the rest of this
     if not ends:
         return None
     return Arrivals(np.concatenate(ends), np.concatenate(times), faults[0] if faults else None)

@@ -139,7 +139,7 @@ def applied(
         except ApplyError as error:
             advice = f"apply {label(file)} again to go on; the lines with - say what it was before"
             raise Failure(f"{error.summary}; {advice}") from error
-        except KeyboardInterrupt as error:
+        except BaseException as error:  # Ctrl-C, SIGTERM
             for note in getattr(error, "__notes__", ()):
                 click.echo(f"xbus: {note}", err=True)
             raise

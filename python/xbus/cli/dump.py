@@ -157,7 +157,12 @@ def _listen(port: str, baudrate: int, teller: Teller) -> NoReturn:
     dropped = 0
     try:
         while True:
-            data = link.read(INTERVAL).data
+            try:
+                data = link.read(INTERVAL).data
+            except OSError as error:
+                if lines := teller.close():
+                    put("\n".join(lines), now=True)
+                raise gone(port, error) from error
             before, dropped = dropped, link.acquisition.stats()["dropped_bytes"]
             if dropped > before:
                 lost = count(dropped - before, "byte")
@@ -165,12 +170,6 @@ def _listen(port: str, baudrate: int, teller: Teller) -> NoReturn:
             # Silence is an end: what is incomplete then is damage, and holds nothing back that comes later.
             if lines := teller.feed(data) if data else teller.close():
                 put("\n".join(lines), now=True)
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        if lines := teller.close():
-            put("\n".join(lines), now=True)
-        raise gone(port, error) from error
     finally:
         link.close()
 

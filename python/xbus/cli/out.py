@@ -51,6 +51,15 @@ def writing(out: str) -> Iterator[None]:
         raise cannot(f"write {label(out)}", error) from error
 
 
+def _is_counted(log: Log | Facts) -> bool:
+    """Whether a packet counter tells what was lost."""
+    from xbus.log import Log
+
+    if isinstance(log, Log):
+        return bool((log.packet_counter != -1).any())
+    return any(it.name == "packet_counter" for it in log.quantities)
+
+
 def summary(log: Log | Facts) -> str:
     """What a person wants to know before trusting the file."""
     stats = log.stats
@@ -59,11 +68,14 @@ def summary(log: Log | Facts) -> str:
         parts.append(count(stats.strings, "string"))
     if stats.lost_samples:
         parts.append(f"{count(stats.lost_samples, 'sample')} lost in {count(stats.gaps, 'gap')}")
-    else:
+    elif _is_counted(log):
         parts.append("no samples lost")
+    else:
+        parts.append("no counter to tell losses")
     if stats.skipped_bytes:
         places = count(len(log.damage), "place")
         parts.append(f"{count(stats.skipped_bytes, 'byte')} of damage in {places}")
     else:
         parts.append("no damage")
-    return ", ".join(parts)
+    fault = getattr(log, "times_fault", None)
+    return ", ".join([*parts, fault] if fault else parts)

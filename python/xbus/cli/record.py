@@ -151,6 +151,8 @@ def record(
     there = Path(out)
     if not overwrite and there.is_file() and there.stat().st_size:
         raise Failure(f"{label(out)} is there; name another file, or add --overwrite")
+    if there.is_fifo():
+        raise Failure(f"{label(out)} is a pipe, and a recording goes to a file; name one")
     with told_to_stop() as is_stopped, connected(port, baudrate) as device:
         found = device.state
         if config is not None and settings is not None:
@@ -163,15 +165,17 @@ def record(
             except OSError as error:
                 raise cannot(f"write {label(error.filename or out)}", error) from error
             before = device.stats  # nothing comes in this state: it is what is not in the file
-        if device.state != State.MEASUREMENT:
-            device.go_to_measurement()
-        with _Shown(device, recording, before) as shown:
-            if device.link.trouble is not None:
-                shown.say(device.link.trouble)
-            _wait(shown, is_stopped, duration or math.inf, reconnect=reconnect)
-        if found == State.CONFIG:
-            with contextlib.suppress(XbusError):
-                device.go_to_config()
+        try:
+            if device.state != State.MEASUREMENT:
+                device.go_to_measurement()
+            with _Shown(device, recording, before) as shown:
+                if device.link.trouble is not None:
+                    shown.say(device.link.trouble)
+                _wait(shown, is_stopped, duration or math.inf, reconnect=reconnect)
+        finally:
+            if found == State.CONFIG:
+                with contextlib.suppress(XbusError):
+                    device.go_to_config()
 
 
 @contextlib.contextmanager
@@ -205,7 +209,7 @@ def _wait(
         try:
             link.read(0)  # nobody wants them: they are counted, and on their way to the disk
         except OSError as error:
-            if not reconnect or recording.error is not None:
+            if not reconnect or not recording.is_active:
                 raise shown.ended(f"{link.name}: {error}") from error
             shown.say(f"{link.name}: {error}; waiting for it")
             while not (is_stopped() or device.come_back() or shown.elapsed >= duration):

@@ -77,8 +77,9 @@ class Channel:
         self.session = session
         self.device_id: int | None = None
         self._reconnects = reconnect
-        #: When the port was lost, and in which state the device was then.
-        self._lost: tuple[float, State] = (0.0, State.UNKNOWN)
+        #: When the port was lost, and in which state the device was then; None once it is back.
+        self._lost: tuple[float, State] | None = None
+        self._is_coming_back = False
         self.samples: deque[Sample] = deque()
         self.strings: deque[String] = deque()
         self.notices: deque[Notice] = deque(maxlen=100)
@@ -155,7 +156,7 @@ class Channel:
 
     def _lose(self, error: OSError, command: str | None) -> NoReturn:
         self._keep(self.session.quiet())
-        if not self._is_broken:
+        if self._lost is None:
             self._lost = self.link.clock(), self.session.state
         self.session.forget()
         self._is_broken = True
@@ -173,6 +174,8 @@ class Channel:
             except OSError as error:
                 self._lose(error, command)
             self._is_broken = False
+            if not self._is_coming_back:
+                self._lost = None
 
     # Commands
 
@@ -325,19 +328,24 @@ class Channel:
             # Who reads the link without this channel has seen its end.
             with contextlib.suppress(Disconnected):
                 self._lose(ConnectionResetError(self.link.acquisition.ended), None)
-        lost_at, state = self._lost
+        lost_at, state = self._lost or (self.link.clock(), self.session.state)
         self.link.pause(PAUSE)
-        # Whatever goes wrong while it comes back, it is tried again.
-        with contextlib.suppress(Disconnected, XbusTimeout, DeviceError, DecodeError):
-            self.command("GoToConfig", None)
-            is_other = self.device_id not in (None, self.command("ReqDID", None).value)
-            if is_other or state == State.MEASUREMENT:
-                self.command("GoToMeasurement", None)
-            if not is_other:
-                gap = self.link.clock() - lost_at
-                self.notices.append(Notice("Reconnected", gap, b"", self.session.bid, None))
-                return True
-        return False
+        self._is_coming_back = True  # lost again meanwhile, it is still to be as it was at first
+        try:
+            # Whatever goes wrong while it comes back, it is tried again.
+            with contextlib.suppress(Disconnected, XbusTimeout, DeviceError, DecodeError):
+                self.command("GoToConfig", None)
+                is_other = self.device_id not in (None, self.command("ReqDID", None).value)
+                if is_other or state == State.MEASUREMENT:
+                    self.command("GoToMeasurement", None)
+                if not is_other:
+                    gap = self.link.clock() - lost_at
+                    self.notices.append(Notice("Reconnected", gap, b"", self.session.bid, None))
+                    self._lost = None
+                    return True
+            return False
+        finally:
+            self._is_coming_back = False
 
     def wait_for_samples(self, count: int, timeout: float) -> None:
         """Waits until so many samples are there, and no longer than ``timeout`` seconds for the next one.

@@ -629,8 +629,8 @@ class Device(Commands):
 
         A thread writes, whatever the program does meanwhile. The file begins with Configuration, with
         date and time filled in, and EmtsData, as MT Manager's files do; a device that measures is in
-        Config State for a moment to give them. After a crash it is readable up to the last flush. It ends
-        when a URL loses its connection; at a port it goes on with ``reconnect``.
+        Config State for a moment to give them. After a crash it is readable up to the last flush. Where the
+        port is lost and comes back, as with ``reconnect``, it goes on.
 
         Args:
             path: The first file; where it is rotated, ``log.mtb`` is followed by ``log-0001.mtb``, or by the

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import math
 from collections.abc import Callable, Mapping
 from enum import IntEnum, IntFlag
 from typing import Any, NamedTuple
@@ -72,7 +73,13 @@ _read_table = _of_type(dict, "a table, { key = value }")
 def _read_real(plain: Any) -> float:
     if isinstance(plain, bool) or not isinstance(plain, int | float):
         raise ValueError(f"{toml(plain)} is not a number")  # noqa: TRY004 - the text is wrong, not the call
-    return float(plain)
+    try:
+        number = float(plain)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError("it must be a number that is finite")
+    return number
 
 
 TEXT = Form(str, _read_text)

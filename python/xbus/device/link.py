@@ -22,6 +22,8 @@ __all__ = ["SILENCE", "Link", "Received", "SerialLink", "open_link"]
 
 #: Bytes to read at a time from what has no descriptor, and seconds to wait for the first of them.
 PIECE, PUMP_TIMEOUT = 1 << 12, 0.05
+#: Seconds within which such a thread hears that its port was closed.
+LONGEST_READ = 1.0
 #: Most bytes that wait to be read, unless told otherwise: a minute at 4 Mbaud.
 QUEUE = 24_000_000
 #: The timer of an FTDI adapter at its fastest, in ms; it comes with 16.
@@ -142,8 +144,7 @@ class SerialLink:
     def _begin(self) -> None:
         number = _descriptor(self._port)
         self.acquisition = _core.Acquisition(number, bound=self._bound, strings=self._strings)
-        if number is None:
-            _pump(self._port, self.acquisition)
+        self._pump = _pump(self._port, self.acquisition) if number is None else None
 
     @property
     def epoch(self) -> int:
@@ -186,9 +187,11 @@ class SerialLink:
         time.sleep(seconds)
 
     def reopen(self) -> None:
-        """Opens the port again; queue, counts and recording go on, but for a URL, where they begin anew."""
+        """Opens the port again; queue, counts and recording go on."""
         self.acquisition.end("the port is opened again")
         self._port.close()
+        if self._pump is not None:
+            self._pump.join(LONGEST_READ)
         try:
             self._port.open()
         except OSError:
@@ -198,8 +201,8 @@ class SerialLink:
             self._port.port = self.name = name
         number = _descriptor(self._port)
         if number is None:
-            self.acquisition.close()
-            self._begin()
+            self.acquisition.resume()
+            self._pump = _pump(self._port, self.acquisition)
         else:
             self.acquisition.open(number)
 
@@ -220,7 +223,7 @@ def _descriptor(port: Any) -> int | None:
         return None
 
 
-def _pump(port: Any, acquisition: _core.Acquisition) -> None:
+def _pump(port: Any, acquisition: _core.Acquisition) -> threading.Thread:
     """Reads a port that has no descriptor in a thread of its own, until it or the acquisition ends."""
 
     def pump() -> None:
@@ -234,7 +237,9 @@ def _pump(port: Any, acquisition: _core.Acquisition) -> None:
         except Exception as error:  # of any kind of port
             acquisition.end(str(error))
 
-    threading.Thread(target=pump, name=f"xbus {port.port}", daemon=True).start()
+    thread = threading.Thread(target=pump, name=f"xbus {port.port}", daemon=True)
+    thread.start()
+    return thread
 
 
 def open_link(

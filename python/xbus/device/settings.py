@@ -120,6 +120,8 @@ class Settings:
             table = tomllib.loads(text)
         except tomllib.TOMLDecodeError as error:
             raise ValueError(_located(str(error), text)) from None
+        except RecursionError:
+            raise ValueError("it is nested deeper than any setting") from None
         found: dict[str, Any] = {}
         lines: dict[str, Sequence[int]] = {}
         for key, plain in table.items():

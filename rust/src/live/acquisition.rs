@@ -150,6 +150,18 @@ impl Acquisition {
         lock(&self.shared.state).tally.expect(strings);
     }
 
+    /// Goes on after an end with what is pushed from now on: queue, counts and recording are the same.
+    ///
+    /// # Errors
+    /// [`io::ErrorKind::AlreadyExists`] if it has not ended.
+    pub fn resume(&self) -> io::Result<()> {
+        let mut state = lock(&self.shared.state);
+        if state.ended.take().is_none() {
+            return Err(io::Error::new(io::ErrorKind::AlreadyExists, "the stream has not ended"));
+        }
+        Ok(())
+    }
+
     /// Takes in what has come by other ways; whether it was taken, and not after the end.
     #[allow(clippy::must_use_candidate)] // whoever knows that it has not ended need not look
     pub fn push(&self, bytes: &[u8]) -> bool {

@@ -41,7 +41,7 @@ use super::{Piece, lock, most_pieces};
 use crate::frame::Frame;
 use crate::scan::{Scanner, Step, Window};
 use crate::strings::types_told;
-use crate::table::{LONGEST_PAYLOAD, STRING_OUTPUT_TYPE};
+use crate::table::{BARE_STRINGS, LONGEST_PAYLOAD, STRING_OUTPUT_TYPE};
 
 /// What a file of times begins with.
 pub const TIMES_MAGIC: [u8; 8] = *b"XBUSTIME";
@@ -288,7 +288,7 @@ struct Writer {
     files: Vec<PathBuf>,
     /// The last file's number.
     number: usize,
-    /// The last `StringOutputType` that came: each file says which strings are on, since nothing else tells some of them
+    /// The last `StringOutputType` that came, if it matters: each file says whether strings are on that nothing else tells
     /// from noise.
     strings: Vec<u8>,
     /// Finds the ends of frames. Its positions, and all others here, count the bytes received.
@@ -319,7 +319,11 @@ impl Writer {
 
     /// Takes note of the strings that are on.
     fn learn(&mut self, frame: &[u8]) {
-        if frame[2] == STRING_OUTPUT_TYPE && types_told(Frame::of(frame).payload).is_some() {
+        if frame[2] != STRING_OUTPUT_TYPE {
+            return;
+        }
+        let was_on = self.scanner.expected() != 0 || !self.strings.is_empty();
+        if types_told(Frame::of(frame).payload).is_some_and(|types| was_on || types & BARE_STRINGS != 0) {
             self.strings = frame.to_vec();
         }
     }
@@ -342,27 +346,28 @@ impl Writer {
         let mut undecided = std::mem::take(&mut self.undecided);
         undecided.extend_from_slice(batch.bytes);
         loop {
-            let (end, frames) = match self.scanner.step(Window { bytes: &undecided, offset, last: false }) {
-                Step::Frame { at, length, .. } => {
-                    self.learn(&undecided[at..at + length]);
-                    (offset + (at + length) as u64, 1)
-                }
-                Step::String { at, length, .. } => (offset + (at + length) as u64, 0),
+            let (at, length, frames) = match self.scanner.step(Window { bytes: &undecided, offset, last: false }) {
+                Step::Frame { at, length, .. } => (at, length, 1),
+                Step::String { at, length, .. } => (at, length, 0),
                 Step::More | Step::End(_) => break,
             };
             self.frames += frames;
-            // Some frames are known only by what follows them. Then this end may be written already.
+            let end = offset + (at + length) as u64;
             if end < self.written {
+                // Some frames are known only by what follows them. Then this end may be written already.
                 let place = self.output.length.saturating_sub(self.written - end);
                 self.output.whole = self.output.whole.max(place);
-                continue;
+            } else {
+                batch.ends.push((end, frames));
+                self.turn_over(batch, end)?;
+                if self.is_full(end, batch.arrival(end)) {
+                    self.put(batch, end)?;
+                    self.flush(true)?;
+                    self.full = true;
+                }
             }
-            batch.ends.push((end, frames));
-            self.turn_over(batch, end)?;
-            if self.is_full(end, batch.arrival(end)) {
-                self.put(batch, end)?;
-                self.flush(true)?;
-                self.full = true;
+            if frames > 0 {
+                self.learn(&undecided[at..at + length]);
             }
         }
         #[allow(clippy::cast_possible_truncation)] // a position in what is undecided
@@ -489,16 +494,28 @@ struct Times {
 
 impl Output {
     fn new(recording: &Recording, strings: &[u8], path: PathBuf, epoch: i64) -> io::Result<Self> {
-        let file = if recording.overwrite { File::create(&path) } else { create_anew(&path) }?;
+        let is_new = fs::symlink_metadata(&path).is_err();
+        let file = open(&path, recording.overwrite)?;
         let mut times_path = path.as_os_str().to_owned();
         times_path.push(".times");
-        let times = if recording.times {
-            Some(Times::new(times_path.as_ref(), epoch)?)
+        let is_file = file.metadata()?.is_file();
+        let times = if recording.times && is_file {
+            // Before anything is overwritten: it may fail.
+            let times = Times::new(times_path.as_ref(), epoch);
+            if times.is_err() && is_new {
+                let _ = fs::remove_file(&path);
+            }
+            Some(times?)
         } else {
-            // Those of a log that has just been overwritten would be taken for its own.
-            let _ = fs::remove_file(times_path);
             None
         };
+        if is_file {
+            file.set_len(0)?;
+            if times.is_none() {
+                // Those of a log that has just been overwritten would be taken for its own.
+                let _ = fs::remove_file(times_path);
+            }
+        }
         let mut output = Self { path, file, length: 0, whole: 0, began: monotonic(), times };
         if let Err(error) = output.put(&recording.head).and_then(|()| output.put(strings)) {
             output.cut();
@@ -587,15 +604,22 @@ impl Times {
 }
 
 /// `NAME.mtb`, `NAME-0001.mtb`, `NAME-0002.mtb`, ...
-/// Creates a file where there is none, but for an empty one or what is no file at all: `/dev/null`, a pipe.
-fn create_anew(path: &Path) -> io::Result<File> {
-    match File::create_new(path) {
-        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => match fs::metadata(path) {
-            Ok(there) if there.is_file() && there.len() > 0 => Err(error),
-            _ => File::create(path),
-        },
-        file => file,
+/// Opens a file to be written, as it is. One that is there and not empty is an error unless it may be overwritten, and so
+/// is a pipe, which would hold up whoever opens it until somebody reads; what else is no file, `/dev/null`, will do.
+fn open(path: &Path, overwrite: bool) -> io::Result<File> {
+    if let Ok(there) = fs::metadata(path) {
+        if there.is_file() && there.len() > 0 && !overwrite {
+            #[cfg(unix)]
+            return Err(io::Error::from_raw_os_error(libc::EEXIST));
+            #[cfg(not(unix))]
+            return Err(io::Error::from_raw_os_error(80)); // ERROR_FILE_EXISTS
+        }
+        #[cfg(unix)]
+        if std::os::unix::fs::FileTypeExt::is_fifo(&there.file_type()) {
+            return Err(io::Error::from_raw_os_error(libc::ESPIPE));
+        }
     }
+    fs::OpenOptions::new().write(true).create(true).truncate(false).open(path)
 }
 
 fn numbered(path: &Path, number: usize) -> PathBuf {

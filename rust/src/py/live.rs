@@ -65,6 +65,11 @@ impl Acquisition {
         py.detach(|| self.0.push(data))
     }
 
+    /// Goes on after an end with what is pushed.
+    fn resume(&self) -> PyResult<()> {
+        self.0.resume().map_err(|error| of_system(&error, None))
+    }
+
     /// The stream has ended.
     fn end(&self, reason: &str) {
         self.0.end(reason);

@@ -19,7 +19,9 @@ def text(model: Model) -> str:
     """All of it in lines."""
     baudrate = None if model.baudrate is None else f"{model.baudrate} baud"
     head = [model.name, state(model), baudrate, model.device, f"{model.elapsed:.1f} s"]
-    pairs = [(it.label, it.text) for it in rows(model, glyphs_of(sys.stdout.encoding))]
+    pairs = [
+        (it.label, it.text) for it in rows(model, glyphs_of(getattr(sys.stdout, "encoding", None)))
+    ]
     pairs += [(clock(it.at), it.text) for it in model.events]
     lines = ["  ".join(it for it in head if it), *aligned(pairs)]
     if found := table(model):

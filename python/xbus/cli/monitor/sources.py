@@ -55,9 +55,7 @@ class Live:
         self._found = device.state
         # What a block is made of has been waited for when it is asked for.
         self._blocks = device.blocks(seconds=STEP, timeout=STEP / 100)
-        self._acquisition = device.link.acquisition
-        self._last = _counted(device)
-        self._before = self._last
+        self._before = _counted(device)
         self._notice: Notice | None = None
         self._lost_at: float | None = None
         self._recording: Recording | None = None
@@ -179,11 +177,6 @@ class Live:
 
     def _count(self, model: Model) -> None:
         now = _counted(self._device)
-        if self._device.link.acquisition is not self._acquisition:
-            # The connection of a URL was made anew, and its counts began anew.
-            self._acquisition = self._device.link.acquisition
-            self._before = {key: it - self._last[key] for key, it in self._before.items()}
-        self._last = now
         counts = {key: it - self._before[key] for key, it in now.items()}
         model.counts = Counts(**counts | {it: now[it] for it in WAITING})
 
