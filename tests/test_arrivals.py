@@ -259,6 +259,17 @@ def test_parquet_of_several_files(tmp_path: Path) -> None:
     assert np.diff(host[20:200]) == pytest.approx(0.01, abs=1e-4)
     assert np.isnan(host[200:]).all()
     assert np.array_equal(host[:100], xbus.read_log(names[0]).host_time)
+    for side in (b"garbage", HEAD + records(*pieces[:3])):
+        written(tmp_path, Path(names[0]).read_bytes(), side, "0.mtb")
+        alone = xbus.read_log(names[0])
+        result = run("decode", *names, "-o", str(out))
+        if alone.host_clock is None:
+            assert "host_time" not in pq.read_schema(out).names
+            assert "no list of arrivals" in result.stderr
+        else:
+            host = pq.read_table(out)["host_time"].to_numpy()
+            assert np.array_equal(host[:100], alone.host_time, equal_nan=True)
+            assert np.isnan(host[100:]).all()
     assert run("decode", names[2], "-o", str(out)).exit_code == 0
     assert "host_time" not in pq.read_schema(out).names
 

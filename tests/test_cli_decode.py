@@ -390,3 +390,8 @@ def test_time_is_unwrapped() -> None:
     decoded("wrap.mtb", "-o", "out.parquet")
     times = pyarrow.parquet.read_table("out.parquet")["time"].to_pylist()
     assert times == [429495.7296, 429496.7295, 429497.7295]
+
+
+def test_without_a_counter_nobody_knows_what_was_lost(tmp_path: Path) -> None:
+    Path("a.mtb").write_bytes(xbus.encode_sample({"temperature": 20.0}) * 3)
+    assert "no counter to tell losses" in decoded("a.mtb", "-o", "a.csv")

@@ -8,6 +8,7 @@ import pty
 import random
 import signal
 import struct
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from hypothesis import strategies as st
 import xbus
 from conftest import coarse, counter, damaged_streams, fine, shared, trigger
 from streams import frame, packet, random_frames
-from test_cli import FIELD, WALK, run, sentence, start
+from test_cli import FIELD, PROGRAM, WALK, run, sentence, start
 from test_cli_sim import simulated
 from xbus import DataId, MessageId, encode_frame, encode_packet
 from xbus.cli import dump as command
@@ -579,3 +580,16 @@ def test_a_long_frame_is_one_in_a_log() -> None:
     data = frame(0x36, long * 3000)
     (line,) = lines_of(data)
     assert line.count("baro_pressure") == 3000
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+def test_a_full_disk_is_not_the_fault_of_the_port() -> None:
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(  # noqa: S603
+            [*PROGRAM, "dump", "--follow", "sim:MTi-630"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            check=False,
+        )
+    assert b"No space left on device" in done.stderr
+    assert b"plugged" not in done.stderr

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -296,3 +296,37 @@ def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
         run("record", "sim:MTi-3", "-o", str(path), "--duration", "1", "--overwrite").exit_code == 0
     )
     assert xbus.read_log(path).stats.skipped_bytes == 0
+
+
+@posix
+def test_a_pipe_is_no_file(tmp_path: Path) -> None:
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    result = run("record", "sim:MTi-3", "-o", str(path))
+    assert sentence(result) == f"{path} is a pipe, and a recording goes to a file; name one"
+    with xbus.connect("sim:MTi-3") as device, pytest.raises(OSError, match="Illegal seek"):
+        device.record(path)
+
+
+def test_nothing_is_lost_where_the_side_file_cannot_be_made(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(b"yesterday's")
+    Path(f"{path}.times").mkdir()
+    result = run("record", "sim:MTi-3", "-o", str(path), "--overwrite")
+    assert result.exit_code == 1
+    assert path.read_bytes() == b"yesterday's"
+    path.unlink()
+    assert run("record", "sim:MTi-3", "-o", str(path)).exit_code == 1
+    assert not path.exists()
+
+
+def test_a_device_in_config_state_is_there_again_also_after_a_failure(
+    tmp_path: Path, behind: Callable[[SimulatedDevice], str]
+) -> None:
+    virtual = SimulatedDevice("MTi-630")
+    with xbus.connect(virtual) as device:
+        device.go_to_config()
+        device.set_output_configuration({})
+    result = run("record", behind(virtual), "-o", str(tmp_path / "log.mtb"))
+    assert sentence(result).startswith("nothing comes from sim:MTi-630")
+    assert virtual.state == State.CONFIG
