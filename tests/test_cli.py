@@ -241,6 +241,7 @@ OUTPUTS = [
     ["items"],
     ["items", "gnss"],
     ["messages", "--json"],
+    ["monitor", WALK, "--once", "1"],
     ["--help"],
     ["info", "-h"],
 ]
@@ -257,7 +258,7 @@ def test_full_disk(args: list[str]) -> None:
     )
 
 
-@pytest.mark.parametrize("args", OUTPUTS[:5], ids=" ".join)
+@pytest.mark.parametrize("args", OUTPUTS[:6], ids=" ".join)
 def test_closed_output(args: list[str]) -> None:
     code, said = shell('exec "$@" >&-', *args)
     assert code == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -149,17 +150,20 @@ def test_a_device_that_refuses_in_the_middle(
     )
 
 
-def test_ctrl_c(monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]) -> None:
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_end_in_the_middle(
+    monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str], number: int, code: int
+) -> None:
     command = Device.command
 
     def interrupted(self: Device, name: str, value: Any = None) -> Any:
         if name == "SetLocationID":
-            raise KeyboardInterrupt
+            signal.raise_signal(number)
         return command(self, name, value)
 
     monkeypatch.setattr(Device, "command", interrupted)
     result = run("config", "apply", "sim:MTi-630", file("location_id = 7"))
-    assert result.exit_code == 130
+    assert result.exit_code == code
     assert "interrupted; applied: nothing; not known: location_id" in result.stderr
 
 
