@@ -13,8 +13,8 @@ import pytest
 from hypothesis import given
 
 import xbus
-from conftest import damaged_streams
-from streams import frame, packet
+from conftest import counter, damaged_streams, fine
+from streams import frame, mtdata2, packet
 from test_cli import FIELD, WALK, run, sentence
 from xbus import SimulatedDevice, encode_frame, encode_sample, read_log
 from xbus.cli.monitor import snapshot, sources
@@ -382,6 +382,23 @@ def test_a_recording_is_what_read_log_finds() -> None:
         assert model.elapsed == pytest.approx(log.duration, abs=0.02)
         assert model.read == 1.0
     assert [it.text for it in model.events] == ["Error 41: more data than the baud rate can carry"]
+
+
+def test_two_devices_have_the_pace_of_the_first(tmp_path: Path) -> None:
+    path = tmp_path / "bus.mtb"
+    path.write_bytes(
+        b"".join(
+            mtdata2(counter(row), fine(100 * row + start), bid=bid)
+            for row in range(50)
+            for bid, start in ((1, 0), (2, 900_000))
+        )
+    )
+    source = Replay(str(path))
+    model = source.model()
+    while not source.is_over:
+        source.advance(model)
+    assert model.counts.samples == 100
+    assert model.elapsed == pytest.approx(0.49, abs=0.02)
 
 
 @pytest.mark.parametrize("speed", [1.0, 4.0])

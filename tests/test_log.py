@@ -1259,6 +1259,18 @@ def test_duration_and_rate() -> None:
     assert math.isnan(xbus.read_log(at(1000, 1000))["sample_time_fine"].rate)
 
 
+def test_the_receiver_does_not_make_a_log_longer() -> None:
+    """Without a fix its time is arbitrary; where nothing else has any, it is all that there is."""
+    pvt = packet(0x7010, bytes(94))
+    receiver = mtdata2(counter(1), fine(3_000_000_000), pvt) + mtdata2(
+        counter(2), fine(3_000_002_500), pvt
+    )
+    log = xbus.read_log(at(1000, 1100) + receiver + at(1200))
+    assert log.time.max() > 10_000
+    assert log.duration == pytest.approx(0.02)
+    assert xbus.read_log(receiver).duration == pytest.approx(0.25)
+
+
 def test_no_stamp() -> None:
     """A high-rate sample without any stamp has no time."""
     log = xbus.read_log(at(5) + mtdata2(real(0x4040, 1, 2, 3)) + at(6))

@@ -112,6 +112,11 @@ def samples(rows: int, **more: Any) -> list[bytes]:
     return found
 
 
+def sample(row: int, *more: bytes, start: int = 0, bid: int = 0xFF) -> bytes:
+    """A sample at 100 Hz of a clock that was at ``start`` s."""
+    return mtdata2(counter(row), fine(10_000 * start + 100 * row), *more, bid=bid)
+
+
 # What is said
 
 
@@ -615,3 +620,48 @@ def test_a_browser_follows(tmp_path: Path) -> None:
         assert before != [2, 3]
     assert set(told["printed"]) == {700}
     assert set(told["after"]) == {True}
+
+
+# What makes an axis difficult
+
+
+def test_a_device_that_starts_anew() -> None:
+    """Its clock falls: plots, gaps and events go on where the last sample was."""
+    error = encode_frame(MessageId.Error, bytes([41]))
+    rows = [sample(it, start=500) for it in range(100)]
+    rows += [encode_frame(MessageId.WakeUp)]
+    rows += [sample(it, start=2) for it in (*range(50), *range(60, 100))]
+    rows += [error, sample(100, start=2), sample(107, start=2)]
+    log = b"".join(rows)
+    gathered = gather(log)
+    assert gathered.end == pytest.approx(2.07)
+    assert gathered.gaps == pytest.approx([1.6, 2.07])
+    assert gathered.events == pytest.approx([1.99])
+    assert [it.text for it in findings(gathered)][:3] == [
+        "16 samples lost in 2 gaps, 7.7 %; the most at once 10, before 1.60 s",
+        "1 error from the device; the first: 41: more data than the baud rate can carry",
+        "the device started anew, 1 time; how long it was away is not known, and not drawn",
+    ]
+    it = page_of(log)
+    assert ["1.60", "10", "150"] in it.rows
+    assert any(row[0] == "1.99" and row[2] == "Error" for row in it.rows)
+
+
+def test_two_devices() -> None:
+    rows = [sample(row, start=90 * bid, bid=bid) for row in range(100) for bid in (1, 2)]
+    gathered = gather(b"".join(rows))
+    assert gathered.end == pytest.approx(0.99)
+    (found,) = [it for it in findings(gathered) if "several" in it.text]
+    assert found.is_bad
+    assert found.text.startswith("samples of several devices (bus identifiers 1, 2)")
+
+
+def test_a_status_byte_beside_the_word() -> None:
+    """It says the same, and counts once."""
+    word, byte = packet(0xE020, (1 << 19 | 3).to_bytes(4, "big")), packet(0xE010, b"\3")
+    both = gather(b"".join(sample(row, word, byte) for row in range(100)))
+    assert both.status_rows == 100
+    assert both.flags["filter_valid", 1].rows == 100
+    alone = gather(b"".join(sample(row, byte) for row in range(100)))
+    assert alone.status_rows == 100
+    assert alone.flags["filter_valid", 1].rows == 100

@@ -21,6 +21,7 @@ import numpy.typing as npt
 from xbus import _core
 from xbus.hostclock import HostClock
 from xbus.source import Source
+from xbus.tables import FOLLOWING
 
 __all__ = ["Arrivals", "HostTimes", "arrivals_of", "joined"]
 
@@ -32,8 +33,6 @@ EXPECTED = (b"XBUSTIME", 1, RECORD.itemsize)
 LOST = 60 * 10**9
 #: Both are the one device at the other end of the cable.
 MASTER, STANDALONE = 0xFF, 1
-#: Samples with these run behind, or carry an arbitrary time: they do not move the clock.
-FOLLOWING = ("gnss_pvt_data", "gnss_sat_info", "trigger_in1", "trigger_in2", "trigger_in3")
 
 
 @dataclass(frozen=True)

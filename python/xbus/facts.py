@@ -8,11 +8,12 @@ from dataclasses import asdict, fields
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from xbus.column import Column
 from xbus.configuration import Configuration, Identity
 from xbus.ids import MessageId
-from xbus.log import UTC_VALID, Log, Message, Stats
+from xbus.log import UTC_VALID, Log, Message, Stats, steady_time
 from xbus.words import Notice, device_name, finite, notice, recorded
 
 __all__ = ["Event", "Facts", "Gap", "QuantityFacts"]
@@ -53,6 +54,26 @@ class Event(NamedTuple):
     time: float | None
     name: str
     notice: Notice
+
+
+class Span:
+    """From the earliest to the latest time stamp, and how many there are."""
+
+    def __init__(self) -> None:
+        self.start = self.end = float("nan")
+        self.stamps = 0
+
+    def add(self, stamps: npt.NDArray[np.float64]) -> None:
+        """Takes in the next ones, in any order."""
+        if len(stamps):
+            self.start = float(np.fmin(self.start, stamps.min()))
+            self.end = float(np.fmax(self.end, stamps.max()))
+            self.stamps += len(stamps)
+
+    @property
+    def duration(self) -> float:
+        """Seconds; NaN for fewer than two stamps."""
+        return self.end - self.start if self.stamps > 1 else float("nan")
 
 
 class QuantityFacts:
@@ -122,7 +143,6 @@ class Facts:
         strings: The same of string outputs; those that the manual does not list are "others".
         events: Errors and warnings that the device sent.
         unknown: How many packets and bytes there are of each identifier that the tables cannot explain.
-        start, end: Earliest and latest time stamp in seconds on the device clock; NaN without any.
         utc: Earliest and latest UTC time that the device calls valid, or None.
         utc_rows, utc_valid: UTC times, and how many of them the device calls valid.
     """
@@ -137,10 +157,9 @@ class Facts:
         self.strings: Counter[str] = Counter()
         self.events: list[Event] = []
         self.unknown: dict[int, list[int]] = {}
-        self.start = self.end = float("nan")
         self.utc: tuple[np.datetime64, np.datetime64] | None = None
         self.utc_rows = self.utc_valid = 0
-        self._stamped = 0
+        self._steady, self._receiver = Span(), Span()
         self._last_time: float | None = None
         #: Per device: its last counter, and whether it begins anew.
         self._counters: dict[int, int] = {}
@@ -154,9 +173,18 @@ class Facts:
         return list(self._quantities.values())
 
     @property
+    def start(self) -> float:
+        """Earliest time stamp in seconds on the device clock, as `Log.duration` has it; NaN without any."""
+        return self._span.start
+
+    @property
     def duration(self) -> float:
         """Seconds between the earliest and the latest time stamp; NaN for fewer than two."""
-        return self.end - self.start if self._stamped > 1 else float("nan")
+        return self._span.duration
+
+    @property
+    def _span(self) -> Span:
+        return self._steady if self._steady.stamps else self._receiver
 
     def add(self, part: Log) -> None:
         """Takes in the next part."""
@@ -179,13 +207,13 @@ class Facts:
             count[1] += packets._bytes.size
         messages = list(part.messages)
         self._add_gaps(part, [it for it in messages if it.mid in RESTARTS])
-        self._add_messages(part, messages)
-        stamped = part.time[np.isfinite(part.time)]
-        if len(stamped):
-            self.start = float(np.fmin(self.start, stamped.min()))
-            self.end = float(np.fmax(self.end, stamped.max()))
-            self._last_time = float(stamped[-1])
-            self._stamped += len(stamped)
+        steady = steady_time(part)
+        self._add_messages(part, messages, steady)
+        is_steady = np.isfinite(steady)
+        self._steady.add(steady[is_steady])
+        self._receiver.add(part.time[np.isfinite(part.time) & ~is_steady])
+        if is_steady.any():
+            self._last_time = float(steady[is_steady][-1])
 
     def _add_utc(self, column: Column) -> None:
         stamps = column.datetime[(column.values["valid"] & UTC_VALID == UTC_VALID)]
@@ -196,7 +224,9 @@ class Facts:
             first, last = self.utc or (stamps[0], stamps[0])
             self.utc = min(first, stamps.min()), max(last, stamps.max())
 
-    def _add_messages(self, part: Log, messages: Iterable[Message]) -> None:
+    def _add_messages(
+        self, part: Log, messages: Iterable[Message], steady: npt.NDArray[np.float64]
+    ) -> None:
         events = []
         for it in messages:
             self.messages[it.name] += 1
@@ -205,11 +235,11 @@ class Facts:
         if not events:
             return
         # For each sample the last one up to it that has a time stamp, -1 where none has.
-        stamped = np.where(np.isfinite(part.time), np.arange(len(part)), -1)
+        stamped = np.where(np.isfinite(steady), np.arange(len(part)), -1)
         latest = [-1, *np.maximum.accumulate(stamped).tolist()]
         for it in events:
             at = latest[it.sample - part.first_sample]
-            time = self._last_time if at < 0 else float(part.time[at])
+            time = self._last_time if at < 0 else float(steady[at])
             self.events.append(Event(it.offset, it.sample, time, it.name, notice(it)))
 
     def _add_gaps(self, part: Log, restarts: Iterable[Message]) -> None:

@@ -20,6 +20,7 @@ from xbus.hostclock import HostClock
 from xbus.protocol.values import StringType
 from xbus.source import Key, Source, Wish, open_reader, wishes
 from xbus.strings import Strings, mask_of
+from xbus.tables import RECEIVER
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,6 +35,15 @@ STEP = 32 << 20
 BLOCK = 64 << 20
 #: The device vouches for date, time and UTC (Tables 25 and 35). Higher bits may be set, too.
 UTC_VALID = 0b111
+
+
+def steady_time(log: Log) -> npt.NDArray[np.float64]:
+    """The times of samples, NaN for those of the GNSS receiver, which have a time of their own."""
+    time = log.time.copy()
+    for name in RECEIVER:
+        if name in log:
+            time[log[name].sample - log.first_sample] = np.nan
+    return time
 
 
 def read_log(
@@ -411,8 +421,13 @@ class Log:
 
     @property
     def duration(self) -> float:
-        """Seconds between the earliest and the latest time stamp; NaN for fewer than two."""
-        stamped = self.time[np.isfinite(self.time)]
+        """Seconds between the earliest and the latest time stamp; NaN for fewer than two.
+
+        Those of the GNSS receiver count only where there are no others: without a fix they are arbitrary.
+        """
+        steady = steady_time(self)
+        time = steady if np.isfinite(steady).any() else self.time
+        stamped = time[np.isfinite(time)]
         return float(stamped.max() - stamped.min()) if len(stamped) > 1 else float("nan")
 
     # Everything else

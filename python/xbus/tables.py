@@ -7,9 +7,11 @@ from typing import Any, NamedTuple
 from xbus import _core
 
 __all__ = [
+    "FOLLOWING",
     "MESSAGES",
     "PRODUCTS",
     "QUANTITIES",
+    "RECEIVER",
     "RESULT_CODES",
     "STATUS_FLAGS",
     "Field",
@@ -142,6 +144,10 @@ def _quantity(row: dict[str, Any]) -> Quantity:
 
 #: All data identifiers, by name.
 QUANTITIES = {row["name"]: _quantity(row) for row in _core.quantities()}
+#: Samples with these have a time of the GNSS receiver's own: behind the others, and arbitrary without a fix.
+RECEIVER = ("gnss_pvt_data", "gnss_sat_info")
+#: Samples with these do not move a clock.
+FOLLOWING = (*RECEIVER, "trigger_in1", "trigger_in2", "trigger_in3")
 #: All messages, by MID.
 MESSAGES = [MessageRow(**_tuples(row)) for row in _core.messages()]
 #: All products, by number.

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from xbus.hostclock import HostClock
+from xbus.tables import FOLLOWING
 
 if TYPE_CHECKING:
     from xbus.device.sample import Sample
@@ -16,8 +17,6 @@ __all__ = ["Timing"]
 TICKS = 10_000
 #: When it starts again at zero, where the product is not known.
 WRAP = 1 << 32
-#: Samples with these run behind the others, or carry an arbitrary time.
-FOLLOWING = ("gnss_pvt_data", "gnss_sat_info", "trigger_in1", "trigger_in2", "trigger_in3")
 
 
 class Timing:

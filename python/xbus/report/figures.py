@@ -45,8 +45,8 @@ def numbers(values: npt.NDArray[Any]) -> dict[str, str]:
 
 def axis_title(it: Gathered) -> str:
     """What stands under a plot over time."""
-    if it.axis != "time":
-        return f"{it.axis} since the start" if it.axis == "packet counter" else "sample"
+    if it.axis.kind != "time":
+        return f"{it.axis.kind} since the start" if it.axis.kind == "packet counter" else "sample"
     if it.utc is None:
         return "time since the start, s"
     return f"time since {str(it.utc.astype('datetime64[ms]'))[11:]} UTC, s"

@@ -38,12 +38,15 @@ def findings(it: Gathered) -> list[Finding]:
 def _losses(it: Gathered) -> Iterator[Finding]:
     facts, stats = it.facts, it.facts.stats
     if stats.lost_samples:
-        worst = max(facts.gaps, key=lambda gap: gap.lost, default=None)
+        worst = max(
+            zip(facts.gaps, it.gaps, strict=True), key=lambda gap: gap[0].lost, default=None
+        )
         share = percent(stats.lost_samples, stats.lost_samples + stats.samples)
         text = f"{count(stats.lost_samples, 'sample')} lost in {count(stats.gaps, 'gap')}, {share}"
         if worst is not None and len(facts.gaps) > 1:
-            where = "" if worst.time is None else f", before {worst.time - facts.start:,.2f} s"
-            text += f"; the most at once {worst.lost:,}{where}"
+            gap, x = worst
+            where = f", before {x:,.2f} s" if it.axis.kind == "time" else ""
+            text += f"; the most at once {gap.lost:,}{where}"
         yield Finding(True, text, "gaps")
     if stats.skipped_bytes:
         share = percent(stats.skipped_bytes, stats.bytes)
@@ -67,7 +70,7 @@ def _pauses(series: Series, it: Gathered) -> bool:
     """Whether times of a quantity that comes regularly have gaps."""
     group = QUANTITIES[series.name].group
     regular = group not in ("Timestamp", "Indication") and series.steps.rows >= ENOUGH
-    return it.axis == "time" and regular and 0 < series.steps.gaps < series.steps.rows / 10
+    return it.axis.kind == "time" and regular and 0 < series.steps.gaps < series.steps.rows / 10
 
 
 def _events(it: Gathered) -> Iterator[Finding]:
@@ -76,8 +79,14 @@ def _events(it: Gathered) -> Iterator[Finding]:
         if events:
             first = f"; the first: {events[0].notice}"
             yield Finding(True, f"{count(len(events), things)} from the device{first}", "events")
-    if it.restarts:
-        yield Finding(True, f"the device started anew, {count(it.restarts, 'time')}", "messages")
+    if it.restarts or it.axis.restarts:
+        times = count(max(it.restarts, it.axis.restarts), "time")
+        away = "; how long it was away is not known, and not drawn" if it.axis.restarts else ""
+        yield Finding(True, f"the device started anew, {times}{away}", "messages")
+    if len(it.axis.devices) > 1:
+        devices = ", ".join(map(str, sorted(it.axis.devices)))
+        text = f"samples of several devices (bus identifiers {devices}) are drawn as those of one"
+        yield Finding(True, text, "quantities")
 
 
 def _status(it: Gathered) -> Iterator[Finding]:
@@ -87,7 +96,7 @@ def _status(it: Gathered) -> Iterator[Finding]:
         for name in clips or [name for name, _ in rows if name == "clipping"]:
             share = percent(rows[name, 1], it.status_rows)
             first = it.flags[name, 1].bands.start[0]
-            when = f", first at {first:,.2f} s" if it.axis == "time" else ""
+            when = f", first at {first:,.2f} s" if it.axis.kind == "time" else ""
             meaning = it.flags[name, 1].meaning
             yield Finding(True, f"{meaning} in {share} of the time{when}", "status")
         yield from _without(it, "filter_valid", "the orientation filter is not valid")
@@ -104,7 +113,7 @@ def _without(it: Gathered, name: str, what: str) -> Iterator[Finding]:
     flag = it.flags.get((name, 1))
     missing = it.status_rows - (flag.rows if flag else 0)
     if missing:
-        last = f", last at {it.without[name]:,.2f} s" if flag and it.axis == "time" else ""
+        last = f", last at {it.without[name]:,.2f} s" if flag and it.axis.kind == "time" else ""
         yield Finding(
             True, f"{what} in {percent(missing, it.status_rows)} of the time{last}", "status"
         )
@@ -129,8 +138,8 @@ def _unsaid(it: Gathered) -> Iterator[Finding]:
     if "packet_counter" not in names:
         text = "no packet counter was recorded: nobody can tell whether samples are missing"
         yield Finding(False, text, "quantities")
-    if it.axis != "time":
-        text = f"no time stamp was recorded: the plots are over the {it.axis}"
+    if it.axis.kind != "time":
+        text = f"no time stamp was recorded: the plots are over the {it.axis.kind}"
         yield Finding(False, text, "quantities")
     if facts.utc_rows and not facts.utc_valid:
         yield Finding(False, "UTC was sent, but never marked as valid", "quantities")

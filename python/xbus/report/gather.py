@@ -11,8 +11,9 @@ import numpy.typing as npt
 from xbus.column import Column
 from xbus.facts import Facts
 from xbus.ids import MessageId
-from xbus.log import Log
+from xbus.log import Log, steady_time
 from xbus.report.allan import Longest
+from xbus.report.axis import Axis
 from xbus.report.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.report.track import SOURCES, Track, has_fix
 from xbus.tables import QUANTITIES, STATUS_FLAGS, StatusFlag
@@ -172,13 +173,12 @@ class Gathered:
 
     Attributes:
         facts: What ``xbus info`` says.
-        axis: What the horizontal axis is: ``"time"``, in s; ``"packet counter"`` or ``"sample"`` where a log
-            has no better.
-        origin: Where the axis begins, on the device clock in s, or in counts.
+        axis: The horizontal axis.
         utc: UTC at the origin, or None.
         steps: Time between samples, ms.
         end: The last sample on the axis.
         lost, damage: When samples are missing and bytes are damaged; weights are samples and bytes.
+        gaps: Where the samples behind the gaps of the facts are on the axis.
         events: Where the errors and warnings of the facts are on the axis.
         flags: Fields of the status word that were ever set, by name and value.
         status_rows: How many status words there are.
@@ -191,12 +191,12 @@ class Gathered:
 
     def __init__(self, parts: Iterable[Log]) -> None:
         self.facts = Facts(())
-        self.axis = ""
-        self.origin = 0.0
+        self.axis = Axis()
         self.utc: np.datetime64 | None = None
         self.steps = Curves(("step",))
         self.end = 0.0
         self.lost, self.damage = Bands(), Bands()
+        self.gaps: list[float] = []
         self.events: list[float] = []
         self.flags: dict[tuple[str, int], Flag] = {}
         self.status_rows = 0
@@ -207,8 +207,6 @@ class Gathered:
         self.settings: list[Setting] = []
         self._series: dict[tuple[str, str | None], Series] = {}
         self._said: set[tuple[str, str]] = set()
-        #: Of the last sample, on the axis.
-        self._last = 0.0
         self._last_step: float | None = None
         for part in parts:
             self._add(part)
@@ -221,20 +219,23 @@ class Gathered:
     def _add(self, part: Log) -> None:
         gaps, damage = len(self.facts.gaps), len(self.facts.damage)
         self.facts.add(part)
-        x = self._places(part)
-        if self.utc is None and self.axis == "time":
+        last = self.axis.last
+        x = self.axis.places(part)
+        if self.utc is None and self.axis.kind == "time":
             self._find_utc(part, x)
-        self._add_lost(part, x, gaps, damage)
-        before = np.concatenate(([self._last], x))
+        before = np.concatenate(([last], x))
+        self._add_lost(part, x, before, gaps, damage)
         new = self.facts.events[len(self.events) :]
         self.events += [float(before[event.sample - part.first_sample]) for event in new]
         self._add_steps(part, x)
+        # The byte says again what the word says.
+        status = next((it for it in STATUS if it in part), None)
         for key in part:
             column = part[key]
             time = x[column.sample - part.first_sample]
             series = self._series.setdefault((column.name, column.coordinates), Series(column))
             breaks = series.add(column, time)
-            if column.name in STATUS:
+            if column.name == status:
                 self._add_status(column, time, breaks, series.steps.usual)
             if column.name in SOURCES:
                 self.tracks.setdefault(column.name, Track()).add(column, time, breaks)
@@ -245,40 +246,21 @@ class Gathered:
         woken = (part.messages.mid == MessageId.WakeUp) & (part.messages.sample > 0)
         self.restarts += int(np.count_nonzero(woken))
         if len(x):
-            self._last = float(x[-1])
             self.end = max(self.end, float(x.max()))
 
-    def _places(self, part: Log) -> FloatArray:
-        """Where each sample is on the axis; one without a stamp between those around it."""
-        stamped = np.isfinite(part.time)
-        counted = part.packet_counter != -1
-        if not self.axis and len(part):
-            if stamped.any():
-                self.axis, self.origin = "time", float(part.time[stamped].min())
-            elif counted.any():
-                self.axis, self.origin = "packet counter", float(part.packet_counter[counted][0])
-            else:
-                self.axis = "sample"
-        rows = np.arange(len(part))
-        if self.axis == "sample":
-            return (part.first_sample + rows).astype(np.float64)
-        known = stamped if self.axis == "time" else counted
-        if not known.any():
-            return np.full(len(part), self._last)
-        values = part.time if self.axis == "time" else part.packet_counter
-        return np.interp(rows, rows[known], values[known] - self.origin)
-
     def _find_utc(self, part: Log, x: FloatArray) -> None:
-        known = np.flatnonzero(~np.isnat(part.utc) & np.isfinite(part.time))
+        known = np.flatnonzero(~np.isnat(part.utc) & np.isfinite(steady_time(part)))
         if len(known):
             since = np.timedelta64(round(x[known[0]] * 1e9), "ns")
             self.utc = part.utc[known[0]] - since
 
-    def _add_lost(self, part: Log, x: FloatArray, gaps: int, damage: int) -> None:
+    def _add_lost(
+        self, part: Log, x: FloatArray, before: FloatArray, gaps: int, damage: int
+    ) -> None:
         """Where the gaps and the damage are that this part has added."""
-        before = np.concatenate(([self._last], x))
         if found := self.facts.gaps[gaps:]:
             rows = np.array([it.sample for it in found]) - part.first_sample
+            self.gaps += x[rows].tolist()
             lost = [it.lost for it in found]
             self.lost.add(np.minimum(before[rows], x[rows]), x[rows], lost)
         if spoilt := self.facts.damage[damage:]:
@@ -289,13 +271,9 @@ class Gathered:
 
     def _add_steps(self, part: Log, x: FloatArray) -> None:
         """Time between samples; those of the receiver have a time of their own."""
-        if self.axis != "time":
+        if self.axis.kind != "time":
             return
-        own = np.isfinite(part.time)
-        for name in ("gnss_pvt_data", "gnss_sat_info"):
-            if name in part:
-                own[part[name].sample - part.first_sample] = False
-        time = x[own]
+        time = x[np.isfinite(steady_time(part))]
         if self._last_step is not None:
             time = np.concatenate(([self._last_step], time))
         if len(time):
@@ -340,5 +318,5 @@ class Gathered:
                 continue
             self._said.add((message.name, words))
             row = message.sample - part.first_sample
-            time = float(x[row]) if row < len(x) else float(x[-1]) if len(x) else self._last
+            time = float(x[row]) if row < len(x) else self.axis.last
             self.settings.append(Setting(time, message.name, words))

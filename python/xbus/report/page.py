@@ -301,7 +301,7 @@ def _plots(it: Gathered, drawn: list[Figure]) -> Iterator[str]:
     widest = max((panel.curves.width for s in it.series for panel in s.panels.values()), default=0)
     if widest:
         yield _soft(
-            f"Of each {widest:.3g} {'s' if it.axis == 'time' else 'steps'} or less the least and the "
+            f"Of each {widest:.3g} {'s' if it.axis.kind == 'time' else 'steps'} or less the least and the "
             "greatest value are drawn, so that no spike is lost. A line ends where rows are missing."
         )
     for series in it.series:
@@ -406,10 +406,11 @@ def _figures_of(series: Series, curves: list[tuple[FloatArray, FloatArray]]) -> 
 
 
 def _gaps(it: Gathered) -> str:
-    largest = sorted(it.facts.gaps, key=lambda gap: -gap.lost)[:SHOWN]
+    gaps = zip(it.facts.gaps, it.gaps, strict=True)
+    largest = sorted(gaps, key=lambda gap: -gap[0].lost)[:SHOWN]
     rows = [
-        (_since(it, gap.time), f"{gap.lost:,}", f"{gap.sample:,}")
-        for gap in sorted(largest, key=lambda gap: gap.sample)
+        (_since(it, x), f"{gap.lost:,}", f"{gap.sample:,}")
+        for gap, x in sorted(largest, key=lambda gap: gap[0].sample)
     ]
     text = _table(("before, s", "samples lost", "next sample"), rows, right=(0, 1, 2))
     return text + _more(len(it.facts.gaps), "gaps, smaller")
@@ -423,8 +424,8 @@ def _damage(it: Gathered) -> str:
 
 def _events(it: Gathered) -> str:
     rows = [
-        (_since(it, event.time), f"{event.offset:,}", event.name, str(event.notice))
-        for event in it.facts.events[:SHOWN]
+        (_since(it, x), f"{event.offset:,}", event.name, str(event.notice))
+        for event, x in list(zip(it.facts.events, it.events, strict=True))[:SHOWN]
     ]
     text = _table(("after, s", "byte", "", "what it says"), rows, right=(0, 1))
     return text + _more(len(it.facts.events), "events")
@@ -443,7 +444,7 @@ def _settings(it: Gathered) -> str:
         text += _table(("Configuration", ""), _configured(configuration))
     if it.settings:
         rows = [(f"{said.time:,.2f}", said.name, said.words) for said in it.settings]
-        at = "after, s" if it.axis == "time" else it.axis
+        at = "after, s" if it.axis.kind == "time" else it.axis.kind
         text += _table((at, "message", "what it says"), rows, right=(0,))
         if len(it.settings) == SETTINGS:
             text += _soft("There may be more; xbus dump lists all.")
@@ -472,5 +473,5 @@ def _unknown(it: Gathered) -> str:
     return text + _more(len(rows), "identifiers")
 
 
-def _since(it: Gathered, time: float | None) -> str:
-    return "" if time is None else f"{time - it.facts.start:,.2f}"
+def _since(it: Gathered, x: float) -> str:
+    return f"{x:,.2f}" if it.axis.kind == "time" else ""

@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.ids import MessageId
-from xbus.log import read_log
+from xbus.log import read_log, steady_time
 from xbus.protocol.values import StringType
 from xbus.sim.earth import FloatArray
 from xbus.sim.sensors import IntArray
-from xbus.tables import MESSAGES
+from xbus.tables import MESSAGES, RECEIVER
 
 __all__ = ["Playback", "Replay"]
 
@@ -22,9 +22,6 @@ __all__ = ["Playback", "Replay"]
 RATE = 100
 #: Seconds of the longest pause: the clock of a device that was restarted may look as if it had wrapped.
 LONGEST_PAUSE = 10.0
-
-#: Quantities whose samples have a time of their own, behind that of their neighbours or arbitrary.
-GNSS = ("gnss_pvt_data", "gnss_sat_info")
 #: What a device says only when it is asked, or when it starts.
 ANSWERS = [it.reply for it in MESSAGES if it.reply is not None] + [MessageId.WakeUp]
 
@@ -36,10 +33,10 @@ class Replay:
     messages, none of it changed, and not what lies between as damage. Answers to requests are left out, and
     so is what MT Manager writes at the beginning of a log.
 
-    The pace is that of the time stamps. Samples without one, those of the GNSS receiver and other messages
-    come between their neighbours, and so do strings; without any stamp 100 samples come a second, and
-    without any sample 100 strings. A pause of more than 10 s
-    lasts 10 s, and a step back of the clock no time.
+    The pace is that of the time stamps. Samples without one, those of the GNSS receiver and of a second
+    device, and other messages come between their neighbours, and so do strings; without any stamp 100
+    samples come a second, and without any sample 100 strings. A pause of more than 10 s lasts 10 s, and a
+    step back of the clock no time.
 
     Args:
         source: Path of the recording, or its bytes.
@@ -64,11 +61,10 @@ class Replay:
         strings: Iterable[StringType | str] = (),
     ) -> None:
         self._data = source if isinstance(source, bytes) else Path(source).read_bytes()
-        log = read_log(self._data, quantities=GNSS, strings=strings)
-        is_stamped = np.isfinite(log.time)
-        for key in log:
-            is_stamped[log[key].sample] = False
-        times = _pace(log.time, is_stamped)
+        log = read_log(self._data, quantities=RECEIVER, strings=strings)
+        # Devices on one bus have clocks of their own.
+        is_first = log.bid == log.bid[:1]
+        times = _pace(log.time, np.isfinite(steady_time(log)) & is_first)
         unasked = ~np.isin(log.messages.mid, ANSWERS)
         # One more instant, for messages and strings after the last sample.
         neighbours = np.append(times, times[-1:] if len(times) else [0.0])

@@ -13,6 +13,7 @@ from xbus.device.rtk import Fix
 from xbus.log import Log
 from xbus.protocol.values import State
 from xbus.source import Key
+from xbus.tables import RECEIVER
 
 __all__ = ["Counts", "Event", "Known", "Model", "Recorded"]
 
@@ -21,7 +22,6 @@ SPAN = 5.0
 #: What has not come for so many of its periods, and so many seconds, has stopped: the slowest rate is 1 Hz.
 PERIODS, SILENCE = 3.0, 1.5
 #: Their samples have times of their own, arbitrary without a fix.
-GNSS = ("gnss_pvt_data", "gnss_sat_info")
 #: What a `Fix` is told from.
 TELLING = ("status_word", "gnss_pvt_data", "lat_lon", "altitude_ellipsoid")
 #: Events that are kept.
@@ -241,7 +241,7 @@ class Model:
             known.value = column.satellites[column.offsets[-2] :]
         else:
             known.value = column.scaled[-1]
-        known.seen(len(column), now, math.nan if name in GNSS else float(column.time[-1]))
+        known.seen(len(column), now, math.nan if name in RECEIVER else float(column.time[-1]))
         return known
 
     def _take_attitude(self, came: dict[str, Known], now: float) -> None:

@@ -18,9 +18,9 @@ import numpy as np
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label, no_frame
-from xbus.cli.monitor.model import GNSS, Counts, Model, Recorded
+from xbus.cli.monitor.model import Counts, Model, Recorded
 from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
-from xbus.log import Log, Message, iter_log
+from xbus.log import Log, Message, iter_log, steady_time
 from xbus.protocol.values import State
 from xbus.words import said
 
@@ -213,8 +213,9 @@ def _words(message: Message) -> str:
 class Replay:
     """A recording, at the pace of its time stamps.
 
-    Samples of the GNSS receiver have times of their own and set no pace. A pause of more than 10 s lasts
-    10 s, and a step back of the clock no time; without any stamp 100 samples come a second.
+    Samples of the GNSS receiver and of a second device have times of their own and set no pace. A pause of
+    more than 10 s lasts 10 s, and a step back of the clock no time; without any stamp 100 samples come a
+    second.
 
     Args:
         file: Path of the recording.
@@ -233,6 +234,7 @@ class Replay:
         self._size, step = self._looked_at()
         self._parts = self._read(step)
         self._stamp = math.nan
+        self._device: int | None = None
         #: Seconds of the recording until the end of the part that is taken in next.
         self._due = 0.0
         self._began = time.monotonic()
@@ -287,10 +289,10 @@ class Replay:
 
     def _lasts(self, part: Log) -> float:
         """Seconds from the end of the part before to that of this one."""
-        stamps = part.time.copy()
-        for name in GNSS:
-            if name in part:
-                stamps[part[name].sample - part.first_sample] = math.nan
+        if self._device is None and len(part):
+            self._device = int(part.bid[0])
+        # Devices on one bus have clocks of their own.
+        stamps = steady_time(part)[part.bid == self._device]
         stamps = stamps[np.isfinite(stamps)]
         if not len(stamps):
             return len(part) / RATE if math.isnan(self._stamp) else 0.0
