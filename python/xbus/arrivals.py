@@ -21,7 +21,7 @@ import numpy.typing as npt
 from xbus import _core
 from xbus.hostclock import HostClock
 from xbus.source import Source
-from xbus.tables import FOLLOWING
+from xbus.tables import FOLLOWING, MASTER, STANDALONE
 
 __all__ = ["Arrivals", "HostTimes", "arrivals_of", "joined"]
 
@@ -31,8 +31,6 @@ RECORD = np.dtype([("end", "<u8"), ("arrival", "<i8")])
 EXPECTED = (b"XBUSTIME", 1, RECORD.itemsize)
 #: A power cut may cost the log more of its end than the side file, but not more than this, in ns.
 LOST = 60 * 10**9
-#: Both are the one device at the other end of the cable.
-MASTER, STANDALONE = 0xFF, 1
 
 
 @dataclass(frozen=True)

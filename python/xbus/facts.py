@@ -14,14 +14,13 @@ from xbus.column import Column
 from xbus.configuration import Configuration, Identity
 from xbus.ids import MessageId
 from xbus.log import UTC_VALID, Log, Message, Stats, steady_time
+from xbus.tables import MASTER, STANDALONE
 from xbus.words import Notice, device_name, finite, notice, recorded
 
 __all__ = ["Event", "Facts", "Gap", "QuantityFacts"]
 
 #: After these a device counts its samples anew, and nothing is lost.
 RESTARTS = (MessageId.GoToMeasurementAck, MessageId.ResetAck, MessageId.WakeUp)
-#: Both are the one device at the other end of the cable.
-MASTER, STANDALONE = 0xFF, 1
 
 
 class Gap(NamedTuple):

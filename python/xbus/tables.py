@@ -8,11 +8,13 @@ from xbus import _core
 
 __all__ = [
     "FOLLOWING",
+    "MASTER",
     "MESSAGES",
     "PRODUCTS",
     "QUANTITIES",
     "RECEIVER",
     "RESULT_CODES",
+    "STANDALONE",
     "STATUS_FLAGS",
     "Field",
     "MessageRow",
@@ -148,6 +150,8 @@ QUANTITIES = {row["name"]: _quantity(row) for row in _core.quantities()}
 RECEIVER = ("gnss_pvt_data", "gnss_sat_info")
 #: Samples with these do not move a clock.
 FOLLOWING = (*RECEIVER, "trigger_in1", "trigger_in2", "trigger_in3")
+#: Bus identifiers (section 5.1, "BID or Address"): both are the one device at the other end of the cable.
+MASTER, STANDALONE = 0xFF, 1
 #: All messages, by MID.
 MESSAGES = [MessageRow(**_tuples(row)) for row in _core.messages()]
 #: All products, by number.

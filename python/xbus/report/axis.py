@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from xbus.log import Log, steady_time
 from xbus.report.thin import BoolArray, FloatArray
+from xbus.tables import MASTER, STANDALONE
 
 __all__ = ["Axis"]
 
@@ -14,8 +15,6 @@ __all__ = ["Axis"]
 BACK = 1.0
 #: Seconds between a sample and its neighbours, beyond which its time is wrong, or arbitrary.
 AWAY = 1.0
-#: Both are the one device at the other end of the cable.
-MASTER, STANDALONE = 0xFF, 1
 
 
 class Axis:
