@@ -92,18 +92,21 @@ class Axis:
         before = self._clock if np.isfinite(self._clock) else clock[0]
         steps = np.diff(clock, prepend=before)
         falls = steps < (-BACK if self.kind == "time" else 0.0)
-        rising = steps[steps > 0]
-        usual = float(np.median(rising)) if len(rising) else self._step
-        # A sum of zeros, but for the beginnings.
-        offsets = self._offset + np.cumsum(np.where(falls, usual - steps, 0.0))
-        self.restarts += int(np.count_nonzero(falls))
-        self._clock, self._step, self._offset = float(clock[-1]), usual, float(offsets[-1])
+        offsets = np.full(len(clock), self._offset)
+        if falls.any():
+            rising = steps[steps > 0]
+            usual = float(np.median(rising)) if len(rising) else self._step
+            offsets += np.cumsum(np.where(falls, usual - steps, 0.0))
+            self.restarts += int(np.count_nonzero(falls))
+        self._clock, self._offset = float(clock[-1]), float(offsets[-1])
+        self._step = float(steps[-1]) if 0 < steps[-1] <= AWAY else self._step
         x: FloatArray = np.interp(np.arange(len(part)), rows, clock + offsets)
         if self.kind == "time":
             # Samples of the receiver have a time of the same clock, if they have one.
-            latest = np.maximum(np.searchsorted(rows, np.arange(len(part)), "right") - 1, 0)
-            own = part.time + offsets[latest]
-            x = np.where(is_device & (np.abs(own - x) < AWAY), own, x)
+            others = np.flatnonzero(np.isfinite(part.time) & is_device & ~known)
+            latest = np.maximum(np.searchsorted(rows, others, "right") - 1, 0)
+            own = part.time[others] + offsets[latest]
+            x[others] = np.where(np.abs(own - x[others]) < AWAY, own, x[others])
         return x
 
 
