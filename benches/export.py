@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 from common import ahrs_stream, medians
 
 import xbus
-from xbus.export import parquet_options
+from xbus.log.export import parquet_options
 
 MEBIBYTES = float(sys.argv[1]) if len(sys.argv) > 1 else 256
 

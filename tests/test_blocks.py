@@ -11,8 +11,8 @@ import pytest
 import xbus
 from xbus import Device, SimulatedDevice, StateError, XbusTimeout, connect
 from xbus.device import channel as channel_module
-from xbus.device.link import SILENCE, Received
 from xbus.protocol import State
+from xbus.wire.link import SILENCE, Received
 
 OUTPUTS = {
     "packet_counter": None,

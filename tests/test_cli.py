@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import os
-import resource
 import signal
 import subprocess
 import sys
@@ -100,22 +99,12 @@ def test_help_waits_for_nothing_heavy(args: list[str]) -> None:
     assert done.stderr == b"\n"
 
 
-def test_help_costs_little_processor_time() -> None:
-    def once() -> float:
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([*PROGRAM, "--help"], check=True, stdout=subprocess.DEVNULL)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-
-    assert min(once() for _ in range(5)) < 0.25
-
-
 def test_names_of_the_package_are_there_when_asked_for() -> None:
     code = (
         "import sys, xbus; assert 'numpy' not in sys.modules;"
         "assert all(getattr(xbus, it) is not None for it in xbus.__all__);"
-        "assert set(xbus.__all__) <= set(dir(xbus));"
-        "assert xbus.tables.QUANTITIES and xbus.errors.DecodeError is xbus.DecodeError"
+        "assert dir(xbus) == sorted(xbus.__all__);"
+        "assert xbus.protocol.tables.QUANTITIES and xbus.errors.DecodeError is xbus.DecodeError"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):

@@ -13,7 +13,7 @@ import xbus
 from test_cli import run, sentence
 from test_settings import Stubborn, changed
 from xbus import Device, SimulatedDevice, connect
-from xbus.tables import PRODUCTS
+from xbus.protocol.tables import PRODUCTS
 
 PRODUCT_NAMES = [it.name for it in PRODUCTS.values()]
 

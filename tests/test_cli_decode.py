@@ -370,7 +370,7 @@ def test_not_enough_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     def out_of_memory(*_: Any) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("xbus.export.csv", out_of_memory)
+    monkeypatch.setattr("xbus.log.export.csv", out_of_memory)
     assert "not enough memory; decode one --quantity" in sentence(
         run("decode", WALK, "-o", "out.csv")
     )

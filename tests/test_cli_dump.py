@@ -23,9 +23,9 @@ from test_cli import FIELD, PROGRAM, WALK, run, sentence, start
 from test_cli_sim import simulated
 from xbus import DataId, MessageId, encode_frame, encode_packet
 from xbus.cli import dump as command
-from xbus.cli.teller import KEPT, Teller
-from xbus.device.link import Received
+from xbus.cli.dump_lines import KEPT, Teller
 from xbus.sim.link import SimLink
+from xbus.wire.link import Received
 
 
 def lines_of(data: bytes, *, pieces: list[int] | None = None, as_json: bool = False) -> list[str]:

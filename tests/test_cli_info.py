@@ -19,7 +19,7 @@ from streams import frame, packet
 from test_cli import FIELD, WALK, run, sentence
 from xbus import MessageId, encode_frame
 from xbus.cli.page import page
-from xbus.facts import Facts
+from xbus.describe.facts import Facts
 
 
 def facts_of(data: bytes, block: int = 1 << 20) -> Facts:

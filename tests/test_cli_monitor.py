@@ -24,8 +24,8 @@ from xbus.cli.monitor.rows import ASCII, UNICODE, rows, table
 from xbus.cli.monitor.sources import Live, Replay
 from xbus.cli.monitor.terminal import keys_in
 from xbus.cli.monitor.view import Line, Shown, draw
-from xbus.ids import MessageId
 from xbus.protocol import State
+from xbus.protocol.ids import MessageId
 
 # Which way it points
 
@@ -198,16 +198,16 @@ def test_values() -> None:
 def test_every_quantity_has_words() -> None:
     """Whatever a recording holds can be shown, and given to programs."""
     data = b"".join(
-        encode_sample({name: example(row)}) for name, row in xbus.tables.QUANTITIES.items()
+        encode_sample({name: example(row)}) for name, row in xbus.protocol.tables.QUANTITIES.items()
     )
     model = known(data)
-    assert {it for it, _ in model.quantities} == set(xbus.tables.QUANTITIES)
+    assert {it for it, _ in model.quantities} == set(xbus.protocol.tables.QUANTITIES)
     assert all(it[3] for it in table(model))
     facts = json.loads(json.dumps(snapshot.facts(model), allow_nan=False))
-    assert len(facts["quantities"]) == len(xbus.tables.QUANTITIES)
+    assert len(facts["quantities"]) == len(xbus.protocol.tables.QUANTITIES)
 
 
-def example(row: xbus.tables.Quantity) -> Any:
+def example(row: xbus.protocol.tables.Quantity) -> Any:
     if row.kind == "list":
         return [1] * len(row.fields), [[2] * len(row.entry)]
     if row.kind == "struct":
@@ -244,7 +244,7 @@ def test_status_by_name() -> None:
 
 
 def test_gnss() -> None:
-    fields = {it.name: 0 for it in xbus.tables.QUANTITIES["gnss_pvt_data"].fields}
+    fields = {it.name: 0 for it in xbus.protocol.tables.QUANTITIES["gnss_pvt_data"].fields}
     fields |= {"fixtype": 3, "flags": 2 << 6, "numSV": 18, "hAcc": 14, "vAcc": 1234}
     data = encode_sample({"gnss_pvt_data": fields})
     assert words(known(data))["GNSS"] == "3D  RTK fixed  18 SV  hAcc 14 mm  vAcc 1.2 m"

@@ -19,9 +19,9 @@ import pytest
 from test_cli import run, sentence, start
 from test_rtk import FRAMES, NMEA, LocalCaster, serving_caster
 from xbus import SimulatedDevice, connect
+from xbus.geometry.earth import ORIGIN
 from xbus.protocol import State
 from xbus.sim import serving
-from xbus.sim.earth import ORIGIN
 from xbus.sim.serve import PtyServer, serve
 
 #: How much faster than the clock devices live here: 8 s to a fixed position are one.

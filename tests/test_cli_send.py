@@ -15,11 +15,11 @@ from test_cli import run, sentence, start
 from xbus import SimulatedDevice, connect
 from xbus.cli.exchange import Exchange, shown
 from xbus.device import Device
-from xbus.device.link import Received
 from xbus.protocol import State
 from xbus.sim import serving
 from xbus.sim.faults import Faults
 from xbus.sim.link import SimLink
+from xbus.wire.link import Received
 
 AHS = "sim:MTi-630"
 INVALID = "4: the message is invalid here, or this device does not know it"

@@ -18,7 +18,7 @@ import pytest
 from test_cli import ENVIRONMENT, FIELD, PROGRAM, WALK, run, sentence
 from xbus.cli.inputs import Input
 from xbus.cli.progress import DELAY, Progress
-from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES
+from xbus.protocol.tables import MESSAGES, PRODUCTS, QUANTITIES
 
 
 def waiting(seconds: int) -> list[str]:

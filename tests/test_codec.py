@@ -19,8 +19,8 @@ import xbus
 from conftest import SEEDS, damaged_streams, shared
 from streams import frame, mtdata2, packet, real
 from xbus import Column, MessageId, Scanner, encode_frame, encode_packet, encode_sample
-from xbus.codec import Damage
-from xbus.tables import QUANTITIES, Quantity
+from xbus.protocol.tables import QUANTITIES, Quantity
+from xbus.wire.codec import Damage
 
 # ---------------------------------------------------------------------------------------------
 # Frames

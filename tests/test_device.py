@@ -21,12 +21,12 @@ from xbus import (
     connect,
     encode_frame,
 )
-from xbus.device.link import Received
 from xbus.device.output import bytes_per_second, check_fits, outputs_of
 from xbus.protocol import OptionFlag, Output, State, StringType
 from xbus.protocol.products import support
+from xbus.protocol.tables import MESSAGES, PRODUCTS
 from xbus.sim.link import SimLink
-from xbus.tables import MESSAGES, PRODUCTS
+from xbus.wire.link import Received
 
 PRODUCT_NAMES = [it.name for it in PRODUCTS.values()]
 
@@ -349,7 +349,7 @@ def works_again(device: Device) -> None:
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
-def test_no_answer(row: xbus.tables.MessageRow) -> None:
+def test_no_answer(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
     link.meddle = lambda _: b""
@@ -361,7 +361,7 @@ def test_no_answer(row: xbus.tables.MessageRow) -> None:
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
-def test_ctrl_c(row: xbus.tables.MessageRow) -> None:
+def test_ctrl_c(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
 
@@ -390,7 +390,7 @@ def test_ctrl_c_inside_configure_restores_the_state() -> None:
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
-def test_a_pulled_plug(row: xbus.tables.MessageRow) -> None:
+def test_a_pulled_plug(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
 
@@ -411,7 +411,7 @@ def test_a_pulled_plug(row: xbus.tables.MessageRow) -> None:
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
-def test_an_error_for_an_answer(row: xbus.tables.MessageRow) -> None:
+def test_an_error_for_an_answer(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
     link.meddle = lambda data: encode_frame(0x42, b"\x21") if data else b""
@@ -423,7 +423,7 @@ def test_an_error_for_an_answer(row: xbus.tables.MessageRow) -> None:
 
 
 @pytest.mark.parametrize("row", MEASURED, ids=lambda it: it.name)
-def test_an_answer_of_the_wrong_length(row: xbus.tables.MessageRow) -> None:
+def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
     rows = [it for it in MESSAGES if it.mid == row.reply]
@@ -439,7 +439,7 @@ def test_an_answer_of_the_wrong_length(row: xbus.tables.MessageRow) -> None:
 
 
 @pytest.mark.parametrize("row", MEASURED, ids=lambda it: it.name)
-def test_garbage_before_the_answer(row: xbus.tables.MessageRow) -> None:
+def test_garbage_before_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
     """A header that claims more than comes holds nothing back for longer than silence lasts."""
     device, link = identified()
     value = value_for(row.name, device)

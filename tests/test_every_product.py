@@ -16,7 +16,6 @@ from xbus import (
 )
 from xbus.device.checks import check
 from xbus.device.session import Refusal, Reply
-from xbus.ids import DataId
 from xbus.protocol import (
     EVERY,
     AlignmentRotation,
@@ -38,9 +37,10 @@ from xbus.protocol import (
     baudrate,
     encode,
 )
+from xbus.protocol.ids import DataId
 from xbus.protocol.messages import ROWS
 from xbus.protocol.products import BASE, HEADING, Support, support
-from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES, MessageRow
+from xbus.protocol.tables import MESSAGES, PRODUCTS, QUANTITIES, MessageRow
 
 STATES = (State.WAKEUP, State.CONFIG, State.MEASUREMENT)
 COMMANDS = [it for it in MESSAGES if it.direction != "to host"]

@@ -21,7 +21,7 @@ import xbus
 from conftest import OWN_CAPTURES, counter, fine
 from streams import mtdata2, packet, real
 from test_arrow import DATA, SATELLITES
-from xbus import export
+from xbus.log import export
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")

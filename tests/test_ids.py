@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from xbus import ids
-from xbus.tables import MESSAGES, QUANTITIES
+from xbus.protocol import ids
+from xbus.protocol.tables import MESSAGES, QUANTITIES
 
 HEADER = '''\
 """Data identifiers and message identifiers as enums.

@@ -26,8 +26,8 @@ from xbus.protocol import (
 )
 from xbus.protocol.messages import LAYOUTS
 from xbus.protocol.products import find_product, product_of_code, support
+from xbus.protocol.tables import MESSAGES, PRODUCTS, QUANTITIES
 from xbus.protocol.values import BAUD_CODES
-from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES
 
 ALL = (1, 2, 3, 7, 10, 20, 30, 100, 200, 300, 710, 610, 620, 630, 670, 680)
 SERIES_1, SERIES_10, SERIES_100 = (1, 2, 3, 7), (10, 20, 30), (100, 200, 300, 710)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from conftest import shared
 from xbus import Configuration, Message, Scanner
-from xbus.configuration import Firmware
+from xbus.describe.text import value_text
 from xbus.protocol import (
     EVERY,
     Alignment,
@@ -58,11 +58,11 @@ from xbus.protocol import (
     decode,
     encode,
 )
+from xbus.protocol.configuration import Firmware
 from xbus.protocol.layout import NOTHING, RAW
 from xbus.protocol.messages import LAYOUTS, ROWS
+from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import BAUD_CODES, CAN_BAUD_CODES
-from xbus.tables import MESSAGES
-from xbus.words import value_text
 
 # ---------------------------------------------------------------------------------------------
 # What each message says

@@ -22,12 +22,13 @@ from hypothesis import strategies as st
 import xbus
 from streams import frame
 from xbus import Device, DeviceError, Scanner, SimulatedDevice, StateError, XbusTimeout, connect
-from xbus.device import Caster, CasterError, Fix, Forwarder, Position, Sample
-from xbus.device.link import Received
-from xbus.device.rtk import UNANSWERED, rtcm_frames
-from xbus.ids import MessageId
+from xbus.device import Sample
+from xbus.protocol.ids import MessageId
+from xbus.rtk import Caster, CasterError, Fix, Forwarder, Position
+from xbus.rtk.forward import UNANSWERED, rtcm_frames
 from xbus.sim import serving
 from xbus.sim.link import SimLink
+from xbus.wire.link import Received
 
 
 def rtcm(payload: bytes) -> bytes:
@@ -242,7 +243,7 @@ def test_the_receiver_tells_more_than_the_status_word() -> None:
     at = fix.position
     assert at is not None
     assert (at.lat, at.lon) == pytest.approx((52.23976, 6.83799), abs=1e-3)
-    assert at.sep == pytest.approx(xbus.sim.earth.GEOID_SEPARATION, abs=0.01)
+    assert at.sep == pytest.approx(xbus.geometry.earth.GEOID_SEPARATION, abs=0.01)
     assert at.satellites
     assert at.hdop
 
@@ -458,7 +459,7 @@ def test_positions_are_sent(local: LocalCaster) -> None:
 def test_a_lost_connection_is_made_again(
     local: LocalCaster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("xbus.device.caster.FIRST_PAUSE", 0.01)
+    monkeypatch.setattr("xbus.rtk.caster.FIRST_PAUSE", 0.01)
     local.once = True
     local.sends = [STATION]
     states = set()
@@ -472,8 +473,8 @@ def test_a_lost_connection_is_made_again(
 def test_a_silent_connection_is_made_again(
     local: LocalCaster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("xbus.device.caster.PATIENCE", 0.1)
-    monkeypatch.setattr("xbus.device.caster.FIRST_PAUSE", 0.01)
+    monkeypatch.setattr("xbus.rtk.caster.PATIENCE", 0.1)
+    monkeypatch.setattr("xbus.rtk.caster.FIRST_PAUSE", 0.01)
     local.sends = []
     with Caster(local.address, "BASE") as caster:
         while len(local.requests) < 3:
@@ -483,7 +484,7 @@ def test_a_silent_connection_is_made_again(
 
 
 def test_pauses_get_longer(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.device.caster.FIRST_PAUSE", 0.01)
+    monkeypatch.setattr("xbus.rtk.caster.FIRST_PAUSE", 0.01)
     with Caster(local.address, "BASE") as caster:
         assert next(iter(caster)) in FRAMES
         local.account = ("nobody", "knows")
@@ -502,7 +503,7 @@ def test_pauses_get_longer(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_junk_forever_is_silence(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.device.caster.LONG_PATIENCE", 0.5)
+    monkeypatch.setattr("xbus.rtk.caster.LONG_PATIENCE", 0.5)
     local.sends = [b"noise" * 20]
     with Caster(local.address, "BASE") as caster:
         while caster.state != "lost":

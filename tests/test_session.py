@@ -32,7 +32,7 @@ from xbus.protocol import (
 )
 from xbus.protocol.messages import ROWS
 from xbus.protocol.products import support
-from xbus.tables import MESSAGES
+from xbus.protocol.tables import MESSAGES
 
 REQUESTS = [it for it in MESSAGES if it.direction == "to device"]
 ANSWERED = [it for it in REQUESTS if it.reply is not None]
@@ -152,7 +152,9 @@ def test_answers(command: str, value: Any, sent: str, came: str, says: Any) -> N
 
 @pytest.mark.parametrize("state", list(State))
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
-def test_a_command_is_sent_in_its_states_only(row: xbus.tables.MessageRow, state: State) -> None:
+def test_a_command_is_sent_in_its_states_only(
+    row: xbus.protocol.tables.MessageRow, state: State
+) -> None:
     it = session(state)
     allowed = state in row.states or row.name in ("GoToConfig", "Reset")
     allowed |= (state, row.name) == (State.UNKNOWN, "ReqDID")
@@ -207,7 +209,9 @@ def test_a_silent_device_tells_its_state_by_how_it_answers_req_did(came: str, st
 
 
 @pytest.mark.parametrize("row", ANSWERED, ids=lambda it: it.name)
-def test_an_abandoned_command_leaves_a_state_that_is_true(row: xbus.tables.MessageRow) -> None:
+def test_an_abandoned_command_leaves_a_state_that_is_true(
+    row: xbus.protocol.tables.MessageRow,
+) -> None:
     state = State(row.states[0])
     it = session(state)
     it.request(row.name, value_for(row.name))
@@ -282,7 +286,7 @@ def test_what_a_product_cannot_do_is_not_sent(
 
 
 @pytest.mark.parametrize("row", ANSWERED, ids=lambda it: it.name)
-def test_an_error_is_the_answer(row: xbus.tables.MessageRow) -> None:
+def test_an_error_is_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
     it = session(State(row.states[0]))
     it.request(row.name, value_for(row.name))
     (refusal,) = it.receive(SAMPLE + encode_frame(0x42, b"\x21"))[1:]
@@ -294,7 +298,7 @@ def test_an_error_is_the_answer(row: xbus.tables.MessageRow) -> None:
 
 
 @pytest.mark.parametrize("row", KNOWN, ids=lambda it: it.name)
-def test_an_answer_of_the_wrong_length(row: xbus.tables.MessageRow) -> None:
+def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> None:
     rows = [it for it in MESSAGES if it.mid == row.reply]
     assert row.reply is not None
     wrong = next(n for n in range(300) if not any(n in (it.lengths or ()) for it in rows))
@@ -310,7 +314,7 @@ def test_an_answer_of_the_wrong_length(row: xbus.tables.MessageRow) -> None:
 
 
 @pytest.mark.parametrize("row", KNOWN, ids=lambda it: it.name)
-def test_garbage_does_not_hide_the_answer(row: xbus.tables.MessageRow) -> None:
+def test_garbage_does_not_hide_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
     assert row.reply is not None
     length = min(next(it.lengths or () for it in MESSAGES if it.mid == row.reply))
     answer = encode_frame(row.reply, b"M" * length)

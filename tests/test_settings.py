@@ -19,7 +19,6 @@ from xbus import (
     XbusTimeout,
     connect,
 )
-from xbus.device.link import Received
 from xbus.protocol import (
     CanConfig,
     CanOutput,
@@ -38,9 +37,10 @@ from xbus.protocol import (
     SyncSetting,
 )
 from xbus.protocol.products import support
+from xbus.protocol.tables import PRODUCTS
 from xbus.protocol.values import SYNC_OUT_FUNCTIONS
 from xbus.sim.link import SimLink
-from xbus.tables import PRODUCTS
+from xbus.wire.link import Received
 
 FLAG = OptionFlag.ENABLE_IN_RUN_COMPASS_CALIBRATION
 

@@ -15,9 +15,7 @@ from hypothesis import strategies as st
 import xbus
 from conftest import OWN_CAPTURES, exchanges
 from xbus import Faults, MessageId, Scanner, SimulatedDevice, encode_frame
-from xbus.configuration import Configuration, Firmware
-from xbus.ids import DataId
-from xbus.log import Message
+from xbus.geometry import quaternion
 from xbus.protocol import (
     EVERY,
     Alignment,
@@ -53,13 +51,15 @@ from xbus.protocol import (
     decode,
     encode,
 )
+from xbus.protocol.configuration import Configuration, Firmware
+from xbus.protocol.ids import DataId
 from xbus.protocol.messages import ROWS
 from xbus.protocol.products import support
-from xbus.sim import quaternion
+from xbus.protocol.tables import MESSAGES, PRODUCTS, STATUS_FLAGS
 from xbus.sim.replay import Replay
 from xbus.sim.sensors import UTC
 from xbus.sim.trajectories import trajectory
-from xbus.tables import MESSAGES, PRODUCTS, STATUS_FLAGS
+from xbus.wire.message import Message
 
 WAKE_UP, ACK = bytes.fromhex("FAFF3E00C3"), bytes.fromhex("FAFF3F00C2")
 PERIOD, MESSAGE, BAUDRATE, PARAMETER = 3, 4, 32, 33
@@ -321,7 +321,7 @@ def test_every_quantity_at_every_rate(product: int) -> None:
 
 
 def quantity(name: str) -> int:
-    return xbus.tables.QUANTITIES[name].id
+    return xbus.protocol.tables.QUANTITIES[name].id
 
 
 # ---------------------------------------------------------------------------------------------

@@ -12,8 +12,8 @@ import pytest
 
 import xbus
 from conftest import OWN_CAPTURES
+from xbus.geometry import earth, quaternion
 from xbus.protocol.values import LatLonAlt
-from xbus.sim import earth, quaternion
 from xbus.sim.motion import COASTING, SampledTrajectory, Trajectory
 from xbus.sim.trajectories import TRAJECTORIES, trajectory
 

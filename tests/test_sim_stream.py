@@ -12,13 +12,13 @@ import pytest
 
 import xbus
 from xbus import _core
-from xbus.ids import Coordinates, DataId, Precision
-from xbus.sim import earth, quaternion
+from xbus.geometry import earth, quaternion
+from xbus.protocol.ids import Coordinates, DataId, Precision
+from xbus.protocol.tables import PRODUCTS, QUANTITIES, Quantity
 from xbus.sim.motion import SampledTrajectory
 from xbus.sim.sensors import Sensors, Ticks
 from xbus.sim.stream import Stream
 from xbus.sim.trajectories import trajectory
-from xbus.tables import PRODUCTS, QUANTITIES, Quantity
 
 Array = npt.NDArray[Any]
 EVERY = 0xFFFF

@@ -28,10 +28,10 @@ from xbus.device.strings import frequency_of, period_and_skip_factor, plan_strin
 from xbus.protocol import State, StringOutput
 from xbus.protocol.products import find_product, support
 from xbus.protocol.strings import LAYOUTS
+from xbus.protocol.tables import PRODUCTS
 from xbus.sim import Replay, serving
 from xbus.sim.sensors import Sensors, Ticks
 from xbus.sim.trajectories import trajectory
-from xbus.tables import PRODUCTS
 
 #: The products that have strings: all but the 1-series.
 WITH_STRINGS = [number for number, it in PRODUCTS.items() if support(it).string_types]
@@ -254,7 +254,7 @@ def test_strings_say_what_samples_say(motion: str) -> None:
             assert (place["lat"], place["lon"]) == pytest.approx(
                 (lat, lon), abs=0.51 * 10**-digits / 60
             )
-        pvt = dict(zip((it.name for it in xbus.tables.QUANTITIES["gnss_pvt_data"].fields),
+        pvt = dict(zip((it.name for it in xbus.protocol.tables.QUANTITIES["gnss_pvt_data"].fields),
                        read("gnss_pvt_data"), strict=True))  # fmt: skip
         gga, rmc = said[StringType.GPGGA], said[StringType.GPRMC]
         assert gga["height_msl"] == pytest.approx(pvt["hMSL"] / 1000, abs=0.051)

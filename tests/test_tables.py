@@ -12,7 +12,14 @@ import pytest
 import reference
 from conftest import shared
 from xbus import Coordinates, DataId, MessageId, Precision
-from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES, RESULT_CODES, STATUS_FLAGS, Quantity
+from xbus.protocol.tables import (
+    MESSAGES,
+    PRODUCTS,
+    QUANTITIES,
+    RESULT_CODES,
+    STATUS_FLAGS,
+    Quantity,
+)
 
 
 def rows(path: str) -> Iterator[dict[str, str]]:

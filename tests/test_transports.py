@@ -12,8 +12,8 @@ import xbus
 from xbus import Device, SimulatedDevice, connect
 from xbus.protocol import EVERY, Output, State
 from xbus.protocol.products import support
+from xbus.protocol.tables import MESSAGES, PRODUCTS
 from xbus.sim import serving
-from xbus.tables import MESSAGES, PRODUCTS
 
 #: Left out of the round: they change the state, and come in their own place.
 APART = ("GoToConfig", "GoToMeasurement", "Reset", "RestoreFactoryDef", "WakeUpAck", "ReqData")
@@ -117,7 +117,7 @@ def exercise(device: Device) -> list[tuple[str, Any]]:
     return said
 
 
-def awake(product: xbus.tables.Product) -> SimulatedDevice:
+def awake(product: xbus.protocol.tables.Product) -> SimulatedDevice:
     """One that has been on for a while: nobody has to wait for it to wake up."""
     sim = SimulatedDevice(product)
     sim.advance(1)
@@ -127,7 +127,8 @@ def awake(product: xbus.tables.Product) -> SimulatedDevice:
 @pytest.mark.parametrize("product", PRODUCTS.values(), ids=lambda it: it.name)
 @pytest.mark.parametrize("transport", [in_process, on_a_pty, on_tcp], ids=lambda it: it.__name__)
 def test_all_commands(
-    product: xbus.tables.Product, transport: Callable[..., contextlib.AbstractContextManager[Any]]
+    product: xbus.protocol.tables.Product,
+    transport: Callable[..., contextlib.AbstractContextManager[Any]],
 ) -> None:
     with connect(awake(product)) as device:
         expected = exercise(device)

@@ -11,12 +11,12 @@ import pytest
 import serial
 
 from xbus import MessageId, Sample, Scanner, SimulatedDevice, encode_frame
-from xbus.ids import DataId
-from xbus.log import Message
 from xbus.protocol import EVERY, Output, State, decode, encode
+from xbus.protocol.ids import DataId
 from xbus.protocol.products import Support, support
+from xbus.protocol.tables import PRODUCTS, QUANTITIES
 from xbus.sim import serving
-from xbus.tables import PRODUCTS, QUANTITIES
+from xbus.wire.message import Message
 
 BAUDRATE = 115_200
 #: Seconds that it waits for answers: to GoToConfig while it scans and later, and to most others.

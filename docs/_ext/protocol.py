@@ -31,12 +31,12 @@ from sphinx.util.docutils import SphinxDirective
 from xbus import Coordinates, Device, Precision, encode_packet
 from xbus.cli import main
 from xbus.cli.tables import _layout, _lengths, _products  # the words of ``xbus items``
+from xbus.describe.text import value_text
 from xbus.device.commands import Commands
 from xbus.protocol import EVERY, HardwareVersion, OptionFlag, Output, StringType
 from xbus.protocol.products import Support, support
 from xbus.protocol.strings import LAYOUTS
-from xbus.protocol.values import BAUD_CODES
-from xbus.tables import (
+from xbus.protocol.tables import (
     MESSAGES,
     PRODUCTS,
     QUANTITIES,
@@ -45,7 +45,7 @@ from xbus.tables import (
     Field,
     MessageRow,
 )
-from xbus.words import value_text
+from xbus.protocol.values import BAUD_CODES
 
 #: What a cell shows: text, or code where it is wrapped.
 Cell = str | nodes.Node

@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Any
 from xbus._core import __version__
 
 if TYPE_CHECKING:
-    from xbus.codec import Scanner, encode_frame, encode_packet, encode_sample
-    from xbus.column import Column
-    from xbus.configuration import Configuration, Firmware
+    from xbus import describe, device, errors, geometry, log, protocol, report, rtk, sim, wire
     from xbus.device import (
+        ApplyError,
         Device,
         Sample,
         Session,
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
         restore_communication,
     )
     from xbus.errors import (
-        ApplyError,
         DecodeError,
         DeviceError,
         Disconnected,
@@ -33,13 +31,57 @@ if TYPE_CHECKING:
         XbusError,
         XbusTimeout,
     )
-    from xbus.hostclock import HostClock
-    from xbus.ids import Coordinates, DataId, MessageId, Precision
-    from xbus.log import Log, Message, Stats, iter_log, read_log
+    from xbus.log import Column, HostClock, Log, Stats, iter_log, read_log
+    from xbus.protocol.configuration import Configuration, Firmware
+    from xbus.protocol.ids import Coordinates, DataId, MessageId, Precision
     from xbus.protocol.values import StringType
-    from xbus.sim.device import SimulatedDevice
-    from xbus.sim.faults import Faults
-    from xbus.strings import String, encode_string, parse_string
+    from xbus.sim import Faults, SimulatedDevice
+    from xbus.wire.codec import Scanner, encode_frame, encode_packet, encode_sample
+    from xbus.wire.message import Message
+    from xbus.wire.strings import String, encode_string, parse_string
+
+#: The module of each public name. Modules are imported when a name is first used, so that ``import xbus``
+#: and ``xbus --help`` do not wait for numpy.
+_MODULES = {
+    "device": (
+        "ApplyError",
+        "Device",
+        "Sample",
+        "Session",
+        "Settings",
+        "connect",
+        "find_ports",
+        "restore_communication",
+    ),
+    "errors": (
+        "DecodeError",
+        "DeviceError",
+        "Disconnected",
+        "StateError",
+        "XbusError",
+        "XbusTimeout",
+    ),
+    "log": ("Column", "HostClock", "Log", "Stats", "iter_log", "read_log"),
+    "protocol.configuration": ("Configuration", "Firmware"),
+    "protocol.ids": ("Coordinates", "DataId", "MessageId", "Precision"),
+    "protocol.values": ("StringType",),
+    "sim": ("Faults", "SimulatedDevice"),
+    "wire.codec": ("Scanner", "encode_frame", "encode_packet", "encode_sample"),
+    "wire.message": ("Message",),
+    "wire.strings": ("String", "encode_string", "parse_string"),
+}
+_PACKAGES = (
+    "describe",
+    "device",
+    "errors",
+    "geometry",
+    "log",
+    "protocol",
+    "report",
+    "rtk",
+    "sim",
+    "wire",
+)
 
 __all__ = [
     "ApplyError",
@@ -71,58 +113,32 @@ __all__ = [
     "XbusTimeout",
     "__version__",
     "connect",
+    "describe",
+    "device",
     "encode_frame",
     "encode_packet",
     "encode_sample",
     "encode_string",
+    "errors",
     "find_ports",
+    "geometry",
     "iter_log",
+    "log",
     "parse_string",
+    "protocol",
     "read_log",
+    "report",
     "restore_communication",
+    "rtk",
+    "sim",
+    "wire",
 ]
-
-#: What is imported when it is first asked for, so that ``xbus --help`` need not wait for numpy.
-_MODULES = {
-    "codec": ("Scanner", "encode_frame", "encode_packet", "encode_sample"),
-    "column": ("Column",),
-    "configuration": ("Configuration", "Firmware"),
-    "device": (
-        "Device",
-        "Sample",
-        "Session",
-        "Settings",
-        "connect",
-        "find_ports",
-        "restore_communication",
-    ),
-    "errors": (
-        "ApplyError",
-        "DecodeError",
-        "DeviceError",
-        "Disconnected",
-        "StateError",
-        "XbusError",
-        "XbusTimeout",
-    ),
-    "export": (),
-    "hostclock": ("HostClock",),
-    "ids": ("Coordinates", "DataId", "MessageId", "Precision"),
-    "log": ("Log", "Message", "Stats", "iter_log", "read_log"),
-    "protocol": (),
-    "protocol.values": ("StringType",),
-    "sim.device": ("SimulatedDevice",),
-    "sim.faults": ("Faults",),
-    "source": (),
-    "strings": ("String", "encode_string", "parse_string"),
-    "tables": (),
-}
 
 
 def __getattr__(name: str) -> Any:
+    if name in _PACKAGES:
+        return import_module(f"xbus.{name}")
     for module, names in _MODULES.items():
-        if name == module:
-            return import_module(f"xbus.{module}")
         if name in names:
             value = getattr(import_module(f"xbus.{module}"), name)
             globals()[name] = value
@@ -131,4 +147,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return [*globals(), *__all__, *_MODULES]
+    return sorted(__all__)

@@ -36,16 +36,16 @@ __all__ = [
 __version__: str
 
 def quantities() -> list[dict[str, Any]]:
-    """The data identifiers, row by row: see `xbus.tables.Quantity`."""
+    """The data identifiers, row by row: see `xbus.protocol.tables.Quantity`."""
 
 def messages() -> list[dict[str, Any]]:
-    """The messages, row by row: see `xbus.tables.MessageRow`."""
+    """The messages, row by row: see `xbus.protocol.tables.MessageRow`."""
 
 def products() -> list[dict[str, Any]]:
-    """The products, row by row: see `xbus.tables.Product`."""
+    """The products, row by row: see `xbus.protocol.tables.Product`."""
 
 def status_flags() -> list[dict[str, Any]]:
-    """The fields of the status word, row by row: see `xbus.tables.StatusFlag`."""
+    """The fields of the status word, row by row: see `xbus.protocol.tables.StatusFlag`."""
 
 def strings() -> list[tuple[str, bytes]]:
     """The string outputs, in the order of their bits: name, and how it begins."""
@@ -92,7 +92,7 @@ def packets(
     """
 
 def configuration(payload: bytes) -> dict[str, Any] | None:
-    """The fields of a Configuration payload, or None: see `xbus.configuration.Configuration`."""
+    """The fields of a Configuration payload, or None: see `xbus.protocol.configuration.Configuration`."""
 
 def device_id(payload: bytes) -> int | None:
     """The device identifier of a DeviceID payload, or None."""

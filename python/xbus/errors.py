@@ -11,13 +11,7 @@ XbusError
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from xbus.device.settings import Change, Settings
-
 __all__ = [
-    "ApplyError",
     "DecodeError",
     "DeviceError",
     "Disconnected",
@@ -116,48 +110,3 @@ class Disconnected(XbusError, ConnectionError):  # noqa: N818 - the name says mo
 
     def __str__(self) -> str:
         return str(self.args[0])
-
-
-class ApplyError(XbusError):
-    """Settings were applied in part: the device refused one, or is gone. Its cause is the error behind it.
-
-    Attributes:
-        reason: What happened.
-        applied: What was set and read back.
-        failed: What was under way.
-        not_applied: What was still to come.
-        before: All settings as they were; applying these goes back.
-        is_open: Whether nobody knows if the one under way was applied.
-    """
-
-    def __init__(
-        self,
-        reason: str,
-        applied: tuple[Change, ...],
-        failed: Change,
-        not_applied: tuple[Change, ...],
-        before: Settings,
-        is_open: bool,
-    ) -> None:
-        super().__init__(reason, applied, failed, not_applied, before, is_open)
-        self.reason = reason
-        self.applied = applied
-        self.failed = failed
-        self.not_applied = not_applied
-        self.before = before
-        self.is_open = is_open
-
-    @property
-    def summary(self) -> str:
-        """What happened, what was applied and what not."""
-        done = ", ".join(it.name for it in self.applied) or "nothing"
-        rest = [it.name for it in self.not_applied]
-        if self.is_open:
-            text = f"{self.reason}; applied: {done}; not known: {self.failed.name}"
-            return f"{text}; not applied: {', '.join(rest) or 'nothing else'}"
-        return (
-            f"{self.reason}; applied: {done}; not applied: {', '.join([self.failed.name, *rest])}"
-        )
-
-    def __str__(self) -> str:
-        return f"{self.summary}; apply the same again to go on, or apply(error.before) to go back"

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.amounts import count
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import label
-from xbus.cli.output import put
-from xbus.errors import ApplyError
+from xbus.cli.printing import put
+from xbus.describe.formatting import count
 
 if TYPE_CHECKING:
     from xbus.device import Device, Settings
@@ -41,7 +40,7 @@ def dump(port: str, out: str | None, baudrate: int | None) -> None:
 
     PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device.
     """
-    from xbus.export import replacing
+    from xbus.log.export import replacing
 
     with connected(port, baudrate) as device:
         text = device.settings().to_toml()
@@ -61,7 +60,7 @@ def dump(port: str, out: str | None, baudrate: int | None) -> None:
 @baudrate_option
 def diff(port: str, file: str, baudrate: int | None) -> None:
     """Shows where a device and a file differ: - the device, + the file."""
-    from xbus.device.applying import compared
+    from xbus.device.settings.apply import compared
 
     settings = read_file(file)
     with connected(port, baudrate) as device, device.configure():
@@ -122,6 +121,8 @@ def applied(
     Raises:
         Failure: Something cannot be applied, and nothing was; or it was in part.
     """
+    from xbus.device import ApplyError
+
     with device.configure():
         try:
             planned = device.apply(settings, dry_run=True, check_baudrate=check_baudrate)

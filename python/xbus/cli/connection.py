@@ -14,7 +14,7 @@ from xbus.errors import XbusError
 
 if TYPE_CHECKING:
     from xbus.device import Device
-    from xbus.device.link import Link
+    from xbus.wire.link import Link
 
 __all__ = ["baudrate_option", "connected", "gone", "opened"]
 

@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.amounts import count
+from xbus.cli.export_target import check, summary, writing
 from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.out import check, summary, writing
-from xbus.cli.output import hint, put_json
+from xbus.cli.printing import hint, put_json
 from xbus.cli.progress import Progress
+from xbus.describe.formatting import count
 
 if TYPE_CHECKING:
-    from xbus.log import Log
-    from xbus.source import Key
+    from xbus.log.log import Log
+    from xbus.protocol.keys import Key
 
 __all__ = ["decode"]
 
-#: What writes a table as each kind of file, in `xbus.export`; an npz is no table.
+#: What writes a table as each kind of file, in `xbus.log.export`; an npz is no table.
 WRITERS = {
     ".parquet": "parquet",
     ".csv": "csv",
@@ -47,9 +47,9 @@ def _key(
     """A quantity by name, or by name and coordinates, as a log takes it; or a string output by name."""
     if value is None:
         return None
-    from xbus.ids import Coordinates
+    from xbus.protocol.ids import Coordinates
+    from xbus.protocol.tables import QUANTITIES
     from xbus.protocol.values import StringType
-    from xbus.tables import QUANTITIES
 
     name, colon, coordinates = value.partition(":")
     if value in StringType.__members__:
@@ -142,7 +142,7 @@ def _read(
     progress: Progress,
 ) -> Log:
     from xbus.errors import DecodeError
-    from xbus.log import read_log
+    from xbus.log.read import read_log
 
     quantities = None if key is None else [] if _is_string(key) else [key]
     with Input(files, progress) as source:
@@ -162,7 +162,7 @@ def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
     """Writes OUT; its rows and columns, of an npz samples and quantities."""
     writer = WRITERS[_suffix(out)]
     if writer is None and isinstance(key, str) and _is_string(key):
-        from xbus import export
+        from xbus.log import export
 
         strings = log.strings.table(key)
         with writing(out):
@@ -174,7 +174,7 @@ def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
         return len(log), len(log.keys())
     from pyarrow import RecordBatchReader
 
-    from xbus import export
+    from xbus.log import export
 
     reader = RecordBatchReader.from_stream(table)
     columns = len(reader.schema)

@@ -13,11 +13,11 @@ import click
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label
-from xbus.cli.output import aligned, bold, put
+from xbus.cli.printing import aligned, bold, put
 
 if TYPE_CHECKING:
-    from xbus.column import Column
-    from xbus.log import Log
+    from xbus.log.column import Column
+    from xbus.log.log import Log
 
 __all__ = ["demo"]
 
@@ -79,8 +79,8 @@ def demo(folder: str, seconds: float, product: str) -> None:
     lines on the terminal.
     """
     from xbus.cli.page import page
-    from xbus.facts import Facts
-    from xbus.log import iter_log, read_log
+    from xbus.describe.facts import Facts
+    from xbus.log.read import iter_log, read_log
 
     path = Path(folder, "demo.mtb")
     try:

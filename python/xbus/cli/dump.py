@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from xbus.amounts import count
 from xbus.cli.connection import gone, opened
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.output import called, is_terminal, put
+from xbus.cli.printing import called, is_terminal, put
 from xbus.cli.progress import Progress
+from xbus.describe.formatting import count
 
 if TYPE_CHECKING:
-    from xbus.cli.teller import Teller
+    from xbus.cli.dump_lines import Teller
 
 __all__ = ["dump"]
 
@@ -41,7 +41,7 @@ def _mids(
 
 
 def _mid(value: str) -> int | str:
-    from xbus.tables import MESSAGES
+    from xbus.protocol.tables import MESSAGES
 
     try:
         mid = int(value, 0)
@@ -91,7 +91,7 @@ def dump(
     serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT: all that comes, whatever it is.
     Nothing is sent to the device.
     """
-    from xbus.cli.teller import Teller
+    from xbus.cli.dump_lines import Teller
 
     def new() -> Teller:
         return Teller(wanted, strings=strings, with_hex=not no_hex, as_json=as_json)

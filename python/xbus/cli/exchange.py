@@ -9,17 +9,17 @@ from typing import Any
 
 import click
 
-from xbus.amounts import count
-from xbus.cli.output import put
-from xbus.codec import Damage, Scanner, encode_frame
+from xbus.cli.printing import put
+from xbus.describe.formatting import count
+from xbus.describe.text import Notice, message_facts, notice, said
 from xbus.device import Device
-from xbus.device.link import Received
-from xbus.ids import MessageId
-from xbus.log import Message
+from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import ROWS
 from xbus.protocol.values import State
-from xbus.strings import String
-from xbus.words import Notice, message_facts, notice, said
+from xbus.wire.codec import Damage, Scanner, encode_frame
+from xbus.wire.link import Received
+from xbus.wire.message import Message
+from xbus.wire.strings import String
 
 __all__ = ["Exchange", "shown"]
 

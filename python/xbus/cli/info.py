@@ -8,7 +8,7 @@ import click
 
 from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.output import put, put_json
+from xbus.cli.printing import put, put_json
 from xbus.cli.progress import Progress
 
 __all__ = ["info"]
@@ -29,8 +29,8 @@ def info(files: tuple[str, ...], strings: tuple[str, ...], as_json: bool) -> Non
     "file" and "error".
     """
     from xbus.cli.page import page
-    from xbus.facts import Facts
-    from xbus.log import iter_log
+    from xbus.describe.facts import Facts
+    from xbus.log.read import iter_log
 
     said: list[dict[str, Any]] = []
     failures = 0

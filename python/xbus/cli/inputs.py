@@ -17,7 +17,7 @@ from xbus.cli.failure import Failure, cannot
 from xbus.cli.progress import Progress
 
 if TYPE_CHECKING:
-    from xbus.arrivals import Arrivals
+    from xbus.log.arrivals import Arrivals
 
 __all__ = ["Input", "label", "no_frame", "strings_option", "task"]
 
@@ -112,7 +112,7 @@ class Input:
 
     def arrivals(self) -> Arrivals | None:
         """When the bytes of these files arrived, by their side files; None where nobody knows."""
-        from xbus.arrivals import arrivals_of, joined
+        from xbus.log.arrivals import arrivals_of, joined
 
         known = zip(self._names, self._sizes, strict=True)
         return joined((None if size is None else arrivals_of(it), size or 0) for it, size in known)

@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.amounts import count
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure
-from xbus.cli.output import put
+from xbus.cli.printing import put
+from xbus.describe.formatting import count
 from xbus.errors import XbusTimeout
 
 if TYPE_CHECKING:
-    from xbus.device import Caster, Device, Fix, Forwarder
+    from xbus.device import Device
+    from xbus.rtk import Caster, Fix, Forwarder
 
 __all__ = ["ntrip"]
 
@@ -83,8 +84,8 @@ def ntrip(
     outputs should have status_word or gnss_pvt_data, from which the status is read; --gga also needs
     gnss_pvt_data or lat_lon. At the beginning it stops for a moment, to say what it is.
     """
-    from xbus.device import Caster, Fix, Forwarder
     from xbus.extras import require
+    from xbus.rtk import Caster, Fix, Forwarder
 
     require("pygnssutils", "rtk", "to get corrections from a caster")
     fix = Fix()

@@ -6,10 +6,10 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from xbus.cli.output import aligned, bold
-from xbus.facts import Event, Facts
-from xbus.summary import head, quantities
-from xbus.words import Notice
+from xbus.cli.printing import aligned, bold
+from xbus.describe.facts import Event, Facts
+from xbus.describe.summary import head, quantities
+from xbus.describe.text import Notice
 
 __all__ = ["page"]
 

@@ -9,7 +9,7 @@ import click
 
 from xbus.cli.connection import connected
 from xbus.cli.failure import Failure
-from xbus.cli.output import put, put_json_rows, put_table
+from xbus.cli.printing import put, put_json_rows, put_table
 from xbus.errors import XbusError, XbusTimeout
 
 if TYPE_CHECKING:
@@ -55,7 +55,7 @@ def _facts(port: Port) -> dict[str, Any]:
 
 def _who(port: Port) -> dict[str, Any]:
     """Who is behind a port, or why that cannot be told."""
-    from xbus.words import device_name
+    from xbus.describe.text import device_name
 
     if sys.stderr is not None and sys.stderr.isatty():
         click.echo(f"asking {port.device}", err=True)
@@ -87,7 +87,7 @@ def _put_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
 
 def _device(facts: dict[str, Any]) -> str:
     """A device in a line."""
-    from xbus.words import printable
+    from xbus.describe.text import printable
 
     if "baudrate" not in facts:
         return str(facts.get("problem", "not asked"))

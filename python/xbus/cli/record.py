@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.amounts import count, size
 from xbus.cli.config import applied, read_file
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot, told_to_stop
 from xbus.cli.inputs import label
+from xbus.describe.formatting import count, size
 from xbus.errors import StateError, XbusError
 
 if TYPE_CHECKING:

@@ -6,8 +6,8 @@ import os
 
 import click
 
+from xbus.cli.export_target import check, summary, writing
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.out import check, summary, writing
 from xbus.cli.progress import Progress
 
 __all__ = ["report"]

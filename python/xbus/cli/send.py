@@ -10,7 +10,7 @@ import click
 
 from xbus.cli.connection import baudrate_option, connected, gone
 from xbus.cli.failure import Failure
-from xbus.cli.output import called
+from xbus.cli.printing import called
 from xbus.errors import StateError, XbusError
 
 if TYPE_CHECKING:
@@ -105,8 +105,8 @@ def _wrong_call() -> Iterator[None]:
 
 def _frame(words: Sequence[str], bid: int) -> bytes:
     """A frame as it stands, or one for a MID and its data."""
-    from xbus.codec import encode_frame
     from xbus.sim.framing import PREAMBLE
+    from xbus.wire.codec import encode_frame
 
     text = " ".join(words)
     try:

@@ -10,7 +10,7 @@ import click
 
 from xbus.cli.failure import Failure, cannot, told_to_stop
 from xbus.cli.inputs import no_frame
-from xbus.cli.output import put
+from xbus.cli.printing import put
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -153,7 +153,7 @@ def _replay(file: str) -> Replay:
 def _product_of(file: str | None, replay: Replay | None) -> str:
     """The name of the product that a recording names."""
     from xbus.protocol.products import product_of_code
-    from xbus.tables import PRODUCTS
+    from xbus.protocol.tables import PRODUCTS
 
     names = ", ".join(it.name for it in PRODUCTS.values())
     if replay is None:

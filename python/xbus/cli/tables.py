@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from xbus.cli.failure import Failure
-from xbus.cli.output import put_json_rows, put_table
+from xbus.cli.printing import put_json_rows, put_table
 
 if TYPE_CHECKING:
-    from xbus.tables import Field, MessageRow, Quantity
+    from xbus.protocol.tables import Field, MessageRow, Quantity
 
     Row = TypeVar("Row", Quantity, MessageRow)
 
@@ -27,7 +27,7 @@ def items(text: str, as_json: bool) -> None:
     With TEXT, those that have it in some cell. The last digit of each is 0 here; a device puts the
     precision and the coordinates there.
     """
-    from xbus.tables import QUANTITIES
+    from xbus.protocol.tables import QUANTITIES
 
     def cells(it: Quantity) -> list[str]:
         systems = "ENU NED NWU" if it.coordinates else ""
@@ -48,7 +48,7 @@ def messages(text: str, as_json: bool) -> None:
     With TEXT, those that have it in some cell. The length is in bytes of payload; a reply is the MID
     that answers.
     """
-    from xbus.tables import MESSAGES
+    from xbus.protocol.tables import MESSAGES
 
     def cells(it: MessageRow) -> list[str]:
         reply = "" if it.reply is None else f"0x{it.reply:02X}"
@@ -126,7 +126,7 @@ def _lengths(lengths: Sequence[int] | None) -> str:
 
 def _products(numbers: Sequence[int]) -> str:
     """The products with these numbers, by series where all of it is among them."""
-    from xbus.tables import PRODUCTS
+    from xbus.protocol.tables import PRODUCTS
 
     if len(numbers) == len(PRODUCTS):
         return "all"

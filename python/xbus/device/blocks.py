@@ -10,17 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.arrivals import Arrivals, HostTimes
-from xbus.codec import LONGEST_LIVE, encode_frame
 from xbus.device.channel import Channel
 from xbus.device.sample import Sample
-from xbus.hostclock import HostClock
-from xbus.ids import MessageId
-from xbus.log import Log
+from xbus.log.arrivals import Arrivals, HostTimes
+from xbus.log.hostclock import HostClock
+from xbus.log.log import Log
+from xbus.log.source import wishes
+from xbus.protocol.ids import MessageId
+from xbus.protocol.keys import Key
 from xbus.protocol.messages import encode
 from xbus.protocol.values import StringType
-from xbus.source import Key, wishes
-from xbus.strings import String, mask_of
+from xbus.wire.codec import LONGEST_LIVE, encode_frame
+from xbus.wire.strings import String, mask_of
 
 __all__ = ["Blocks"]
 

@@ -11,14 +11,14 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NoReturn
 
-from xbus.device.link import Link
 from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Event, Notice, Refusal, Reply, Session
 from xbus.device.timing import Timing
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.protocol.messages import ROWS
 from xbus.protocol.values import State
-from xbus.strings import String
+from xbus.wire.link import Link
+from xbus.wire.strings import String
 
 __all__ = ["Channel"]
 

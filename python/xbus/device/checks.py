@@ -8,7 +8,7 @@ from datetime import date
 from enum import IntEnum
 from typing import Any
 
-from xbus.ids import Coordinates
+from xbus.protocol.ids import Coordinates
 from xbus.protocol.products import Support
 from xbus.protocol.values import (
     CAN_BAUD_CODES,

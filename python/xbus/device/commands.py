@@ -17,9 +17,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from xbus.configuration import Configuration, Firmware
 from xbus.device.session import Reply
 from xbus.protocol import values as v
+from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.products import Support
 
 __all__ = ["Commands"]

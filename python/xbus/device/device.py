@@ -12,25 +12,25 @@ from typing import TYPE_CHECKING, Any
 
 import serial
 
-from xbus.codec import encode_frame
-from xbus.configuration import Firmware
-from xbus.device.applying import Applied, apply_settings, read_settings
 from xbus.device.blocks import Blocks
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
-from xbus.device.link import Link, open_link
+from xbus.device.link import open_link
 from xbus.device.output import Outputs, check_fits, outputs_of
 from xbus.device.ports import find_ports
 from xbus.device.recording import Recording, configuration_frame
-from xbus.device.rtk import Forwarder
 from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
-from xbus.device.settings import Settings
+from xbus.device.settings.apply import Applied, apply_settings, read_settings
+from xbus.device.settings.model import Settings
 from xbus.device.stats import LiveStats, by_name, live_stats
 from xbus.device.strings import BARE, check_strings_fit, plan_strings
 from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
-from xbus.ids import MessageId
+from xbus.protocol.configuration import Firmware
+from xbus.protocol.ids import MessageId
+from xbus.protocol.keys import Key
 from xbus.protocol.products import Support, product_of_code, support
+from xbus.protocol.tables import Product
 from xbus.protocol.values import (
     ErrorCode,
     HardwareVersion,
@@ -41,9 +41,10 @@ from xbus.protocol.values import (
     StringType,
     baud_code,
 )
-from xbus.source import Key
-from xbus.strings import String, mask_of
-from xbus.tables import Product
+from xbus.rtk.forward import Forwarder
+from xbus.wire.codec import encode_frame
+from xbus.wire.link import Link
+from xbus.wire.strings import String, mask_of
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -160,7 +161,7 @@ class Device(Commands):
         """Sends a command by the manual's name and waits for its answer.
 
         Args:
-            name: Name of the message, as in `xbus.tables.MESSAGES`.
+            name: Name of the message, as in `xbus.protocol.tables.MESSAGES`.
             value: What it says, of the type of its layout; None where it carries nothing.
 
         Raises:

@@ -6,19 +6,19 @@ import contextlib
 import os
 import threading
 import time
-from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any
 
 import serial
 
 from xbus import _core
 from xbus.device.ports import SYSFS, is_usb_of_device, latency_timer, port_of, serial_number_of
+from xbus.wire.link import Link, Received
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
 
-__all__ = ["SILENCE", "Link", "Received", "SerialLink", "open_link"]
+__all__ = ["SerialLink", "open_link"]
 
 #: Bytes to read at a time from what has no descriptor, and seconds to wait for the first of them.
 PIECE, PUMP_TIMEOUT = 1 << 12, 0.05
@@ -28,78 +28,6 @@ LONGEST_READ = 1.0
 QUEUE = 24_000_000
 #: The timer of an FTDI adapter at its fastest, in ms; it comes with 16.
 FAST_TIMER = 1
-
-
-class Received(NamedTuple):
-    """Bytes that have come, in the pieces in which they did.
-
-    Attributes:
-        data: The bytes.
-        ends: Where each piece ends in them.
-        arrivals: When each piece came, seconds on the clock of the link.
-    """
-
-    data: bytes
-    ends: Sequence[int]
-    arrivals: Sequence[float]
-
-    @classmethod
-    def at(cls, data: bytes, arrival: float) -> Received:
-        """Bytes that came in one piece."""
-        return cls(data, (len(data),), (arrival,)) if data else SILENCE
-
-    def pieces(self) -> Iterator[tuple[bytes, float]]:
-        """Each piece, and when it came."""
-        start = 0
-        for end, arrival in zip(self.ends, self.arrivals, strict=True):
-            yield self.data[start:end], arrival
-            start = end
-
-
-#: What is received when nothing came.
-SILENCE = Received(b"", (), ())
-
-
-class Link(Protocol):
-    """Carries bytes both ways.
-
-    Attributes:
-        name: What the user calls it.
-        baudrate: Bits per second; setting it changes the rate of this side.
-        is_line: Whether the baud rate limits what can be carried, as on a serial line.
-        acquisition: What takes in, counts, queues and records the bytes that come.
-    """
-
-    name: str
-    baudrate: int
-    is_line: bool
-    acquisition: _core.Acquisition
-
-    @property
-    def epoch(self) -> int:
-        """What to add to an arrival, in ns, for the time since 1970."""
-
-    @property
-    def trouble(self) -> str | None:
-        """What is wrong with the port, and the cure; None if nothing is known to be."""
-
-    def read(self, timeout: float) -> Received:
-        """What has come; waits for the first byte, but no longer than ``timeout`` seconds. Raises OSError."""
-
-    def write(self, data: bytes) -> None:
-        """Sends. Raises OSError."""
-
-    def clock(self) -> float:
-        """Seconds, from any beginning, as time-outs count them."""
-
-    def pause(self, seconds: float) -> None:
-        """Lets time pass."""
-
-    def reopen(self) -> None:
-        """Opens it again after it was lost. Raises OSError."""
-
-    def close(self) -> None:
-        """Closes it, if it was opened here."""
 
 
 class SerialLink:

@@ -6,10 +6,10 @@ from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Any
 
-from xbus.codec import PacketKey, data_id_of
 from xbus.protocol.products import Support
+from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import EVERY, Output
-from xbus.tables import QUANTITIES
+from xbus.wire.codec import PacketKey, data_id_of
 
 __all__ = ["BITS", "Outputs", "bytes_per_second", "check_fits", "outputs_of", "too_much"]
 

@@ -6,8 +6,8 @@ import time
 from types import TracebackType
 
 from xbus import _core
-from xbus.codec import encode_frame
-from xbus.ids import MessageId
+from xbus.protocol.ids import MessageId
+from xbus.wire.codec import encode_frame
 
 __all__ = ["Recording", "configuration_frame"]
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from xbus import _core
-from xbus.codec import encode_frame
 from xbus.device.timing import Timing
-from xbus.ids import MessageId
-from xbus.source import Key
-from xbus.tables import QUANTITIES
+from xbus.protocol.ids import MessageId
+from xbus.protocol.keys import Key
+from xbus.protocol.tables import QUANTITIES
+from xbus.wire.codec import encode_frame
 
 __all__ = ["Sample"]
 

@@ -6,16 +6,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from xbus import _core
-from xbus.codec import LONGEST_LIVE, encode_frame
 from xbus.device.checks import check
 from xbus.device.sample import Sample
 from xbus.errors import DecodeError, DeviceError, StateError
-from xbus.ids import MessageId
+from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import LAYOUTS, ROWS, decode, encode
 from xbus.protocol.products import Support
+from xbus.protocol.tables import PRODUCTS, RESULT_CODES, MessageRow
 from xbus.protocol.values import DeviceErrorInfo, State
-from xbus.strings import String, type_at
-from xbus.tables import PRODUCTS, RESULT_CODES, MessageRow
+from xbus.wire.codec import LONGEST_LIVE, encode_frame
+from xbus.wire.strings import String, type_at
 
 __all__ = ["Event", "Notice", "Refusal", "Reply", "Session"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from xbus.tables import QUANTITIES
+from xbus.protocol.tables import QUANTITIES
 
 __all__ = ["LiveStats", "live_stats"]
 

@@ -10,7 +10,7 @@ from xbus.device.output import BITS, too_much
 from xbus.protocol.products import Support
 from xbus.protocol.strings import LAYOUTS
 from xbus.protocol.values import ON_DEMAND, PERIOD_TICKS, PERIODS, StringOutput, StringType
-from xbus.strings import string_types
+from xbus.wire.strings import string_types
 
 __all__ = [
     "BARE",

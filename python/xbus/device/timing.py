@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from xbus.hostclock import HostClock
-from xbus.tables import FOLLOWING
+from xbus.log.hostclock import HostClock
+from xbus.protocol.tables import FOLLOWING
 
 if TYPE_CHECKING:
     from xbus.device.sample import Sample

@@ -1,7 +1,7 @@
 """What each message says: a layout for every row of the table of messages, by its name there.
 
-Lengths, states and products of a message are in `xbus.tables.MESSAGES`; here is what its bytes mean. A row
-serves both sides: what the host writes a virtual device reads, and the other way round.
+Lengths, states and products of a message are in `xbus.protocol.tables.MESSAGES`; here is what its bytes
+mean. A row serves both sides: what the host writes a virtual device reads, and the other way round.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from types import SimpleNamespace
 from typing import Any
 
 from xbus import _core
-from xbus.configuration import Configuration, Firmware
-from xbus.ids import Coordinates, DataId, Precision
 from xbus.protocol import values as v
+from xbus.protocol.configuration import Configuration, Firmware
+from xbus.protocol.ids import Coordinates, DataId, Precision
 from xbus.protocol.layout import (
     NOTHING,
     RAW,
@@ -27,7 +27,7 @@ from xbus.protocol.layout import (
     repeated,
     text,
 )
-from xbus.tables import MESSAGES, MessageRow
+from xbus.protocol.tables import MESSAGES, MessageRow
 
 __all__ = ["LAYOUTS", "ROWS", "decode", "encode"]
 
@@ -440,7 +440,7 @@ def encode(name: str, value: Any = None) -> bytes:
     """The payload of a message.
 
     Args:
-        name: Name of the message, as in `xbus.tables.MESSAGES`.
+        name: Name of the message, as in `xbus.protocol.tables.MESSAGES`.
         value: What it is to say, of the type that its layout has; None where it carries nothing.
 
     Raises:

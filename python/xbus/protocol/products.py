@@ -1,6 +1,6 @@
 """What each product can do, and how it comes from the factory: plain tables.
 
-Which messages and quantities a product knows stands with these, in `xbus.tables`; here are rates,
+Which messages and quantities a product knows stands with these, in `xbus.protocol.tables`; here are rates,
 synchronization, flags, strings, profiles, baud rates and defaults. Where the manual is silent or its text is
 lost the vendor's open code decides, and published settings of real devices.
 """
@@ -12,8 +12,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from xbus.configuration import Firmware
-from xbus.ids import DataId
+from xbus.protocol.configuration import Firmware
+from xbus.protocol.ids import DataId
+from xbus.protocol.tables import MESSAGES, PRODUCTS, QUANTITIES, Product
 from xbus.protocol.values import (
     BAUD_CODES,
     EVERY,
@@ -27,7 +28,6 @@ from xbus.protocol.values import (
     SyncLine,
     SyncSetting,
 )
-from xbus.tables import MESSAGES, PRODUCTS, QUANTITIES, Product
 
 __all__ = ["Identity", "Support", "find_product", "product_of_code", "support"]
 
@@ -452,7 +452,7 @@ def support(product: str | int | Product, hardware: HardwareVersion | None = Non
     """What a product supports, and its factory settings.
 
     Args:
-        product: Model, number or `xbus.tables.Product`.
+        product: Model, number or `xbus.protocol.tables.Product`.
         hardware: The version of its hardware, which changes the high rates (Tables 23 and 24).
 
     Raises:

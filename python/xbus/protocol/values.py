@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag, StrEnum
 from typing import NamedTuple, TypeVar
 
-from xbus.ids import Coordinates, Precision
-from xbus.tables import QUANTITIES
+from xbus.protocol.ids import Coordinates, Precision
+from xbus.protocol.tables import QUANTITIES
 
 __all__ = [
     "BAUD_CODES",

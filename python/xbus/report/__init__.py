@@ -7,13 +7,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from xbus.export import replacing
 from xbus.extras import require
-from xbus.log import iter_log
+from xbus.log.export import replacing
+from xbus.log.read import iter_log
+from xbus.log.source import Source
 from xbus.protocol.values import StringType
 from xbus.report.gather import Gathered
 from xbus.report.page import page
-from xbus.source import Source
 
 __all__ = ["gather", "plotly_js", "write_page", "write_report"]
 

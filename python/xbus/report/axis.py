@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from xbus.log import Log, steady_time
+from xbus.log.log import Log, steady_time
+from xbus.protocol.tables import MASTER, STANDALONE
 from xbus.report.thin import BoolArray, FloatArray
-from xbus.tables import MASTER, STANDALONE
 
 __all__ = ["Axis"]
 

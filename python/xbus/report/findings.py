@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from xbus.amounts import count
+from xbus.describe.formatting import count
+from xbus.protocol.tables import QUANTITIES
 from xbus.report.gather import Gathered, Series
-from xbus.tables import QUANTITIES
 
 __all__ = ["Finding", "findings"]
 

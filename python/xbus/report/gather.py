@@ -8,16 +8,16 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.column import Column
-from xbus.facts import Facts
-from xbus.ids import MessageId
-from xbus.log import Log, steady_time
+from xbus.describe.facts import Facts
+from xbus.describe.text import said
+from xbus.log.column import Column
+from xbus.log.log import Log, steady_time
+from xbus.protocol.ids import MessageId
+from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag
 from xbus.report.allan import Longest
 from xbus.report.axis import Axis
 from xbus.report.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.report.track import SOURCES, Track, has_fix
-from xbus.tables import QUANTITIES, STATUS_FLAGS, StatusFlag
-from xbus.words import said
 
 __all__ = ["Flag", "Gathered", "Panel", "Series", "Setting"]
 

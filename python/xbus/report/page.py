@@ -12,15 +12,15 @@ from importlib import resources
 import numpy as np
 
 from xbus._core import __version__
-from xbus.amounts import count
-from xbus.configuration import Configuration
+from xbus.describe.formatting import count
+from xbus.describe.summary import head, moment, quantities
+from xbus.protocol.configuration import Configuration
 from xbus.report import figures
 from xbus.report.allan import PARTS, Stretch, at_one_second, flicker_floor
 from xbus.report.figures import Figure
 from xbus.report.findings import Finding, findings, percent
 from xbus.report.gather import SETTINGS, STATUS, Gathered, Series
 from xbus.report.thin import FloatArray
-from xbus.summary import head, moment, quantities
 
 __all__ = ["page"]
 

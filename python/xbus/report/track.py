@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from xbus.column import Column
+from xbus.geometry.earth import ecef_to_enu, ecef_to_geodetic, geodetic_to_ecef
+from xbus.log.column import Column
 from xbus.protocol.values import LatLonAlt
 from xbus.report.thin import BINS, BoolArray, FloatArray, coarser, thin
-from xbus.sim.earth import ecef_to_enu, ecef_to_geodetic, geodetic_to_ecef
 
 __all__ = ["FIXES", "SOURCES", "Track", "has_fix"]
 

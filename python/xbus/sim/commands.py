@@ -381,7 +381,7 @@ _SETTINGS: tuple[tuple[str, str, Callable[[Any, Support], bool], ErrorCode], ...
     ("GnssReceiverSettings", "receiver", _is_receiver, ErrorCode.PARAMETER),
 )
 
-#: Every request that some product knows, by its name in `xbus.tables.MESSAGES`.
+#: Every request that some product knows, by its name in `xbus.protocol.tables.MESSAGES`.
 COMMANDS: dict[str, Command] = {
     # 5.3.1
     "WakeUpAck": _go_to_config,

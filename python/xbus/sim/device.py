@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from xbus import _core
-from xbus.configuration import Firmware
-from xbus.ids import MessageId
+from xbus.protocol.configuration import Firmware
+from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import encode
 from xbus.protocol.products import Identity, find_product, product_of_code, support
+from xbus.protocol.tables import Product
 from xbus.protocol.values import (
     DeviceErrorInfo,
     ErrorCode,
@@ -30,7 +31,6 @@ from xbus.sim.replay import Replay
 from xbus.sim.sensors import UTC
 from xbus.sim.trajectories import trajectory as find_trajectory
 from xbus.sim.unit import Unit, World
-from xbus.tables import Product
 
 __all__ = ["SimulatedDevice"]
 
@@ -56,7 +56,7 @@ class SimulatedDevice:
     last as the manual says: over `Reset` and power cycles, but not longer than the object.
 
     Args:
-        product: Which one: ``"MTi-680G"``, 680, or a row of `xbus.tables.PRODUCTS`.
+        product: Which one: ``"MTi-680G"``, 680, or a row of `xbus.protocol.tables.PRODUCTS`.
         trajectory: How it moves: still, turn, tumble, walk, drive, fly, sail; or what has ``origin`` and
             ``at(time)``, such as `xbus.sim.motion.SampledTrajectory`. It goes on over resets.
         seed: Of all that is left to chance.

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from xbus import _core
-from xbus.device.link import SILENCE, Received
 from xbus.sim.device import SimulatedDevice
+from xbus.wire.link import SILENCE, Received
 
 __all__ = ["SimLink"]
 

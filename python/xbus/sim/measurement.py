@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from xbus.codec import encode_sample
-from xbus.ids import DataId
+from xbus.protocol.ids import DataId
+from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
 from xbus.protocol.values import (
     ON_DEMAND,
     PERIOD_TICKS,
@@ -26,7 +26,7 @@ from xbus.sim.procedures import icc_result, is_still, reset
 from xbus.sim.stream import Stream
 from xbus.sim.strings import StringStream
 from xbus.sim.sync import delay_of, reference_period
-from xbus.tables import QUANTITIES, STATUS_FLAGS
+from xbus.wire.codec import encode_sample
 
 if TYPE_CHECKING:
     from xbus.sim.unit import Unit

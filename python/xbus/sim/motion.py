@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from xbus.geometry import earth, quaternion
+from xbus.geometry.earth import ORIGIN, FloatArray
 from xbus.protocol.values import LatLonAlt
-from xbus.sim import earth, quaternion
-from xbus.sim.earth import ORIGIN, FloatArray
 
 if TYPE_CHECKING:
-    from xbus.column import Column
-    from xbus.log import Log
+    from xbus.log.column import Column
+    from xbus.log.log import Log
 
 __all__ = ["Motion", "SampledTrajectory", "Trajectory"]
 

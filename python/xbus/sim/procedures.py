@@ -6,10 +6,10 @@ from typing import TypeAlias
 
 import numpy as np
 
+from xbus.geometry import quaternion
+from xbus.geometry.earth import FloatArray
 from xbus.protocol.values import IccResult, IccStatus, ResetCode
-from xbus.sim import quaternion
 from xbus.sim.clock import SECOND
-from xbus.sim.earth import FloatArray
 from xbus.sim.memory import NO_ROTATION
 from xbus.sim.motion import Motion, Trajectory
 

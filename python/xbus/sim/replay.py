@@ -9,12 +9,13 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from xbus.ids import MessageId
-from xbus.log import read_log, steady_time
+from xbus.geometry.earth import FloatArray
+from xbus.log.log import steady_time
+from xbus.log.read import read_log
+from xbus.protocol.ids import MessageId
+from xbus.protocol.tables import MESSAGES, RECEIVER
 from xbus.protocol.values import StringType
-from xbus.sim.earth import FloatArray
 from xbus.sim.sensors import IntArray
-from xbus.tables import MESSAGES, RECEIVER
 
 __all__ = ["Playback", "Replay"]
 

@@ -14,10 +14,10 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from xbus.sim import earth, quaternion
-from xbus.sim.earth import FloatArray
+from xbus.geometry import earth, quaternion
+from xbus.geometry.earth import FloatArray
+from xbus.protocol.tables import QUANTITIES, Product
 from xbus.sim.motion import TO_ENU, Motion, Trajectory
-from xbus.tables import QUANTITIES, Product
 
 __all__ = ["Sensors", "Ticks", "nanoseconds"]
 
@@ -117,7 +117,7 @@ class Sensors:
         rtk: Carrier phases of the receiver: 0 none, 1 floating, 2 fixed.
 
     >>> from xbus.sim.trajectories import trajectory
-    >>> from xbus.tables import PRODUCTS
+    >>> from xbus.protocol.tables import PRODUCTS
     >>> sensors = Sensors(trajectory("still"), PRODUCTS[630])
     >>> sensors.read("acceleration", Ticks(0, 2, 100)).round(2).tolist()
     [[0.0, 0.0, 9.81], [0.0, 0.0, 9.81]]

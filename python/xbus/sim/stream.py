@@ -15,9 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.ids import Coordinates
+from xbus.protocol.ids import Coordinates
+from xbus.protocol.tables import QUANTITIES, Quantity
 from xbus.sim.sensors import IntArray, Sensors, Ticks, nanoseconds
-from xbus.tables import QUANTITIES, Quantity
 
 __all__ = ["Stream"]
 
@@ -76,7 +76,7 @@ class Stream:
 
     >>> from xbus.sim.sensors import Sensors
     >>> from xbus.sim.trajectories import trajectory
-    >>> from xbus.tables import PRODUCTS
+    >>> from xbus.protocol.tables import PRODUCTS
     >>> sensors = Sensors(trajectory("still"), PRODUCTS[630])
     >>> stream = Stream([(0x1020, 0xFFFF), (0x3010, 100)], sensors=sensors, base_rate=400, fine_wrap=2**32)
     >>> for time, frame in stream.take(0.02, status=0):

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from xbus.geometry import earth
+from xbus.geometry.earth import FloatArray
+from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import StringType
-from xbus.sim import earth
-from xbus.sim.earth import FloatArray
 from xbus.sim.sensors import IntArray, Sensors, Ticks
-from xbus.strings import encode_string
-from xbus.tables import QUANTITIES
+from xbus.wire.strings import encode_string
 
 __all__ = ["StringStream"]
 

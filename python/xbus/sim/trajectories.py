@@ -8,8 +8,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from xbus.sim import quaternion
-from xbus.sim.earth import ORIGIN, FloatArray
+from xbus.geometry import quaternion
+from xbus.geometry.earth import ORIGIN, FloatArray
 from xbus.sim.motion import Motion, Trajectory
 
 __all__ = ["TRAJECTORIES", "trajectory"]

@@ -10,10 +10,11 @@ from functools import cached_property
 import numpy as np
 
 from xbus import _core
-from xbus.configuration import Configuration
-from xbus.ids import MessageId
+from xbus.protocol.configuration import Configuration
+from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import decode, encode
 from xbus.protocol.products import Identity, Support
+from xbus.protocol.tables import MESSAGES, MessageRow
 from xbus.protocol.values import (
     DeviceErrorInfo,
     ErrorCode,
@@ -33,7 +34,6 @@ from xbus.sim.receiver import Receiver
 from xbus.sim.replay import Replay
 from xbus.sim.sensors import Sensors
 from xbus.sim.sync import SyncInputs
-from xbus.tables import MESSAGES, MessageRow
 
 __all__ = ["MASTER", "Unit", "World"]
 

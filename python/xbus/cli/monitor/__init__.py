@@ -12,7 +12,7 @@ import click
 from xbus.cli.connection import baudrate_option, connected, gone
 from xbus.cli.failure import told_to_stop
 from xbus.cli.inputs import label, strings_option
-from xbus.cli.output import put, put_json
+from xbus.cli.printing import put, put_json
 from xbus.errors import Disconnected
 
 if TYPE_CHECKING:

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from xbus.cli.monitor.attitude import FORMS, Attitude, attitude
-from xbus.column import Column
-from xbus.device.rtk import Fix
-from xbus.log import Log
+from xbus.log.column import Column
+from xbus.log.log import Log
+from xbus.protocol.keys import Key
+from xbus.protocol.tables import RECEIVER
 from xbus.protocol.values import State
-from xbus.source import Key
-from xbus.tables import RECEIVER
+from xbus.rtk.forward import Fix
 
 __all__ = ["Counts", "Event", "Known", "Model", "Recorded"]
 

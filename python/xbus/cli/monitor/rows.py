@@ -5,10 +5,10 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from xbus.amounts import count, size
 from xbus.cli.monitor.attitude import Attitude
 from xbus.cli.monitor.model import Model
 from xbus.cli.monitor.values import flags, rate_text, unit_text, value_text
+from xbus.describe.formatting import count, size
 from xbus.protocol.values import State
 
 __all__ = [

@@ -10,7 +10,7 @@ from xbus.cli.monitor.model import Model
 from xbus.cli.monitor.rows import HEAD, clock, rows, safe, state, table
 from xbus.cli.monitor.terminal import glyphs_of
 from xbus.cli.monitor.values import flags, value_facts
-from xbus.cli.output import aligned
+from xbus.cli.printing import aligned
 
 __all__ = ["facts", "text"]
 

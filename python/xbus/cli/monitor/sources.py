@@ -19,10 +19,12 @@ import numpy as np
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label, no_frame
 from xbus.cli.monitor.model import Counts, Model, Recorded
+from xbus.describe.text import said
 from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
-from xbus.log import Log, Message, iter_log, steady_time
+from xbus.log.log import Log, steady_time
+from xbus.log.read import iter_log
 from xbus.protocol.values import State
-from xbus.words import said
+from xbus.wire.message import Message
 
 if TYPE_CHECKING:
     from xbus.device import Device

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 
 from xbus.cli.monitor.model import Known
-from xbus.log import UTC_VALID
-from xbus.tables import QUANTITIES, STATUS_FLAGS
-from xbus.words import device_name, finite
+from xbus.describe.text import device_name, finite
+from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, UTC_VALID
 
 __all__ = ["flags", "rate_text", "unit_text", "value_facts", "value_text"]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import textwrap
 from dataclasses import dataclass
 
-from xbus.amounts import size
 from xbus.cli.monitor.attitude import Attitude, ground, tape
 from xbus.cli.monitor.model import Model
 from xbus.cli.monitor.rows import HEAD, Glyphs, Row, Span, Style, clock, rows, state, table
 from xbus.cli.monitor.values import unit_text
+from xbus.describe.formatting import size
 from xbus.protocol.values import State
 
 __all__ = ["Line", "Shown", "draw", "room"]

@@ -10,12 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.column import Column
-from xbus.configuration import Configuration, Identity
-from xbus.ids import MessageId
-from xbus.log import UTC_VALID, Log, Message, Stats, steady_time
-from xbus.tables import MASTER, STANDALONE
-from xbus.words import Notice, device_name, finite, notice, recorded
+from xbus.describe.text import Notice, device_name, finite, notice, recorded
+from xbus.log.column import Column
+from xbus.log.identity import Identity
+from xbus.log.log import Log, steady_time
+from xbus.log.stats import Stats
+from xbus.protocol.configuration import Configuration
+from xbus.protocol.ids import MessageId
+from xbus.protocol.tables import MASTER, STANDALONE, UTC_VALID
+from xbus.wire.message import Message
 
 __all__ = ["Event", "Facts", "Gap", "QuantityFacts"]
 

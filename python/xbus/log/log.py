@@ -1,40 +1,35 @@
-"""Logs: every sample, message and stretch of damage of a recording."""
+"""A log: the columns, messages and damage of a recording."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from xbus import _core, export
-from xbus.arrivals import HostTimes, arrivals_of
-from xbus.column import Column
-from xbus.configuration import TELLING, Configuration, Firmware, Identity
-from xbus.errors import DecodeError
-from xbus.hostclock import HostClock
-from xbus.protocol.values import StringType
-from xbus.source import Key, Source, Wish, open_reader, wishes
-from xbus.strings import Strings, mask_of
-from xbus.tables import RECEIVER
+from xbus import _core
+from xbus.log import export
+from xbus.log.arrivals import HostTimes
+from xbus.log.column import Column
+from xbus.log.hostclock import HostClock
+from xbus.log.identity import IDENTITY_MESSAGES, Identity
+from xbus.log.messages import Messages, Unknown
+from xbus.log.source import Wish
+from xbus.log.stats import Stats
+from xbus.log.strings import Strings
+from xbus.protocol.configuration import Configuration, Firmware
+from xbus.protocol.keys import Key
+from xbus.protocol.tables import RECEIVER, UTC_VALID
 
 if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
     import pyarrow as pa
 
-__all__ = ["Log", "Message", "Messages", "Stats", "Unknown", "iter_log", "read_log"]
-
-#: Bytes read at a time: between two of these, Ctrl-C is heard and progress is told.
-STEP = 32 << 20
-#: Bytes of input in a part of a log, unless told otherwise.
-BLOCK = 64 << 20
-#: The device vouches for date, time and UTC (Tables 25 and 35). Higher bits may be set, too.
-UTC_VALID = 0b111
+__all__ = ["Log", "steady_time"]
 
 
 def steady_time(log: Log) -> npt.NDArray[np.float64]:
@@ -44,236 +39,6 @@ def steady_time(log: Log) -> npt.NDArray[np.float64]:
         if name in log:
             time[log[name].sample - log.first_sample] = np.nan
     return time
-
-
-def read_log(
-    source: Source,
-    *,
-    strict: bool = False,
-    quantities: Iterable[Key] | None = None,
-    strings: Iterable[StringType | str] = (),
-) -> Log:
-    """Reads a log whole.
-
-    Args:
-        source: A path, bytes, a uint8 array, a binary file object, or (with the extra ``fsspec``) a
-            URL. Files are read piece by piece and not mapped, so one that another program cuts short
-            meanwhile just ends there. An array is used where it lies, without a copy. Beside a path
-            ``NAME``, a side file ``NAME.times`` of arrivals gives `Log.host_time`.
-        strict: Raise at the first damage instead of reporting it.
-        quantities: Names of the quantities to keep, or (name, coordinates); all of them if None.
-        strings: Strings to look for that nothing but their length tells from noise: ``["EM1000"]``. All
-            others are found, and EM1000 too where a StringOutputType in the log says that it is on.
-
-    Raises:
-        DecodeError: With ``strict``, at the first bytes that do not add up.
-        OSError: The file cannot be read.
-        ValueError: A quantity or string that does not exist.
-
-    >>> import xbus
-    >>> log = xbus.read_log("tests/captures/walk.mtb")
-    >>> len(log), log.stats.lost_samples
-    (1040, 0)
-    >>> log["euler_angles"].fields
-    ('roll', 'pitch', 'yaw')
-    """
-    wanted = wishes(quantities)
-    reader = open_reader(source, strict=strict, wanted=wanted, strings=mask_of(strings))
-    arrivals = arrivals_of(source)
-    while reader.advance(STEP):
-        pass
-    part = reader.take()
-    return Log(part, wanted=wanted, hosts=HostTimes(part, arrivals))
-
-
-def iter_log(
-    source: Source,
-    *,
-    block_bytes: int = BLOCK,
-    strict: bool = False,
-    quantities: Iterable[Key] | None = None,
-    strings: Iterable[StringType | str] = (),
-) -> Iterator[Log]:
-    """Reads a log in parts, for logs larger than memory.
-
-    Each part is a `Log` with samples, offsets, times and counters that go on from the part before;
-    joined, the parts are what `read_log` gives.
-
-    Args:
-        source: As in `read_log`.
-        block_bytes: Bytes of input in a part, about.
-        strict: Raise at the first damage; the samples before it are handed over first.
-        quantities: As in `read_log`.
-        strings: As in `read_log`.
-
-    Raises:
-        DecodeError: With ``strict``, at the first bytes that do not add up.
-        OSError: The file cannot be read.
-        ValueError: A quantity or string that does not exist, or a block without a byte.
-
-    >>> import xbus
-    >>> parts = xbus.iter_log("tests/captures/walk.mtb", block_bytes=10_000)
-    >>> sum(len(part) for part in parts)
-    1040
-    """
-    if block_bytes < 1:
-        raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
-    wanted = wishes(quantities)
-    reader = open_reader(
-        source, strict=strict, wanted=wanted, strings=mask_of(strings), part_bytes=block_bytes
-    )
-    arrivals = arrivals_of(source)
-
-    def parts() -> Iterator[Log]:
-        identity = Identity()
-        clocks: dict[int, HostClock] = {}
-        more = True
-        while more:
-            fault = None
-            try:
-                more = reader.advance(block_bytes)
-            except DecodeError as error:
-                fault = error
-            core = reader.take()
-            hosts = HostTimes(core, arrivals, clocks)
-            if arrivals is not None:
-                clocks = hosts.clocks
-            part = Log(core, wanted=wanted, identity=identity, hosts=hosts)
-            identity = part.identity
-            yield part
-            if fault is not None:
-                raise fault
-
-    return parts()
-
-
-@dataclass(frozen=True)
-class Stats:
-    """What was counted while reading.
-
-    Attributes:
-        bytes: Bytes of input.
-        frames: Accepted frames.
-        samples: MTData2 messages.
-        messages: Other messages, malformed ones included.
-        malformed: MTData2 messages that their packets do not tile, and empty ones.
-        strings: String outputs.
-        skipped_bytes: Bytes that belong to neither frame nor string.
-        checksum_errors: Candidates refused by their checksum where a frame was due.
-        lost_samples: Samples missing by the packet counter.
-        gaps: Places where samples are missing.
-    """
-
-    bytes: int
-    frames: int
-    samples: int
-    messages: int
-    malformed: int
-    strings: int
-    skipped_bytes: int
-    checksum_errors: int
-    lost_samples: int
-    gaps: int
-
-
-class Message(NamedTuple):
-    """A message that is no sample.
-
-    Attributes:
-        mid: Message identifier.
-        name: The manual's name, or the MID in hex where it has none.
-        bid: Bus identifier.
-        payload: Its data.
-        offset: Where its frame begins, in bytes from the start of the input.
-        sample: Index of the next sample.
-    """
-
-    mid: int
-    name: str
-    bid: int
-    payload: bytes
-    offset: int
-    sample: int
-
-
-class Messages(Sequence[Message]):
-    """The messages of a log that are no samples, in order; each is made when it is asked for.
-
-    Attributes:
-        mid, bid, offset, sample: Those of all messages, as arrays.
-    """
-
-    def __init__(self, core: _core.Part) -> None:
-        self.mid, self.bid, self.offset, self.sample, self._ends, self._bytes = core.messages
-
-    def __len__(self) -> int:
-        return len(self.mid)
-
-    @overload
-    def __getitem__(self, index: int) -> Message: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[Message]: ...
-    def __getitem__(self, index: int | slice) -> Message | list[Message]:
-        if isinstance(index, slice):
-            return [self[it] for it in range(*index.indices(len(self)))]
-        at = range(len(self))[index]
-        mid = int(self.mid[at])
-        payload = _piece(self._bytes, self._ends, at)
-        name = _core.message_name(mid, len(payload)) or f"0x{mid:02X}"
-        bid, offset, sample = int(self.bid[at]), int(self.offset[at]), int(self.sample[at])
-        return Message(mid, name, bid, payload, offset, sample)
-
-    def named(self, *names: str) -> list[Message]:
-        """The messages with one of these names."""
-        return [it for it in self if it.name in names]
-
-    def __repr__(self) -> str:
-        mids, counts = np.unique(self.mid, return_counts=True)
-        kinds = (
-            f"{_core.message_name(int(m), 1) or hex(m)}: {n}"
-            for m, n in zip(mids, counts, strict=True)
-        )
-        return f"<Messages {len(self)}: {', '.join(kinds)}>"
-
-
-class Unknown(Sequence[bytes]):
-    """The packets of one data identifier that the tables cannot explain, verbatim.
-
-    Attributes:
-        sample: Which sample each belongs to, int64.
-    """
-
-    def __init__(self, core: _core.Column) -> None:
-        assert core.ends is not None  # noqa: S101 - raw packets have ends
-        self._core = core
-        self._ends = core.ends
-        self._bytes = core.values
-
-    @cached_property
-    def sample(self) -> npt.NDArray[np.int64]:
-        """Which sample each belongs to, int64."""
-        # Looks at every sample, and a hostile log can hold thousands of identifiers.
-        return self._core.sample
-
-    def __len__(self) -> int:
-        return len(self._ends)
-
-    @overload
-    def __getitem__(self, index: int) -> bytes: ...
-    @overload
-    def __getitem__(self, index: slice) -> list[bytes]: ...
-    def __getitem__(self, index: int | slice) -> bytes | list[bytes]:
-        if isinstance(index, slice):
-            return [self[it] for it in range(*index.indices(len(self)))]
-        return _piece(self._bytes, self._ends, range(len(self))[index])
-
-    def __repr__(self) -> str:
-        return f"<Unknown {len(self)} packets, {len(self._bytes)} bytes>"
-
-
-def _piece(data: npt.NDArray[np.uint8], ends: npt.NDArray[np.uint64], at: int) -> bytes:
-    start = int(ends[at - 1]) if at else 0
-    return data[start : int(ends[at])].tobytes()
 
 
 def _count(number: int, one: str, many: str | None = None) -> str:
@@ -472,7 +237,7 @@ class Log:
     @cached_property
     def identity(self) -> Identity:
         """What the messages say about the device."""
-        telling = np.flatnonzero(np.isin(self.messages.mid, TELLING))
+        telling = np.flatnonzero(np.isin(self.messages.mid, IDENTITY_MESSAGES))
         return self._earlier.updated(self.messages[it] for it in telling.tolist())
 
     @property

@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from xbus.configuration import Configuration, Identity
-from xbus.ids import Coordinates, Precision
-from xbus.log import Message
+from xbus.log.identity import Identity
+from xbus.protocol.configuration import Configuration
+from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.messages import LAYOUTS
+from xbus.protocol.tables import QUANTITIES, RESULT_CODES, STATUS_FLAGS, Field
 from xbus.protocol.values import Output
-from xbus.tables import QUANTITIES, RESULT_CODES, STATUS_FLAGS, Field
+from xbus.wire.message import Message
 
 __all__ = [
     "Notice",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from xbus.sim.earth import FloatArray
+from xbus.geometry.earth import FloatArray
 
 __all__ = [
     "body_rate",

@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from xbus.device.checks import check
-from xbus.device.forms import ROTATIONS, ROWS
 from xbus.device.output import check_fits
-from xbus.device.settings import Change, Settings
+from xbus.device.settings.model import Change, Settings
+from xbus.device.settings.toml import ROTATIONS, ROWS
 from xbus.device.strings import StringPlan, check_strings_fit, frequency_of
-from xbus.errors import ApplyError, DeviceError, XbusError
+from xbus.errors import DeviceError, XbusError
 from xbus.protocol import values as v
 from xbus.protocol.products import Support
 
 if TYPE_CHECKING:
     from xbus.device.device import Device
 
-__all__ = ["Applied", "Plan", "apply_settings", "compared", "plan", "read_settings"]
+__all__ = ["Applied", "ApplyError", "Plan", "apply_settings", "compared", "plan", "read_settings"]
 
 #: What is applied last: what changes who answers, and at which rate.
 LAST = ("option_flags", "port_config")
@@ -32,6 +32,51 @@ SENDING = (
 )
 
 Ports = tuple[v.PortConfig, ...] | None
+
+
+class ApplyError(XbusError):
+    """Settings were applied in part: the device refused one, or is gone. Its cause is the error behind it.
+
+    Attributes:
+        reason: What happened.
+        applied: What was set and read back.
+        failed: What was under way.
+        not_applied: What was still to come.
+        before: All settings as they were; applying these goes back.
+        is_open: Whether nobody knows if the one under way was applied.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        applied: tuple[Change, ...],
+        failed: Change,
+        not_applied: tuple[Change, ...],
+        before: Settings,
+        is_open: bool,
+    ) -> None:
+        super().__init__(reason, applied, failed, not_applied, before, is_open)
+        self.reason = reason
+        self.applied = applied
+        self.failed = failed
+        self.not_applied = not_applied
+        self.before = before
+        self.is_open = is_open
+
+    @property
+    def summary(self) -> str:
+        """What happened, what was applied and what not."""
+        done = ", ".join(it.name for it in self.applied) or "nothing"
+        rest = [it.name for it in self.not_applied]
+        if self.is_open:
+            text = f"{self.reason}; applied: {done}; not known: {self.failed.name}"
+            return f"{text}; not applied: {', '.join(rest) or 'nothing else'}"
+        return (
+            f"{self.reason}; applied: {done}; not applied: {', '.join([self.failed.name, *rest])}"
+        )
+
+    def __str__(self) -> str:
+        return f"{self.summary}; apply the same again to go on, or apply(error.before) to go back"
 
 
 def read_settings(device: Device) -> Settings:

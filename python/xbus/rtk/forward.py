@@ -1,6 +1,6 @@
 """Corrections for the GNSS receiver of a device, and what they have made of its position.
 
-Corrections are RTCM 3 frames, which a base station makes and a caster hands on (`xbus.device.caster`). pyrtcm
+Corrections are RTCM 3 frames, which a base station makes and a caster hands on (`xbus.rtk.caster`). pyrtcm
 finds them; nothing else reaches the receiver, which would take other bytes for settings.
 """
 
@@ -9,15 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from xbus.errors import XbusTimeout
 from xbus.extras import require
-from xbus.source import Key
-from xbus.tables import QUANTITIES, STATUS_FLAGS
-
-if TYPE_CHECKING:
-    from xbus.device.commands import Commands
+from xbus.protocol.keys import Key
+from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
 
 __all__ = ["Fix", "Forwarder", "Position", "rtcm_frames"]
 
@@ -75,6 +72,14 @@ class _Stream:
         self._bytes[:0] = data
 
 
+class GnssDevice(Protocol):
+    """A device with a GNSS receiver that takes corrections: `xbus.Device` is one."""
+
+    def forward_gnss_data(self, data: bytes) -> object:
+        """ForwardGnssData (0xE2): hands bytes to the receiver and waits for the acknowledgement."""
+        ...
+
+
 class Forwarder:
     """Hands corrections to the GNSS receiver of a device, and counts them.
 
@@ -87,7 +92,7 @@ class Forwarder:
         unanswered: How many of them the device did not acknowledge.
     """
 
-    def __init__(self, device: Commands) -> None:
+    def __init__(self, device: GnssDevice) -> None:
         self.messages = 0
         self.bytes = 0
         self.unanswered = 0

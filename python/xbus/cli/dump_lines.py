@@ -7,18 +7,12 @@ from collections.abc import Iterable
 from typing import Any
 
 from xbus import _core
-from xbus.codec import Damage, Scanner, is_malformed
-from xbus.ids import MessageId
-from xbus.log import Message
-from xbus.source import LONGEST
-from xbus.strings import String
-from xbus.words import (
-    message_facts,
-    packet_facts,
-    packet_text,
-    said,
-    seconds,
-)
+from xbus.describe.text import message_facts, packet_facts, packet_text, said, seconds
+from xbus.log.source import LONGEST
+from xbus.protocol.ids import MessageId
+from xbus.wire.codec import Damage, Scanner, is_malformed
+from xbus.wire.message import Message
+from xbus.wire.strings import String
 
 __all__ = ["Teller"]
 

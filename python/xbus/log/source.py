@@ -13,11 +13,10 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.extras import require
+from xbus.protocol.keys import Key
 
-__all__ = ["Key", "Readable", "Source", "Wish", "open_reader", "wishes"]
+__all__ = ["Readable", "Source", "Wish", "open_reader", "wishes"]
 
-#: A quantity by its name, or by name and coordinate system: ``("quaternion", "NED")``.
-Key = str | tuple[str, str]
 #: A quantity to keep: its name, and the coordinate system or None for any.
 Wish = tuple[str, str | None]
 

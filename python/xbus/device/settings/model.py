@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from dataclasses import field as attribute
 from typing import Any, NamedTuple
 
-from xbus.device.forms import ROTATIONS, ROWS, TEXT, entry, name_of, toml
+from xbus.device.settings.toml import ROTATIONS, ROWS, TEXT, entry, name_of, toml
 from xbus.protocol import values as v
 from xbus.protocol.messages import LAYOUTS
 from xbus.protocol.products import find_product, support

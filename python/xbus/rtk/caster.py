@@ -12,9 +12,9 @@ from queue import Empty, Full, Queue
 from typing import Any
 from urllib.parse import urlsplit
 
-from xbus.device.rtk import Position
 from xbus.errors import XbusError
 from xbus.extras import require
+from xbus.rtk.forward import Position
 
 __all__ = ["Caster", "CasterError"]
 

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.arrivals import HostTimes
-from xbus.tables import QUANTITIES, STATUS_FLAGS, Field, Quantity
+from xbus.log.arrivals import HostTimes
+from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, Field, Quantity
 
 __all__ = ["Column", "Flags"]
 

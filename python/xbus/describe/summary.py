@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from xbus.amounts import count
-from xbus.facts import Facts
-from xbus.words import device_name, finite, printable, recorded
+from xbus.describe.facts import Facts
+from xbus.describe.formatting import count
+from xbus.describe.text import device_name, finite, printable, recorded
 
 __all__ = ["head", "moment", "quantities"]
 

@@ -16,6 +16,7 @@ __all__ = [
     "RESULT_CODES",
     "STANDALONE",
     "STATUS_FLAGS",
+    "UTC_VALID",
     "Field",
     "MessageRow",
     "Product",
@@ -160,3 +161,5 @@ PRODUCTS = {row["number"]: Product(**row) for row in _core.products()}
 STATUS_FLAGS = [StatusFlag(**row) for row in _core.status_flags()]
 #: What the numbers in Error and Warning messages mean.
 RESULT_CODES = dict(_core.result_codes())
+#: The device vouches for date, time and UTC (Tables 25 and 35). Higher bits may be set, too.
+UTC_VALID = 0b111

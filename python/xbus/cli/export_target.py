@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.amounts import count
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import STDIN, label
+from xbus.describe.formatting import count
 
 if TYPE_CHECKING:
-    from xbus.facts import Facts
-    from xbus.log import Log
+    from xbus.describe.facts import Facts
+    from xbus.log.log import Log
 
 __all__ = ["check", "summary", "writing"]
 
@@ -53,7 +53,7 @@ def writing(out: str) -> Iterator[None]:
 
 def _is_counted(log: Log | Facts) -> bool:
     """Whether a packet counter tells what was lost."""
-    from xbus.log import Log
+    from xbus.log.log import Log
 
     if isinstance(log, Log):
         return bool((log.packet_counter != -1).any())

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from xbus.codec import data_id_of
-from xbus.ids import Coordinates, Precision
 from xbus.protocol import values as v
+from xbus.protocol.ids import Coordinates, Precision
+from xbus.wire.codec import data_id_of
 
 __all__ = ["ROTATIONS", "ROWS", "TEXT", "Form", "Row", "entry", "name_of", "toml"]
 

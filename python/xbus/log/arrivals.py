@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.hostclock import HostClock
-from xbus.source import Source
-from xbus.tables import FOLLOWING, MASTER, STANDALONE
+from xbus.log.hostclock import HostClock
+from xbus.log.source import Source
+from xbus.protocol.tables import FOLLOWING, MASTER, STANDALONE
 
 __all__ = ["Arrivals", "HostTimes", "arrivals_of", "joined"]
 

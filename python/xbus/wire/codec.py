@@ -9,11 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.ids import Coordinates, MessageId, Precision
-from xbus.log import Message
+from xbus.protocol.ids import Coordinates, MessageId, Precision
+from xbus.protocol.tables import QUANTITIES, Quantity
 from xbus.protocol.values import StringType
-from xbus.strings import String, mask_of, type_at
-from xbus.tables import QUANTITIES, Quantity
+from xbus.wire.message import Message
+from xbus.wire.strings import String, mask_of, type_at
 
 __all__ = [
     "Damage",

@@ -1,0 +1,1 @@
+"""The Earth and rotations: what virtual devices, reports and the monitor compute with."""

@@ -1,0 +1,21 @@
+"""Logs: recordings decoded into columns, whole or in parts."""
+
+from xbus.log.column import Column
+from xbus.log.hostclock import HostClock
+from xbus.log.log import Log
+from xbus.log.messages import Messages, Unknown
+from xbus.log.read import iter_log, read_log
+from xbus.log.stats import Stats
+from xbus.log.strings import Strings
+
+__all__ = [
+    "Column",
+    "HostClock",
+    "Log",
+    "Messages",
+    "Stats",
+    "Strings",
+    "Unknown",
+    "iter_log",
+    "read_log",
+]

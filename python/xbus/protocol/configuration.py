@@ -1,0 +1,65 @@
+"""The Configuration message and the firmware revision, as values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from xbus import _core
+
+__all__ = ["Configuration", "Firmware"]
+
+
+class Firmware(NamedTuple):
+    """A firmware revision (Table 4); build and scm are None where only a Configuration tells it."""
+
+    major: int
+    minor: int
+    revision: int
+    build: int | None = None
+    scm: int | None = None
+
+    def __str__(self) -> str:
+        return f"{self.major}.{self.minor}.{self.revision}"
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """The Configuration message (Tables 13 and 14).
+
+    Attributes:
+        device_id: Device identifier.
+        product_code: Product code, where the message carries one.
+        sampling_period: In 1/115200 s; None on devices with 8-byte identifiers.
+        output_skip_factor: None on devices with 8-byte identifiers.
+        date: ``YYYYMMDD`` as the recording host has set it, or None.
+        time: ``HHMMSSHH`` as the recording host has set it, or None; the last two are hundredths.
+        devices: Number of devices on the bus.
+        filter_profile: Number of the filter profile.
+        firmware: Firmware revision.
+        output_mode: Output mode of the older MTData; None on devices with 8-byte identifiers.
+        output_settings: Output settings of the older MTData; None on devices with 8-byte identifiers.
+        filter_type: Letter of the kind of filter, or None.
+        filter_version: Major and minor version of the filter.
+    """
+
+    device_id: int
+    product_code: str | None
+    sampling_period: int | None
+    output_skip_factor: int | None
+    date: str | None
+    time: str | None
+    devices: int
+    filter_profile: int
+    firmware: Firmware
+    output_mode: int | None = None
+    output_settings: int | None = None
+    filter_type: str | None = None
+    filter_version: tuple[int, int] = (0, 0)
+
+    @classmethod
+    def read(cls, payload: bytes) -> Configuration | None:
+        """What a payload of 118 bytes says; None for one that is shorter."""
+        if (fields := _core.configuration(payload)) is None:
+            return None
+        return cls(**{**fields, "firmware": Firmware(*fields["firmware"])})
