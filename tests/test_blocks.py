@@ -12,7 +12,7 @@ import xbus
 from xbus import Device, SimulatedDevice, StateError, XbusTimeout, connect
 from xbus.device import channel as channel_module
 from xbus.protocol import State
-from xbus.wire.link import SILENCE, Received
+from xbus.wire.link import NOTHING_RECEIVED, Received
 
 OUTPUTS = {
     "packet_counter": None,
@@ -132,7 +132,9 @@ def test_the_clock_wraps_as_that_of_the_product(monkeypatch: pytest.MonkeyPatch)
     channel = device._channel
     channel.samples.clear()
     received = [Received.at(it, 0.0) for it in frames]
-    monkeypatch.setattr(channel.link, "read", lambda _: received.pop(0) if received else SILENCE)
+    monkeypatch.setattr(
+        channel.link, "read", lambda _: received.pop(0) if received else NOTHING_RECEIVED
+    )
     block = next(device.blocks(samples=2))
     assert block.time.tolist() == [86_399.99, 86_400.0]
 

@@ -19,11 +19,11 @@ from streams import frame, packet
 from test_cli import FIELD, WALK, run, sentence
 from xbus import MessageId, encode_frame
 from xbus.cli.page import page
-from xbus.describe.facts import Facts
+from xbus.describe.log_summary import LogSummary
 
 
-def facts_of(data: bytes, block: int = 1 << 20) -> Facts:
-    return Facts(xbus.iter_log(data, block_bytes=block))
+def facts_of(data: bytes, block: int = 1 << 20) -> LogSummary:
+    return LogSummary(xbus.iter_log(data, block_bytes=block))
 
 
 def said_of(data: bytes, tmp_path: Path) -> dict[str, Any]:

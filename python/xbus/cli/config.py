@@ -11,7 +11,7 @@ from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import label
 from xbus.cli.printing import put
-from xbus.describe.formatting import count
+from xbus.describe.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.device import Device, Settings
@@ -132,7 +132,7 @@ def applied(
         for change in planned.changes:
             put(str(change), now=True)
         if not planned.changes or dry_run:
-            what = f"{count(len(planned.changes), 'setting')} would be set"
+            what = f"{format_count(len(planned.changes), 'setting')} would be set"
             click.echo(f"xbus: {what if planned.changes else 'nothing differs'}", err=True)
             return
         try:
@@ -148,4 +148,6 @@ def applied(
         click.echo(f"xbus: the device rounds {change.name}; - the file, + in effect", err=True)
         click.echo(str(change), err=True)
     reset = "; ports and CAN change at the next reset" if done.needs_reset else ""
-    click.echo(f"xbus: {count(len(done.changes), 'setting')} set and read back{reset}", err=True)
+    click.echo(
+        f"xbus: {format_count(len(done.changes), 'setting')} set and read back{reset}", err=True
+    )

@@ -14,7 +14,7 @@ from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
 from xbus.cli.printing import hint, put_json
 from xbus.cli.progress import Progress
-from xbus.describe.formatting import count
+from xbus.describe.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.log.log import Log
@@ -125,7 +125,7 @@ def decode(
     if as_json:
         put_json(_facts(files, out, key, log, rows, columns))
     if not quiet:
-        shape = f"{count(rows, 'row')}, {count(columns, 'column')}"
+        shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
         click.echo(f"{label(out)}: {shape}; {summary(log)}", err=True)
 
 

@@ -79,14 +79,14 @@ def demo(folder: str, seconds: float, product: str) -> None:
     lines on the terminal.
     """
     from xbus.cli.page import page
-    from xbus.describe.facts import Facts
+    from xbus.describe.log_summary import LogSummary
     from xbus.log.read import iter_log, read_log
 
     path = Path(folder, "demo.mtb")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _record(path, seconds, product)
-        put("\n" + page(label(str(path)), Facts(iter_log(path))) + "\n", now=True)
+        put("\n" + page(label(str(path)), LogSummary(iter_log(path))) + "\n", now=True)
         log = read_log(path)
         files = [path, _table(log, path)]
         if (picture := _picture(log, path)) is not None:

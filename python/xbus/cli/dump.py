@@ -16,7 +16,7 @@ from xbus.cli.connection import gone, opened
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
 from xbus.cli.printing import called, is_terminal, put
 from xbus.cli.progress import Progress
-from xbus.describe.formatting import count
+from xbus.describe.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.cli.dump_lines import Teller
@@ -165,7 +165,7 @@ def _listen(port: str, baudrate: int, teller: Teller) -> NoReturn:
                 raise gone(port, error) from error
             before, dropped = dropped, link.acquisition.stats()["dropped_bytes"]
             if dropped > before:
-                lost = count(dropped - before, "byte")
+                lost = format_count(dropped - before, "byte")
                 click.echo(f"xbus: {lost} came while nobody read the lines, and are lost", err=True)
             # Silence is an end: what is incomplete then is damage, and holds nothing back that comes later.
             if lines := teller.feed(data) if data else teller.close():

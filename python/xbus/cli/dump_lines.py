@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from xbus import _core
-from xbus.describe.text import message_facts, packet_facts, packet_text, said, seconds
+from xbus.describe.text import describe_message, describe_packet, message_dict, packet_dict, seconds
 from xbus.log.source import LONGEST
 from xbus.protocol.ids import MessageId
 from xbus.wire.codec import Damage, Scanner, is_malformed
@@ -108,12 +108,12 @@ def _words(message: Message, frame: bytes | None) -> str:
         packets = _core.packets(message.payload)
         if (at := seconds(packets)) is not None:
             stamp = f"{at:.4f}"
-        parts = [packet_text(it) for it in packets]
+        parts = [describe_packet(it) for it in packets]
         if is_malformed(message.payload):
             parts.append("malformed: its packets do not fill it")
         text = "; ".join(parts)
     else:
-        text = said(message)
+        text = describe_message(message)
     if message.bid != 0xFF:
         text = f"(BID {message.bid}) {text}"
     line = f"{message.offset:>10}  {stamp:>12}  {message.name}  {text}".rstrip()
@@ -127,9 +127,9 @@ def _facts(message: Message, frame: bytes | None) -> str:
         facts |= {"bid": message.bid, "mid": message.mid, "name": message.name}
         facts["time_s"] = seconds(packets)
         facts["malformed"] = is_malformed(message.payload)
-        facts["packets"] = [packet_facts(it) for it in packets]
+        facts["packets"] = [packet_dict(it) for it in packets]
     else:
-        facts |= message_facts(message)
+        facts |= message_dict(message)
     if frame is not None:
         facts["frame"] = frame.hex().upper()
     return json.dumps(facts)

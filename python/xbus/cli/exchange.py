@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from xbus.cli.printing import put
-from xbus.describe.formatting import count
-from xbus.describe.text import Notice, message_facts, notice, said
+from xbus.describe.formatting import format_count
+from xbus.describe.text import Notice, describe_message, message_dict, read_notice
 from xbus.device import Device
 from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import ROWS
@@ -119,7 +119,7 @@ class Exchange:
         self._hear(found)
         for number, what in ((self._samples, "sample"), (self._strings, "string")):
             if number:
-                click.echo(f"xbus: {count(number, what)} meanwhile", err=True)
+                click.echo(f"xbus: {format_count(number, what)} meanwhile", err=True)
 
     def _hear(self, found: Sequence[Message | String | Damage]) -> None:
         for it in found:
@@ -134,7 +134,7 @@ class Exchange:
                 self._streams = True
             else:
                 if it.mid == MessageId.Error:
-                    self.error = notice(it)
+                    self.error = read_notice(it)
                 frame = encode_frame(it.mid, it.payload, bid=it.bid)
                 self._show("<", it._replace(name=self._name(it)), frame)
 
@@ -150,13 +150,13 @@ class Exchange:
         hexed = frame.hex(" ").upper()
         if isinstance(it, Damage):
             facts: dict[str, Any] = {"length": it.length, "reason": it.reason}
-            text = f"{count(it.length, 'byte')} that are no frame: {it.reason}"
+            text = f"{format_count(it.length, 'byte')} that are no frame: {it.reason}"
         elif isinstance(it, String):
             facts = {"string": it.text}
             text = repr(it)
         else:
-            facts = message_facts(it)
-            text = f"{it.name}  {said(it)}"
+            facts = message_dict(it)
+            text = f"{it.name}  {describe_message(it)}"
         if self._json:
             direction = "to device" if way == ">" else "to host"
             facts = {"direction": direction, **facts, "frame": frame.hex().upper() or None}

@@ -13,10 +13,10 @@ import click
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import STDIN, label
-from xbus.describe.formatting import count
+from xbus.describe.formatting import format_count
 
 if TYPE_CHECKING:
-    from xbus.describe.facts import Facts
+    from xbus.describe.log_summary import LogSummary
     from xbus.log.log import Log
 
 __all__ = ["check", "summary", "writing"]
@@ -51,7 +51,7 @@ def writing(out: str) -> Iterator[None]:
         raise cannot(f"write {label(out)}", error) from error
 
 
-def _is_counted(log: Log | Facts) -> bool:
+def _is_counted(log: Log | LogSummary) -> bool:
     """Whether a packet counter tells what was lost."""
     from xbus.log.log import Log
 
@@ -60,21 +60,23 @@ def _is_counted(log: Log | Facts) -> bool:
     return any(it.name == "packet_counter" for it in log.quantities)
 
 
-def summary(log: Log | Facts) -> str:
+def summary(log: Log | LogSummary) -> str:
     """What a person wants to know before trusting the file."""
     stats = log.stats
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
     if stats.strings:
-        parts.append(count(stats.strings, "string"))
+        parts.append(format_count(stats.strings, "string"))
     if stats.lost_samples:
-        parts.append(f"{count(stats.lost_samples, 'sample')} lost in {count(stats.gaps, 'gap')}")
+        parts.append(
+            f"{format_count(stats.lost_samples, 'sample')} lost in {format_count(stats.gaps, 'gap')}"
+        )
     elif _is_counted(log):
         parts.append("no samples lost")
     else:
         parts.append("no counter to tell losses")
     if stats.skipped_bytes:
-        places = count(len(log.damage), "place")
-        parts.append(f"{count(stats.skipped_bytes, 'byte')} of damage in {places}")
+        places = format_count(len(log.damage), "place")
+        parts.append(f"{format_count(stats.skipped_bytes, 'byte')} of damage in {places}")
     else:
         parts.append("no damage")
     fault = getattr(log, "times_fault", None)

@@ -29,7 +29,7 @@ def info(files: tuple[str, ...], strings: tuple[str, ...], as_json: bool) -> Non
     "file" and "error".
     """
     from xbus.cli.page import page
-    from xbus.describe.facts import Facts
+    from xbus.describe.log_summary import LogSummary
     from xbus.log.read import iter_log
 
     said: list[dict[str, Any]] = []
@@ -37,7 +37,7 @@ def info(files: tuple[str, ...], strings: tuple[str, ...], as_json: bool) -> Non
     for file in files:
         try:
             with Progress(task(file)) as progress, Input([file], progress) as source:
-                facts = Facts(iter_log(source, strings=strings))
+                facts = LogSummary(iter_log(source, strings=strings))
             if not facts.stats.frames and not facts.stats.strings:
                 raise no_frame([file], facts.stats.bytes)
         except Failure as failure:

@@ -14,7 +14,7 @@ import click
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure
 from xbus.cli.printing import put
-from xbus.describe.formatting import count
+from xbus.describe.formatting import format_count
 from xbus.errors import XbusTimeout
 
 if TYPE_CHECKING:
@@ -190,7 +190,7 @@ class _Shown:
         words = [
             f"fix {fix.type or 'not told'}",
             f"RTK {fix.rtk or 'not told'}",
-            f"{count(forwarder.messages, 'message')}, {count(forwarder.bytes, 'byte')}",
+            f"{format_count(forwarder.messages, 'message')}, {format_count(forwarder.bytes, 'byte')}",
         ]
         if age is not None:
             words.append(f"the last {age:.1f} s ago")

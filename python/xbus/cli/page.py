@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from xbus.cli.printing import aligned, bold
-from xbus.describe.facts import Event, Facts
-from xbus.describe.summary import head, quantities
+from xbus.describe.log_summary import Event, LogSummary
+from xbus.describe.log_text import log_rows, quantity_rows
 from xbus.describe.text import Notice
 
 __all__ = ["page"]
@@ -18,9 +18,9 @@ WIDTH = 80
 SHOWN = 5
 
 
-def page(name: str, facts: Facts) -> str:
+def page(name: str, facts: LogSummary) -> str:
     """All that a person wants to know about a log."""
-    lines = [bold(name), *(_line(*it) for it in head(facts)), "", *_quantities(facts)]
+    lines = [bold(name), *(_line(*it) for it in log_rows(facts)), "", *_quantities(facts)]
     for title, section in (
         ("gaps", _gaps(facts)),
         ("damage", _damage(facts)),
@@ -32,15 +32,15 @@ def page(name: str, facts: Facts) -> str:
     return "\n".join(lines)
 
 
-def _quantities(facts: Facts) -> Iterator[str]:
+def _quantities(facts: LogSummary) -> Iterator[str]:
     if not facts.quantities:
         return
-    first, *rest = aligned(list(quantities(facts)), right=(2, 3))
+    first, *rest = aligned(list(quantity_rows(facts)), right=(2, 3))
     yield bold(first)
     yield from rest
 
 
-def _gaps(facts: Facts) -> Iterator[str]:
+def _gaps(facts: LogSummary) -> Iterator[str]:
     largest = sorted(facts.gaps, key=lambda it: -it.lost)[:SHOWN]
     if not largest:
         return
@@ -53,7 +53,7 @@ def _gaps(facts: Facts) -> Iterator[str]:
     yield from _more(len(facts.gaps), "smaller")
 
 
-def _damage(facts: Facts) -> Iterator[str]:
+def _damage(facts: LogSummary) -> Iterator[str]:
     if not facts.damage:
         return
     reasons = Counter(reason for _, _, reason in facts.damage)
@@ -64,7 +64,7 @@ def _damage(facts: Facts) -> Iterator[str]:
     yield from _more(len(facts.damage), "more")
 
 
-def _events(facts: Facts) -> Iterator[str]:
+def _events(facts: LogSummary) -> Iterator[str]:
     """Each kind of event once: when it was first sent, and how often."""
     kinds: dict[tuple[str, Notice], list[Event]] = {}
     for it in facts.events:
@@ -77,7 +77,7 @@ def _events(facts: Facts) -> Iterator[str]:
     yield from _more(len(kinds), "more kinds")
 
 
-def _unknown(facts: Facts) -> Iterable[str]:
+def _unknown(facts: LogSummary) -> Iterable[str]:
     rows = [("id", "packets", "bytes")]
     rows += [(f"0x{it:04X}", f"{n:,}", f"{size:,}") for it, (n, size) in facts.unknown.items()]
     return aligned(rows, right=(1, 2)) if facts.unknown else []
@@ -88,7 +88,7 @@ def _line(title: str, text: str) -> str:
     return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=" " * len(indent))
 
 
-def _after(facts: Facts, time: float | None) -> str:
+def _after(facts: LogSummary, time: float | None) -> str:
     """Seconds since the first time stamp."""
     return "" if time is None else f"{time - facts.start:,.2f}"
 

@@ -17,7 +17,7 @@ from xbus.cli.config import applied, read_file
 from xbus.cli.connection import baudrate_option, connected
 from xbus.cli.failure import Failure, cannot, told_to_stop
 from xbus.cli.inputs import label
-from xbus.describe.formatting import count, size
+from xbus.describe.formatting import format_count, format_size
 from xbus.errors import StateError, XbusError
 
 if TYPE_CHECKING:
@@ -284,8 +284,8 @@ class _Shown:
             what = "samples" if stats.samples > self.before.samples else "strings"
             self._line(
                 f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
-                f"  {size(self.recording.bytes)}  {self._rate:,.0f} {what}/s"
-                f"  {self._lost(stats)}  {size(self.recording.queued_bytes)} queued"
+                f"  {format_size(self.recording.bytes)}  {self._rate:,.0f} {what}/s"
+                f"  {self._lost(stats)}  {format_size(self.recording.queued_bytes)} queued"
             )
         return stats
 
@@ -295,10 +295,10 @@ class _Shown:
         names = label(files[0]) + (f" to {label(files[-1])}" if len(files) > 1 else "")
         # The stats go on when the recording has ended.
         others = stats.messages - self.before.messages
-        samples = count(self.recording.frames - others, "sample")
+        samples = format_count(self.recording.frames - others, "sample")
         if strings := sum(stats.strings.values()) - sum(self.before.strings.values()):
-            samples += f", {count(strings, 'string')}"
-        written = size(self.recording.bytes)
+            samples += f", {format_count(strings, 'string')}"
+        written = format_size(self.recording.bytes)
         return f"{names}: {self.elapsed:,.1f} s, {samples}, {written}; {self._lost(stats)}"
 
     def _lost(self, stats: LiveStats) -> str:
@@ -306,14 +306,16 @@ class _Shown:
         before = self.before
         said = []
         if lost := stats.lost_samples - before.lost_samples:
-            gaps = count(stats.gaps - before.gaps, "gap")
-            said.append(f"{count(lost, 'sample')} lost in {gaps}")
+            gaps = format_count(stats.gaps - before.gaps, "gap")
+            said.append(f"{format_count(lost, 'sample')} lost in {gaps}")
         if skipped := stats.skipped_bytes - before.skipped_bytes:
-            said.append(f"{count(skipped, 'byte')} damaged")
+            said.append(f"{format_count(skipped, 'byte')} damaged")
         if overruns := (stats.overruns or 0) - (before.overruns or 0):
-            said.append(f"{count(overruns, 'overrun')} in the driver")
+            said.append(f"{format_count(overruns, 'overrun')} in the driver")
         if errors := stats.errors - before.errors:
-            said.append(f"{count(errors, 'error')} of the device, the last: {stats.last_error}")
+            said.append(
+                f"{format_count(errors, 'error')} of the device, the last: {stats.last_error}"
+            )
         if said:
             return ", ".join(said)
         counted = [it.quantities.get("packet_counter", 0) for it in (before, stats)]

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-__all__ = ["count", "size"]
+__all__ = ["format_count", "format_size"]
 
 
-def count(number: int, thing: str) -> str:
+def format_count(number: int, thing: str) -> str:
     """So many of a thing."""
     return f"{number:,} {thing}" + ("" if number == 1 else "s")
 
 
-def size(number: int) -> str:
+def format_size(number: int) -> str:
     """So many bytes."""
     for unit, one in (("GB", 1_000_000_000), ("MB", 1_000_000), ("kB", 1_000)):
         if number >= one:

@@ -23,14 +23,14 @@ from xbus.wire.message import Message
 __all__ = [
     "Notice",
     "Packet",
+    "describe_message",
+    "describe_packet",
     "device_name",
     "finite",
-    "message_facts",
-    "notice",
-    "packet_facts",
-    "packet_text",
-    "recorded",
-    "said",
+    "message_dict",
+    "packet_dict",
+    "read_notice",
+    "recording_date",
     "seconds",
     "value_text",
 ]
@@ -64,7 +64,7 @@ class Notice(NamedTuple):
         return f"{code}{self.text}" + (f" (detail {self.detail})" if self.detail else "")
 
 
-def notice(message: Message) -> Notice:
+def read_notice(message: Message) -> Notice:
     """What an Error or a Warning says."""
     wide = 4 if message.name == "Warning" else 1
     if len(message.payload) < wide:
@@ -77,14 +77,14 @@ def notice(message: Message) -> Notice:
     return Notice(code, text, rest.hex(" ").upper() or None)
 
 
-def said(message: Message) -> str:
+def describe_message(message: Message) -> str:
     """What a message that is no sample says, in words; empty where nothing is known of it."""
     if message.name in ("Error", "Warning"):
-        return str(notice(message))
+        return str(read_notice(message))
     told = Identity().updated([message])
     parts = []
     if told.configuration is not None:
-        parts = [f"recorded {recorded(told.configuration) or 'on no date'}"]
+        parts = [f"recorded {recording_date(told.configuration) or 'on no date'}"]
         parts += [f"filter profile {told.configuration.filter_profile}"]
     if told.firmware is not None:
         parts.insert(0, f"firmware {told.firmware}")
@@ -97,12 +97,12 @@ def said(message: Message) -> str:
     return ", ".join(parts) or _payload(message)
 
 
-def message_facts(message: Message) -> dict[str, Any]:
+def message_dict(message: Message) -> dict[str, Any]:
     """A message that is no sample, for programs."""
     facts = {"bid": message.bid, "mid": message.mid, "name": message.name}
     if message.name in ("Error", "Warning"):
-        return facts | notice(message)._asdict()
-    return facts | {"text": said(message)}
+        return facts | read_notice(message)._asdict()
+    return facts | {"text": describe_message(message)}
 
 
 def _payload(message: Message) -> str:
@@ -182,7 +182,7 @@ def device_name(number: int) -> str:
     return f"{number:010X}" if number >> 31 else f"{number:08X}"
 
 
-def recorded(configuration: Configuration) -> str | None:
+def recording_date(configuration: Configuration) -> str | None:
     """When a recording was made, by the clock of its host: ``2026-11-22 09:29:59.00``."""
     date, time = configuration.date, configuration.time
     if date is None or not date.strip("0"):
@@ -216,7 +216,7 @@ STAMPS = ("sample_time_fine", "sample_time_coarse")
 TICKS = 10_000
 
 
-def packet_text(packet: Packet) -> str:
+def describe_packet(packet: Packet) -> str:
     """A packet in words: name, values and unit; format and coordinates where they are not the default."""
     data_id, name, precision, coordinates, numbers = packet
     if name is None:
@@ -283,7 +283,7 @@ def _satellites(head: Sequence[Field], entry: Sequence[Field], values: Sequence[
     )
 
 
-def packet_facts(packet: Packet) -> dict[str, Any]:
+def packet_dict(packet: Packet) -> dict[str, Any]:
     """A packet for programs: reals exact, structs as raw integers, null for NaN and infinities."""
     data_id, name, precision, coordinates, numbers = packet
     facts: dict[str, Any] = {"data_id": f"0x{data_id:04X}", "name": name}

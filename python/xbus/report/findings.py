@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from xbus.describe.formatting import count
+from xbus.describe.formatting import format_count
 from xbus.protocol.tables import QUANTITIES
 from xbus.report.gather import Gathered, Series
 
@@ -42,7 +42,8 @@ def _losses(it: Gathered) -> Iterator[Finding]:
             zip(facts.gaps, it.gaps, strict=True), key=lambda gap: gap[0].lost, default=None
         )
         share = percent(stats.lost_samples, stats.lost_samples + stats.samples)
-        text = f"{count(stats.lost_samples, 'sample')} lost in {count(stats.gaps, 'gap')}, {share}"
+        samples, gaps = format_count(stats.lost_samples, "sample"), format_count(stats.gaps, "gap")
+        text = f"{samples} lost in {gaps}, {share}"
         if worst is not None and len(facts.gaps) > 1:
             gap, x = worst
             where = f", before {x:,.2f} s" if it.axis.kind == "time" else ""
@@ -50,18 +51,20 @@ def _losses(it: Gathered) -> Iterator[Finding]:
         yield Finding(True, text, "gaps")
     if stats.skipped_bytes:
         share = percent(stats.skipped_bytes, stats.bytes)
-        places = count(len(facts.damage), "place")
-        text = f"{count(stats.skipped_bytes, 'byte')} of damage in {places}, {share} of the file"
+        places = format_count(len(facts.damage), "place")
+        text = f"{format_count(stats.skipped_bytes, 'byte')} of damage in {places}, {share} of the file"
         yield Finding(True, text, "damage")
     if stats.malformed:
-        text = f"{count(stats.malformed, 'sample')} malformed: their packets do not fill them"
+        text = (
+            f"{format_count(stats.malformed, 'sample')} malformed: their packets do not fill them"
+        )
         yield Finding(True, text, "messages")
     pausing = [series for series in it.series if _pauses(series, it)]
     if pausing and not stats.lost_samples:
         worst_one = max(pausing, key=lambda series: series.steps.gaps)
         counted = "packet_counter" in {known.name for known in facts.quantities}
         why = "although the packet counter misses none" if counted else "and no counter tells why"
-        pauses = count(worst_one.steps.gaps, "pause")
+        pauses = format_count(worst_one.steps.gaps, "pause")
         text = f"{pauses} in {worst_one.name}, by its times, {why}"
         yield Finding(not counted, text, "timeline")
 
@@ -78,9 +81,11 @@ def _events(it: Gathered) -> Iterator[Finding]:
         events = [event for event in it.facts.events if event.name == name]
         if events:
             first = f"; the first: {events[0].notice}"
-            yield Finding(True, f"{count(len(events), things)} from the device{first}", "events")
+            yield Finding(
+                True, f"{format_count(len(events), things)} from the device{first}", "events"
+            )
     if it.restarts or it.axis.restarts:
-        times = count(max(it.restarts, it.axis.restarts), "time")
+        times = format_count(max(it.restarts, it.axis.restarts), "time")
         away = "; how long it was away is not known, and not drawn" if it.axis.restarts else ""
         yield Finding(True, f"the device started anew, {times}{away}", "messages")
     if len(it.axis.devices) > 1:
@@ -124,7 +129,7 @@ def _values(it: Gathered) -> Iterator[Finding]:
         for panel in series.panels.values():
             # What a receiver does not provide is no fault.
             if panel.curves.missing and not QUANTITIES[series.name].fields:
-                text = f"{count(panel.curves.missing, 'value')} of {series.name} NaN or infinite"
+                text = f"{format_count(panel.curves.missing, 'value')} of {series.name} NaN or infinite"
                 yield Finding(True, text, series.anchor)
 
 
@@ -146,7 +151,7 @@ def _unsaid(it: Gathered) -> Iterator[Finding]:
     if facts.identity.product_code is None and facts.identity.device_id is None:
         yield Finding(False, "the recording does not say which device it is of", "settings")
     if facts.unknown:
-        text = f"{count(len(facts.unknown), 'data identifier')} that xbus does not know"
+        text = f"{format_count(len(facts.unknown), 'data identifier')} that xbus does not know"
         yield Finding(False, text, "unknown")
 
 

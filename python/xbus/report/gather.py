@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.describe.facts import Facts
-from xbus.describe.text import said
+from xbus.describe.log_summary import LogSummary
+from xbus.describe.text import describe_message
 from xbus.log.column import Column
 from xbus.log.log import Log, steady_time
 from xbus.protocol.ids import MessageId
@@ -190,7 +190,7 @@ class Gathered:
     """
 
     def __init__(self, parts: Iterable[Log]) -> None:
-        self.facts = Facts(())
+        self.facts = LogSummary(())
         self.axis = Axis()
         self.utc: np.datetime64 | None = None
         self.steps = Curves(("step",))
@@ -313,7 +313,7 @@ class Gathered:
             if len(self.settings) == SETTINGS:
                 return
             message = part.messages[at]
-            words = said(message)
+            words = describe_message(message)
             if not words or words.endswith(" bytes") or (message.name, words) in self._said:
                 continue
             self._said.add((message.name, words))

@@ -12,8 +12,8 @@ from importlib import resources
 import numpy as np
 
 from xbus._core import __version__
-from xbus.describe.formatting import count
-from xbus.describe.summary import head, moment, quantities
+from xbus.describe.formatting import format_count
+from xbus.describe.log_text import format_utc, log_rows, quantity_rows
 from xbus.protocol.configuration import Configuration
 from xbus.report import figures
 from xbus.report.allan import PARTS, Stretch, at_one_second, flicker_floor
@@ -137,10 +137,10 @@ def _body(title: str, it: Gathered, drawn: list[Figure]) -> Iterator[str]:
     found = findings(it)
     sections = list(_sections(it, drawn))
     yield f"<header>\n<h1>{_text(title)}</h1>\n{_verdict(it, found)}"
-    pairs = list(head(it.facts))
+    pairs = list(log_rows(it.facts))
     if it.utc is not None:
         at = [name for name, _ in pairs].index("UTC") + 1 if it.facts.utc else len(pairs)
-        pairs.insert(at, ("0 s is", f"{moment(it.utc)} UTC"))
+        pairs.insert(at, ("0 s is", f"{format_utc(it.utc)} UTC"))
     rows = "".join(f"<dt>{_text(name)}</dt><dd>{_text(text)}</dd>\n" for name, text in pairs)
     links = "".join(f'<a href="#{name}">{_text(what)}</a>\n' for name, what, _ in sections)
     yield f"<dl>\n{rows}</dl>\n<nav>{links}</nav>\n</header>\n<main>\n"
@@ -155,7 +155,10 @@ def _verdict(it: Gathered, found: list[Finding]) -> str:
     bad = sum(finding.is_bad for finding in found)
     counted = "packet_counter" in {known.name for known in it.facts.quantities}
     if bad:
-        kind, sentence = "bad", f"{count(bad, 'thing')} to look at before this recording is used"
+        kind, sentence = (
+            "bad",
+            f"{format_count(bad, 'thing')} to look at before this recording is used",
+        )
     elif counted:
         kind, sentence = "good", "No sample lost, no damage, no errors"
     else:
@@ -210,7 +213,7 @@ def _timeline(it: Gathered, drawn: list[Figure]) -> str:
 
 
 def _quantities(it: Gathered) -> str:
-    top, *rows = quantities(it.facts)
+    top, *rows = quantity_rows(it.facts)
     gaps = [f"{series.steps.gaps:,}" if _is_regular(series) else "" for series in it.series]
     places = {at: _place(series) for at, series in enumerate(it.series)}
     return _table(
@@ -331,7 +334,7 @@ def _noise(noisy: list[Series], drawn: list[Figure]) -> Iterator[str]:
         yield _section(f"noise-{series.name}", series.name, level=3)
         result = figures.noise(series)
         if result is None:
-            rows = count(best.rows, "row")
+            rows = format_count(best.rows, "row")
             yield f"<p>Too little: {rows} without a gap; it takes {2 * PARTS} at least.</p>\n"
             continue
         figure, curves = result
@@ -347,7 +350,7 @@ def _on_stretch(series: Series, best: Stretch) -> Iterator[str]:
     whole = (
         "all of it, without a gap"
         if not gaps
-        else f"the longest without any of {count(gaps, 'gap')}"
+        else f"the longest without any of {format_count(gaps, 'gap')}"
     )
     means = "" if best.size == 1 else f", averaged over {best.size}"
     rate = best.rate * best.size

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xbus import _core
 from xbus.sim.device import SimulatedDevice
-from xbus.wire.link import SILENCE, Received
+from xbus.wire.link import NOTHING_RECEIVED, Received
 
 __all__ = ["SimLink"]
 
@@ -42,7 +42,7 @@ class SimLink:
                 return Received.at(data, self.device.time)
             left = until - self.device.time
             if left < self.LEAST / 2:
-                return SILENCE
+                return NOTHING_RECEIVED
             self.device.advance(min(self.STEP, left))
 
     def write(self, data: bytes) -> None:

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from xbus import _core
 
-__all__ = ["SILENCE", "Link", "Received"]
+__all__ = ["NOTHING_RECEIVED", "Link", "Received"]
 
 
 class Received(NamedTuple):
@@ -26,7 +26,7 @@ class Received(NamedTuple):
     @classmethod
     def at(cls, data: bytes, arrival: float) -> Received:
         """Bytes that came in one piece."""
-        return cls(data, (len(data),), (arrival,)) if data else SILENCE
+        return cls(data, (len(data),), (arrival,)) if data else NOTHING_RECEIVED
 
     def pieces(self) -> Iterator[tuple[bytes, float]]:
         """Each piece, and when it came."""
@@ -37,7 +37,7 @@ class Received(NamedTuple):
 
 
 #: What is received when nothing came.
-SILENCE = Received(b"", (), ())
+NOTHING_RECEIVED = Received(b"", (), ())
 
 
 class Link(Protocol):

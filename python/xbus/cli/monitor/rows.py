@@ -8,7 +8,7 @@ from typing import NamedTuple
 from xbus.cli.monitor.attitude import Attitude
 from xbus.cli.monitor.model import Model
 from xbus.cli.monitor.values import flags, rate_text, unit_text, value_text
-from xbus.describe.formatting import count, size
+from xbus.describe.formatting import format_count, format_size
 from xbus.protocol.values import State
 
 __all__ = [
@@ -194,29 +194,31 @@ def _losses(model: Model) -> list[Span]:
     counts = model.counts
     parts: list[Span] = []
     if not model.quantities and counts.skipped_bytes > UNHEARD:
-        nothing = f"nothing in {size(counts.skipped_bytes)}: another baud rate, or --string EM1000?"
+        nothing = f"nothing in {format_size(counts.skipped_bytes)}: another baud rate, or --string EM1000?"
         return [(nothing, Style.WARN)]
     if counts.lost_samples:
-        where = count(counts.gaps, "gap")
-        parts.append((f"{count(counts.lost_samples, 'sample')} lost in {where}", Style.BAD))
+        where = format_count(counts.gaps, "gap")
+        parts.append((f"{format_count(counts.lost_samples, 'sample')} lost in {where}", Style.BAD))
     elif ("packet_counter", None) not in model.quantities:
         parts.append(("no packet_counter tells losses", Style.DIM))
     else:
         parts.append(("nothing lost", Style.GOOD))
     damage = [
-        (f"{count(counts.skipped_bytes, 'byte')} damaged", counts.skipped_bytes),
-        (count(counts.checksum_errors, "checksum error"), counts.checksum_errors),
-        (count(counts.malformed, "malformed sample"), counts.malformed),
+        (f"{format_count(counts.skipped_bytes, 'byte')} damaged", counts.skipped_bytes),
+        (format_count(counts.checksum_errors, "checksum error"), counts.checksum_errors),
+        (format_count(counts.malformed, "malformed sample"), counts.malformed),
     ]
     said = [(text, Style.BAD) for text, number in damage if number]
     parts += said or [("no damage", Style.GOOD)]
     if counts.overruns:
-        parts.append((f"{count(counts.overruns, 'overrun')} in the driver", Style.BAD))
+        parts.append((f"{format_count(counts.overruns, 'overrun')} in the driver", Style.BAD))
     if counts.dropped_bytes or counts.dropped_samples:
-        dropped = f"{size(counts.dropped_bytes)}, {count(counts.dropped_samples, 'sample')}"
+        dropped = (
+            f"{format_size(counts.dropped_bytes)}, {format_count(counts.dropped_samples, 'sample')}"
+        )
         parts.append((f"dropped: {dropped}", Style.BAD))
     if model.read is None:
-        waiting = f"{size(counts.queued_bytes)}, {count(counts.unread_samples, 'sample')} wait"
+        waiting = f"{format_size(counts.queued_bytes)}, {format_count(counts.unread_samples, 'sample')} wait"
         is_empty = not counts.queued_bytes and not counts.unread_samples
         parts.append(("queue empty", Style.PLAIN) if is_empty else (waiting, Style.PLAIN))
     return parts

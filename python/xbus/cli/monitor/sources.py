@@ -19,7 +19,7 @@ import numpy as np
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label, no_frame
 from xbus.cli.monitor.model import Counts, Model, Recorded
-from xbus.describe.text import said
+from xbus.describe.text import describe_message
 from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
 from xbus.log.log import Log, steady_time
 from xbus.log.read import iter_log
@@ -209,7 +209,7 @@ def _words(message: Message) -> str:
     """An event of a device."""
     if message.name == "WakeUp":
         return "WakeUp: the device has just started"
-    return f"{message.name} {said(message)}"
+    return f"{message.name} {describe_message(message)}"
 
 
 class Replay:

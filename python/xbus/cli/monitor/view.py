@@ -9,7 +9,7 @@ from xbus.cli.monitor.attitude import Attitude, ground, tape
 from xbus.cli.monitor.model import Model
 from xbus.cli.monitor.rows import HEAD, Glyphs, Row, Span, Style, clock, rows, state, table
 from xbus.cli.monitor.values import unit_text
-from xbus.describe.formatting import size
+from xbus.describe.formatting import format_size
 from xbus.protocol.values import State
 
 __all__ = ["Line", "Shown", "draw", "room"]
@@ -99,7 +99,7 @@ def _title(model: Model, shown: Shown, columns: int, glyphs: Glyphs) -> Line:
     name = model.name
     parts = [name if len(name) <= longest else glyphs.more + name[1 - longest :]]
     if model.recorded is not None:
-        parts.append(f"REC {size(model.recorded.bytes)}")
+        parts.append(f"REC {format_size(model.recorded.bytes)}")
     if shown.is_paused:
         parts.append("PAUSED")
     if words := state(model):

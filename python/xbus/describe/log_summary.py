@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.describe.text import Notice, device_name, finite, notice, recorded
+from xbus.describe.text import Notice, device_name, finite, read_notice, recording_date
 from xbus.log.column import Column
 from xbus.log.identity import Identity
 from xbus.log.log import Log, steady_time
@@ -20,7 +20,7 @@ from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import MASTER, STANDALONE, UTC_VALID
 from xbus.wire.message import Message
 
-__all__ = ["Event", "Facts", "Gap", "QuantityFacts"]
+__all__ = ["Event", "Gap", "LogSummary", "QuantitySummary"]
 
 #: After these a device counts its samples anew, and nothing is lost.
 RESTARTS = (MessageId.GoToMeasurementAck, MessageId.ResetAck, MessageId.WakeUp)
@@ -78,7 +78,7 @@ class Span:
         return self.end - self.start if self.stamps > 1 else float("nan")
 
 
-class QuantityFacts:
+class QuantitySummary:
     """One quantity of a log."""
 
     def __init__(self, column: Column) -> None:
@@ -132,7 +132,7 @@ class QuantityFacts:
         }
 
 
-class Facts:
+class LogSummary:
     """What is in a log.
 
     Attributes:
@@ -152,7 +152,7 @@ class Facts:
     def __init__(self, parts: Iterable[Log]) -> None:
         self.stats = Stats(**{it.name: 0 for it in fields(Stats)})
         self.identity = Identity()
-        self._quantities: dict[tuple[str, str | None], QuantityFacts] = {}
+        self._quantities: dict[tuple[str, str | None], QuantitySummary] = {}
         self.gaps: list[Gap] = []
         self.damage: list[tuple[int, int, str]] = []
         self.messages: Counter[str] = Counter()
@@ -170,7 +170,7 @@ class Facts:
             self.add(part)
 
     @property
-    def quantities(self) -> list[QuantityFacts]:
+    def quantities(self) -> list[QuantitySummary]:
         """In the order in which they were first seen."""
         return list(self._quantities.values())
 
@@ -198,7 +198,7 @@ class Facts:
         for key in part:
             column = part[key]
             known = self._quantities.setdefault(
-                (column.name, column.coordinates), QuantityFacts(column)
+                (column.name, column.coordinates), QuantitySummary(column)
             )
             known.add(column)
             if column.name == "utc_time":
@@ -242,7 +242,7 @@ class Facts:
         for it in events:
             at = latest[it.sample - part.first_sample]
             time = self._last_time if at < 0 else float(steady[at])
-            self.events.append(Event(it.offset, it.sample, time, it.name, notice(it)))
+            self.events.append(Event(it.offset, it.sample, time, it.name, read_notice(it)))
 
     def _add_gaps(self, part: Log, restarts: Iterable[Message]) -> None:
         """Finds where the unwrapped counter of a device steps by more than one."""
@@ -282,7 +282,7 @@ class Facts:
                 "firmware_build": None if firmware is None else firmware.build,
                 "firmware_source": None if firmware is None else firmware.scm,
             },
-            "recorded": told.configuration and recorded(told.configuration),
+            "recorded": told.configuration and recording_date(told.configuration),
             "configuration": told.configuration and _settings(told.configuration),
             "utc": self._utc_facts(),
             "start_s": finite(self.start),
