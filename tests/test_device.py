@@ -504,7 +504,7 @@ def test_restore_communication() -> None:
     device = Device(link)
     device.restore_communication()
     assert (link.baudrate, sim.baudrate, device.state) == (115_200, 115_200, State.CONFIG)
-    assert device.req_output_configuration() == support("MTi-300").outputs
+    assert device.req_output_configuration() == support("MTi-300").output_configuration
 
 
 def test_restore_communication_without_a_device() -> None:

@@ -225,7 +225,7 @@ def test_every_rate_of_every_quantity(product: int) -> None:
         expected = tuple(known.acknowledged(it) for it in outputs)
         answer = exchange(device, frame("SetOutputConfiguration", outputs))
         assert answer == frame("SetOutputConfigurationAck", expected), rate
-        assert device.settings.outputs == expected
+        assert device.settings.output_configuration == expected
         for rates, output in zip(rates_of.values(), outputs, strict=True):
             is_there = rate in (0, EVERY, *rates) or rates == (EVERY,)
             assert is_sent(known, "SetOutputConfiguration", [output]) == is_there, output

@@ -508,8 +508,13 @@ def test_table_2_outputs() -> None:
     for numbers, payload in TABLE_2.items():
         for number in numbers:
             it = support(number)
-            assert encode("SetOutputConfiguration", it.outputs) == bytes.fromhex(payload)
-            assert tuple(it.acknowledged(row) for row in it.outputs) == it.outputs
+            assert encode("SetOutputConfiguration", it.output_configuration) == bytes.fromhex(
+                payload
+            )
+            assert (
+                tuple(it.acknowledged(row) for row in it.output_configuration)
+                == it.output_configuration
+            )
     assert {it for numbers in TABLE_2 for it in numbers} == set(ALL)
 
 

@@ -300,7 +300,7 @@ def test_too_many_outputs() -> None:
     payload = encode("SetOutputConfiguration", [one] * 32) + bytes.fromhex("1020FFFF")
     device.write(encode_frame(MessageId.SetOutputConfiguration, payload))
     assert device.read() == encode_frame(MessageId.Error, bytes([PARAMETER]))
-    assert len(device.settings.outputs) == 32
+    assert len(device.settings.output_configuration) == 32
 
 
 @pytest.mark.parametrize("product", PRODUCTS)
@@ -841,7 +841,7 @@ def test_restore_communication() -> None:
     device.advance(0.1)
     assert device.read(baudrate=115_200) == WAKE_UP
     device.write(ACK, baudrate=115_200)
-    assert ask(device, "ReqOutputConfiguration") == support(3).outputs
+    assert ask(device, "ReqOutputConfiguration") == support(3).output_configuration
     assert ask(device, "ReqSyncSettings") == ()
     assert ask(device, "ReqBaudrate") == 2
     assert ask(device, "ReqLocationID") == 5

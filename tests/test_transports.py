@@ -136,5 +136,5 @@ def test_all_commands(
         assert exercise(device) == expected
         assert device.state == State.MEASUREMENT
         outputs = dict(dict(expected)["RestoreFactoryDef"])
-        assert outputs == dict(support(product).outputs)
+        assert outputs == dict(support(product).output_configuration)
         assert outputs[0x1020] == EVERY

@@ -129,7 +129,7 @@ def initialise(host: Host, known: Support) -> None:
 
     outputs = host.must(MessageId.ReqOutputConfiguration)
     assert len(outputs) % 4 == 0
-    assert decode("ReqOutputConfigurationAck", outputs) == known.outputs
+    assert decode("ReqOutputConfigurationAck", outputs) == known.output_configuration
     assert len(host.must(MessageId.ReqEmts, b"\x00\xff")) > 0
     assert len(host.must(MessageId.ReqOptionFlags)) == 4
     assert len(host.must(MessageId.ReqSyncSettings)) % 12 == 0

@@ -299,7 +299,7 @@ def defaults() -> list[nodes.Node]:
     for number in PRODUCTS:
         it = support(number)
         row = (
-            ", ".join(map(output, it.outputs)),
+            ", ".join(map(output, it.output_configuration)),
             str(it.filter_profile or ""),
             value_text(it.sync_settings) if it.sync_settings else "",
         )

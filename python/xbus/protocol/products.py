@@ -342,7 +342,7 @@ class Support:
         string_types: The strings that it can send.
         filter_profiles: The filter profiles on board.
         baudrates: Bits per second that its port can be set to.
-        outputs: Output configuration at first.
+        output_configuration: Default output configuration.
         sync_settings: Synchronization at first.
         filter_profile: Filter profile at first: a number, from the 600-series on names; None on an IMU.
         identity: What a virtual device of this product calls itself.
@@ -357,7 +357,7 @@ class Support:
     string_types: StringType
     filter_profiles: tuple[AvailableProfile, ...]
     baudrates: tuple[int, ...]
-    outputs: tuple[Output, ...]
+    output_configuration: tuple[Output, ...]
     sync_settings: tuple[SyncSetting, ...]
     filter_profile: int | str | None
     identity: Identity
@@ -407,7 +407,7 @@ def _support(number: int, hardware: HardwareVersion | None) -> Support:
         string_types=_strings(product),
         filter_profiles=_PROFILES.get(number, ()),
         baudrates=_BAUDRATES[product.series],
-        outputs=_default_outputs(product),
+        output_configuration=_default_outputs(product),
         sync_settings=_DEFAULT_SYNC.get(number, ()),
         filter_profile=_DEFAULT_PROFILES.get(number),
         identity=_IDENTITIES[number],

@@ -121,7 +121,7 @@ def _selftest(unit: Unit, _: None) -> bytes:
 def _set_baudrate(unit: Unit, code: int) -> bytes:
     _require(baudrate(code) in unit.support.baudrates, ErrorCode.BAUDRATE)
     changed = unit.settings.with_baud_code(code)
-    unit.memory.change(baud_code=changed.baud_code, ports=changed.ports)
+    unit.memory.change(baud_code=changed.baud_code, port_config=changed.port_config)
     return b""
 
 
@@ -134,7 +134,7 @@ def _set_option_flags(unit: Unit, flags: OptionFlags) -> bytes:
 
 def _restore_factory_settings(unit: Unit, _: None) -> bytes:
     unit.memory.overwrite(factory_settings(unit.support))
-    unit.sync_inputs = SyncInputs(unit.settings.sync)
+    unit.sync_inputs = SyncInputs(unit.settings.sync_settings)
     return b""
 
 
@@ -148,7 +148,7 @@ def _set_outputs(unit: Unit, outputs: tuple[Output, ...]) -> bytes:
         # One of the four codes for coordinates is none.
         _require(acknowledged is not None and it.data_id & 0xC != 0xC)
         effective.append(acknowledged)
-    unit.memory.change(outputs=tuple(effective))
+    unit.memory.change(output_configuration=tuple(effective))
     return encode("SetOutputConfigurationAck", effective)
 
 
@@ -160,7 +160,7 @@ def _set_strings(unit: Unit, strings: StringOutput) -> bytes:
         fastest = unit.support.rates["acceleration"]
         _require(not strings.types or 1 <= (strings.frequency or 0) <= fastest)
     _require(unit.product.series == "600-series" or strings.frequency is None)
-    unit.memory.change(strings=strings)
+    unit.memory.change(string_output_type=strings)
     return b""
 
 
@@ -169,7 +169,7 @@ def _set_period(unit: Unit, period: int) -> bytes:
     if period > slowest:
         # Slower than 100 Hz is done by leaving out.
         _require(period % slowest == 0, ErrorCode.PERIOD)
-        unit.memory.change(period=slowest, skip_factor=period // slowest - 1)
+        unit.memory.change(period=slowest, output_skip_factor=period // slowest - 1)
     else:
         _require(period in PERIODS, ErrorCode.PERIOD)
         unit.memory.change(period=period)
@@ -182,7 +182,7 @@ def _set_sync(unit: Unit, settings: tuple[SyncSetting, ...]) -> bytes:
         _require(isinstance(it.function, SyncFunction) and isinstance(it.polarity, Polarity))
         _require(it.line in unit.support.sync.get(SyncFunction(it.function), ()))
         _require(it.offset in (PULSE_OFFSETS if it.function in SYNC_OUT_FUNCTIONS else SYNC_DELAYS))
-    unit.memory.change(sync=settings)
+    unit.memory.change(sync_settings=settings)
     unit.sync_inputs = SyncInputs(settings)
     return b""
 
@@ -205,7 +205,7 @@ _ROTATIONS = {Alignment.ROT_SENSOR: "rot_sensor", Alignment.ROT_LOCAL: "rot_loca
 
 
 def _are_ports(ports: tuple[PortConfig, ...], support: Support) -> bool:
-    has = factory_settings(support).ports
+    has = factory_settings(support).port_config
     return all(
         isinstance(it.protocol, PortProtocol) and (own.protocol or not int(it))
         for it, own in zip(ports, has, strict=True)
@@ -216,7 +216,7 @@ def _set_ports(unit: Unit, ports: tuple[PortConfig, ...]) -> bytes:
     _require(_are_ports(ports, unit.support))
     for it in ports:
         _require(not it.protocol or it.baudrate in unit.support.baudrates, ErrorCode.BAUDRATE)
-    unit.memory.change(ports=ports)
+    unit.memory.change(port_config=ports)
     return b""
 
 
@@ -366,19 +366,29 @@ _SETTINGS: tuple[tuple[str, str, Callable[[Any, Support], bool], ErrorCode], ...
     ("LocationID", "location_id", lambda _, __: True, ErrorCode.PARAMETER),
     ("TransmitDelay", "transmit_delay", lambda it, _: it in TRANSMIT_DELAYS, ErrorCode.PARAMETER),
     ("ErrorMode", "error_mode", lambda it, _: it in ERROR_MODES, ErrorCode.PARAMETER),
-    ("OutputSkipFactor", "skip_factor", lambda _, __: True, ErrorCode.PARAMETER),
+    ("OutputSkipFactor", "output_skip_factor", lambda _, __: True, ErrorCode.PARAMETER),
     (
         "ExtOutputMode",
         "ext_output_mode",
         lambda it, _: _is_within(it, EXT_MODES),
         ErrorCode.PARAMETER,
     ),
-    ("CanConfig", "can", lambda it, _: it.baudrate is not None, ErrorCode.BAUDRATE),
-    ("CanOutputConfig", "can_outputs", _are_can_outputs, ErrorCode.PARAMETER),
-    ("LatLonAlt", "place", _is_place, ErrorCode.PARAMETER),
-    ("GnssPlatform", "platform", lambda it, _: isinstance(it, GnssPlatform), ErrorCode.PARAMETER),
-    ("GnssLeverArm", "lever_arm", lambda it, _: all(map(math.isfinite, it)), ErrorCode.PARAMETER),
-    ("GnssReceiverSettings", "receiver", _is_receiver, ErrorCode.PARAMETER),
+    ("CanConfig", "can_config", lambda it, _: it.baudrate is not None, ErrorCode.BAUDRATE),
+    ("CanOutputConfig", "can_output_config", _are_can_outputs, ErrorCode.PARAMETER),
+    ("LatLonAlt", "lat_lon_alt", _is_place, ErrorCode.PARAMETER),
+    (
+        "GnssPlatform",
+        "gnss_platform",
+        lambda it, _: isinstance(it, GnssPlatform),
+        ErrorCode.PARAMETER,
+    ),
+    (
+        "GnssLeverArm",
+        "gnss_lever_arm",
+        lambda it, _: all(map(math.isfinite, it)),
+        ErrorCode.PARAMETER,
+    ),
+    ("GnssReceiverSettings", "gnss_receiver_settings", _is_receiver, ErrorCode.PARAMETER),
 )
 
 #: Every request that some product knows, by its name in `xbus.protocol.tables.MESSAGES`.
@@ -402,20 +412,24 @@ COMMANDS: dict[str, Command] = {
     "SetOptionFlags": _set_option_flags,
     "RestoreFactoryDef": _restore_factory_settings,
     # 5.3.4
-    "ReqSyncSettings": _ask("ReqSyncSettingsAck", lambda unit: unit.settings.sync),
+    "ReqSyncSettings": _ask("ReqSyncSettingsAck", lambda unit: unit.settings.sync_settings),
     "SetSyncSettings": _set_sync,
     # 5.3.5
     "ReqConfiguration": lambda unit, _: unit.configuration(),
     "ReqEmts": lambda unit, _: unit.emts,
-    "ReqOutputConfiguration": _ask("ReqOutputConfigurationAck", lambda unit: unit.settings.outputs),
+    "ReqOutputConfiguration": _ask(
+        "ReqOutputConfigurationAck", lambda unit: unit.settings.output_configuration
+    ),
     "SetOutputConfiguration": _set_outputs,
-    "ReqStringOutputType": _ask("ReqStringOutputTypeAck", lambda unit: unit.settings.strings),
+    "ReqStringOutputType": _ask(
+        "ReqStringOutputTypeAck", lambda unit: unit.settings.string_output_type
+    ),
     "SetStringOutputType": _set_strings,
     "ReqPeriod": _ask("ReqPeriodAck", lambda unit: unit.settings.period),
     "SetPeriod": _set_period,
     "ReqAlignmentRotation": _rotation,
     "SetAlignmentRotation": _set_rotation,
-    "ReqPortConfig": _ask("PortConfig", lambda unit: unit.settings.ports),
+    "ReqPortConfig": _ask("PortConfig", lambda unit: unit.settings.port_config),
     "SetPortConfig": _set_ports,
     # 5.3.6
     "ReqData": _send_latest,

@@ -25,7 +25,7 @@ from xbus.sim.clock import SECOND, Clock
 from xbus.sim.faults import Faults
 from xbus.sim.framing import Framer, Request
 from xbus.sim.line import Line
-from xbus.sim.memory import DEFAULT_BAUDRATE, Settings, factory_settings
+from xbus.sim.memory import DEFAULT_BAUDRATE, UnitSettings, factory_settings
 from xbus.sim.motion import Trajectory
 from xbus.sim.replay import Replay
 from xbus.sim.sensors import UTC
@@ -175,7 +175,7 @@ class SimulatedDevice:
         return self._unit.state
 
     @property
-    def settings(self) -> Settings:
+    def settings(self) -> UnitSettings:
         """The settings in use."""
         return self._unit.settings
 

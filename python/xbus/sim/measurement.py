@@ -79,27 +79,30 @@ class Measurement:
         self.icc_since: int | None = None
         self._updating_since: int | None = None
         self._unit = unit
-        self._is_asked = any(it.function == SyncFunction.SEND_LATEST for it in settings.sync)
+        self._is_asked = any(
+            it.function == SyncFunction.SEND_LATEST for it in settings.sync_settings
+        )
         self._source = self._make_source()
         self._taken = unit.clock.now
         self._momentary = 0
         #: How a packet begins that tells the flags.
         self._marks = [
             struct.pack(">HB", it.data_id, QUANTITIES[it.quantity].size)
-            for it in settings.outputs
-            if it.quantity in ("status_word", "status_byte") and not settings.strings.types
+            for it in settings.output_configuration
+            if it.quantity in ("status_word", "status_byte")
+            and not settings.string_output_type.types
         ]
         self.mark("filter_input_start")
 
     def _make_source(self) -> Source:
         unit, now = self._unit, self._unit.clock.now / SECOND
-        if unit.settings.strings.types:
+        if unit.settings.string_output_type.types:
             # Strings overrule MTData2.
             return self._make_strings(now)
         if unit.world.replay is not None:
             return unit.world.replay.play(now)
         return Stream(
-            unit.settings.outputs,
+            unit.settings.output_configuration,
             sensors=unit.sensors(),
             base_rate=unit.support.rates["acceleration"],
             synchronous_hr=unit.product.series in ("10-series", "100-series"),
@@ -114,14 +117,14 @@ class Measurement:
     def _make_strings(self, now: float) -> StringStream:
         settings, unit = self._unit.settings, self._unit
         rate: Fraction | None
-        if settings.strings.frequency is not None:
-            rate = Fraction(settings.strings.frequency)
-        elif settings.skip_factor == ON_DEMAND:
+        if settings.string_output_type.frequency is not None:
+            rate = Fraction(settings.string_output_type.frequency)
+        elif settings.output_skip_factor == ON_DEMAND:
             rate = None
         else:
-            rate = Fraction(PERIOD_TICKS, settings.period * (settings.skip_factor + 1))
+            rate = Fraction(PERIOD_TICKS, settings.period * (settings.output_skip_factor + 1))
         self._is_asked = self._is_asked or rate is None
-        return StringStream(settings.strings.types, rate, unit.sensors(), now)
+        return StringStream(settings.string_output_type.types, rate, unit.sensors(), now)
 
     # Samples
 
@@ -193,7 +196,7 @@ class Measurement:
             self.mark("sync_in_marker")
             return
         data_id = TRIGGERS[SyncLine(line)]
-        if data_id in (it.data_id for it in self._unit.settings.outputs):
+        if data_id in (it.data_id for it in self._unit.settings.output_configuration):
             microseconds = (self._unit.clock.now - self._unit.powered_at) // 1000
             trigger = {
                 "line": line,

@@ -30,7 +30,7 @@ from xbus.protocol.values import (
     baudrate,
 )
 
-__all__ = ["NO_ROTATION", "Memory", "Settings", "factory_settings", "restored"]
+__all__ = ["NO_ROTATION", "Memory", "UnitSettings", "factory_settings", "restored"]
 
 NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
 #: Default of 7.2.1.
@@ -50,61 +50,61 @@ _NO_PORT = PortConfig(PortProtocol.NONE, 0)
 
 
 @dataclass(frozen=True)
-class Settings:
+class UnitSettings:
     """All settings of a device, as the messages carry them; those that a product lacks mean nothing there.
 
     Attributes:
-        outputs: Output configuration, with the rates in effect.
-        strings: Strings to send instead of MTData2, if any.
+        output_configuration: Output configuration, with the rates in effect.
+        string_output_type: Strings to send instead of MTData2, if any.
         period: Of the strings, in 1/115200 s.
-        skip_factor: Of the strings.
-        sync: Synchronization settings.
+        output_skip_factor: Of the strings.
+        sync_settings: Synchronization settings.
         option_flags: Option flags.
         location_id: Location identifier.
         baud_code: Code of the baud rate, up to the 100-series.
-        ports: The three ports of the 600-series (Table 22).
-        can: CAN transceiver.
-        can_outputs: CAN output configuration.
+        port_config: The three ports of the 600-series (Table 22).
+        can_config: CAN transceiver.
+        can_output_config: CAN output configuration.
         rot_sensor: RotSensor.
         rot_local: RotLocal.
         ext_output_mode: Extended output mode.
         transmit_delay: In ticks of 1/29.4912 MHz.
         error_mode: Error mode.
-        place: Stored latitude, longitude and altitude.
+        lat_lon_alt: Stored latitude, longitude and altitude.
         filter_profile: Number, on the 600-series names; None on an IMU.
-        platform: GNSS platform.
-        lever_arm: GNSS lever arm.
-        receiver: GNSS receiver.
+        gnss_platform: GNSS platform.
+        gnss_lever_arm: GNSS lever arm.
+        gnss_receiver_settings: GNSS receiver.
         initial_heading: Degrees.
     """
 
-    outputs: tuple[Output, ...]
-    strings: StringOutput
+    output_configuration: tuple[Output, ...]
+    string_output_type: StringOutput
     period: int
-    skip_factor: int
-    sync: tuple[SyncSetting, ...]
+    output_skip_factor: int
+    sync_settings: tuple[SyncSetting, ...]
     option_flags: OptionFlag
     location_id: int
     baud_code: int
-    ports: tuple[PortConfig, ...]
-    can: CanConfig
-    can_outputs: tuple[CanOutput, ...]
+    port_config: tuple[PortConfig, ...]
+    can_config: CanConfig
+    can_output_config: tuple[CanOutput, ...]
     rot_sensor: AlignmentRotation
     rot_local: AlignmentRotation
     ext_output_mode: ExtOutputMode
     transmit_delay: int
     error_mode: int
-    place: LatLonAlt
+    lat_lon_alt: LatLonAlt
     filter_profile: int | str | None
-    platform: GnssPlatform
-    lever_arm: GnssLeverArm
-    receiver: GnssReceiverSettings
+    gnss_platform: GnssPlatform
+    gnss_lever_arm: GnssLeverArm
+    gnss_receiver_settings: GnssReceiverSettings
     initial_heading: float
 
     @property
     def host_baud_code(self) -> int:
         """Code of the rate of the port to the host: on the 600-series the first one that speaks Xbus."""
-        speaking = (it.baud_code for it in self.ports if it.protocol == PortProtocol.XBUS)
+        speaking = (it.baud_code for it in self.port_config if it.protocol == PortProtocol.XBUS)
         return next(speaking, self.baud_code)
 
     @property
@@ -112,16 +112,16 @@ class Settings:
         """Bits per second of the port to the host, from the next start on."""
         return baudrate(self.host_baud_code) or DEFAULT_BAUDRATE
 
-    def with_baud_code(self, code: int) -> Settings:
+    def with_baud_code(self, code: int) -> UnitSettings:
         """The same with another rate of the ports to the host."""
         ports = tuple(
             replace(it, baud_code=code) if it.protocol == PortProtocol.XBUS else it
-            for it in self.ports
+            for it in self.port_config
         )
-        return replace(self, baud_code=code, ports=ports)
+        return replace(self, baud_code=code, port_config=ports)
 
 
-def factory_settings(support: Support) -> Settings:
+def factory_settings(support: Support) -> UnitSettings:
     """How a product comes from the factory (Tables 2, 40 and 41)."""
     code, number = baud_code(DEFAULT_BAUDRATE), support.product.number
     host = PortConfig(PortProtocol.XBUS, code)
@@ -132,43 +132,45 @@ def factory_settings(support: Support) -> Settings:
         rtcm = PortConfig(PortProtocol.RTCM, baud_code(38_400))
         ports = (host, _NO_PORT, rtcm) if number == 680 else (host, host, _NO_PORT)
         strings = StringOutput(StringType(0), 0)
-    return Settings(
-        outputs=support.outputs,
-        strings=strings,
+    return UnitSettings(
+        output_configuration=support.output_configuration,
+        string_output_type=strings,
         period=PERIODS[-1],
-        skip_factor=0,
-        sync=support.sync_settings,
+        output_skip_factor=0,
+        sync_settings=support.sync_settings,
         option_flags=OptionFlag(0),
         location_id=0,
         baud_code=code,
-        ports=ports,
-        can=CanConfig(0, enabled=False),
-        can_outputs=(),
+        port_config=ports,
+        can_config=CanConfig(0, enabled=False),
+        can_output_config=(),
         rot_sensor=AlignmentRotation(Alignment.ROT_SENSOR, NO_ROTATION),
         rot_local=AlignmentRotation(Alignment.ROT_LOCAL, NO_ROTATION),
         ext_output_mode=ExtOutputMode(0),
         transmit_delay=TRANSMIT_DELAYS[0],
         error_mode=DEFAULT_ERROR_MODE,
-        place=FACTORY_PLACE,
+        lat_lon_alt=FACTORY_PLACE,
         filter_profile=support.filter_profile,
-        platform=GnssPlatform.PORTABLE,
-        lever_arm=GnssLeverArm(0.0, 0.0, 0.0),
-        receiver=_RECEIVERS.get(number, GnssReceiverSettings(GnssReceiver.NONE, code, 0)),
+        gnss_platform=GnssPlatform.PORTABLE,
+        gnss_lever_arm=GnssLeverArm(0.0, 0.0, 0.0),
+        gnss_receiver_settings=_RECEIVERS.get(
+            number, GnssReceiverSettings(GnssReceiver.NONE, code, 0)
+        ),
         initial_heading=0.0,
     )
 
 
-def restored(settings: Settings, support: Support) -> Settings:
+def restored(settings: UnitSettings, support: Support) -> UnitSettings:
     """The same after "restore communication": what Table 41 lists is as it came."""
     factory = factory_settings(support)
     return replace(
         settings,
-        outputs=factory.outputs,
+        output_configuration=factory.output_configuration,
         baud_code=factory.baud_code,
-        ports=factory.ports,
+        port_config=factory.port_config,
         period=factory.period,
-        skip_factor=factory.skip_factor,
-        sync=factory.sync,
+        output_skip_factor=factory.output_skip_factor,
+        sync_settings=factory.sync_settings,
         error_mode=factory.error_mode,
     )
 
@@ -181,7 +183,7 @@ class Memory:
         stored: In flash.
     """
 
-    def __init__(self, settings: Settings) -> None:
+    def __init__(self, settings: UnitSettings) -> None:
         self.settings = self.stored = settings
 
     def change(self, **changes: Any) -> None:
@@ -197,7 +199,7 @@ class Memory:
         ):
             self.stored = replace(self.stored, **changes)
 
-    def overwrite(self, settings: Settings) -> None:
+    def overwrite(self, settings: UnitSettings) -> None:
         """Replaces all of it."""
         self.settings = self.stored = settings
 

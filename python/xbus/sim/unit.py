@@ -27,7 +27,7 @@ from xbus.sim.clock import SECOND, Clock
 from xbus.sim.commands import COMMANDS, Refused
 from xbus.sim.framing import Request
 from xbus.sim.measurement import Measurement, status_word
-from xbus.sim.memory import Memory, Settings, restored
+from xbus.sim.memory import Memory, UnitSettings, restored
 from xbus.sim.motion import Trajectory
 from xbus.sim.procedures import Rotation
 from xbus.sim.receiver import Receiver
@@ -109,7 +109,7 @@ class Unit:
         world: World,
         support: Support,
         identity: Identity,
-        settings: Settings,
+        settings: UnitSettings,
         *,
         bus_id: int,
         send: Callable[[bytes], None],
@@ -124,7 +124,7 @@ class Unit:
         self._bus_id = bus_id
 
     @property
-    def settings(self) -> Settings:
+    def settings(self) -> UnitSettings:
         """Settings in use."""
         return self.memory.settings
 
@@ -207,7 +207,7 @@ class Unit:
         self.memory.load()
         self.no_rotation = 0
         self.reset_rotations: tuple[Rotation, Rotation] | None = None
-        self.sync_inputs = SyncInputs(self.settings.sync)
+        self.sync_inputs = SyncInputs(self.settings.sync_settings)
         self.powered_at = self.clock.now
         # Nothing keeps the time without power: the calendar starts where it did the first time.
         self.calendar = self.world.utc - _ns(self.clock.now)
@@ -216,7 +216,7 @@ class Unit:
     def restore_communication(self) -> None:
         """Sets what Table 41 lists to what it was at first."""
         self.memory.overwrite(restored(self.memory.stored, self.support))
-        self.sync_inputs = SyncInputs(self.settings.sync)
+        self.sync_inputs = SyncInputs(self.settings.sync_settings)
 
     def leave_wake_up(self) -> None:
         """What happens when nobody has answered WakeUp."""
@@ -259,7 +259,7 @@ class Unit:
                 device_id=self.identity.device_id,
                 product_code=self.identity.product_code if series == "600-series" else None,
                 sampling_period=settings.period if is_old else 0,
-                output_skip_factor=settings.skip_factor if is_old else 0,
+                output_skip_factor=settings.output_skip_factor if is_old else 0,
                 date=None,
                 time=None,
                 devices=1,
@@ -332,7 +332,7 @@ class Unit:
     def _is_clock_synced(self) -> bool:
         """Whether the clock bias is estimated: by pulses of the receiver, which needs no wire here."""
         if self._has_fix:
-            functions = [it.function for it in self.settings.sync]
+            functions = [it.function for it in self.settings.sync_settings]
             return SyncFunction.CLOCK_BIAS_ESTIMATION in functions
         return self.sync_inputs.is_clock_synced(self.clock.now)
 
