@@ -1,4 +1,4 @@
-# The few commands, for people. .ci/run runs the same from nothing.
+# Commands for development. .ci/run runs the same checks in a fresh environment.
 .PHONY: dev format lint test bench docs fuzz
 NAME ?= chunking
 
@@ -21,7 +21,7 @@ lint:
 
 test:
 	cargo test
-	pytest
+	pytest -n auto
 
 bench:
 	cargo bench --bench decode
@@ -38,7 +38,9 @@ bench:
 	python benches/soak.py 60
 
 docs:
-	sphinx-build -W -b html docs docs/_build/html
+	@python -c "import xbus, furo, myst_parser, sphinx" || \
+	  { echo "make docs needs xbus and its documentation tools; run 'make dev' in an activated virtual environment first"; exit 1; }
+	python -m sphinx -W -b html docs docs/_build/html
 
 fuzz:
 	mkdir -p /tmp/xbus-fuzz/$(NAME)
