@@ -325,9 +325,8 @@ class SimulatedDevice:
         """Gives up what has begun like a frame and does not go on: it must not swallow the next request."""
         if self._clock.now < self._gives_up_at:
             return
-        while self._framer.is_waiting:
-            for request in self._framer.give_up():
-                self._answer(request)
+        for request in self._framer.flush():
+            self._answer(request)
 
     def _send(self, frame: bytes) -> None:
         self.sent += 1

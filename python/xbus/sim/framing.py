@@ -1,18 +1,22 @@
-"""Requests out of the bytes that a host sends.
+"""Finds requests in the bytes that a host sends.
 
-`xbus.Scanner` is for the other way: it believes in what devices send.
+`xbus.Scanner` serves the other direction: its rules of plausibility are those of messages from a device.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 __all__ = ["Framer", "Request"]
 
 PREAMBLE = 0xFA
-#: A length of 255 says that two more bytes hold it (section 5.1).
+#: A length of 255 means that the next two bytes hold the length (section 5.1).
 EXTENDED = 0xFF
-#: The longest payload (Table 3); a header that says more is none.
+#: Bytes up to and including the length, without and with the extended length.
+HEADER, EXTENDED_HEADER = 4, 6
+#: The longest payload (Table 3). A header that announces more does not belong to a frame.
 LONGEST = 2048
 
 
@@ -25,7 +29,10 @@ class Request(NamedTuple):
 
 
 class Framer:
-    """Finds frames in bytes that come in pieces; what is no frame is passed by.
+    """Finds frames in bytes that arrive in pieces, and skips everything else.
+
+    All candidates of a piece are checked together in numpy: the cost is linear in the number of bytes,
+    whatever they are.
 
     >>> framer = Framer()
     >>> framer.feed(bytes.fromhex("00 FA FF 30")), framer.feed(bytes.fromhex("00 D1"))
@@ -34,45 +41,70 @@ class Framer:
 
     def __init__(self) -> None:
         self._bytes = bytearray()
+        #: No frame is complete before this number of bytes has arrived.
+        self._needed = 0
 
     @property
     def is_waiting(self) -> bool:
-        """Whether a frame has begun."""
+        """Whether a frame has begun that is not complete."""
         return bool(self._bytes)
 
     def feed(self, data: bytes) -> list[Request]:
-        """The requests that are complete with these bytes."""
+        """Returns the requests that these bytes complete.
+
+        Args:
+            data: The next bytes from the host.
+        """
         self._bytes += data
+        return [] if len(self._bytes) < self._needed else self._scan(is_last=False)
+
+    def flush(self) -> list[Request]:
+        """Drops every incomplete frame, and returns the requests behind their headers."""
+        return self._scan(is_last=True)
+
+    def _scan(self, *, is_last: bool) -> list[Request]:
+        data = bytes(self._bytes)
+        values = np.frombuffer(data, np.uint8)
+        size = len(data)
+        starts = np.flatnonzero(values == PREAMBLE)
+        if not len(starts):
+            self._keep(b"", 0)
+            return []
+
+        def field(offset: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+            return values.take(starts + offset, mode="clip").astype(np.int64)
+
+        lengths = field(3)
+        is_extended = (lengths == EXTENDED) & (starts + HEADER <= size)
+        headers = np.where(is_extended, EXTENDED_HEADER, HEADER)
+        lengths = np.where(is_extended, field(4) << 8 | field(5), lengths)
+        # One byte more than the payload: the checksum.
+        ends = starts + headers + lengths + 1
+        # While the length itself is missing, only the header is known to be needed.
+        ends = np.where(starts + headers > size, starts + headers, ends)
+        is_open = (starts + headers > size) | (ends > size) & (lengths <= LONGEST)
+        # The bytes behind the preamble of a frame add up to a multiple of 256.
+        sums = np.zeros(size + 1, np.uint8)
+        np.cumsum(values, dtype=np.uint8, out=sums[1:])
+        is_sound = sums[np.minimum(ends, size)] == sums[starts + 1]
+        chosen = ~is_open & (lengths <= LONGEST) & is_sound
+        if not is_last:
+            chosen |= is_open
+
         found: list[Request] = []
-        while (start := self._bytes.find(PREAMBLE)) >= 0:
-            del self._bytes[:start]
-            end = self._end()
-            if end is None or end > len(self._bytes):
+        starts, headers, ends, is_open = (it[chosen] for it in (starts, headers, ends, is_open))
+        i = 0
+        while i < len(starts):
+            start, header, end = int(starts[i]), int(headers[i]), int(ends[i])
+            if is_open[i]:
+                self._keep(data[start:], end - start)
                 return found
-            if end and sum(self._bytes[1:end]) % 256 == 0:
-                found.append(self._request(end))
-                del self._bytes[:end]
-            else:
-                del self._bytes[:1]
-        self._bytes.clear()
+            found.append(Request(data[start + 1], data[start + 2], data[start + header : end - 1]))
+            # Candidates inside the frame are part of its payload.
+            i = int(np.searchsorted(starts, end))
+        self._keep(b"", 0)
         return found
 
-    def give_up(self) -> list[Request]:
-        """The requests behind a header whose frame will not come."""
-        del self._bytes[:1]
-        return self.feed(b"")
-
-    def _end(self) -> int | None:
-        """Where the frame at the front ends: None for not known yet, 0 for never."""
-        if len(self._bytes) < 4:
-            return None
-        if (length := self._bytes[3]) != EXTENDED:
-            return 4 + length + 1
-        if len(self._bytes) < 6:
-            return None
-        length = int.from_bytes(self._bytes[4:6], "big")
-        return 6 + length + 1 if length <= LONGEST else 0
-
-    def _request(self, end: int) -> Request:
-        _, bid, mid, length = self._bytes[:4]
-        return Request(bid, mid, bytes(self._bytes[6 if length == EXTENDED else 4 : end - 1]))
+    def _keep(self, data: bytes, needed: int) -> None:
+        self._bytes[:] = data
+        self._needed = needed
