@@ -40,7 +40,7 @@ def test_dumped_reset_applied_and_dumped_again(
     assert run("config", "dump", port, "-o", str(path)).output == ""
     assert run("config", "dump", port).stdout == path.read_text("utf-8")
     with connect(sim) as device, device.configure():
-        device.restore_factory_def()
+        device.commands.restore_factory_def()
     planned = run("config", "apply", port, str(path), "--dry-run")
     shown = run("config", "diff", port, str(path))
     done = run("config", "apply", port, str(path))

@@ -21,7 +21,11 @@ from xbus import (
     connect,
     encode_frame,
 )
-from xbus.device.output import bytes_per_second, check_fits, outputs_of
+from xbus.device.output_configuration import (
+    bytes_per_second,
+    check_outputs_fit,
+    parse_output_configuration,
+)
 from xbus.protocol import OptionFlag, Output, State, StringType
 from xbus.protocol.products import support
 from xbus.protocol.tables import MESSAGES, PRODUCTS
@@ -92,10 +96,10 @@ def test_a_device_is_left_in_the_state_it_was_found_in(product: str, state: Stat
 def test_a_device_that_measures_and_sends_nothing_is_found_measuring() -> None:
     sim = SimulatedDevice("MTi-630")
     with connect(sim) as device, device.configure() as cfg:
-        cfg.set_sync_settings([xbus.protocol.SyncSetting(8, 6)])
+        cfg.commands.set_sync_settings([xbus.protocol.SyncSetting(8, 6)])
     with connect(sim) as device:
         assert device.state == sim.state == State.MEASUREMENT
-        device.req_data()
+        device.commands.req_data()
         assert "quaternion" in device.read_sample()
 
 
@@ -159,17 +163,18 @@ ACKNOWLEDGED = [
 def test_the_acknowledged_rates_are_kept(product: str, outputs: Any, acknowledged: Any) -> None:
     with connect(f"sim:{product}") as device, device.configure() as cfg:
         lines = cfg.set_output_configuration(outputs)
-        assert lines == cfg.outputs == cfg.req_output_configuration() == tuple(acknowledged)
+        assert lines == cfg.output_configuration == tuple(acknowledged)
+        assert lines == cfg.commands.req_output_configuration()
 
 
 def test_strings_are_switched_off_first() -> None:
     device, link = opened("MTi-300")
-    device.set_string_output_type(StringType.PSONCMS)
+    device.commands.set_string_output_type(StringType.PSONCMS)
     with device.configure() as cfg:
         cfg.set_output_configuration({"acceleration": 100})
     sent = [frame[2] for frame in link.written]
     assert sent[-2:] == [0x8E, 0xC0]
-    assert device.req_string_output_type().types == 0
+    assert device.commands.req_string_output_type().types == 0
 
 
 @pytest.mark.parametrize(
@@ -236,7 +241,7 @@ def test_bytes_per_second_are_those_that_come(product: str, outputs: Any, within
     sim.read()
     sim.advance(10)
     found = len(sim.read()) / 10
-    assert bytes_per_second(outputs_of(outputs), support(product)) == pytest.approx(
+    assert bytes_per_second(parse_output_configuration(outputs), support(product)) == pytest.approx(
         found, rel=within
     )
 
@@ -249,7 +254,7 @@ def test_check_fits_says_when_no_rate_would_do() -> None:
         Output(0x2023, 400),
     ]
     with pytest.raises(ValueError, match="no baud rate of this product would do; at 921,600 baud"):
-        check_fits(outputs, support("MTi-300"), 921_600)
+        check_outputs_fit(outputs, support("MTi-300"), 921_600)
 
 
 # Samples
@@ -288,8 +293,8 @@ def test_samples_are_what_a_log_of_them_says() -> None:
 def test_samples_that_come_during_a_command_are_given_afterwards() -> None:
     device, _ = opened("MTi-630", State.MEASUREMENT)
     first = [device.read_sample()["packet_counter"] for _ in range(3)]
-    device.set_no_rotation(2)
-    device.icc_command(3)
+    device.commands.set_no_rotation(2)
+    device.commands.icc_command(3)
     after = [device.read_sample()["packet_counter"] for _ in range(50)]
     assert np.unique(np.diff(first + after)).tolist() == [1]
 
@@ -345,7 +350,7 @@ def works_again(device: Device) -> None:
     """The state is known, or can be found, and the next command is answered."""
     device.go_to_config()
     assert device.state == State.CONFIG
-    assert device.req_did() == device.device_id
+    assert device.commands.req_did() == device.device_id
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
@@ -385,7 +390,7 @@ def test_ctrl_c_inside_configure_restores_the_state() -> None:
 
     link.meddle = interrupt
     with pytest.raises(KeyboardInterrupt), device.configure():
-        device.req_option_flags()
+        device.commands.req_option_flags()
     assert device.state == link.device.state == State.MEASUREMENT
 
 
@@ -405,7 +410,7 @@ def test_a_pulled_plug(row: xbus.protocol.tables.MessageRow) -> None:
     assert device.state == State.UNKNOWN
     link.meddle = lambda data: data
     with pytest.raises(Disconnected):
-        device.req_did()
+        device.commands.req_did()
     link.device.plug()
     works_again(device)
 
@@ -459,7 +464,7 @@ def test_set_baudrate_follows_the_device(product: str) -> None:
     with device.configure() as cfg:
         cfg.set_baudrate(921_600)
         assert (sim.baudrate, cfg.link.baudrate, cfg.state) == (921_600, 921_600, State.CONFIG)
-        assert cfg.req_did() == cfg.device_id
+        assert cfg.commands.req_did() == cfg.device_id
     assert sim.state == State.MEASUREMENT
     assert len(device.read_sample()) > 0
     sim.power_cycle()
@@ -504,7 +509,7 @@ def test_restore_communication() -> None:
     device = Device(link)
     device.restore_communication()
     assert (link.baudrate, sim.baudrate, device.state) == (115_200, 115_200, State.CONFIG)
-    assert device.req_output_configuration() == support("MTi-300").output_configuration
+    assert device.commands.req_output_configuration() == support("MTi-300").output_configuration
 
 
 def test_restore_communication_without_a_device() -> None:
@@ -515,6 +520,6 @@ def test_restore_communication_without_a_device() -> None:
 
 def test_option_flags_with_names() -> None:
     device, _ = opened("MTi-3")
-    device.set_option_flags(OptionFlag.ENABLE_AHS | OptionFlag.DISABLE_AUTO_STORE)
-    device.set_option_flags(clear=OptionFlag.ENABLE_AHS)
-    assert device.req_option_flags() == OptionFlag.DISABLE_AUTO_STORE
+    device.commands.set_option_flags(OptionFlag.ENABLE_AHS | OptionFlag.DISABLE_AUTO_STORE)
+    device.commands.set_option_flags(clear=OptionFlag.ENABLE_AHS)
+    assert device.commands.req_option_flags() == OptionFlag.DISABLE_AUTO_STORE

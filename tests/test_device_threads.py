@@ -43,8 +43,8 @@ def test_commands_while_another_thread_reads(device: Device) -> None:
     thread.start()
     try:
         for _ in range(20):
-            assert device.icc_command(IccCommand.STATE).active is False
-        device.set_no_rotation(2)
+            assert device.commands.icc_command(IccCommand.STATE).active is False
+        device.commands.set_no_rotation(2)
     finally:
         done.set()
         thread.join()
@@ -54,11 +54,11 @@ def test_commands_while_another_thread_reads(device: Device) -> None:
 
 def test_two_threads_with_commands(device: Device) -> None:
     device.go_to_config()
-    expected = device.req_did()
+    expected = device.commands.req_did()
     found: list[int] = []
 
     def ask() -> None:
-        found.extend(device.req_did() for _ in range(20))
+        found.extend(device.commands.req_did() for _ in range(20))
 
     threads = [threading.Thread(target=ask) for _ in range(3)]
     for it in threads:
@@ -109,4 +109,4 @@ def test_a_cancelled_wait_leaves_the_device_usable(device: Device) -> None:
 
     asyncio.run(impatient())
     device.go_to_config()
-    assert device.req_output_configuration() == ()
+    assert device.commands.req_output_configuration() == ()

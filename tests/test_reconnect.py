@@ -102,7 +102,7 @@ def test_commands_are_not_repeated() -> None:
     device = measuring(SimulatedDevice("MTi-630"), reconnect=True)
     device.link.device.unplug()  # type: ignore[attr-defined]
     with pytest.raises(Disconnected, match="IccCommand was under way"):
-        device.icc_command(3)
+        device.commands.icc_command(3)
 
 
 @pytest.fixture

@@ -191,7 +191,7 @@ def test_commands_go_on(tmp_path: Path) -> None:
         for _ in range(3):
             next(device.blocks(samples=100))
             with device.configure():
-                device.req_output_configuration()
+                device.commands.req_output_configuration()
         next(device.blocks(samples=100))
     log = xbus.read_log(path)
     names = [it.name for it in log.messages]

@@ -101,7 +101,7 @@ def test_dumped_reset_applied_and_dumped_again(product: int) -> None:
     text = device.settings().to_toml()
     assert Settings.from_toml(text) == wanted
     with device.configure():
-        device.restore_factory_def()
+        device.commands.restore_factory_def()
     assert device.settings() == factory
     device.apply(Settings.from_toml(text))
     assert device.settings().to_toml() == text

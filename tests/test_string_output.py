@@ -24,7 +24,7 @@ from xbus import (
     connect,
 )
 from xbus.device import channel as channel_module
-from xbus.device.strings import frequency_of, period_and_skip_factor, plan_strings
+from xbus.device.string_output import frequency_of, period_and_skip_factor, plan_strings
 from xbus.protocol import State, StringOutput
 from xbus.protocol.products import find_product, support
 from xbus.protocol.strings import LAYOUTS
@@ -183,7 +183,7 @@ def test_every_string_of_every_product(product: int) -> None:
     assert not device._channel.samples
     with device.configure() as cfg:
         cfg.set_output_configuration({"packet_counter": None, "acceleration": 100})
-        assert not cfg.req_string_output_type().types
+        assert not cfg.commands.req_string_output_type().types
     assert list(device.read_sample()) == ["packet_counter", "acceleration"]
 
 
@@ -307,7 +307,7 @@ def test_strings_on_demand(product: str) -> None:
     assert not device._channel.wait_for(lambda: bool(device._channel.strings), 3.0)
     first = device.link.clock()
     for _ in range(5):
-        device.req_data()
+        device.commands.req_data()
         assert device.read_string().type is StringType.HCMTW
         clock = device.read_string()
         assert device.link.clock() - first < 1.0
@@ -339,7 +339,7 @@ def test_em1000_is_told_by_the_device_or_the_caller() -> None:
     virtual = SimulatedDevice("MTi-300")
     device = connect(virtual)
     with device.configure():
-        device.set_string_output_type(StringType.EM1000)  # it is asked whether it took it
+        device.commands.set_string_output_type(StringType.EM1000)  # it is asked whether it took it
     assert device.read_string().type is StringType.EM1000
     assert device.stats.skipped_bytes == 0
     assert connect(virtual, strings=["EM1000"]).read_string().type is StringType.EM1000
@@ -348,7 +348,7 @@ def test_em1000_is_told_by_the_device_or_the_caller() -> None:
         unaware.read_string(0.5)
     assert unaware.stats.skipped_bytes > 400  # also while nothing follows
     with unaware.configure() as cfg:
-        cfg.req_string_output_type()
+        cfg.commands.req_string_output_type()
     assert unaware.read_string().type is StringType.EM1000
     with unaware.configure() as cfg:
         cfg.set_strings([])

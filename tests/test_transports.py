@@ -102,14 +102,14 @@ def exercise(device: Device) -> list[tuple[str, Any]]:
         said = round_of_config(cfg)
         assert cfg.support is not None
         sync = [it for it in cfg.support.sync if 6 in cfg.support.sync[it]]
-        cfg.set_sync_settings([xbus.protocol.SyncSetting(it, 6) for it in sync])
+        cfg.commands.set_sync_settings([xbus.protocol.SyncSetting(it, 6) for it in sync])
         cfg.set_output_configuration([Output(0x1020), Output(0x4020, 50)])
         cfg.go_to_measurement()
-        cfg.req_data()
+        cfg.commands.req_data()
         said.append(("ReqData", sorted(map(str, cfg.read_sample()))))
         cfg.go_to_config()
-        cfg.restore_factory_def()
-        said.append(("RestoreFactoryDef", cfg.req_output_configuration()))
+        cfg.commands.restore_factory_def()
+        said.append(("RestoreFactoryDef", cfg.commands.req_output_configuration()))
         cfg.reset(config=True)
     said += round_of_measurement(device)
     for _ in range(3):

@@ -8,7 +8,7 @@ shows a table of the protocol; `Protocol` names them all.
     ```{commands} 5.3.1
     ```
 
-shows the methods of `xbus.Device` for the commands of a section of the manual.
+shows the methods for the commands of a section of the manual, of `xbus.Device` or its `commands`.
 
     ```{help} decode
     ```
@@ -336,14 +336,15 @@ def request_of(method: str) -> MessageRow | None:
 
 def sections() -> dict[str, list[str]]:
     """The methods for commands by the section of the manual, which comments in the source name."""
-    found: dict[str, list[str]] = {}
+    found: dict[str, list[str]] = {"5.3.1": []}
     marks = re.compile(r"^    (?:# (5\.3\.\d)|def ([a-z]\w+))", re.MULTILINE)
+    methods = found["5.3.1"]
     for number, method in marks.findall(inspect.getsource(Commands)):
         if number:
             methods = found.setdefault(number, [])
-        elif found:
+        else:
             methods.append(method)
-    # What takes more than one message is in `Device`; it stands behind the others of its MID.
+    # Commands of `Device` itself follow the raw ones with the same MID.
     for name in vars(Device):
         row = request_of(name)
         if row is None or any(name in methods for methods in found.values()):
@@ -354,13 +355,17 @@ def sections() -> dict[str, list[str]]:
                 methods.insert(methods.index(same[-1]) + 1, name)
                 break
         else:
-            found["5.3.1"].append(name)  # WakeUpAck and Reset have a MID of their own
+            found["5.3.1"].append(name)  # the state messages
     return found
+
+
+def owner_of(method: str) -> type[Device | Commands]:
+    return Device if method in vars(Device) else Commands
 
 
 def what_it_does(method: str) -> str:
     """The first paragraphs of a docstring as one, without the message that they begin with."""
-    text = inspect.getdoc(getattr(Device, method)) or ""
+    text = inspect.getdoc(getattr(owner_of(method), method)) or ""
     text = re.split(r"\n(?:Args|Returns|Raises):", text)[0]
     text = re.sub(r"^\w+ \(0x[0-9A-F]{2}(?:, ([^)]*))?\)[:;.]?\s*", r"\1: ", text)
     text = " ".join(text.split()).strip(",: ")
@@ -434,9 +439,12 @@ class CommandTable(SphinxDirective):
         if row is None:
             raise self.error(f"{method} is called like no message")
         numbers = {number for it in variants(row) for number in it.products}
-        gives = str(inspect.signature(getattr(Device, method)).return_annotation)
+        owner = owner_of(method)
+        name = method if owner is Device else f"commands.{method}"
+        target = "xbus.Device" if owner is Device else "xbus.device.Commands"
+        gives = str(inspect.signature(getattr(owner, method)).return_annotation)
         return (
-            self.text(f"{{py:meth}}`{method} <xbus.Device.{method}>`"),
+            self.text(f"{{py:meth}}`{name} <{target}.{method}>`"),
             code(row.name),
             code(f"{row.mid:02X}"),
             ", ".join(row.states),

@@ -119,7 +119,7 @@ def _check(device: Device, *, with_position: bool) -> None:
     from xbus.protocol import State
 
     with device.configure():
-        outputs = {it.quantity for it in device.req_output_configuration()}
+        outputs = {it.quantity for it in device.commands.req_output_configuration()}
     if device.support is not None and "ForwardGnssData" not in device.support.messages:
         device.command("ForwardGnssData", b"")  # says which products know it, and sends nothing
     if device.state == State.CONFIG:

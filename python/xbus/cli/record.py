@@ -67,10 +67,10 @@ def _outputs(
         name, *more = words.split(":")
         outputs[(name, *more) if more else name] = int(rate) if equals else None
     if outputs:
-        from xbus.device.output import outputs_of
+        from xbus.device.output_configuration import parse_output_configuration
 
         try:
-            outputs_of(outputs)
+            parse_output_configuration(outputs)
         except (KeyError, ValueError) as error:
             raise click.BadParameter(f"{error.args[0]}") from None
     return outputs

@@ -1,5 +1,6 @@
 """Devices: what a host knows of one, the commands, and the ports that they are behind."""
 
+from xbus.device.commands import Commands
 from xbus.device.device import Device, connect, restore_communication
 from xbus.device.ports import Port, find_ports
 from xbus.device.recording import Recording
@@ -13,6 +14,7 @@ __all__ = [
     "Applied",
     "ApplyError",
     "Change",
+    "Commands",
     "Device",
     "Event",
     "Link",

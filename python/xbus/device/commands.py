@@ -1,73 +1,67 @@
-"""The commands of the manual, one method each, named as there.
+"""The commands of the manual, one method per message, named like the message.
 
-Every method sends one request and waits for its answer. It raises
+A ``req_`` method returns the value that was requested. A ``set_`` method returns None, or the value in effect
+where the device acknowledges with one. `Device.command` returns the payload of an acknowledgement, if a
+program needs it.
 
-- `StateError` where device or product cannot take it now; nothing was sent then,
-- `ValueError` where a value does not fit, or is something that the product cannot do; nothing was sent then,
-- `DeviceError` where the device answers Error, `DecodeError` where its answer cannot be read,
-- `XbusTimeout` where no answer comes, and `Disconnected` where the port is gone.
+Every method sends one request, waits for the answer, and raises
 
-A ``req_`` method gives what was asked for. A ``set_`` method gives the bytes of the answer: most firmware
-acknowledges a setting with none, some with the new value.
+- `StateError` if the state or the product of the device does not accept the command; nothing was sent,
+- `ValueError` if a value does not fit the message or the product; nothing was sent,
+- `DeviceError` if the device answers Error, `DecodeError` if the answer cannot be decoded,
+- `XbusTimeout` if no answer comes, and `Disconnected` if the port is gone.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+import contextlib
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from xbus.device.session import Reply
+from xbus.device.channel import Channel
+from xbus.device.filter_profile import filter_profile_command
+from xbus.errors import DeviceError
 from xbus.protocol import values as v
 from xbus.protocol.configuration import Configuration, Firmware
-from xbus.protocol.products import Support
 
 __all__ = ["Commands"]
 
-#: The longest payload of a message to the device (section 5.1).
-LONGEST = 2048
+#: Maximum payload of a message to the device, in bytes (section 5.1).
+MAX_PAYLOAD = 2048
 
 
-class Commands(ABC):
-    """The commands of section 5.3, on top of `command`, which carries one out."""
+class Commands:
+    """The raw commands of section 5.3, as `Device.commands`.
 
-    @property
-    @abstractmethod
-    def support(self) -> Support | None:
-        """What the product supports; None until its identity has been read."""
+    `Device` itself has the commands that most programs need, with checks and follow-up steps that take more
+    than one message: `Device.go_to_config`, `Device.set_output_configuration`, `Device.set_strings`,
+    `Device.set_baudrate`, `Device.reset`.
 
-    @abstractmethod
-    def command(self, name: str, value: Any = None) -> Reply:
-        """Sends a command by the manual's name and waits for its answer."""
+    >>> import xbus
+    >>> device = xbus.connect("sim:MTi-630")
+    >>> with device.configure():
+    ...     device.commands.set_location_id(7)
+    ...     device.commands.req_location_id()
+    7
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
 
     def _ask(self, name: str, value: Any = None) -> Any:
-        return self.command(name, value).value
+        return self._channel.command(name, value).value
 
-    def _set(self, name: str, value: Any = None) -> bytes:
-        return self.command(name, value).payload
-
-    # 5.3.1 WakeUp and state messages
-
-    def go_to_config(self) -> None:
-        """GoToConfig (0x30): enters Config State, or confirms it.
-
-        A device that sends a lot, or has just woken up, may miss it; so it is sent again every 0.2 s, for
-        2 s.
-        """
-        self._ask("GoToConfig")
-
-    def go_to_measurement(self) -> None:
-        """GoToMeasurement (0x10): enters Measurement State; samples follow."""
-        self._ask("GoToMeasurement")
+    def _set(self, name: str, value: Any = None) -> None:
+        self._channel.command(name, value)
 
     # 5.3.2 Informational messages
 
     def req_did(self) -> int:
-        """ReqDID (0x00): the device identifier, 32 bits, from the 600-series on 64."""
+        """ReqDID (0x00): the device identifier: 64 bits on the 600-series and later, otherwise 32."""
         return int(self._ask("ReqDID"))
 
     def init_bus(self) -> tuple[int, ...]:
-        """InitBus (0x02, which the manual reserves): the identifiers of the devices on the bus."""
+        """InitBus (0x02, reserved by the manual): the identifiers of the devices on the bus."""
         return tuple(self._ask("InitBus"))
 
     def req_product_code(self) -> str:
@@ -75,23 +69,23 @@ class Commands(ABC):
         return str(self._ask("ReqProductCode"))
 
     def req_hardware_version(self) -> v.HardwareVersion:
-        """ReqHardwareVersion (0x1E): the version of the hardware, on which the high rates depend."""
+        """ReqHardwareVersion (0x1E): the hardware version, which limits the highest rates."""
         return v.HardwareVersion(*self._ask("ReqHardwareVersion"))
 
     def req_fw_rev(self) -> Firmware:
-        """ReqFWRev (0x12): the revision of the firmware (Table 4)."""
+        """ReqFWRev (0x12): the firmware revision (Table 4)."""
         return Firmware(*self._ask("ReqFWRev"))
 
     def run_selftest(self) -> v.Selftest:
-        """RunSelftest (0x24): a flag for each part that passed. Takes up to 3 s."""
+        """RunSelftest (0x24): a flag for each component that passed. Takes up to 3 s."""
         return v.Selftest(self._ask("RunSelftest"))
 
     # 5.3.3 Device-specific messages
 
     def req_baudrate(self) -> int | None:
-        """ReqBaudrate (0x18): bits per second as stored; None for a code that Table 7 does not have.
+        """ReqBaudrate (0x18): the stored baud rate in bits per second; None for a code outside Table 7.
 
-        What is stored takes effect at the next reset.
+        The stored baud rate takes effect at the next reset.
         """
         return v.baudrate(self._ask("ReqBaudrate"))
 
@@ -99,261 +93,256 @@ class Commands(ABC):
         """ReqOptionFlags (0x48): the flags that are set (Table 8)."""
         return v.OptionFlag(self._ask("ReqOptionFlags"))
 
-    def set_option_flags(self, set: int = 0, clear: int = 0) -> bytes:  # noqa: A002 - the manual's word
-        """SetOptionFlags (0x48): sets flags and clears flags; one that is in both is set (Table 8)."""
-        return self._set("SetOptionFlags", v.OptionFlags(v.OptionFlag(set), v.OptionFlag(clear)))
+    def set_option_flags(self, set: int = 0, clear: int = 0) -> None:  # noqa: A002 - the manual's word
+        """SetOptionFlags (0x48): sets and clears flags (Table 8). A flag in both arguments is set."""
+        self._set("SetOptionFlags", v.OptionFlags(v.OptionFlag(set), v.OptionFlag(clear)))
 
     def req_location_id(self) -> int:
-        """ReqLocationID (0x84): the user's number."""
+        """ReqLocationID (0x84): the number that the user gave the device."""
         return int(self._ask("ReqLocationID"))
 
-    def set_location_id(self, location_id: int) -> bytes:
-        """SetLocationID (0x84): any number from 0 to 65535."""
-        return self._set("SetLocationID", location_id)
+    def set_location_id(self, location_id: int) -> None:
+        """SetLocationID (0x84): a number of your choice, 0 to 65535."""
+        self._set("SetLocationID", location_id)
 
-    def restore_factory_def(self) -> bytes:
-        """RestoreFactoryDef (0x0E): discards all settings (section 7.1)."""
-        return self._set("RestoreFactoryDef")
+    def restore_factory_def(self) -> None:
+        """RestoreFactoryDef (0x0E): resets all settings to the factory defaults (section 7.1)."""
+        self._set("RestoreFactoryDef")
 
     def req_transmit_delay(self) -> int:
-        """ReqTransmitDelay (0xDC): ticks of 1/29.4912 MHz between a request and its answer on RS485."""
+        """ReqTransmitDelay (0xDC): delay between request and answer on RS485, in ticks of 1/29.4912 MHz."""
         return int(self._ask("ReqTransmitDelay"))
 
-    def set_transmit_delay(self, delay: int) -> bytes:
+    def set_transmit_delay(self, delay: int) -> None:
         """SetTransmitDelay (0xDC): 590 to 65535 ticks of 1/29.4912 MHz (20 us to 2.2 ms)."""
-        return self._set("SetTransmitDelay", delay)
+        self._set("SetTransmitDelay", delay)
 
     def req_error_mode(self) -> int:
         """ReqErrorMode (0xDA, deprecated): 0 ignore, 1 count, 2 count and report, 3 report and stop."""
         return int(self._ask("ReqErrorMode"))
 
-    def set_error_mode(self, mode: int) -> bytes:
-        """SetErrorMode (0xDA, deprecated): 0 to 3, see `req_error_mode`."""
-        return self._set("SetErrorMode", mode)
+    def set_error_mode(self, mode: int) -> None:
+        """SetErrorMode (0xDA, deprecated): 0 to 3 as in `req_error_mode`."""
+        self._set("SetErrorMode", mode)
 
     # 5.3.4 Synchronization messages
 
     def req_sync_settings(self) -> tuple[v.SyncSetting, ...]:
-        """ReqSyncSettings (0x2C): what the synchronization lines do (Tables 9 to 12)."""
+        """ReqSyncSettings (0x2C): the functions of the synchronization lines (Tables 9 to 12)."""
         return tuple(self._ask("ReqSyncSettings"))
 
-    def set_sync_settings(self, settings: Iterable[v.SyncSetting]) -> bytes:
-        """SetSyncSettings (0x2C): replaces all of them, 10 at most; none clears them."""
-        return self._set("SetSyncSettings", tuple(settings))
+    def set_sync_settings(self, settings: Iterable[v.SyncSetting]) -> None:
+        """SetSyncSettings (0x2C): replaces all settings, at most 10. An empty list clears them."""
+        self._set("SetSyncSettings", tuple(settings))
 
     # 5.3.5 Configuration messages
 
     def req_configuration(self) -> Configuration:
-        """ReqConfiguration (0x0C): the configuration for the head of a log (Tables 13 and 14)."""
+        """ReqConfiguration (0x0C): the configuration, as it starts a log file (Tables 13 and 14)."""
         found: Configuration = self._ask("ReqConfiguration")
         return found
 
     def req_output_configuration(self) -> tuple[v.Output, ...]:
-        """ReqOutputConfiguration (0xC0): data identifiers and the rates in effect, Hz."""
+        """ReqOutputConfiguration (0xC0): the outputs, with the rates in effect in Hz."""
         return tuple(self._ask("ReqOutputConfiguration"))
 
     def req_string_output_type(self) -> v.StringOutput:
-        """ReqStringOutputType (0x8E): the strings that take the place of MTData2."""
+        """ReqStringOutputType (0x8E): the strings that replace MTData2."""
         return v.StringOutput(*self._ask("ReqStringOutputType"))
 
-    def set_string_output_type(self, types: int, frequency: int | None = None) -> bytes:
-        """SetStringOutputType (0x8E): strings in the place of MTData2; none of them switches back.
+    def set_string_output_type(self, types: int, frequency: int | None = None) -> None:
+        """SetStringOutputType (0x8E): strings that replace MTData2. No types switches back to MTData2.
+
+        The new setting is read back: it tells the scanner whether to look for EM1000, the string that only
+        its length distinguishes from noise, and recordings need the same information.
 
         Args:
             types: `StringType` flags.
-            frequency: Hz, on the 600-series; the others take it from period and skip factor.
+            frequency: Hz, on the 600-series. On the other series, period and skip factor define the rate.
         """
-        return self._set("SetStringOutputType", v.StringOutput(v.StringType(types), frequency))
+        self._set("SetStringOutputType", v.StringOutput(v.StringType(types), frequency))
+        with contextlib.suppress(DeviceError):
+            self.req_string_output_type()
 
     def req_period(self) -> int:
-        """ReqPeriod (0x04): the sampling period for strings, 1/115200 s."""
+        """ReqPeriod (0x04): the sampling period of strings, in 1/115200 s."""
         return int(self._ask("ReqPeriod"))
 
-    def set_period(self, period: int) -> bytes:
-        """SetPeriod (0x04): 225 to 1152, 512 to 100 Hz; longer ones set the skip factor (Table 18)."""
-        return self._set("SetPeriod", period)
+    def set_period(self, period: int) -> None:
+        """SetPeriod (0x04): 225 to 1152 (512 to 100 Hz). Longer periods set the skip factor (Table 18)."""
+        self._set("SetPeriod", period)
 
     def req_output_skip_factor(self) -> int:
-        """ReqOutputSkipFactor (0xD4): strings left out between two; 65535: only on ReqData (Table 19)."""
+        """ReqOutputSkipFactor (0xD4): strings skipped between two; 65535: only on ReqData (Table 19)."""
         return int(self._ask("ReqOutputSkipFactor"))
 
-    def set_output_skip_factor(self, skip_factor: int) -> bytes:
-        """SetOutputSkipFactor (0xD4), see `req_output_skip_factor` (Table 19)."""
-        return self._set("SetOutputSkipFactor", skip_factor)
+    def set_output_skip_factor(self, skip_factor: int) -> None:
+        """SetOutputSkipFactor (0xD4): 0 to 65535 as in `req_output_skip_factor` (Table 19)."""
+        self._set("SetOutputSkipFactor", skip_factor)
 
     def req_alignment_rotation(self, parameter: v.Alignment) -> v.AlignmentRotation:
-        """ReqAlignmentRotation (0xEC): RotSensor or RotLocal (Table 20)."""
+        """ReqAlignmentRotation (0xEC): the rotation RotSensor or RotLocal (Table 20)."""
         found: v.AlignmentRotation = self._ask("ReqAlignmentRotation", parameter)
         return found
 
-    def set_alignment_rotation(self, parameter: v.Alignment, quaternion: Sequence[float]) -> bytes:
-        """SetAlignmentRotation (0xEC): q0, q1, q2, q3 of a rotation, length 1 (Table 20)."""
+    def set_alignment_rotation(self, parameter: v.Alignment, quaternion: Sequence[float]) -> None:
+        """SetAlignmentRotation (0xEC): a unit quaternion q0, q1, q2, q3 (Table 20)."""
         q0, q1, q2, q3 = map(float, quaternion)
-        return self._set("SetAlignmentRotation", v.AlignmentRotation(parameter, (q0, q1, q2, q3)))
+        self._set("SetAlignmentRotation", v.AlignmentRotation(parameter, (q0, q1, q2, q3)))
 
     def req_ext_output_mode(self) -> v.ExtOutputMode:
         """ReqExtOutputMode (0x86): alternative UART, low latency of USB (Table 21)."""
         return v.ExtOutputMode(self._ask("ReqExtOutputMode"))
 
-    def set_ext_output_mode(self, mode: v.ExtOutputMode) -> bytes:
-        """SetExtOutputMode (0x86), see `req_ext_output_mode`."""
-        return self._set("SetExtOutputMode", mode)
+    def set_ext_output_mode(self, mode: v.ExtOutputMode) -> None:
+        """SetExtOutputMode (0x86): flags as in `req_ext_output_mode`."""
+        self._set("SetExtOutputMode", mode)
 
     def req_port_config(self) -> tuple[v.PortConfig, ...]:
-        """ReqPortConfig (0x8C): RS232, UART, and the RS232 that takes RTCM (Table 22)."""
+        """ReqPortConfig (0x8C): the three ports: RS232, UART, and RS232 for RTCM (Table 22)."""
         return tuple(self._ask("ReqPortConfig"))
 
-    def set_port_config(self, ports: Iterable[v.PortConfig]) -> bytes:
-        """SetPortConfig (0x8C): all three; takes effect at the next reset."""
-        return self._set("SetPortConfig", tuple(ports))
+    def set_port_config(self, ports: Iterable[v.PortConfig]) -> None:
+        """SetPortConfig (0x8C): all three ports. Takes effect at the next reset."""
+        self._set("SetPortConfig", tuple(ports))
 
     def req_can_config(self) -> v.CanConfig:
-        """ReqCanConfig (0xE6): the CAN transceiver."""
+        """ReqCanConfig (0xE6): the settings of the CAN transceiver."""
         found: v.CanConfig = self._ask("ReqCanConfig")
         return found
 
-    def set_can_config(self, config: v.CanConfig) -> bytes:
-        """SetCanConfig (0xE6): the CAN transceiver; takes effect at the next reset."""
-        return self._set("SetCanConfig", config)
+    def set_can_config(self, config: v.CanConfig) -> None:
+        """SetCanConfig (0xE6): the settings of the CAN transceiver. They take effect at the next reset."""
+        self._set("SetCanConfig", config)
 
     def req_can_output_config(self) -> tuple[v.CanOutput, ...]:
-        """ReqCanOutputConfig (0xE8): what is sent on the CAN bus."""
+        """ReqCanOutputConfig (0xE8): the outputs on the CAN bus."""
         return tuple(self._ask("ReqCanOutputConfig"))
 
     def set_can_output_config(self, outputs: Iterable[v.CanOutput]) -> tuple[v.CanOutput, ...]:
-        """SetCanOutputConfig (0xE8): at most 16 lines; gives those in effect."""
+        """SetCanOutputConfig (0xE8): at most 16 outputs on the CAN bus. Returns the outputs in effect."""
         return tuple(self._ask("SetCanOutputConfig", tuple(outputs)) or ())
 
     def req_output_mode(self) -> int:
-        """ReqOutputMode (0xD0, deprecated): the mode of the older MTData, which these products lack."""
+        """ReqOutputMode (0xD0, deprecated): mode of the older MTData, not supported here."""
         return int(self._ask("ReqOutputMode"))
 
-    def set_output_mode(self, mode: int) -> bytes:
-        """SetOutputMode (0xD0, deprecated); set_output_configuration has taken its place."""
-        return self._set("SetOutputMode", mode)
+    def set_output_mode(self, mode: int) -> None:
+        """SetOutputMode (0xD0, deprecated): replaced by `Device.set_output_configuration`."""
+        self._set("SetOutputMode", mode)
 
     def req_output_settings(self) -> int:
-        """ReqOutputSettings (0xD2, deprecated): settings of the older MTData, which these products lack."""
+        """ReqOutputSettings (0xD2, deprecated): settings of the older MTData, not supported here."""
         return int(self._ask("ReqOutputSettings"))
 
-    def set_output_settings(self, settings: int) -> bytes:
-        """SetOutputSettings (0xD2, deprecated); set_output_configuration has taken its place."""
-        return self._set("SetOutputSettings", settings)
+    def set_output_settings(self, settings: int) -> None:
+        """SetOutputSettings (0xD2, deprecated): replaced by `Device.set_output_configuration`."""
+        self._set("SetOutputSettings", settings)
 
     def req_emts(self) -> bytes:
-        """ReqEmts (0x90, not in this manual): the memory of settings, encrypted; for the head of a log."""
+        """ReqEmts (0x90, not in this manual): the encrypted settings memory, as it starts a log file."""
         return bytes(self._ask("ReqEmts", b"\x00\xff"))
 
     # 5.3.6 Data-related messages
 
     def req_data(self) -> None:
-        """ReqData (0x34): asks for the latest sample, which then comes like any other.
+        """ReqData (0x34): asks for the latest sample, which then arrives like any other.
 
-        It needs a SendLatest setting on the line SOFTWARE, or strings with skip factor 65535.
+        Requires a SendLatest setting on the line SOFTWARE, or strings with skip factor 65535.
         """
-        self.command("ReqData")
+        self._set("ReqData")
 
     # 5.3.7 Filter messages
 
     def req_lat_lon_alt(self) -> v.LatLonAlt:
-        """ReqLatLonAlt (0x6E): the stored place, degrees and metres, for gravity and declination."""
+        """ReqLatLonAlt (0x6E): the stored position, which gives gravity and declination."""
         return v.LatLonAlt(*self._ask("ReqLatLonAlt"))
 
-    def set_lat_lon_alt(self, lat: float, lon: float, alt: float) -> bytes:
-        """SetLatLonAlt (0x6E): degrees, degrees, metres."""
-        return self._set("SetLatLonAlt", v.LatLonAlt(lat, lon, alt))
+    def set_lat_lon_alt(self, lat: float, lon: float, alt: float) -> None:
+        """SetLatLonAlt (0x6E): latitude and longitude in degrees, altitude in metres."""
+        self._set("SetLatLonAlt", v.LatLonAlt(lat, lon, alt))
 
     def req_available_filter_profiles(self) -> tuple[v.AvailableProfile, ...]:
-        """ReqAvailableFilterProfiles (0x62): the filter profiles on board, without the empty slots."""
-        return tuple(it for it in self._ask("ReqAvailableFilterProfiles") if it.type)
+        """ReqAvailableFilterProfiles (0x62): the filter profiles of the device, without empty slots."""
+        profiles = self._ask("ReqAvailableFilterProfiles")
+        return tuple(profile for profile in profiles if profile.type)
 
     def req_filter_profile(self) -> v.FilterProfile | str:
-        """ReqFilterProfile (0x64): version and number; on the 600-series names joined by ``/``."""
+        """ReqFilterProfile (0x64): version and number; on the 600-series, names joined by ``/``."""
         found: v.FilterProfile | str = self._ask("ReqFilterProfile")
         return found
 
-    def set_filter_profile(self, profile: int | str) -> bytes:
-        """SetFilterProfile (0x64): number or name (Table 30); on the 600-series names joined by ``/``."""
-        modern = self.support is not None and "SetFilterProfileModern" in self.support.messages
-        if isinstance(profile, str) and self.support is not None and not modern:
-            numbers = {it.label.lower(): it.type for it in self.support.filter_profiles}
-            if profile.lower() not in numbers:
-                product = self.support.product.name
-                raise ValueError(
-                    f"the {product} has no filter profile {profile!r}; it has {', '.join(numbers)}"
-                )
-            profile = numbers[profile.lower()]
-        return self._set(
-            "SetFilterProfileModern" if isinstance(profile, str) else "SetFilterProfile", profile
-        )
+    def set_filter_profile(self, profile: int | str) -> None:
+        """SetFilterProfile (0x64): number or name (Table 30); on the 600-series, names joined by ``/``."""
+        self._set(*filter_profile_command(profile, self._channel.session.support))
 
     def req_gnss_platform(self) -> v.GnssPlatform | int:
         """ReqGnssPlatform (0x76): the dynamic model of the GNSS receiver (Table 31)."""
         found: v.GnssPlatform | int = self._ask("ReqGnssPlatform")
         return found
 
-    def set_gnss_platform(self, platform: v.GnssPlatform | int) -> bytes:
+    def set_gnss_platform(self, platform: v.GnssPlatform | int) -> None:
         """SetGnssPlatform (0x76): the dynamic model of the GNSS receiver (Table 31)."""
-        return self._set("SetGnssPlatform", platform)
+        self._set("SetGnssPlatform", platform)
 
     def req_gnss_lever_arm(self) -> v.GnssLeverArm:
-        """ReqGnssLeverArm (0x68): from the device to the antenna, m (Table 32)."""
+        """ReqGnssLeverArm (0x68): the vector from the device to the antenna, in m (Table 32)."""
         return v.GnssLeverArm(*self._ask("ReqGnssLeverArm"))
 
-    def set_gnss_lever_arm(self, x: float, y: float, z: float) -> bytes:
-        """SetGnssLeverArm (0x68): m, in the axes of the device."""
-        return self._set("SetGnssLeverArm", v.GnssLeverArm(x, y, z))
+    def set_gnss_lever_arm(self, x: float, y: float, z: float) -> None:
+        """SetGnssLeverArm (0x68): from the device to the antenna, in m, in the axes of the device."""
+        self._set("SetGnssLeverArm", v.GnssLeverArm(x, y, z))
 
     def req_gnss_receiver_settings(self) -> v.GnssReceiverSettings:
         """ReqGnssReceiverSettings (0xAC, not in this revision of the manual)."""
         found: v.GnssReceiverSettings = self._ask("ReqGnssReceiverSettings")
         return found
 
-    def set_gnss_receiver_settings(self, settings: v.GnssReceiverSettings) -> bytes:
+    def set_gnss_receiver_settings(self, settings: v.GnssReceiverSettings) -> None:
         """SetGnssReceiverSettings (0xAC, not in this revision of the manual)."""
-        return self._set("SetGnssReceiverSettings", settings)
+        self._set("SetGnssReceiverSettings", settings)
 
-    def reset_orientation(self, code: v.ResetCode | int) -> bytes:
-        """ResetOrientation (0xA4, Table 33): resets in Measurement State, and STORE in Config State."""
-        return self._set("ResetOrientation", code)
+    def reset_orientation(self, code: v.ResetCode | int) -> None:
+        """ResetOrientation (0xA4, Table 33): a reset in Measurement State, or STORE in Config State."""
+        self._set("ResetOrientation", code)
 
-    def set_no_rotation(self, duration: int) -> bytes:
-        """SetNoRotation (0x22): takes the device to lie still for so many seconds, to find the gyro bias.
+    def set_no_rotation(self, duration: int) -> None:
+        """SetNoRotation (0x22): estimates the gyro bias; the device must not move for `duration` seconds.
 
-        The answer says nothing about the result: bits 3 and 4 of the status word do.
+        Bits 3 and 4 of the status word report the result.
         """
-        return self._set("SetNoRotation", duration)
+        self._set("SetNoRotation", duration)
 
-    def store_filter_state(self) -> bytes:
+    def store_filter_state(self) -> None:
         """StoreFilterState (0x8A, not in this revision of the manual)."""
-        return self._set("StoreFilterState")
+        self._set("StoreFilterState")
 
     def req_utc_time(self) -> v.UtcTime:
-        """ReqUTCTime (0x60): the device's UTC (Table 35)."""
+        """ReqUTCTime (0x60): the UTC of the device (Table 35)."""
         found: v.UtcTime = self._ask("ReqUTCTime")
         return found
 
-    def set_utc_time(self, time: v.UtcTime) -> bytes:
-        """SetUTCTime (0x60). GNSS/INS devices set it themselves."""
-        return self._set("SetUTCTime", time)
+    def set_utc_time(self, time: v.UtcTime) -> None:
+        """SetUTCTime (0x60): sets the UTC of the device. GNSS/INS devices take it from the receiver."""
+        self._set("SetUTCTime", time)
 
-    def adjust_utc_time(self, ticks: int) -> bytes:
-        """AdjustUTCTime (0xA8): moves UTC by so many times 0.1 ms (Table 34)."""
-        return self._set("AdjustUTCTime", ticks)
+    def adjust_utc_time(self, ticks: int) -> None:
+        """AdjustUTCTime (0xA8): shifts UTC by a number of ticks of 0.1 ms (Table 34)."""
+        self._set("AdjustUTCTime", ticks)
 
     def icc_command(self, command: v.IccCommand | int) -> v.IccReply:
         """IccCommand (0x74): in-run compass calibration (Table 36); STORE in Config State only."""
         found: v.IccReply = self._ask("IccCommand", command)
         return found
 
-    def set_initial_heading(self, heading: float) -> bytes:
-        """SetInitialHeading (0xD6): degrees, -180 to 180, for profiles without a magnetic reference."""
-        return self._set("SetInitialHeading", heading)
+    def set_initial_heading(self, heading: float) -> None:
+        """SetInitialHeading (0xD6): -180 to 180 degrees, for profiles without magnetic reference."""
+        self._set("SetInitialHeading", heading)
 
     def forward_gnss_data(self, data: bytes) -> None:
-        """ForwardGnssData (0xE2): hands bytes, such as RTCM corrections, to the GNSS receiver.
+        """ForwardGnssData (0xE2): sends bytes, such as RTCM corrections, to the GNSS receiver.
 
-        More than the manual's longest message holds goes as several.
+        Data that exceeds the maximum payload is split into several messages.
         """
-        for at in range(0, len(data), LONGEST):
-            self.command("ForwardGnssData", data[at : at + LONGEST])
+        for start in range(0, len(data), MAX_PAYLOAD):
+            self._set("ForwardGnssData", data[start : start + MAX_PAYLOAD])

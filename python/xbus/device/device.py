@@ -16,7 +16,11 @@ from xbus.device.blocks import Blocks
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
 from xbus.device.link import open_link
-from xbus.device.output import Outputs, check_fits, outputs_of
+from xbus.device.output_configuration import (
+    OutputConfiguration,
+    check_outputs_fit,
+    parse_output_configuration,
+)
 from xbus.device.ports import find_ports
 from xbus.device.recording import Recording, configuration_frame
 from xbus.device.sample import Sample
@@ -24,7 +28,7 @@ from xbus.device.session import Notice, Reply, Session
 from xbus.device.settings.apply import Applied, apply_settings, read_settings
 from xbus.device.settings.model import Settings
 from xbus.device.stats import LiveStats, by_name, live_stats
-from xbus.device.strings import BARE, check_strings_fit, plan_strings
+from xbus.device.string_output import BARE, check_strings_fit, plan_strings
 from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.ids import MessageId
@@ -66,7 +70,7 @@ FASTEST, LONGEST_QUEUE = 400_000, 2500
 RESTART = 5.0
 
 
-class Device(Commands):
+class Device:
     """A device behind a port; made by `connect`.
 
     Iterating gives its samples as they come. Samples that come while a command waits for its answer are
@@ -76,8 +80,8 @@ class Device(Commands):
         device_id: Device identifier; None until identity has been read, which the first `configure` does.
         product_code: Product code, or None.
         firmware: Firmware revision, or None.
-        hardware: Version of the hardware, or None.
-        outputs: Output configuration in effect as last acknowledged, or None.
+        hardware_version: Version of the hardware, or None.
+        output_configuration: Output configuration in effect as last acknowledged, or None.
 
     >>> import xbus
     >>> with xbus.connect("sim:MTi-630") as device:
@@ -92,11 +96,12 @@ class Device(Commands):
         self, link: Link, *, bid: int = 0xFF, reconnect: bool = False, strings: int = 0
     ) -> None:
         self._channel = Channel(link, Session(bid=bid, strings=strings), reconnect=reconnect)
+        self.commands = Commands(self._channel)
         self.device_id: int | None = None
         self.product_code: str | None = None
         self.firmware: Firmware | None = None
-        self.hardware: HardwareVersion | None = None
-        self.outputs: tuple[Output, ...] | None = None
+        self.hardware_version: HardwareVersion | None = None
+        self.output_configuration: tuple[Output, ...] | None = None
         self._outdated = 0
         #: When packets and strings were counted for the rates, and how many there were; and the rates.
         self._counted: tuple[float, dict[str, int]] = (link.clock(), {})
@@ -184,14 +189,17 @@ class Device(Commands):
 
     @contextlib.contextmanager
     def configure(
-        self, output: Outputs | None = None, *, check_baudrate: bool = True
+        self,
+        output_configuration: OutputConfiguration | None = None,
+        *,
+        check_baudrate: bool = True,
     ) -> Iterator[Device]:
         """Config State for the length of a ``with`` block; then the state that the device was found in.
 
         The first time the identity of the device is read, too.
 
         Args:
-            output: Output configuration to set, as `set_output_configuration` takes it.
+            output_configuration: Output configuration to set, as `set_output_configuration` takes it.
             check_baudrate: See there.
         """
         if self.state == State.UNKNOWN:
@@ -201,8 +209,8 @@ class Device(Commands):
             if found != State.CONFIG:
                 self.go_to_config()
             self._identify()
-            if output is not None:
-                self.set_output_configuration(output, check_baudrate=check_baudrate)
+            if output_configuration is not None:
+                self.set_output_configuration(output_configuration, check_baudrate=check_baudrate)
             yield self
         except BaseException:
             # What went wrong inside matters more than that the way back is barred as well.
@@ -221,16 +229,24 @@ class Device(Commands):
         """Reads who it is, once. Very old firmware does not know all of these requests."""
         if self.session.support is not None or self.state != State.CONFIG:
             return
-        self._channel.device_id = self.device_id = self.req_did()
+        self._channel.device_id = self.device_id = self.commands.req_did()
         with contextlib.suppress(DeviceError):
-            self.product_code = self.req_product_code()
+            self.product_code = self.commands.req_product_code()
         with contextlib.suppress(DeviceError):
-            self.firmware = self.req_fw_rev()
+            self.firmware = self.commands.req_fw_rev()
         with contextlib.suppress(DeviceError):
-            self.hardware = self.req_hardware_version()
+            self.hardware_version = self.commands.req_hardware_version()
         if self.product_code is not None and (product := product_of_code(self.product_code)):
-            self.session.identify(support(product, self.hardware))
+            self.session.identify(support(product, self.hardware_version))
             self._channel.timing.wrap = product.fine_wrap
+
+    def go_to_config(self) -> None:
+        """GoToConfig (0x30): enters Config State, or confirms it.
+
+        A device that sends a lot, or has just woken up, may miss the message, so it is repeated every 0.2 s
+        for 2 s.
+        """
+        self.command("GoToConfig")
 
     def go_to_measurement(self) -> None:
         """GoToMeasurement (0x10): enters Measurement State; what was measured before and not read is gone."""
@@ -239,7 +255,7 @@ class Device(Commands):
         channel.lost_strings += len(channel.strings)
         channel.samples.clear()
         channel.strings.clear()
-        super().go_to_measurement()
+        self.command("GoToMeasurement")
 
     def reset(self, *, config: bool = False) -> None:
         """Reset (0x40): starts the device anew. It wakes up, and goes to Measurement State by itself.
@@ -269,54 +285,41 @@ class Device(Commands):
     # Output
 
     def set_output_configuration(
-        self, outputs: Outputs, *, check_baudrate: bool = True
+        self, output_configuration: OutputConfiguration, *, check_baudrate: bool = True
     ) -> tuple[Output, ...]:
         """SetOutputConfiguration (0xC0): what is measured, and how often.
 
         String output, which would overrule it, is switched off first.
 
         Args:
-            outputs: Rates in Hz by quantity, ``{"acceleration": 400, ("quaternion", "NED", "Fp1632"):
-                100}``, None for the highest rate and for what comes with every message; or lines as the
-                message has them.
+            output_configuration: Rates in Hz by quantity, such as
+                ``{"acceleration": 400, ("quaternion", "NED", "Fp1632"): 100}``, with None for the highest
+                rate or, for time stamps and status, every message; or a list of `Output`.
             check_baudrate: Whether the baud rate has to carry it; False where the port is no serial line.
 
         Returns:
-            The lines in effect, as the device acknowledges them, which `Device.outputs` keeps.
+            The lines in effect, as the device acknowledges them, which `Device.output_configuration` keeps.
 
         Raises:
             ValueError: More than 32 lines, a rate that the product cannot do, or more than the baud rate
                 carries.
         """
-        lines = outputs_of(outputs)
+        lines = parse_output_configuration(output_configuration)
         self.session.check_state("SetOutputConfiguration")
         self._identify()
         if (known := self.session.support) is not None:
             self.session.validate("SetOutputConfiguration", lines)
             if check_baudrate and self.link.is_line:
-                check_fits(lines, known, self.link.baudrate)
+                check_outputs_fit(lines, known, self.link.baudrate)
             if known.string_types and self._strings_on():
                 self.set_strings(())
-        self.outputs = tuple(self._ask("SetOutputConfiguration", lines))
-        return self.outputs
-
-    def set_string_output_type(self, types: int, frequency: int | None = None) -> bytes:
-        """SetStringOutputType (0x8E): strings in the place of MTData2; none of them switches back.
-
-        Args:
-            types: `StringType` flags.
-            frequency: Hz, on the 600-series; the others take it from period and skip factor.
-        """
-        payload = super().set_string_output_type(types, frequency)
-        # What the answer says tells those from noise that only their length tells, here and in a recording.
-        with contextlib.suppress(DeviceError):
-            self.req_string_output_type()
-        return payload
+        self.output_configuration = tuple(self.command("SetOutputConfiguration", lines).value)
+        return self.output_configuration
 
     def _strings_on(self) -> StringType:
         """The strings that are on; firmware that does not know the question has none."""
         try:
-            return self.req_string_output_type().types
+            return self.commands.req_string_output_type().types
         except DeviceError as error:
             if error.code != ErrorCode.MESSAGE:
                 raise
@@ -361,10 +364,10 @@ class Device(Commands):
         for name, value in plan.messages:
             self.session.validate(name, value)
         if plan.period is not None:
-            self.set_period(plan.period)
+            self.commands.set_period(plan.period)
         if plan.skip_factor is not None:
-            self.set_output_skip_factor(plan.skip_factor)
-        self.set_string_output_type(plan.output.types, plan.output.frequency)
+            self.commands.set_output_skip_factor(plan.skip_factor)
+        self.commands.set_string_output_type(plan.output.types, plan.output.frequency)
         return plan.frequency
 
     # Settings
@@ -447,15 +450,15 @@ class Device(Commands):
         self.session.validate("SetBaudrate", code)
         old = self.link.baudrate
         if self.support is not None and "SetPortConfig" in self.support.messages:
-            ports = self.req_port_config()
-            self.set_port_config(_at(it, code) for it in ports)
+            ports = self.commands.req_port_config()
+            self.commands.set_port_config(_at(it, code) for it in ports)
         else:
             self.command("SetBaudrate", code)
         self.command("Reset")
         self.link.baudrate = baudrate
         try:
             self.wake_up()
-            self.req_did()
+            self.commands.req_did()
         except XbusTimeout as timeout:
             self.link.baudrate = old
             if self._channel.find_state():
@@ -667,7 +670,7 @@ class Device(Commands):
                 if strings.value.types & BARE:  # it tells them from noise, whoever reads the file
                     head += encode_frame(MessageId.ReqStringOutputTypeAck, strings.payload)
             with contextlib.suppress(DeviceError, StateError, XbusTimeout):
-                head += encode_frame(MessageId.EmtsData, self.req_emts())
+                head += encode_frame(MessageId.EmtsData, self.commands.req_emts())
             self.link.acquisition.record(
                 path,
                 head,

@@ -75,8 +75,8 @@ class _Stream:
 class GnssDevice(Protocol):
     """A device with a GNSS receiver that takes corrections: `xbus.Device` is one."""
 
-    def forward_gnss_data(self, data: bytes) -> object:
-        """ForwardGnssData (0xE2): hands bytes to the receiver and waits for the acknowledgement."""
+    def command(self, name: str, value: bytes) -> object:
+        """Sends a command by the manual's name and waits for the acknowledgement."""
         ...
 
 
@@ -117,7 +117,7 @@ class Forwarder:
             self.messages += 1
             self.bytes += len(frame)
             try:
-                self._device.forward_gnss_data(frame)
+                self._device.command("ForwardGnssData", frame)
                 self._silent = 0
             except XbusTimeout:
                 self.unanswered += 1

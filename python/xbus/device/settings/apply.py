@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from xbus.device.checks import check
-from xbus.device.output import check_fits
+from xbus.device.output_configuration import check_outputs_fit
 from xbus.device.settings.model import Change, Settings
 from xbus.device.settings.toml import ROTATIONS, ROWS
-from xbus.device.strings import StringPlan, check_strings_fit, frequency_of
+from xbus.device.string_output import StringPlan, check_strings_fit, frequency_of
 from xbus.errors import DeviceError, XbusError
 from xbus.protocol import values as v
 from xbus.protocol.products import Support
@@ -99,9 +99,9 @@ def _ask(device: Device, key: str) -> Any:
     """A setting; None where the firmware does not know it."""
     try:
         if key in ROTATIONS:
-            return device.req_alignment_rotation(ROTATIONS[key]).quaternion
+            return device.commands.req_alignment_rotation(ROTATIONS[key]).quaternion
         if key == "baudrate":
-            return device.req_baudrate()
+            return device.commands.req_baudrate()
         value = device.command(f"Req{ROWS[key].message}").value
     except DeviceError as error:
         if error.code == v.ErrorCode.MESSAGE:
@@ -289,7 +289,7 @@ def _check_line(device: Device, before: Settings, after: Settings, settings: Set
                 rate = frequency_of(after.period, after.output_skip_factor)
             check_strings_fit(StringPlan(strings, frequency=rate), known, baudrate)
         elif after.output_configuration is not None:
-            check_fits(after.output_configuration, known, baudrate)
+            check_outputs_fit(after.output_configuration, known, baudrate)
     except ValueError as error:
         raise ValueError(f"{_head(settings, key)}{error}") from None
 
@@ -356,5 +356,5 @@ def apply_settings(
         if found != change.after:
             rounded.append(Change(change.name, change.after, found))
         if change.name == "output_configuration":
-            device.outputs = found
+            device.output_configuration = found
     return Applied(planned.changes, tuple(rounded))

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from xbus.device.output import BITS, too_much
+from xbus.device.output_configuration import BITS_PER_BYTE, overload_message
 from xbus.protocol.products import Support
 from xbus.protocol.strings import LAYOUTS
 from xbus.protocol.values import ON_DEMAND, PERIOD_TICKS, PERIODS, StringOutput, StringType
@@ -135,5 +135,5 @@ def check_strings_fit(plan: StringPlan, support: Support, baudrate: int) -> None
     """
     each = sum(LAYOUTS[it].length for it in plan.output.types)
     needed = round(each * (plan.frequency or 0))
-    if needed > baudrate // BITS:
-        raise ValueError(too_much("strings", needed, baudrate, support))
+    if needed > baudrate // BITS_PER_BYTE:
+        raise ValueError(overload_message("strings", needed, baudrate, support))

@@ -11,11 +11,18 @@ from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import EVERY, Output
 from xbus.wire.codec import PacketKey, data_id_of
 
-__all__ = ["BITS", "Outputs", "bytes_per_second", "check_fits", "outputs_of", "too_much"]
+__all__ = [
+    "BITS_PER_BYTE",
+    "OutputConfiguration",
+    "bytes_per_second",
+    "check_outputs_fit",
+    "overload_message",
+    "parse_output_configuration",
+]
 
 #: An output configuration: rates in Hz by what is wanted, or lines as the message has them. A rate of
 #: None asks for the highest.
-Outputs = Mapping[Any, int | None] | Iterable[Output]
+OutputConfiguration = Mapping[Any, int | None] | Iterable[Output]
 
 #: Preamble, BID, MID, length and checksum.
 _FRAME = 5
@@ -28,16 +35,16 @@ _GNSS_RATE = 4
 #: How often a message comes that nothing but time stamps and status is asked for, Hz (Table 2).
 _STAMPS_RATE = 100
 #: Bits on the line for each byte: a start bit, eight, a stop bit.
-BITS = 10
+BITS_PER_BYTE = 10
 
 
-def outputs_of(outputs: Outputs) -> tuple[Output, ...]:
+def parse_output_configuration(outputs: OutputConfiguration) -> tuple[Output, ...]:
     """The lines of an output configuration.
 
     Raises:
         ValueError: No such quantity, a rate that is no rate, or one identifier twice.
 
-    >>> outputs_of({"packet_counter": None, ("quaternion", "NED"): 100})
+    >>> parse_output_configuration({"packet_counter": None, ("quaternion", "NED"): 100})
     (Output(data_id=4128, frequency=65535), Output(data_id=8212, frequency=100))
     """
     if isinstance(outputs, Mapping):
@@ -97,23 +104,23 @@ def _size(output: Output) -> int:
     return _PACKET + (row.size or 8)
 
 
-def check_fits(outputs: Iterable[Output], support: Support, baudrate: int) -> None:
+def check_outputs_fit(outputs: Iterable[Output], support: Support, baudrate: int) -> None:
     """Whether a serial line carries what these lines make.
 
     Raises:
         ValueError: It does not; the message says which baud rate, or what share of the rates, would do.
     """
-    needed, room = bytes_per_second(outputs, support), baudrate // BITS
+    needed, room = bytes_per_second(outputs, support), baudrate // BITS_PER_BYTE
     if needed > room:
-        problem = too_much("outputs", needed, baudrate, support)
+        problem = overload_message("outputs", needed, baudrate, support)
         raise ValueError(
             f"{problem}; at {baudrate:,} baud {room / needed:.0%} of the rates would fit"
         )
 
 
-def too_much(what: str, needed: int, baudrate: int, support: Support) -> str:
+def overload_message(what: str, needed: int, baudrate: int, support: Support) -> str:
     """That a line does not carry so many bytes a second, and which baud rate would."""
-    enough = [it for it in support.baudrates if it // BITS >= needed]
+    enough = [it for it in support.baudrates if it // BITS_PER_BYTE >= needed]
     advice = (
         f"{min(enough):,} baud would do (set_baudrate)"
         if enough
@@ -121,5 +128,5 @@ def too_much(what: str, needed: int, baudrate: int, support: Support) -> str:
     )
     return (
         f"these {what} make about {needed:,} bytes a second, and {baudrate:,} baud carry"
-        f" {baudrate // BITS:,}; {advice}"
+        f" {baudrate // BITS_PER_BYTE:,}; {advice}"
     )
