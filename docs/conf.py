@@ -31,6 +31,8 @@ myst_heading_anchors = 2
 
 html_theme = "furo"
 html_title = f"xbus {release}"
+html_static_path = ["_static"]
+html_css_files = ["tables.css"]
 
 
 def aliases_by_name(*event: Any) -> tuple[str | None, str | None]:

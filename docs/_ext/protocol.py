@@ -44,6 +44,7 @@ from xbus.protocol.tables import (
     STATUS_FLAGS,
     Field,
     MessageRow,
+    Quantity,
 )
 from xbus.protocol.values import BAUD_CODES
 
@@ -63,7 +64,7 @@ def table(header: tuple[str, ...], rows: Rows) -> nodes.table:
     group += [head, body]
     head += row(header)
     body += [row(it) for it in rows]
-    return nodes.table("", group, classes=["colwidths-auto"])
+    return nodes.table("", group, classes=["colwidths-auto", "wide"])
 
 
 def row(cells: tuple[Cell, ...]) -> nodes.row:
@@ -74,11 +75,15 @@ def row(cells: tuple[Cell, ...]) -> nodes.row:
     return out
 
 
+def names(quantity: Quantity) -> nodes.Node:
+    """The name in xbus, and that of the manual below it."""
+    return nodes.inline("", "", code(quantity.name), nodes.Text(f" {quantity.manual}"))
+
+
 def quantities() -> list[nodes.Node]:
     header = (
         "identifier",
         "name",
-        "manual",
         "carries",
         "components",
         "unit",
@@ -89,8 +94,7 @@ def quantities() -> list[nodes.Node]:
     rows = (
         (
             code(f"{it.id:04X}"),
-            code(it.name),
-            it.manual,
+            names(it),
             _layout(it),
             code(" ".join(it.components)),
             it.unit,
