@@ -9,7 +9,7 @@ use xbus::frame::Frame;
 use xbus::live::{Acquisition, QUEUE, Recording, Report, TIMES_HEADER, TIMES_MAGIC, Taken};
 use xbus::log::{Options, Reader};
 use xbus::scan::{Scanner, Step, Window};
-use xbus::table::{ERROR, GOTO_MEASUREMENT_ACK, LONGEST_PAYLOAD, MTDATA2, WARNING};
+use xbus::table::{ERROR, LONGEST_PAYLOAD, MTDATA2, WARNING};
 
 /// Nothing here should take so long.
 const LONG: Duration = Duration::from_secs(20);
@@ -70,9 +70,9 @@ fn what_is_pushed_is_counted_and_queued() {
     let stream = [
         sample(7),
         sample(8),
-        sample(11), // two are missing
-        frame(GOTO_MEASUREMENT_ACK, &[]),
-        sample(0), // the counter began anew
+        sample(11),       // two are missing
+        frame(0x11, &[]), // GoToMeasurementAck
+        sample(0),        // the counter began anew
         b"noise".to_vec(),
         sample(1),
         frame(MTDATA2, &[0x10, 0x20, 0x09]), // a packet that runs past the end, in step

@@ -406,7 +406,7 @@ impl ByHand {
         if let Some(ticks) = device::wrap_of_message(mid, payload) {
             self.clocks.of(bid).set_wrap(ticks);
         }
-        if [table::GOTO_MEASUREMENT_ACK, table::RESET_ACK, table::WAKE_UP].contains(&mid) {
+        if [0x11, 0x41, 0x3E].contains(&mid) {
             self.clocks.of(bid).restart();
         }
         let sample = self.log.offsets.len() as u64;

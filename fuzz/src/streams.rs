@@ -2,7 +2,7 @@
 
 use xbus::frame::{EXTENDED, Frame, MASTER, PREAMBLE, sum};
 use xbus::packet::{Coordinates, PACKET_HEADER, Precision, record_size};
-use xbus::table::{self, Direction, End, Kind, Lengths, MESSAGES, QUANTITIES, Quantity};
+use xbus::table::{self, Direction, End, Kind, MESSAGES, QUANTITIES, Quantity};
 
 /// A small generator of numbers that look alike everywhere (xorshift).
 #[derive(Clone, Debug)]
@@ -166,11 +166,8 @@ pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
             // A message from the table, which most often has a length that its row allows.
             8..=9 => {
                 let message = &MESSAGES[recipe.below(MESSAGES.len())];
-                let length = match message.lengths {
-                    Lengths::OneOf(list) => list[recipe.below(list.len())],
-                    Lengths::Range(from, to, step) => from + recipe.below((to - from) / step + 1) * step,
-                    Lengths::Unknown => recipe.below(40),
-                };
+                let lengths: Vec<usize> = message.lengths().iter().collect();
+                let length = if lengths.is_empty() { recipe.below(40) } else { lengths[recipe.below(lengths.len())] };
                 let spoilt = message.direction == Direction::ToHost && recipe.below(8) == 0;
                 stream.extend(frame(message.mid, &random.data(length + usize::from(spoilt))));
             }

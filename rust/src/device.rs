@@ -37,12 +37,6 @@ pub fn wrap_of_product(code: &str) -> Option<u64> {
     }
 }
 
-/// Whether this message says that the device begins anew, so that its packet counter may start again and nothing was lost.
-#[must_use]
-pub const fn restarts(mid: u8) -> bool {
-    matches!(mid, table::GOTO_MEASUREMENT_ACK | table::RESET_ACK | table::WAKE_UP)
-}
-
 /// A device identifier: 4 bytes, or 8 from the 600-series on.
 ///
 /// Eight bytes with bit 31 set in neither half come from devices that fill the second half with something else; then
@@ -102,11 +96,10 @@ impl Configuration {
     /// Reads the payload; `None` if it is shorter than one device needs.
     #[must_use]
     pub fn read(payload: &[u8]) -> Option<Self> {
-        const LENGTH: usize = 118;
-        if payload.len() < LENGTH {
+        if payload.len() < field::END {
             return None;
         }
-        let (first, second) = (u32_at(payload, 0)?, u32_at(payload, 4)?);
+        let (first, second) = (u32_at(payload, field::DEVICE_ID)?, u32_at(payload, field::DEVICE_ID_REST)?);
         // Eight-byte identifiers stand here with their halves exchanged, against the DeviceID message.
         let (device_id, wide) = if first >> 31 == 1 {
             (u64::from(second) << 32 | u64::from(first), true)
@@ -115,26 +108,57 @@ impl Configuration {
         } else {
             (u64::from(first), false)
         };
-        let text = |at: usize| {
+        let narrow = |number| if wide { None } else { number };
+        let digits = |at: usize| {
             let bytes = &payload[at..at + 8];
             bytes.iter().all(u8::is_ascii_digit).then(|| String::from_utf8_lossy(bytes).into_owned())
         };
+        let filter_type = char::from(payload[field::FILTER_TYPE]);
         Some(Self {
             device_id,
-            product_code: product_code(&payload[32..52]),
-            sampling_period: if wide { None } else { u16_at(payload, 4) },
-            output_skip_factor: if wide { None } else { u16_at(payload, 6) },
-            date: text(16),
-            time: text(24),
-            devices: u16_at(payload, 96)?,
-            filter_profile: u16_at(payload, 110)?,
-            firmware: [payload[112], payload[113], payload[114]],
-            output_mode: if wide { None } else { u16_at(payload, 104) },
-            output_settings: if wide { None } else { u32_at(payload, 106) },
-            filter_type: payload[115].is_ascii_graphic().then_some(char::from(payload[115])),
-            filter_version: [payload[116], payload[117]],
+            product_code: product_code(&payload[field::PRODUCT_CODE..field::HOST]),
+            sampling_period: narrow(u16_at(payload, field::SAMPLING_PERIOD)),
+            output_skip_factor: narrow(u16_at(payload, field::OUTPUT_SKIP_FACTOR)),
+            date: digits(field::DATE),
+            time: digits(field::TIME),
+            devices: u16_at(payload, field::DEVICES)?,
+            filter_profile: u16_at(payload, field::FILTER_PROFILE)?,
+            firmware: [payload[field::MAJOR], payload[field::MINOR], payload[field::REVISION]],
+            output_mode: narrow(u16_at(payload, field::OUTPUT_MODE)),
+            output_settings: if wide { None } else { u32_at(payload, field::OUTPUT_SETTINGS) },
+            filter_type: filter_type.is_ascii_graphic().then_some(filter_type),
+            filter_version: [payload[field::FILTER_MAJOR], payload[field::FILTER_MINOR]],
         })
     }
+}
+
+/// Where the fields of a Configuration begin.
+mod field {
+    use crate::table::{CONFIGURATION_FIELDS, offset, size};
+
+    const fn of(name: &str) -> usize {
+        offset(CONFIGURATION_FIELDS, name)
+    }
+
+    pub const DEVICE_ID: usize = of("device_id");
+    pub const DEVICE_ID_REST: usize = DEVICE_ID + 4;
+    pub const SAMPLING_PERIOD: usize = of("sampling_period");
+    pub const OUTPUT_SKIP_FACTOR: usize = of("output_skip_factor");
+    pub const DATE: usize = of("date");
+    pub const TIME: usize = of("time");
+    pub const PRODUCT_CODE: usize = of("product_code");
+    pub const HOST: usize = of("host");
+    pub const DEVICES: usize = of("devices");
+    pub const OUTPUT_MODE: usize = of("output_mode");
+    pub const OUTPUT_SETTINGS: usize = of("output_settings");
+    pub const FILTER_PROFILE: usize = of("filter_profile");
+    pub const MAJOR: usize = of("major");
+    pub const MINOR: usize = of("minor");
+    pub const REVISION: usize = of("revision");
+    pub const FILTER_TYPE: usize = of("filter_type");
+    pub const FILTER_MAJOR: usize = of("filter_major");
+    pub const FILTER_MINOR: usize = of("filter_minor");
+    pub const END: usize = size(CONFIGURATION_FIELDS).1;
 }
 
 /// Where `SampleTimeFine` wraps, if this message names the device.
@@ -143,16 +167,18 @@ pub fn wrap_of_message(mid: u8, payload: &[u8]) -> Option<u64> {
     match mid {
         table::DEVICE_ID => device_id(payload).and_then(wrap_of_id),
         table::INIT_BUS_RESULTS if payload.len() == 4 => device_id(payload).and_then(wrap_of_id),
-        table::CONFIGURATION => Configuration::read(payload).and_then(|it| wrap_of_id(it.device_id)),
+        table::CONFIGURATION => {
+            Configuration::read(payload).and_then(|configuration| wrap_of_id(configuration.device_id))
+        }
         table::PRODUCT_CODE => wrap_of_product(&product_code(payload)?),
         _ => None,
     }
 }
 
 fn u16_at(bytes: &[u8], at: usize) -> Option<u16> {
-    bytes.get(at..)?.first_chunk().map(|it| u16::from_be_bytes(*it))
+    bytes.get(at..)?.first_chunk().map(|bytes| u16::from_be_bytes(*bytes))
 }
 
 fn u32_at(bytes: &[u8], at: usize) -> Option<u32> {
-    bytes.get(at..)?.first_chunk().map(|it| u32::from_be_bytes(*it))
+    bytes.get(at..)?.first_chunk().map(|bytes| u32::from_be_bytes(*bytes))
 }

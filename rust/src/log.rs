@@ -584,7 +584,7 @@ impl Reader {
         if let Some(ticks) = device::wrap_of_message(frame.mid, frame.payload) {
             self.part.changes.push((sample, frame.bid, Change::Wrap(ticks)));
         }
-        if device::restarts(frame.mid) {
+        if table::restarts(frame.mid) {
             self.part.changes.push((sample, frame.bid, Change::Restart));
         }
     }

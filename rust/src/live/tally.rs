@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 
 use crate::clock::{Clocks, Losses, Stamps};
-use crate::device;
 use crate::frame::Frame;
 use crate::packet::packets;
 use crate::scan::{Damage, Scanner, Step, Window};
@@ -146,7 +145,7 @@ impl Counts {
             self.malformed += 1;
         }
         self.messages += 1;
-        if device::restarts(frame.mid) {
+        if table::restarts(frame.mid) {
             clocks.of(frame.bid).restart();
         }
         match (frame.mid, frame.payload) {

@@ -1,13 +1,12 @@
 //! The tables, row by row.
 
-use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 use super::Row;
 use crate::packet::record_size;
 use crate::scan::Reason;
-use crate::table::{self, Direction, Field, Kind, Lengths};
+use crate::table::{self, Content, Direction, Field, Kind, MessageField, Payload};
 
 fn fields<'py>(py: Python<'py>, fields: &[Field]) -> PyResult<Vec<Row<'py>>> {
     let row = |field: &Field| {
@@ -17,6 +16,28 @@ fn fields<'py>(py: Python<'py>, fields: &[Field]) -> PyResult<Vec<Row<'py>>> {
         row.set_item("scale", field.scale)?;
         row.set_item("unit", field.unit)?;
         row.set_item("missing", field.missing)?;
+        Ok(row)
+    };
+    fields.iter().map(row).collect()
+}
+
+fn message_fields<'py>(py: Python<'py>, fields: &[MessageField]) -> PyResult<Vec<Row<'py>>> {
+    let row = |field: &MessageField| {
+        let (kind, count, rest) = match field.content {
+            Content::Numbers(wire, count) => (wire.numpy(), count, false),
+            Content::Double => ("f8", 1, false),
+            Content::Text(size) => ("text", size, false),
+            Content::Bytes(size) => ("bytes", size, false),
+            Content::RestText(most) => ("text", most, true),
+            Content::RestBytes(most) => ("bytes", most, true),
+        };
+        let row = PyDict::new(py);
+        row.set_item("name", field.name)?;
+        row.set_item("type", kind)?;
+        row.set_item("count", count)?;
+        row.set_item("rest", rest)?;
+        row.set_item("unit", field.unit)?;
+        row.set_item("note", field.note)?;
         Ok(row)
     };
     fields.iter().map(row).collect()
@@ -72,13 +93,23 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
             (message.states.measurement, "measurement"),
         ];
         row.set_item("states", states.iter().filter(|it| it.0).map(|it| it.1).collect::<Vec<_>>())?;
-        row.set_item("payload", message.payload)?;
-        let lengths = match message.lengths {
-            Lengths::Unknown => py.None(),
-            Lengths::OneOf(list) => list.to_vec().into_py_any(py)?,
-            Lengths::Range(from, to, step) => (from..=to).step_by(step).collect::<Vec<_>>().into_py_any(py)?,
+        row.set_item("payload", message.description())?;
+        let lengths: Vec<usize> = message.lengths().iter().collect();
+        row.set_item("lengths", (!lengths.is_empty()).then_some(lengths))?;
+        let (kind, forms, least, most, filled): (_, &[&[MessageField]], _, _, _) = match message.payload {
+            Payload::Empty => ("empty", &[], 0, 0, false),
+            Payload::Bytes(..) => ("bytes", &[], 0, 0, false),
+            Payload::Text { least, most, filled } => ("text", &[], least, most, filled),
+            Payload::Record(forms) => ("record", forms, 1, 1, false),
+            Payload::List { entry, least, most } => ("list", &[entry], least, most, false),
         };
-        row.set_item("lengths", lengths)?;
+        row.set_item("kind", kind)?;
+        let forms: Vec<_> = forms.iter().map(|form| message_fields(py, form)).collect::<PyResult<_>>()?;
+        row.set_item("forms", forms)?;
+        row.set_item("least", least)?;
+        row.set_item("most", most)?;
+        row.set_item("filled", filled)?;
+        row.set_item("restarts", message.restarts)?;
         row.set_item("reply", message.reply)?;
         row.set_item("products", message.products.iter().map(|it| it.number).collect::<Vec<_>>())?;
         row.set_item("status", message.status)?;

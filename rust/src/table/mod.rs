@@ -6,6 +6,7 @@
 
 mod errors;
 mod messages;
+mod payload;
 mod products;
 mod quantities;
 mod strings;
@@ -14,9 +15,10 @@ mod tests;
 
 pub use errors::{RESULT_CODES, result_text};
 pub use messages::{
-    CONFIGURATION, DEVICE_ID, ERROR, FIRMWARE_REV, GOTO_MEASUREMENT_ACK, HARDWARE_VERSION, INIT_BUS_RESULTS,
-    LONGEST_PAYLOAD, MESSAGES, MTDATA2, PRODUCT_CODE, RESET_ACK, STRING_OUTPUT_TYPE, WAKE_UP, WARNING,
+    CONFIGURATION, DEVICE_ID, ERROR, FIRMWARE_REV, HARDWARE_VERSION, INIT_BUS_RESULTS, LONGEST_PAYLOAD, MESSAGES,
+    MTDATA2, PRODUCT_CODE, STRING_OUTPUT_TYPE, WARNING,
 };
+pub use payload::{CONFIGURATION_FIELDS, Content, Lengths, MessageField, Payload, offset, size};
 pub use products::{Class, PRODUCTS, Product, Products, Series};
 pub use quantities::{QUANTITIES, STATUS_FLAGS};
 pub use strings::{BARE_STRINGS, End, STRINGS, StringOutput};
@@ -160,38 +162,6 @@ pub struct States {
     pub measurement: bool,
 }
 
-/// The payload lengths that a message can have.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Lengths {
-    /// Nobody has written it down.
-    Unknown,
-    /// One of these.
-    OneOf(&'static [usize]),
-    /// From, to, in steps of.
-    Range(usize, usize, usize),
-}
-
-impl Lengths {
-    /// Whether a payload of `length` bytes is known to be right; `Unknown` allows none.
-    #[must_use]
-    pub const fn allow(&self, length: usize) -> bool {
-        match *self {
-            Self::Unknown => false,
-            Self::OneOf(list) => {
-                let mut i = 0;
-                while i < list.len() {
-                    if list[i] == length {
-                        return true;
-                    }
-                    i += 1;
-                }
-                false
-            }
-            Self::Range(from, to, step) => from <= length && length <= to && (length - from).is_multiple_of(step),
-        }
-    }
-}
-
 /// One message: a row of the manual's section 5.3. A MID that both requests and sets, or whose reply comes with and
 /// without data, has a row for each.
 #[derive(Clone, Copy, Debug)]
@@ -204,16 +174,48 @@ pub struct Message {
     pub direction: Direction,
     /// When it is valid.
     pub states: States,
-    /// What it carries, in words; `"empty"` where it carries nothing.
-    pub payload: &'static str,
-    /// The payload lengths it can have.
-    pub lengths: Lengths,
+    /// What it carries.
+    pub payload: Payload,
+    /// Whether it may also carry nothing.
+    pub can_be_empty: bool,
+    /// Whether a source confirms the payload. If not, the scanner takes no length of it as plausible.
+    pub is_confirmed: bool,
+    /// Whether the device starts a new run with it: counter and clock may start again, and no sample is lost.
+    pub restarts: bool,
     /// MID of the message that answers it.
     pub reply: Option<u8>,
     /// Products that know it.
     pub products: Products,
     /// `""`, the manual's `"reserved"`, `"deprecated"` or `"obsolete"`, or `"unlisted"` where it does not have the MID.
     pub status: &'static str,
+}
+
+impl Message {
+    /// What it carries, as documentation and error messages say it: `"U2 period (1/115200 s, 225 to 1152)"`.
+    #[must_use]
+    pub fn description(&self) -> String {
+        let can_be_cleared = matches!(self.payload, Payload::List { least: 1, .. });
+        let more = match self.direction {
+            Direction::ToDevice if can_be_cleared => "; one entry of zeros clears the list",
+            _ if self.can_be_empty => "; or empty",
+            _ => "",
+        };
+        format!("{}{more}", self.payload)
+    }
+
+    /// The payload lengths of this row.
+    #[must_use]
+    pub const fn own_lengths(&self) -> Lengths {
+        let lengths = self.payload.lengths();
+        if self.can_be_empty { lengths.or(Lengths::exactly(0)) } else { lengths }
+    }
+
+    /// The payload lengths to expect: of a message to the device those of its row, of a message from the device those
+    /// of all rows of its MID.
+    #[must_use]
+    pub fn lengths(&self) -> Lengths {
+        if self.direction == Direction::ToDevice { self.own_lengths() } else { SENT[usize::from(self.mid)] }
+    }
 }
 
 /// The quantity of a data identifier, whatever its format bits.
@@ -255,21 +257,29 @@ pub fn messages(mid: u8) -> impl Iterator<Item = &'static Message> {
     MESSAGES[first..].iter().take_while(move |message| message.mid == mid)
 }
 
-/// The name of a message. Where a MID has several rows, one whose lengths allow the payload goes before one whose
-/// lengths do not; among these an empty payload is the row that carries nothing, any other one that carries something.
+/// The name of a message. Where a MID has several rows, a row that has payloads of this length goes before one that has
+/// not; of these, an empty payload belongs to the row that carries nothing, and any other to one that carries something.
 #[must_use]
 pub fn message_name(mid: u8, payload_length: usize) -> Option<&'static str> {
     let unlike = |message: &&Message| {
-        let carries_nothing = message.payload == messages::EMPTY;
-        (!message.lengths.allow(payload_length), carries_nothing != (payload_length == 0))
+        let carries_nothing = message.payload == Payload::Empty;
+        (!message.own_lengths().allow(payload_length), carries_nothing != (payload_length == 0))
     };
     messages(mid).min_by_key(unlike).map(|message| message.name)
 }
 
+/// Whether a device starts a new run with this message, so that its clock and counter may start again.
+///
+/// A run is the samples of one device between two such messages.
+#[must_use]
+pub fn restarts(mid: u8) -> bool {
+    messages(mid).any(|message| message.restarts)
+}
+
 /// Whether a device is known to send this MID with a payload of this length.
 ///
-/// The scanner asks it of every candidate in damaged data, so it is one look-up. `MTData2` may have any length but 0:
-/// its packets, not its row, say whether it is sound.
+/// The scanner asks for every candidate in damaged data, so this is one look-up. `MTData2` may have any length but 0:
+/// its packets, not its row, show whether it is sound.
 #[must_use]
 pub fn device_sends(mid: u8, length: usize) -> bool {
     if mid == MTDATA2 { length > 0 } else { SENT[usize::from(mid)].allow(length) }
@@ -289,13 +299,14 @@ static ROW_OF_ID: [u8; 1 << 12] = {
     rows
 };
 
-/// For every MID: the payload lengths that a device sends. The rows of one MID agree about them.
+/// For every MID: the payload lengths that a device sends.
 static SENT: [Lengths; 1 << 8] = {
-    let mut sent = [Lengths::Unknown; 1 << 8];
+    let mut sent = [Lengths::UNKNOWN; 1 << 8];
     let mut i = 0;
     while i < MESSAGES.len() {
-        if !matches!(MESSAGES[i].direction, Direction::ToDevice) {
-            sent[MESSAGES[i].mid as usize] = MESSAGES[i].lengths;
+        let row = &MESSAGES[i];
+        if !matches!(row.direction, Direction::ToDevice) && row.is_confirmed {
+            sent[row.mid as usize] = sent[row.mid as usize].or(row.own_lengths());
         }
         i += 1;
     }

@@ -113,7 +113,7 @@ pub const QUANTITIES: &[Quantity] = &[
 ];
 
 #[rustfmt::skip]
-const UTC_TIME: &[Field] = &[
+pub(super) const UTC_TIME: &[Field] = &[
     scaled("ns",     U4, 1e-9, "s"),
     plain ("year",   U2),
     plain ("month",  U1),
