@@ -199,7 +199,7 @@ def test_tables_fit_the_terminal(columns: int) -> None:
     """No name is cut; a narrow terminal is told what it does not show."""
     for command, names, spare in (
         ("items", list(QUANTITIES), "manual, products, source"),
-        ("messages", [it.name for it in MESSAGES], "states, products, status"),
+        ("messages", [it.name for it in MESSAGES.values()], "states, products, status"),
     ):
         text = plain(printed(command, columns=columns))
         assert max(map(len, text.splitlines())) <= columns
@@ -249,10 +249,12 @@ def test_messages() -> None:
     assert head.split() == [
         *["mid", "name", "direction", "states", "reply", "length", "payload", "products", "status"]
     ]
-    assert [it.split()[:2] for it in rows] == [[f"0x{it.mid:02X}", it.name] for it in MESSAGES]
+    assert [it.split()[:2] for it in rows] == [
+        [f"0x{it.mid:02X}", it.name] for it in MESSAGES.values()
+    ]
     lengths = {
         it.name: row[head.index("length") : head.index("payload")].strip()
-        for it, row in zip(MESSAGES, rows, strict=True)
+        for it, row in zip(MESSAGES.values(), rows, strict=True)
     }
     assert lengths["DeviceID"] == "4, 8"
     assert lengths["MTData2"] == "any"
@@ -298,6 +300,6 @@ def test_tables_for_programs() -> None:
         assert [tuple(f.values()) for f in it["fields"]] == [tuple(f) for f in row.fields]
         assert [tuple(f.values()) for f in it["entry"]] == [tuple(f) for f in row.entry]
     found = json.loads(run("messages", "--json").stdout)
-    for it, message in zip(found, MESSAGES, strict=True):
+    for it, message in zip(found, MESSAGES.values(), strict=True):
         assert list(it) == list(message._fields)
         assert it["lengths"] == (None if message.lengths is None else list(message.lengths))

@@ -318,11 +318,13 @@ def test_a_silent_device_is_noticed() -> None:
 # What goes wrong in the middle of every command
 
 REQUESTS = [
-    it for it in MESSAGES
+    it for it in MESSAGES.values()
     if it.direction == "to device" and it.reply is not None and 680 in it.products and "config" in it.states
 ]  # fmt: skip
 #: Requests whose answer has a known length, so that a wrong one can be told.
-MEASURED = [it for it in REQUESTS if all(row.lengths for row in MESSAGES if row.mid == it.reply)]
+MEASURED = [
+    it for it in REQUESTS if all(row.lengths for row in MESSAGES.values() if row.mid == it.reply)
+]
 
 
 def value_for(name: str, device: Device) -> Any:
@@ -431,7 +433,7 @@ def test_an_error_for_an_answer(row: xbus.protocol.tables.MessageRow) -> None:
 def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
-    rows = [it for it in MESSAGES if it.mid == row.reply]
+    rows = [it for it in MESSAGES.values() if it.mid == row.reply]
     wrong = next(n for n in range(300) if not any(n in (it.lengths or ()) for it in rows))
     assert row.reply is not None
     frame = encode_frame(row.reply, bytes(wrong))

@@ -128,3 +128,22 @@ def test_agrees() -> None:
 def test_links_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)", page.read_text("utf-8")):
         assert target.startswith("https://") or (ROOT / target).exists(), target
+
+
+def test_contributing_names_files_that_exist() -> None:
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    paths = re.findall(r"`((?:python|rust|tests|docs|fuzz)/[\w./]+\.\w+)`", text)
+    assert len(paths) > 10
+    for path in paths:
+        assert (ROOT / path).exists(), path
+
+
+def test_contributing_names_payloads_that_exist() -> None:
+    """The section on a new message, against the table that it is about."""
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
+    section = text.partition("## A new message")[2].partition("\n## ")[0]
+    source = "".join(it.read_text("utf-8") for it in (ROOT / "rust/src/table").glob("*.rs"))
+    names = re.findall(r"`(\w+)`", section)
+    assert {"record", "list", "text", "bytes", "opaque", "unconfirmed"} <= set(names)
+    for name in set(names) - {"dump", "send", "_TYPES"}:
+        assert re.search(rf"\b(fn|const) {name}\b", source), name

@@ -38,12 +38,11 @@ from xbus.protocol import (
     encode,
 )
 from xbus.protocol.ids import DataId
-from xbus.protocol.messages import ROWS
 from xbus.protocol.products import BASE, HEADING, Support, support
 from xbus.protocol.tables import MESSAGES, PRODUCTS, QUANTITIES, MessageRow
 
 STATES = (State.WAKEUP, State.CONFIG, State.MEASUREMENT)
-COMMANDS = [it for it in MESSAGES if it.direction != "to host"]
+COMMANDS = [it for it in MESSAGES.values() if it.direction != "to host"]
 #: Codes of Error messages (Table 5).
 MESSAGE, BAUDRATE, PARAMETER = 4, 32, 33
 
@@ -76,7 +75,7 @@ def value_for(row: MessageRow, state: State, known: Support) -> Any:
     }  # fmt: skip
     if row.name in values:
         return values[row.name]
-    return None if row.payload == "empty" else bytes(min(row.lengths or (0,)))
+    return None if row.kind == "empty" else bytes(min(row.lengths or (0,)))
 
 
 def device_in(state: State, product: int) -> SimulatedDevice:
@@ -105,11 +104,11 @@ def exchange(device: SimulatedDevice, wire: bytes) -> bytes:
 
 def with_message(name: str) -> list[int]:
     """Numbers of the products that know a message."""
-    return [it for it in PRODUCTS if it in ROWS[name].products]
+    return [it for it in PRODUCTS if it in MESSAGES[name].products]
 
 
 def frame(name: str, value: Any = None) -> bytes:
-    return encode_frame(ROWS[name].mid, encode(name, value))
+    return encode_frame(MESSAGES[name].mid, encode(name, value))
 
 
 def error(code: int) -> bytes:
@@ -172,7 +171,7 @@ def test_what_is_no_command(product: int, state: State) -> None:
     device, session = device_in(state, product), session_in(state, product)
     for mid in set(range(256)) - {it.mid for it in COMMANDS}:
         assert exchange(device, encode_frame(mid)) == error(MESSAGE), mid
-    for row in MESSAGES:
+    for row in MESSAGES.values():
         if row.direction == "to host":
             with pytest.raises(ValueError, match="is no command"):
                 session.request(row.name)
@@ -206,7 +205,7 @@ def is_taken(
     if is_refused:
         assert device.settings is before
     else:
-        assert answer[2] == ROWS[name].reply
+        assert answer[2] == MESSAGES[name].reply
     assert is_sent(known, name, value) != is_refused, (name, value)
     return not is_refused
 

@@ -43,7 +43,7 @@ def text() -> str:
         '    """Message identifiers (section 5.3). A request and its setting share one."""',
         "",
     ]
-    lines += [f"    {it.name} = 0x{it.mid:02X}" for it in MESSAGES]
+    lines += [f"    {it.name} = 0x{it.mid:02X}" for it in MESSAGES.values()]
     return "\n".join(lines) + "\n"
 
 

@@ -1018,6 +1018,16 @@ def test_messages() -> None:
     assert repr(log.messages).startswith("<Messages 4: ")
 
 
+def test_messages_in_words_have_the_names_of_their_payloads() -> None:
+    """One MID is the reply to a request and to a setting: the length of the payload tells which."""
+    frames = [(0x19, b""), (0x19, b"\x02"), (0x19, b"\x02"), (0x65, b"General"), (0x08, b"")]
+    log = xbus.read_log(b"".join(xbus.encode_frame(*it) for it in frames))
+    assert repr(log.messages) == (
+        "<Messages 5: 0x08: 1, SetBaudrateAck: 1, ReqBaudrateAck: 2, ReqFilterProfileAckModern: 1>"
+    )
+    assert repr(xbus.read_log(b"").messages) == "<Messages 0: >"
+
+
 @pytest.mark.parametrize(
     ("mid", "size", "name"),
     [

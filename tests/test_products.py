@@ -114,7 +114,7 @@ def test_messages_that_the_text_does_not_settle() -> None:
     without = {it for it in ALL if "StoreFilterState" not in support(it).messages}
     assert without == set(SERIES_1)
     known = set().union(*(support(it).messages for it in ALL))
-    assert known == {it.name for it in MESSAGES if it.products}
+    assert known == {it.name for it in MESSAGES.values() if it.products}
 
 
 # ---------------------------------------------------------------------------------------------

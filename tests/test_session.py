@@ -30,15 +30,16 @@ from xbus.protocol import (
     StringOutput,
     StringType,
 )
-from xbus.protocol.messages import ROWS
 from xbus.protocol.products import support
 from xbus.protocol.tables import MESSAGES
 
-REQUESTS = [it for it in MESSAGES if it.direction == "to device"]
+REQUESTS = [it for it in MESSAGES.values() if it.direction == "to device"]
 ANSWERED = [it for it in REQUESTS if it.reply is not None]
 #: Of these, the ones of whose answer it is known how long it is.
 KNOWN = [
-    it for it in ANSWERED if all(row.lengths is not None for row in MESSAGES if row.mid == it.reply)
+    it
+    for it in ANSWERED
+    if all(row.lengths is not None for row in MESSAGES.values() if row.mid == it.reply)
 ]
 EXCHANGES = exchanges()
 SAMPLE = encode_sample({"packet_counter": 7, "acceleration": [0, 0, 9.81]})
@@ -70,7 +71,7 @@ def value_for(name: str) -> Any:
     }  # fmt: skip
     if name in values:
         return values[name]
-    return None if ROWS[name].payload == "empty" else b"\0" * min(ROWS[name].lengths or (1,))
+    return None if MESSAGES[name].kind == "empty" else b"\0" * min(MESSAGES[name].lengths or (1,))
 
 
 # Exchanges
@@ -92,7 +93,7 @@ def test_published_exchanges(product: str) -> None:
             assert it.request(name, value) == request
             assert_answered(it, name, answer)
         for cut in range(len(answer)):
-            other = session(State(ROWS[name].states[0]), product)
+            other = session(State(MESSAGES[name].states[0]), product)
             other.request(name, value)
             assert_answered(other, name, answer, cut)
 
@@ -142,7 +143,7 @@ ANSWERS: list[tuple[str, Any, str, str, Any]] = [
 def test_answers(command: str, value: Any, sent: str, came: str, says: Any) -> None:
     answer = bytes.fromhex(came)
     for cut in range(len(answer)):
-        it = session(State.CONFIG if "config" in ROWS[command].states else State.MEASUREMENT)
+        it = session(State.CONFIG if "config" in MESSAGES[command].states else State.MEASUREMENT)
         assert it.request(command, value) == bytes.fromhex(sent)
         assert assert_answered(it, command, answer, cut).value == says
 
@@ -276,7 +277,7 @@ REFUSED: list[tuple[str, str, Any, str]] = [
 def test_what_a_product_cannot_do_is_not_sent(
     product: str, command: str, value: Any, says: str
 ) -> None:
-    it = session(State(ROWS[command].states[-1]), product)
+    it = session(State(MESSAGES[command].states[-1]), product)
     with pytest.raises(ValueError, match=says):
         it.request(command, value)
     assert it.pending is None
@@ -299,7 +300,7 @@ def test_an_error_is_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
 
 @pytest.mark.parametrize("row", KNOWN, ids=lambda it: it.name)
 def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> None:
-    rows = [it for it in MESSAGES if it.mid == row.reply]
+    rows = [it for it in MESSAGES.values() if it.mid == row.reply]
     assert row.reply is not None
     wrong = next(n for n in range(300) if not any(n in (it.lengths or ()) for it in rows))
     it = session(State(row.states[0]))
@@ -316,7 +317,7 @@ def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> 
 @pytest.mark.parametrize("row", KNOWN, ids=lambda it: it.name)
 def test_garbage_does_not_hide_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
     assert row.reply is not None
-    length = min(next(it.lengths or () for it in MESSAGES if it.mid == row.reply))
+    length = min(next(it.lengths or () for it in MESSAGES.values() if it.mid == row.reply))
     answer = encode_frame(row.reply, b"M" * length)
     it = session(State(row.states[0]))
     it.request(row.name, value_for(row.name))
@@ -338,7 +339,7 @@ def test_errors_about_the_stream_answer_no_command() -> None:
 def test_an_empty_answer_to_a_request_is_none(name: str) -> None:
     it = session()
     it.request(name)
-    (refusal,) = it.receive(encode_frame(ROWS[name].reply or 0))
+    (refusal,) = it.receive(encode_frame(MESSAGES[name].reply or 0))
     assert isinstance(refusal, Refusal)
     assert "it carries nothing" in str(refusal.error)
 
@@ -349,7 +350,7 @@ def test_an_empty_answer_to_a_request_is_none(name: str) -> None:
 def test_an_empty_list_is_a_list(name: str) -> None:
     it = session()
     it.request(name)
-    (reply,) = it.receive(encode_frame(ROWS[name].reply or 0))
+    (reply,) = it.receive(encode_frame(MESSAGES[name].reply or 0))
     assert isinstance(reply, Reply)
     assert reply.value == ()
 
@@ -416,7 +417,7 @@ def test_published_host_frames_are_what_the_session_sends() -> None:
         if name == "SetFilterProfileModern" and len(payload) == 2:
             name = "SetFilterProfile"
         value = xbus.protocol.decode(name, payload)
-        it = session(State(ROWS[name].states[0]))
+        it = session(State(MESSAGES[name].states[0]))
         assert it.request(name, value) == raw, line
         count += 1
     assert count > 30

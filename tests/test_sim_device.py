@@ -53,7 +53,6 @@ from xbus.protocol import (
 )
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.ids import DataId
-from xbus.protocol.messages import ROWS
 from xbus.protocol.products import support
 from xbus.protocol.tables import MESSAGES, PRODUCTS, STATUS_FLAGS
 from xbus.sim.replay import Replay
@@ -70,7 +69,7 @@ GNSS_NUMBERS = {it.number for it in PRODUCTS.values() if it.kind == "GNSS/INS"}
 
 
 def frame(name: str, value: Any = None, **options: Any) -> bytes:
-    return encode_frame(ROWS[name].mid, encode(name, value), **options)
+    return encode_frame(MESSAGES[name].mid, encode(name, value), **options)
 
 
 def messages(data: bytes) -> list[Message]:
@@ -115,13 +114,8 @@ def ask(device: SimulatedDevice, name: str, value: Any = None) -> Any:
     (reply,) = [it for it in found if it.mid != MessageId.MTData2]
     if reply.name == "Error":
         return f"error {reply.payload[0]}"
-    assert reply.mid == ROWS[name].reply
-    if not reply.payload:
-        return None
-    modern = f"{reply.name}Modern"
-    product = device.product.number
-    named = modern if modern in ROWS and product in ROWS[modern].products else reply.name
-    return decode(named, reply.payload)
+    assert reply.mid == MESSAGES[name].reply
+    return decode(reply.name, reply.payload) if reply.payload else None
 
 
 def reset(device: SimulatedDevice) -> None:
@@ -183,7 +177,7 @@ def readdressed(text: str, bid: int) -> bytes:
 # States, products and values
 # ---------------------------------------------------------------------------------------------
 
-REQUESTS = [it for it in MESSAGES if it.direction == "to device"]
+REQUESTS = [it for it in MESSAGES.values() if it.direction == "to device"]
 
 
 @pytest.mark.parametrize(
@@ -385,6 +379,38 @@ def test_settings_are_told_and_last(product: str, name: str, value: Any, answer:
     assert ask(device, f"Req{name}") == before
     reset(device)
     assert ask(device, f"Req{name}") == before
+
+
+@pytest.mark.parametrize(
+    ("product", "message", "value", "reply"),
+    [
+        # Synchronization settings that are not there take no bytes.
+        ("MTi-3", "SyncSettings", (), "FA FF 2D 00 D4"),
+        ("MTi-3", "SyncSettings", (sync(0, 0),), "FA FF 2D 00 D4"),
+        # Empty lists of outputs are one entry of zeros, in the setting and in the reply (FACTS 2.5, 5.5).
+        ("MTi-3", "OutputConfiguration", (), "FA FF C1 04 00 00 00 00 3C"),
+        ("MTi-630", "CanOutputConfig", (), "FA FF E9 08 00 00 00 00 00 00 00 00 10"),
+    ],
+)
+def test_empty_lists(product: str, message: str, value: Any, reply: str) -> None:
+    device = configurable(product)
+    ask(device, f"Set{message}", value)
+    assert exchange(device, frame(f"Req{message}")) == bytes.fromhex(reply)
+
+
+def test_other_lists_are_never_empty() -> None:
+    """A device has an identifier, three ports, and slots for filter profiles."""
+    lists = {name for name, row in MESSAGES.items() if row.kind == "list"}
+    never_empty = {"InitBusResults": "InitBus", "PortConfig": "ReqPortConfig",
+                   "AvailableFilterProfiles": "ReqAvailableFilterProfiles"}  # fmt: skip
+    replies = {name for name in lists if MESSAGES[name].direction == "to host"}
+    assert replies - set(never_empty) == {
+        "ReqSyncSettingsAck", "ReqOutputConfigurationAck", "SetOutputConfigurationAck",
+        "CanOutputConfig", "SetCanOutputConfigAck",
+    }  # fmt: skip
+    for request in never_empty.values():
+        for product in MESSAGES[request].products:
+            assert ask(configurable(product), request), product
 
 
 def test_a_slow_period_becomes_a_skip_factor() -> None:
@@ -847,7 +873,7 @@ def test_restore_communication() -> None:
     assert device.read(baudrate=115_200) == WAKE_UP
     device.write(ACK, baudrate=115_200)
     assert ask(device, "ReqOutputConfiguration") == support(3).output_configuration
-    assert ask(device, "ReqSyncSettings") == ()
+    assert ask(device, "ReqSyncSettings") is None  # no entries
     assert ask(device, "ReqBaudrate") == 2
     assert ask(device, "ReqLocationID") == 5
 

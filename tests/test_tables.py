@@ -203,7 +203,7 @@ def test_message_identifiers_are_those_of_the_list() -> None:
     for row in rows("spec/messages.csv"):
         listed.setdefault(int(row["hex"], 16), set()).update(names(row["name"]))
     found: dict[int, set[str]] = {}
-    for it in MESSAGES:
+    for it in MESSAGES.values():
         found.setdefault(it.mid, set()).add(it.name)
     assert found == listed
 
@@ -214,7 +214,7 @@ def test_what_a_device_sends() -> None:
     for row in rows("spec/messages.csv"):
         if "mt->host" in row["direction"]:
             listed.setdefault(int(row["hex"], 16), set()).update(lengths(row["lengths"]))
-    to_host = [it for it in MESSAGES if it.direction != "to device"]
+    to_host = [it for it in MESSAGES.values() if it.direction != "to device"]
     assert {it.mid for it in to_host} == set(listed)
     assert {it.mid: set(it.lengths or ()) for it in to_host} == listed
     assert {mid: set(it) for mid, it in reference.LENGTHS.items()} | {0x36: set()} == listed
@@ -223,7 +223,7 @@ def test_what_a_device_sends() -> None:
 def test_who_answers_with_what() -> None:
     for row in rows("spec/messages.csv"):
         mid, ack = int(row["hex"], 16), row["ack_mid"]
-        replies = {it.reply for it in MESSAGES if it.mid == mid}
+        replies = {it.reply for it in MESSAGES.values() if it.mid == mid}
         assert replies == {int(ack, 16) if ack.startswith("0x") else None}, row
 
 
@@ -233,7 +233,7 @@ def test_states() -> None:
         if "measurement" not in text and "config" not in text and "wakeup" not in text:
             continue
         expected = tuple(it for it in ("wakeup", "config", "measurement") if it in text)
-        assert {it.states for it in MESSAGES if it.mid == mid} == {expected}, row
+        assert {it.states for it in MESSAGES.values() if it.mid == mid} == {expected}, row
 
 
 def test_who_knows_them() -> None:
@@ -246,17 +246,17 @@ def test_who_knows_them() -> None:
         # InitBus was seen on an MTi-300 only, but the vendor's software sends it to every MTi.
         every = text.startswith("all") or row["name"].startswith("InitBus")
         expected = set(PRODUCTS) if every else listed
-        for it in MESSAGES:
+        for it in MESSAGES.values():
             if it.name in names(row["name"]):
                 assert set(it.products) == expected, row
 
 
 def test_a_reply_is_a_message_to_the_host() -> None:
-    directions = {it.mid: it.direction for it in MESSAGES}
-    for it in MESSAGES:
+    directions = {it.mid: it.direction for it in MESSAGES.values()}
+    for it in MESSAGES.values():
         if it.reply is not None and it.name != "WakeUp":
             assert directions[it.reply] in ("to host", "both"), it
-    assert next(it for it in MESSAGES if it.name == "WakeUp").reply == MessageId.WakeUpAck
+    assert next(it for it in MESSAGES.values() if it.name == "WakeUp").reply == MessageId.WakeUpAck
 
 
 def test_products() -> None:
@@ -290,6 +290,6 @@ def test_enums() -> None:
     """Members of the enums are the rows of the tables, whose integers they are."""
     assert {it.name: int(it) for it in DataId} == {it.manual: it.id for it in QUANTITIES.values()}
     members = {name: int(it) for name, it in MessageId.__members__.items()}
-    assert members == {it.name: it.mid for it in MESSAGES}
+    assert members == {it.name: it.mid for it in MESSAGES.values()}
     assert (MessageId.GoToConfig, MessageId.MTData2, DataId.Quaternion) == (0x30, 0x36, 0x2010)
     assert MessageId(0x30).name == "GoToConfig"

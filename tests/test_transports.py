@@ -37,7 +37,7 @@ def round_of_config(device: Device) -> list[tuple[str, Any]]:
     known = device.support
     assert known is not None
     said: list[tuple[str, Any]] = []
-    for row in MESSAGES:
+    for row in MESSAGES.values():
         if row.name not in known.messages or row.direction != "to device" or row.name in APART:
             continue
         if "config" not in row.states:

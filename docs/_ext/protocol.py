@@ -164,7 +164,7 @@ def messages() -> list[nodes.Node]:
             _products(it.products),
             it.status,
         )
-        for it in MESSAGES
+        for it in MESSAGES.values()
     )
     return [table(header, rows)]
 
@@ -329,7 +329,7 @@ def identities() -> list[nodes.Node]:
 # Commands
 
 #: Messages to a device by what a method for them is called, without underscores.
-REQUESTS = {it.name.lower(): it for it in MESSAGES if it.direction != "to host"}
+REQUESTS = {it.name.lower(): it for it in MESSAGES.values() if it.direction != "to host"}
 #: The method that waits for WakeUp as well.
 REQUESTS["wakeup"] = REQUESTS["wakeupack"]
 
@@ -385,7 +385,7 @@ def others() -> list[nodes.Node]:
     have = {row.name for it in sections().values() for name in it if (row := request_of(name))}
     rows = (
         (code(f"{it.mid:02X}"), code(it.name), it.payload, _products(it.products), it.status)
-        for it in MESSAGES
+        for it in MESSAGES.values()
         if it.direction != "to host" and it.name.removesuffix("Modern") not in have
     )
     return [table(("MID", "message", "payload", "products", "status"), rows)]

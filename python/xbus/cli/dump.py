@@ -46,7 +46,7 @@ def _mid(value: str) -> int | str:
     try:
         mid = int(value, 0)
     except ValueError:
-        return called(value, (it.name for it in MESSAGES), "message", "messages")
+        return called(value, (it.name for it in MESSAGES.values()), "message", "messages")
     if not 0 <= mid <= 0xFF:
         raise click.BadParameter(f"a message identifier is a byte, not {value}")
     return mid

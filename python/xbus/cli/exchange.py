@@ -14,7 +14,7 @@ from xbus.describe.formatting import format_count
 from xbus.describe.text import Notice, describe_message, message_dict, read_notice
 from xbus.device import Device
 from xbus.protocol.ids import MessageId
-from xbus.protocol.messages import ROWS
+from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import State
 from xbus.wire.codec import Damage, Scanner, encode_frame
 from xbus.wire.link import Received
@@ -140,7 +140,7 @@ class Exchange:
 
     def _name(self, message: Message) -> str:
         """The name of a message: under one MID come the replies to several commands."""
-        row = ROWS.get(self._command)
+        row = MESSAGES.get(self._command)
         if row is not None and message.mid == row.reply:
             with contextlib.suppress(ValueError):
                 return self._session.read_reply(row.name, message.payload)[0]

@@ -120,9 +120,10 @@ def _frame(words: Sequence[str], bid: int) -> bytes:
 
 def _message(words: Sequence[str], session: Session) -> tuple[str, Any]:
     """Name and value of the message that the words describe."""
-    from xbus.protocol.messages import LAYOUTS, ROWS
+    from xbus.protocol.messages import LAYOUTS
+    from xbus.protocol.tables import MESSAGES
 
-    names = [it.name for it in ROWS.values() if it.direction != "to host"]
+    names = [it.name for it in MESSAGES.values() if it.direction != "to host"]
     name = called(words[0], names, "message to a device", "messages")
     try:
         value = LAYOUTS[name].read(list(words[1:]))
@@ -146,9 +147,9 @@ def _command(device: Device, name: str, value: Any, *, config: bool) -> None:
 
 def _not_now(error: StateError, *, config: bool) -> str:
     """What the command line says of a state: the advice in the error is for programs."""
-    from xbus.protocol.messages import ROWS
+    from xbus.protocol.tables import MESSAGES
 
-    states = ROWS[error.command].states
+    states = MESSAGES[error.command].states
     if error.state in states:  # so it is the product
         return str(error)
     if "config" in states:

@@ -67,7 +67,7 @@ def messages(text: str, as_json: bool) -> None:
         "status",
     ]
     spare = ["states", "products", "status"]
-    _show(head, MESSAGES, cells, text, spare, as_json=as_json)
+    _show(head, MESSAGES.values(), cells, text, spare, as_json=as_json)
 
 
 def _show(

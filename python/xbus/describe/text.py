@@ -110,17 +110,11 @@ def _payload(message: Message) -> str:
     # Nothing is what an acknowledgement may carry, also where a value has the same row.
     if name not in LAYOUTS or not payload:
         return ""
-    if name == "ReqFilterProfileAck" and len(payload) != PROFILE_NUMBER:
-        name = "ReqFilterProfileAckModern"
     try:
         value = LAYOUTS[name].decode(payload)
     except ValueError as error:
         return f"malformed: {error}"
     return " ".join(map(device_name, value)) if name == "InitBusResults" else value_text(value)
-
-
-#: Bytes of a filter profile that has a number; under the same MID later products send names.
-PROFILE_NUMBER = 2
 
 
 def value_text(value: Any) -> str:

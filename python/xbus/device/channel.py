@@ -15,7 +15,7 @@ from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Event, Notice, Refusal, Reply, Session
 from xbus.device.timing import Timing
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
-from xbus.protocol.messages import ROWS
+from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import State
 from xbus.wire.link import Link
 from xbus.wire.strings import String
@@ -192,7 +192,7 @@ class Channel:
             frame = self.session.request(name, value)
             try:
                 self.send(frame, name)
-                if ROWS[name].reply is None:
+                if MESSAGES[name].reply is None:
                     return Reply(name, None, b"")
                 if (answer := self._answer(name, timeout)) is not None:
                     break

@@ -10,9 +10,9 @@ from xbus.device.checks import check
 from xbus.device.sample import Sample
 from xbus.errors import DecodeError, DeviceError, StateError
 from xbus.protocol.ids import MessageId
-from xbus.protocol.messages import LAYOUTS, ROWS, decode, encode
+from xbus.protocol.messages import LAYOUTS, decode, encode
 from xbus.protocol.products import Support
-from xbus.protocol.tables import PRODUCTS, RESULT_CODES, MessageRow
+from xbus.protocol.tables import MESSAGES, PRODUCTS, RESULT_CODES, MessageRow, message_name
 from xbus.protocol.values import DeviceErrorInfo, State
 from xbus.wire.codec import LONGEST_LIVE, encode_frame
 from xbus.wire.strings import String, type_at
@@ -132,7 +132,7 @@ class Session:
             StateError: It cannot be sent in this state, or not to this product.
             ValueError: No such command, or a value that does not fit or that the product cannot do.
         """
-        row = ROWS.get(name)
+        row = MESSAGES.get(name)
         if row is None or row.direction == "to host":
             raise ValueError(f"{name!r} is no command; xbus messages lists them")
         if self.pending is not None:
@@ -161,7 +161,7 @@ class Session:
     def _check_product(self, name: str) -> None:
         if self.support is None or name in self.support.messages:
             return
-        numbers = ROWS[name].products
+        numbers = MESSAGES[name].products
         others = ", ".join(PRODUCTS[it].name for it in numbers) or "no product of this manual"
         product = self.support.product.name
         raise StateError(
@@ -176,7 +176,7 @@ class Session:
         Raises:
             StateError: The device is in another state than those in which the command is valid.
         """
-        valid = ROWS[name].states
+        valid = MESSAGES[name].states
         if self.state in valid or name in ALWAYS:
             return
         if self.state == State.UNKNOWN and name == PROBE:
@@ -247,13 +247,13 @@ class Session:
             if self.state in (State.UNKNOWN, State.WAKEUP):
                 self.state = State.MEASUREMENT
             return Sample(payload, bid, offset)
-        row = ROWS.get(self.pending or "")
+        row = MESSAGES.get(self.pending or "")
         if row is not None:
             if mid == row.reply:
                 return self._answer(row.name, offset, payload)
             if mid == MessageId.Error and not (payload and payload[0] in UNASKED):
                 return self._refused(row.name, offset, payload)
-        name = _core.message_name(mid, len(payload)) or f"0x{mid:02X}"
+        name = message_name(mid, len(payload))
         self.state = TRANSITIONS.get(name, self.state)
         try:
             value = decode(name, payload) if name in LAYOUTS else payload
@@ -294,7 +294,7 @@ class Session:
         """The state that an answer proves: where the answer leads, or else where the command is valid."""
         if (state := TRANSITIONS.get(f"{command}Ack")) is not None:
             return state
-        return State.CONFIG if ROWS[command].states == ("config",) else self.state
+        return State.CONFIG if MESSAGES[command].states == ("config",) else self.state
 
     def _reply_rows(self, command: str, length: int) -> list[MessageRow]:
         """The rows that the reply may have, the likeliest first.
@@ -302,13 +302,11 @@ class Session:
         A MID answers a request and a setting, each in its way, and some products have ways of their own.
         A setting that is answered with more than nothing is answered like the request.
         """
-        rows = [it for it in ROWS.values() if it.mid == ROWS[command].reply]
+        rows = [it for it in MESSAGES.values() if it.mid == MESSAGES[command].reply]
         if self.support is not None:
             rows = [it for it in rows if it.name in self.support.messages] or rows
         own = f"{command.removesuffix('Modern')}Ack"
-        return sorted(
-            rows, key=lambda it: ((it.payload == "empty") != (length == 0), it.name != own)
-        )
+        return sorted(rows, key=lambda it: ((it.kind == "empty") != (length == 0), it.name != own))
 
     def _refused(self, command: str, offset: int, payload: bytes) -> Refusal:
         self.pending = None

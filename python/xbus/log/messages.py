@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
 from typing import overload
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.protocol.tables import message_name
 from xbus.wire.message import Message
 
 __all__ = ["Messages", "Unknown"]
@@ -38,7 +40,7 @@ class Messages(Sequence[Message]):
         at = range(len(self))[index]
         mid = int(self.mid[at])
         payload = _piece(self._bytes, self._ends, at)
-        name = _core.message_name(mid, len(payload)) or f"0x{mid:02X}"
+        name = message_name(mid, len(payload))
         bid, offset, sample = int(self.bid[at]), int(self.offset[at]), int(self.sample[at])
         return Message(mid, name, bid, payload, offset, sample)
 
@@ -47,12 +49,14 @@ class Messages(Sequence[Message]):
         return [it for it in self if it.name in names]
 
     def __repr__(self) -> str:
-        mids, counts = np.unique(self.mid, return_counts=True)
-        kinds = (
-            f"{_core.message_name(int(m), 1) or hex(m)}: {n}"
-            for m, n in zip(mids, counts, strict=True)
-        )
-        return f"<Messages {len(self)}: {', '.join(kinds)}>"
+        # One MID has several names, by the length of the payload.
+        lengths = np.diff(self._ends, prepend=np.uint64(0))
+        kinds, counts = np.unique(np.stack([self.mid, lengths]), axis=1, return_counts=True)
+        by_name: Counter[str] = Counter()
+        for mid, length, count in zip(*kinds.tolist(), counts.tolist(), strict=True):
+            by_name[message_name(mid, length)] += count
+        names = ", ".join(f"{name}: {count}" for name, count in by_name.items())
+        return f"<Messages {len(self)}: {names}>"
 
 
 class Unknown(Sequence[bytes]):

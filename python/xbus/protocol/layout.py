@@ -1,33 +1,35 @@
-"""How a payload is laid out: values to bytes, bytes to values, and words of a command line to values.
+"""Layouts of payloads: values to bytes, bytes to values, and words of a command line to values.
 
-A layout is made of the few kinds below. All numbers are big-endian (section 5.1.1).
+Layouts are made from the rows of the table of messages, which give names, types and lengths of the fields.
+All numbers are big-endian (section 5.1.1).
 """
 
 from __future__ import annotations
 
 import inspect
 import struct
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from enum import IntEnum, IntFlag
-from functools import partial, reduce
+from functools import reduce
 from operator import or_
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
+from xbus.protocol.tables import MessageField, MessageRow
 from xbus.protocol.values import known
 
 __all__ = [
     "NOTHING",
     "RAW",
-    "Field",
+    "FieldLayout",
+    "Form",
     "Layout",
-    "by_length",
+    "kinds_of",
+    "layout_of",
     "mapped",
-    "number",
     "record",
     "repeated",
-    "text",
 ]
 
 
@@ -36,10 +38,10 @@ class Layout:
     """One way to lay out a payload.
 
     Attributes:
-        encode: Value to bytes; raises ValueError for what does not fit, saying which field.
-        decode: Bytes to value; raises ValueError where the length is wrong.
-        fields: What it is made of: a reader of words for each name.
-        make: The value, from what the readers gave.
+        encode: Value to bytes; raises ValueError with the name of the field that does not fit.
+        decode: Bytes to value; raises ValueError for a wrong length.
+        fields: The fields by name, each with the function that reads its value from a word.
+        make: Makes the value from the values of its fields.
         several: Whether the value is a list, and ``fields`` are those of one entry.
     """
 
@@ -52,10 +54,10 @@ class Layout:
     def read(self, words: list[str]) -> Any:
         """The value that words describe: ``name=value`` each, or ``name=value,name=value`` for an entry.
 
-        Where there is one field only, its name may be left out.
+        The name of an only field may be left out.
 
         Raises:
-            ValueError: A name is unknown, missing or there twice, or a value cannot be read.
+            ValueError: A name is unknown, missing or given twice, or a value cannot be read.
         """
         if self.several:
             return tuple(self._one(entry.split(",")) for entry in words)
@@ -76,7 +78,8 @@ class Layout:
                 given[name] = self.fields[name](value)
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
-        if missing := [it for it in self.fields if it not in given and self._is_needed(it)]:
+        needed = [name for name in self.fields if self._is_needed(name)]
+        if missing := [name for name in needed if name not in given]:
             raise ValueError(f"fields are missing: {', '.join(missing)}")
         return self.make(**given)
 
@@ -105,57 +108,86 @@ def _raw(value: bytes) -> bytes:
 
 #: A payload of no bytes; its value is None.
 NOTHING = Layout(_no_value, _no_bytes)
-#: A payload that is taken as it is; its value is bytes.
+#: A payload that is passed on unchanged; its value is bytes.
 RAW = Layout(_raw, bytes, {"data": bytes.fromhex}, lambda data: data)
 
+#: Letters of `struct`.
+_CODES = {
+    "u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i1": "b", "i2": "h", "i4": "i", "f4": "f", "f8": "d",
+}  # fmt: skip
+#: The types of values that the wire's types have, if the value's class names no other.
+_TYPES: dict[str, type] = {"text": str, "bytes": bytes, "f4": float, "f8": float}
 
-@dataclass(frozen=True)
-class Field:
-    """One number of a record, or text of a fixed length.
+
+class FieldLayout:
+    """One field of a record.
+
+    Args:
+        field: Its row in the table.
+        kind: The type of its value, for an integer: `int`, `bool`, or an enumeration.
 
     Attributes:
-        code: Its letter in `struct`; ``20s`` for text.
-        kind: The type of its value. Text (`str`) is filled with spaces, `bytes` with zeros.
+        name: Its name.
+        size: Bytes on the wire; the fewest if the field takes the rest of the payload.
     """
 
-    code: str
-    kind: Any = int
+    def __init__(self, field: MessageField, kind: type = int) -> None:
+        self.field, self.name = field, field.name
+        self.kind: Any = _TYPES.get(field.type, kind)
+        self._is_text = field.type in ("text", "bytes")
+        code = "s" if self._is_text else _CODES[field.type]
+        self._wire = struct.Struct(f">{field.repeat}{code}")
+        self.size = 0 if field.rest else self._wire.size
 
-    def to_wire(self, name: str, value: Any) -> bytes:
-        """Its bytes; raises ValueError, saying ``name``, for a value that they cannot hold."""
+    def encode(self, value: Any) -> bytes:
+        """The bytes of a value; raises ValueError, with the name, for a value that they cannot hold."""
         try:
-            if self.kind not in (str, bytes):
-                return struct.pack(f">{self.code}", value)
-            data = value.encode("ascii").ljust(self.size) if self.kind is str else value
-            if len(data) <= self.size:
-                return struct.pack(f">{self.code}", data)
+            if not self._is_text:
+                return self._wire.pack(*(value if self.field.repeat > 1 else (value,)))
+            data = value.encode("ascii") if self.kind is str else value
+            if len(data) <= self.field.repeat and self.field.rest:
+                return bytes(data)
+            if len(data) <= self.field.repeat:
+                return self._wire.pack(data.ljust(self.size) if self.kind is str else data)
         except (struct.error, OverflowError, TypeError, AttributeError, UnicodeError):
             pass
-        raise ValueError(f"{name} cannot be {value!r}: it must be {self._range()}")
+        raise ValueError(f"{self.name} cannot be {value!r}: it must be {self._range()}")
 
-    def from_wire(self, number: Any) -> Any:
-        """The value of a number that was read."""
-        if self.kind is str:
-            return number.decode("ascii", "replace").rstrip(" \0")
+    def decode(self, data: bytes) -> Any:
+        """The value of as many bytes as the field has."""
+        if self._is_text:
+            return data.decode("ascii", "replace").rstrip(" \0") if self.kind is str else data
+        numbers = tuple(map(self._value, self._wire.unpack(data)))
+        return numbers if self.field.repeat > 1 else numbers[0]
+
+    def _value(self, number: Any) -> Any:
         return known(self.kind, number) if issubclass(self.kind, IntEnum) else self.kind(number)
 
     def read(self, word: str) -> Any:
-        """The value that a word names: a number, a name, or names joined with ``|``."""
+        """The value that a word gives: a number, a name, names joined with ``|``, or several numbers."""
+        if self.field.repeat > 1 and not self._is_text:
+            numbers = tuple(map(self._read, word.split(",")))
+            if len(numbers) != self.field.repeat:
+                repeat = self.field.repeat
+                raise ValueError(f"{word!r} is not {repeat} numbers with commas between")
+            return numbers
+        return self._read(word)
+
+    def _read(self, word: str) -> Any:
         if self.kind is bool:
             if word.lower() not in ("0", "1", "false", "true"):
                 raise ValueError(f"{word!r} is neither true nor false")
             return word.lower() in ("1", "true")
-        if self.kind is str:
-            return word
-        if self.kind is float:
-            return float(word)
-        parts = [self._number(it) for it in word.split("|")]
+        if self.kind in (str, float):
+            return self.kind(word)
+        parts = [self._number(part) for part in word.split("|")]
         if len(parts) > 1 and not issubclass(self.kind, IntFlag):
             raise ValueError(f"{word!r}: only one of them can be")
-        return self.from_wire(reduce(or_, parts))
+        return self._value(reduce(or_, parts))
 
     def _number(self, word: str) -> int:
-        members = {name.upper(): it for name, it in getattr(self.kind, "__members__", {}).items()}
+        names = getattr(self.kind, "__members__", {})
+        members = {name.upper(): member for name, member in names.items()}
         if (member := members.get(word.strip().upper())) is not None:
             return int(member)
         try:
@@ -164,57 +196,130 @@ class Field:
             wanted = f"none of {', '.join(members)}" if members else "no number"
             raise ValueError(f"{word!r} is {wanted}") from None
 
-    @property
-    def size(self) -> int:
-        """How many bytes it has."""
-        return struct.calcsize(f">{self.code}")
-
     def _range(self) -> str:
+        if self.kind is bytes:
+            return f"at most {self.field.repeat} bytes"
+        if self.kind is str:
+            return f"ASCII of at most {self.field.repeat} characters"
+        if self.field.repeat > 1:
+            return f"{self.field.repeat} numbers that its format holds"
         if self.kind is float:
             return "a number that its format holds"
-        if self.kind in (str, bytes):
-            return f"ASCII of at most {self.size} characters"
         bits = 8 * self.size
-        least = -(1 << bits - 1) if self.code.islower() else 0
+        least = -(1 << bits - 1) if self.field.type.startswith("i") else 0
         return f"an integer from {least} to {least + (1 << bits) - 1}"
 
 
-def record(make: Callable[..., Any], /, **fields: Field) -> Layout:
-    """Fields in the order of the wire, which values have as attributes."""
-    wire = struct.Struct(">" + "".join(it.code for it in fields.values()))
+class Form:
+    """A record: fields in the order of the wire."""
+
+    def __init__(self, fields: Sequence[FieldLayout]) -> None:
+        self.fields = fields
+        self.size = sum(field.size for field in fields)
+        self.has_rest = fields[-1].field.rest
+
+    def encode(self, values: Mapping[str, Any]) -> bytes:
+        """The bytes of the values by name."""
+        return b"".join(field.encode(values[field.name]) for field in self.fields)
+
+    def fits(self, length: int) -> bool:
+        """Whether so many bytes can be this record. Devices may send more at the end than the table has."""
+        return length >= self.size if self.has_rest else length == self.size
+
+    def decode(self, payload: bytes) -> dict[str, Any]:
+        """The values by name."""
+        values, at = {}, 0
+        for field in self.fields:
+            end = len(payload) if field.field.rest else at + field.size
+            values[field.name] = field.decode(payload[at:end])
+            at = end
+        return values
+
+
+def layout_of(row: MessageRow, kind: Any = int) -> Layout:
+    """The layout of a message, by its row in the table.
+
+    Args:
+        row: The row.
+        kind: The type of its value: of a single number `int` or an enumeration, of a record or of the
+            entries of a list a class with the fields as attributes. Annotations of that class name the
+            enumerations of its fields.
+    """
+    match row.kind:
+        case "empty":
+            return NOTHING
+        case "bytes":
+            return RAW
+        case "text":
+            return _text(row.most, row.most if row.filled else 0)
+        case "list":
+            return repeated(record(row.forms, kind), row)
+    return record(row.forms, kind)
+
+
+def record(
+    forms: Sequence[Sequence[MessageField]], kind: Any, kinds: Mapping[str, type] | None = None
+) -> Layout:
+    """The layout of a record, or of several that differ in length.
+
+    Args:
+        forms: The fields of each record, the longest first. Fields that a payload lacks have the value None.
+        kind: As in `layout_of`.
+        kinds: Enumerations of the fields by name, instead of those that annotations of ``kind`` name.
+    """
+    names = tuple(dict.fromkeys(field.name for form in forms for field in form))
+    is_number = issubclass(kind, int)
+    if kinds is None:
+        kinds = {names[0]: kind} if is_number else kinds_of(kind)
+    parts = [Form([FieldLayout(it, kinds.get(it.name, int)) for it in form]) for form in forms]
 
     def encode(value: Any) -> bytes:
+        if is_number:
+            return parts[0].encode({names[0]: value})
         # A value of another type lacks them.
-        items = ((name, it, getattr(value, name, None)) for name, it in fields.items())
-        return b"".join(it.to_wire(name, item) for name, it, item in items)
+        values = {name: getattr(value, name, None) for name in names}
+        held = {name for name, item in values.items() if item is not None}
+        whole = (form for form in parts if held.issuperset(it.name for it in form.fields))
+        return next(whole, parts[0]).encode(values)
 
     def decode(payload: bytes) -> Any:
-        if len(payload) != wire.size:
-            raise ValueError(f"it has {len(payload)} bytes, not {wire.size}")
-        pairs = zip(fields.items(), wire.unpack(payload), strict=True)
-        return make(**{name: it.from_wire(number) for (name, it), number in pairs})
+        form = next((form for form in parts if form.fits(len(payload))), None)
+        if form is None:
+            sizes = " or ".join(str(size) for size in sorted(form.size for form in parts))
+            least = "at least " if parts[0].has_rest else ""
+            raise ValueError(f"it has {len(payload)} bytes, not {least}{sizes}")
+        return make(**{**dict.fromkeys(names), **form.decode(payload)})
 
-    return Layout(encode, decode, {name: it.read for name, it in fields.items()}, make)
-
-
-def number(name: str, code: str, kind: Any = int) -> Layout:
-    """A single number; ``name`` is what it is called on the command line."""
-    it = Field(code, kind)
-    one = record(lambda **given: given[name], **{name: it})
-    return replace(one, encode=partial(it.to_wire, name))
+    make = (lambda **given: given[names[0]]) if is_number else kind
+    readers = {field.name: field.read for form in reversed(parts) for field in form.fields}
+    return Layout(encode, decode, {name: readers[name] for name in names}, make)
 
 
-def repeated(entry: Layout, size: int, most: int) -> Layout:
-    """Any number of entries of ``size`` bytes, at most ``most``; the value is a tuple.
+def kinds_of(record: type) -> dict[str, type]:
+    """The enumerations and bools among the annotations of a class, by field."""
+    kinds: dict[str, type] = {}
+    for name, hint in get_type_hints(record).items():
+        for option in get_args(hint) or (hint,):
+            if isinstance(option, type) and issubclass(option, IntEnum | IntFlag | bool):
+                kinds[name] = option
+    return kinds
 
-    An empty payload would be a request, so an empty list is written as one entry of zeros; and read as such.
+
+def repeated(entry: Layout, row: MessageRow) -> Layout:
+    """Entries of one size, as many as the row allows; the value is a tuple.
+
+    An empty payload is a request, so a message to the device writes an empty list as one entry of zeros, and
+    some answers are written alike. One entry of zeros is read as an empty list in any case.
     """
+    size = sum(FieldLayout(field).size for field in row.forms[0])
 
     def encode(values: Any) -> bytes:
         values = tuple(values)
-        if len(values) > most:
-            raise ValueError(f"there are {len(values)} entries, and the message holds {most}")
-        return b"".join(map(entry.encode, values)) or bytes(size)
+        if len(values) > row.most:
+            raise ValueError(f"there are {len(values)} entries, and the message holds {row.most}")
+        if not values and row.zeros:
+            return bytes(size)
+        return b"".join(map(entry.encode, values))
 
     def decode(payload: bytes) -> Any:
         if len(payload) % size:
@@ -227,9 +332,9 @@ def repeated(entry: Layout, size: int, most: int) -> Layout:
 
 
 def mapped(layout: Layout, to: Callable[[Any], Any], back: Callable[[Any], Any]) -> Layout:
-    """A layout whose values go through ``to`` when they were read, and ``back`` before they are written.
+    """A layout whose values go through ``to`` after decoding, and through ``back`` before encoding.
 
-    Words are read as before; where ``back`` does not take what they make, give `fields` and `make` anew.
+    Words are read as before; if ``back`` does not take what they make, give `fields` and `make` anew.
     """
     return replace(
         layout,
@@ -238,26 +343,11 @@ def mapped(layout: Layout, to: Callable[[Any], Any], back: Callable[[Any], Any])
     )
 
 
-def by_length(layouts: Mapping[int, Layout], choose: Callable[[Any], int]) -> Layout:
-    """Layouts that differ in length; ``choose`` says for a value which to write. The first reads words."""
-
-    def decode(payload: bytes) -> Any:
-        if len(payload) not in layouts:
-            raise ValueError(f"it has {len(payload)} bytes, not {' or '.join(map(str, layouts))}")
-        return layouts[len(payload)].decode(payload)
-
-    def encode(value: Any) -> bytes:
-        return layouts[choose(value)].encode(value)
-
-    first = next(iter(layouts.values()))
-    return Layout(encode, decode, first.fields, first.make)
-
-
-def text(most: int, filled: int = 0) -> Layout:
+def _text(most: int, filled: int) -> Layout:
     """ASCII without an end mark, filled with spaces to ``filled`` bytes.
 
-    What is read is cut at the first space or NUL, as the vendor's software does it: some firmware fills what
-    need not be filled.
+    Decoded text ends at the first space or NUL, as in the vendor's software: some firmware fills what need
+    not be filled.
     """
 
     def encode(value: str) -> bytes:

@@ -398,7 +398,7 @@ def _support(number: int, hardware: HardwareVersion | None) -> Support:
     return Support(
         product=product,
         hardware=hardware,
-        messages=frozenset(it.name for it in MESSAGES if number in it.products),
+        messages=frozenset(it.name for it in MESSAGES.values() if number in it.products),
         rates=offered,
         sync=_SYNC[number],
         option_flags=OptionFlag(

@@ -18,10 +18,12 @@ __all__ = [
     "STATUS_FLAGS",
     "UTC_VALID",
     "Field",
+    "MessageField",
     "MessageRow",
     "Product",
     "Quantity",
     "StatusFlag",
+    "message_name",
 ]
 
 
@@ -79,6 +81,26 @@ class Quantity(NamedTuple):
     source: str
 
 
+class MessageField(NamedTuple):
+    """A field of a message.
+
+    Attributes:
+        name: Its name.
+        type: numpy's type of a number, ``"u4"``; ``"text"`` for ASCII, ``"bytes"`` for anything else.
+        repeat: Numbers of this type, or bytes of a text.
+        rest: Whether it takes the rest of the payload, at most ``repeat`` bytes.
+        unit: Unit of a number, empty where it has none.
+        note: Valid values, or the table of the manual that lists them.
+    """
+
+    name: str
+    type: str
+    repeat: int
+    rest: bool
+    unit: str
+    note: str
+
+
 class MessageRow(NamedTuple):
     """A message: a row of the manual's section 5.3.
 
@@ -88,7 +110,15 @@ class MessageRow(NamedTuple):
         direction: ``"to device"``, ``"to host"`` or ``"both"``.
         states: States in which it is valid: ``"wakeup"``, ``"config"``, ``"measurement"``.
         payload: What it carries, in words.
-        lengths: The payload lengths it can have, or None where nobody has written them down.
+        lengths: The payload lengths it can have, or None if no source gives them. A message from the device
+            has those of all messages with its MID.
+        kind: ``"empty"``, ``"record"``, ``"list"``, ``"text"``, or ``"bytes"`` for bytes without a layout.
+        forms: Fields of the records that it can be, the longest first; of a list, those of an entry.
+        least: The fewest entries of a list, or characters of a text.
+        most: The most of them.
+        filled: Whether a text is filled with spaces to ``most`` bytes.
+        zeros: Whether an empty list is written as one entry of zeros.
+        restarts: Whether a device starts a new run with it: clock and counter may start again.
         reply: MID of the message that answers it, or None.
         products: Numbers of the products that know it.
         status: Empty, ``"reserved"``, ``"deprecated"``, ``"obsolete"`` or ``"unlisted"``.
@@ -100,6 +130,13 @@ class MessageRow(NamedTuple):
     states: tuple[str, ...]
     payload: str
     lengths: tuple[int, ...] | None
+    kind: str
+    forms: tuple[tuple[MessageField, ...], ...]
+    least: int
+    most: int
+    filled: bool
+    zeros: bool
+    restarts: bool
     reply: int | None
     products: tuple[int, ...]
     status: str
@@ -145,6 +182,11 @@ def _quantity(row: dict[str, Any]) -> Quantity:
     return Quantity(**{**_tuples(row), **fields})
 
 
+def _message(row: dict[str, Any]) -> MessageRow:
+    forms = tuple(tuple(MessageField(**field) for field in form) for form in row["forms"])
+    return MessageRow(**{**_tuples(row), "forms": forms})
+
+
 #: All data identifiers, by name.
 QUANTITIES = {row["name"]: _quantity(row) for row in _core.quantities()}
 #: Samples with these have a time of the GNSS receiver's own: behind the others, and arbitrary without a fix.
@@ -153,8 +195,19 @@ RECEIVER = ("gnss_pvt_data", "gnss_sat_info")
 FOLLOWING = (*RECEIVER, "trigger_in1", "trigger_in2", "trigger_in3")
 #: Bus identifiers (section 5.1, "BID or Address"): both are the one device at the other end of the cable.
 MASTER, STANDALONE = 0xFF, 1
-#: All messages, by MID.
-MESSAGES = [MessageRow(**_tuples(row)) for row in _core.messages()]
+#: All messages by name, in the order of their MIDs.
+MESSAGES = {row["name"]: _message(row) for row in _core.messages()}
+
+
+def message_name(mid: int, length: int) -> str:
+    """The manual's name of a message with a payload of this length, or the MID in hex if it has none.
+
+    >>> message_name(0x19, 0), message_name(0x19, 1), message_name(0x08, 0)
+    ('SetBaudrateAck', 'ReqBaudrateAck', '0x08')
+    """
+    return _core.message_name(mid, length) or f"0x{mid:02X}"
+
+
 #: All products, by number.
 PRODUCTS = {row["number"]: Product(**row) for row in _core.products()}
 #: The fields of ``StatusWord``, from bit 0.

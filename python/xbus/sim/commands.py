@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from xbus.protocol.messages import ROWS, encode
+from xbus.protocol.messages import encode
 from xbus.protocol.products import BASE, HEADING, Support
+from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import (
     ERROR_MODES,
     PERIODS,
@@ -344,7 +345,7 @@ def _ask(reply: str, read: Callable[[Unit], Any]) -> Command:
 
 def _reader(message: str, setting: str) -> tuple[str, Command]:
     """The request for a setting."""
-    reply = f"Req{message}Ack" if f"Req{message}Ack" in ROWS else message
+    reply = f"Req{message}Ack" if f"Req{message}Ack" in MESSAGES else message
     return f"Req{message}", _ask(reply, lambda unit: getattr(unit.settings, setting))
 
 

@@ -24,7 +24,7 @@ RATE = 100
 #: Seconds of the longest pause: the clock of a device that was restarted may look as if it had wrapped.
 LONGEST_PAUSE = 10.0
 #: What a device says only when it is asked, or when it starts.
-ANSWERS = [it.reply for it in MESSAGES if it.reply is not None] + [MessageId.WakeUp]
+ANSWERS = [it.reply for it in MESSAGES.values() if it.reply is not None] + [MessageId.WakeUp]
 
 
 class Replay:

@@ -49,7 +49,7 @@ WITHOUT_GNSS, COASTING, WITH_GNSS = 0, 1, 3
 
 #: Requests by MID.
 _REQUESTS: dict[int, list[MessageRow]] = {}
-for _row in MESSAGES:
+for _row in MESSAGES.values():
     if _row.direction == "to device":
         _REQUESTS.setdefault(_row.mid, []).append(_row)
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.protocol.ids import Coordinates, MessageId, Precision
-from xbus.protocol.tables import QUANTITIES, Quantity
+from xbus.protocol.tables import QUANTITIES, Quantity, message_name
 from xbus.protocol.values import StringType
 from xbus.wire.message import Message
 from xbus.wire.strings import String, mask_of, type_at
@@ -92,7 +92,7 @@ class Scanner:
                 found.append(String(type_at(place), data, offset, self._samples))
                 continue
             offset, bid, mid, payload = thing
-            name = _core.message_name(mid, len(payload)) or f"0x{mid:02X}"
+            name = message_name(mid, len(payload))
             found.append(Message(mid, name, bid, payload, offset, self._samples))
             self._samples += mid == MessageId.MTData2 and not is_malformed(payload)
         return sorted(found, key=lambda it: it.offset)

@@ -34,7 +34,7 @@ fn message_fields<'py>(py: Python<'py>, fields: &[MessageField]) -> PyResult<Vec
         let row = PyDict::new(py);
         row.set_item("name", field.name)?;
         row.set_item("type", kind)?;
-        row.set_item("count", count)?;
+        row.set_item("repeat", count)?;
         row.set_item("rest", rest)?;
         row.set_item("unit", field.unit)?;
         row.set_item("note", field.note)?;
@@ -96,12 +96,12 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row.set_item("payload", message.description())?;
         let lengths: Vec<usize> = message.lengths().iter().collect();
         row.set_item("lengths", (!lengths.is_empty()).then_some(lengths))?;
-        let (kind, forms, least, most, filled): (_, &[&[MessageField]], _, _, _) = match message.payload {
-            Payload::Empty => ("empty", &[], 0, 0, false),
-            Payload::Bytes(..) => ("bytes", &[], 0, 0, false),
-            Payload::Text { least, most, filled } => ("text", &[], least, most, filled),
-            Payload::Record(forms) => ("record", forms, 1, 1, false),
-            Payload::List { entry, least, most } => ("list", &[entry], least, most, false),
+        let (kind, forms, least, most, filled, zeros): (_, &[&[MessageField]], _, _, _, _) = match message.payload {
+            Payload::Empty => ("empty", &[], 0, 0, false, false),
+            Payload::Bytes(..) => ("bytes", &[], 0, 0, false, false),
+            Payload::Text { least, most, filled } => ("text", &[], least, most, filled, false),
+            Payload::Record(forms) => ("record", forms, 1, 1, false, false),
+            Payload::List { entry, least, most, zeros } => ("list", &[entry], least, most, false, zeros),
         };
         row.set_item("kind", kind)?;
         let forms: Vec<_> = forms.iter().map(|form| message_fields(py, form)).collect::<PyResult<_>>()?;
@@ -109,6 +109,7 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row.set_item("least", least)?;
         row.set_item("most", most)?;
         row.set_item("filled", filled)?;
+        row.set_item("zeros", zeros)?;
         row.set_item("restarts", message.restarts)?;
         row.set_item("reply", message.reply)?;
         row.set_item("products", message.products.iter().map(|it| it.number).collect::<Vec<_>>())?;

@@ -194,7 +194,7 @@ impl Message {
     /// What it carries, as documentation and error messages say it: `"U2 period (1/115200 s, 225 to 1152)"`.
     #[must_use]
     pub fn description(&self) -> String {
-        let can_be_cleared = matches!(self.payload, Payload::List { least: 1, .. });
+        let can_be_cleared = matches!(self.payload, Payload::List { zeros: true, .. });
         let more = match self.direction {
             Direction::ToDevice if can_be_cleared => "; one entry of zeros clears the list",
             _ if self.can_be_empty => "; or empty",

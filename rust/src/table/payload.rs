@@ -24,7 +24,10 @@ impl Lengths {
     /// No source gives the lengths, so the set allows none.
     pub const UNKNOWN: Self = Self { short: [0; SHORT / 64], longest: 0 };
 
-    /// From, to, in steps of. Beyond 255 only a range without gaps compiles.
+    /// From, to, in steps of.
+    ///
+    /// # Panics
+    /// If a range beyond 255 has gaps: in a table, a compile error.
     #[must_use]
     pub const fn range(from: usize, to: usize, step: usize) -> Self {
         assert!(to < SHORT || (step == 1 && from <= SHORT), "long payloads must have any length up to the longest");
@@ -147,6 +150,8 @@ pub enum Payload {
         least: usize,
         /// The most entries.
         most: usize,
+        /// Whether an empty list is written as one entry of zeros. Otherwise it is an empty payload.
+        zeros: bool,
     },
 }
 
@@ -158,7 +163,7 @@ impl Payload {
             Self::Empty => Lengths::exactly(0),
             Self::Bytes(_, lengths) => lengths,
             Self::Text { least, most, .. } => Lengths::range(least, most, 1),
-            Self::List { entry, least, most } => {
+            Self::List { entry, least, most, .. } => {
                 let (size, _) = size(entry);
                 Lengths::range(least * size, most * size, size)
             }
@@ -191,7 +196,7 @@ impl Payload {
                 }
                 !forms.is_empty()
             }
-            Self::List { entry, least, most } => least <= most && is_readable(entry, false),
+            Self::List { entry, least, most, .. } => least <= most && is_readable(entry, false),
             Self::Text { least, most, .. } => 0 < least && least <= most,
             Self::Empty | Self::Bytes(..) => true,
         }
@@ -289,8 +294,8 @@ impl Display for Payload {
                 let forms: Vec<_> = forms.iter().map(|fields| describe(fields)).collect();
                 write!(f, "{}", forms.join("; or "))
             }
-            Self::List { entry, least, most } if least == most => write!(f, "{most} times {}", describe(entry)),
-            Self::List { entry, least, most } => write!(f, "{least} to {most} times {}", describe(entry)),
+            Self::List { entry, least, most, .. } if least == most => write!(f, "{most} times ({})", describe(entry)),
+            Self::List { entry, least, most, .. } => write!(f, "{least} to {most} times ({})", describe(entry)),
         }
     }
 }
@@ -327,7 +332,12 @@ pub(super) const fn record(forms: &'static [&'static [MessageField]]) -> Payload
 
 /// `least` to `most` entries.
 pub(super) const fn list(entry: &'static [MessageField], least: usize, most: usize) -> Payload {
-    Payload::List { entry, least, most }
+    Payload::List { entry, least, most, zeros: false }
+}
+
+/// `least` to `most` entries, of which a single one of zeros stands for none.
+pub(super) const fn list_or_zeros(entry: &'static [MessageField], least: usize, most: usize) -> Payload {
+    Payload::List { entry, least, most, zeros: true }
 }
 
 const fn field(name: &'static str, content: Content) -> MessageField {
@@ -371,8 +381,7 @@ const fn fields_of<const N: usize>(fields: &[Field]) -> [MessageField; N] {
 }
 
 pub(super) const DEVICE_ID_4: &[MessageField] = &[u4("device_id")];
-/// From the 600-series on.
-pub(super) const DEVICE_ID_8: &[MessageField] = &[number("device_id", Wire::U8)];
+pub(super) const DEVICE_ID_8: &[MessageField] = &[number("device_id", Wire::U8).note("from the 600-series on")];
 pub(super) const FIRMWARE: &[MessageField] = &[u1("major"), u1("minor"), u1("revision"), u4("build"), u4("scm")];
 /// Of very old firmware.
 pub(super) const FIRMWARE_3: &[MessageField] = &[u1("major"), u1("minor"), u1("revision")];
