@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import io
 import json
 import math
 from pathlib import Path
@@ -11,19 +12,22 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given
+from rich.console import Console
 
 import xbus
 from conftest import counter, damaged_streams, fine
 from streams import frame, mtdata2, packet
 from test_cli import FIELD, WALK, run, sentence
 from xbus import SimulatedDevice, encode_frame, encode_sample, read_log
-from xbus.cli.monitor import snapshot, sources
-from xbus.cli.monitor.attitude import Attitude, attitude, ground, tape
-from xbus.cli.monitor.model import Known, Model
-from xbus.cli.monitor.rows import ASCII, UNICODE, rows, table
-from xbus.cli.monitor.sources import Live, Replay
-from xbus.cli.monitor.terminal import keys_in
-from xbus.cli.monitor.view import Line, Shown, draw
+from xbus.cli.monitor import device_source
+from xbus.cli.monitor.attitude import Attitude, attitude_of, compass, horizon
+from xbus.cli.monitor.device_source import DeviceSource
+from xbus.cli.monitor.keyboard import parse_keys
+from xbus.cli.monitor.model import Model, QuantityState
+from xbus.cli.monitor.replay_source import ReplaySource
+from xbus.cli.monitor.rows import UNICODE, status_rows, value_rows
+from xbus.cli.monitor.screen import Screen, ViewState
+from xbus.cli.monitor.snapshot import snapshot_dict, snapshot_text
 from xbus.protocol import State
 from xbus.protocol.ids import MessageId
 
@@ -50,7 +54,7 @@ def test_all_forms_and_coordinates_agree_with_the_accelerometer(coordinates: str
     )
     up = block["acceleration"].values / 9.81
     for at in range(len(block)):
-        told = [attitude(it, coordinates, block[it].values[at]) for it in forms]
+        told = [attitude_of(it, coordinates, block[it].values[at]) for it in forms]
         x, y, z = up[at].tolist()
         for it in told:
             assert it is not None
@@ -71,7 +75,7 @@ def test_the_heading_is_that_of_a_car() -> None:
     moving = block["velocity_xyz"]
     for velocity, sample in zip(moving.values, moving.sample, strict=True):
         row = block["quaternion"].values[block["quaternion"].sample == sample]
-        told = attitude("quaternion", "NED", row[0])
+        told = attitude_of("quaternion", "NED", row[0])
         assert told is not None
         track = math.degrees(math.atan2(velocity[0], velocity[1]))
         assert math.cos(math.radians(told.heading - track)) == pytest.approx(1, abs=1e-3)
@@ -89,16 +93,16 @@ def test_the_heading_is_that_of_a_car() -> None:
     ],
 )
 def test_what_is_no_orientation_is_not_shown_as_one(form: str, row: Any) -> None:
-    assert attitude(form, "ENU", row) is None
+    assert attitude_of(form, "ENU", row) is None
 
 
 def test_the_heading_is_never_360() -> None:
-    told = attitude("euler_angles", "ENU", [0, 0, 90 + 1e-9])
+    told = attitude_of("euler_angles", "ENU", [0, 0, 90 + 1e-9])
     assert told == Attitude(0.0, 0.0, 0.0)
 
 
-def picture(shown: Attitude) -> list[str]:
-    return ["".join(".#"[it] for it in line) for line in ground(shown, 9, 8)]
+def picture(attitude: Attitude) -> list[str]:
+    return ["".join(".#"[it] for it in line) for line in horizon(attitude, 9, 8)]
 
 
 def test_the_horizon() -> None:
@@ -124,36 +128,36 @@ def test_the_horizon() -> None:
     ],
 )
 def test_the_compass(heading: float, shown: str) -> None:
-    assert tape(heading, 25, "·") == shown
+    assert compass(heading, 25, "·") == shown
 
 
 # What is known
 
 
 def test_rates_are_those_of_the_device() -> None:
-    known = Known("temperature")
+    known = QuantityState("temperature")
     for second in range(4):
-        known.seen(1, 100 + second * 1.1, 7.0 + second)
+        known.update(1, 100 + second * 1.1, 7.0 + second)
     assert known.rate(103.5) == 1.0
     assert known.rate(110.0) == 0.0
     # Without time stamps the clock of the host counts, from then on.
     for tenth in range(1, 31):
-        known.seen(20, 110 + tenth / 10, math.nan)
+        known.update(20, 110 + tenth / 10, math.nan)
     assert known.rate(113.0) == pytest.approx(200)
     # A device that starts anew begins its time anew.
     for stamp in (500.0, 500.1, 0.1, 0.2, 0.3):
-        known.seen(10, 113.0 + stamp % 1, stamp)
+        known.update(10, 113.0 + stamp % 1, stamp)
     assert known.rate(113.4) == pytest.approx(100)
 
 
 def known(data: bytes) -> Model:
     model = Model("test")
-    model.take(read_log(data), 0.0)
+    model.add_block(read_log(data), 0.0)
     return model
 
 
 def shown_values(data: bytes) -> dict[str, str]:
-    return {it[0]: it[3].strip() for it in table(known(data))}
+    return {it[0]: it[3].strip() for it in value_rows(known(data))}
 
 
 def test_values() -> None:
@@ -202,8 +206,8 @@ def test_every_quantity_has_words() -> None:
     )
     model = known(data)
     assert {it for it, _ in model.quantities} == set(xbus.protocol.tables.QUANTITIES)
-    assert all(it[3] for it in table(model))
-    facts = json.loads(json.dumps(snapshot.facts(model), allow_nan=False))
+    assert all(it[3] for it in value_rows(model))
+    facts = json.loads(json.dumps(snapshot_dict(model), allow_nan=False))
     assert len(facts["quantities"]) == len(xbus.protocol.tables.QUANTITIES)
 
 
@@ -220,13 +224,13 @@ def test_whatever_comes_can_be_shown(data: bytes) -> None:
     """NaN of any kind, impossible dates, unknown identifiers: and warnings are errors here."""
     model = known(data)
     for columns in (30, 80, 200):
-        assert len(draw(model, Shown(), columns, 24, UNICODE)) == 24
-    assert snapshot.text(model)
-    json.dumps(snapshot.facts(model), allow_nan=False)
+        assert len(lines(model, ViewState(), columns)) == 24
+    assert snapshot_text(model)
+    json.dumps(snapshot_dict(model), allow_nan=False)
 
 
 def words(model: Model) -> dict[str, str]:
-    return {it.label: it.text for it in rows(model, UNICODE)}
+    return {it.label: it.text for it in status_rows(model, UNICODE)}
 
 
 def test_status_by_name() -> None:
@@ -257,21 +261,31 @@ def test_an_old_orientation_is_not_shown_as_if_it_were_true() -> None:
     model = known(encode_sample({"quaternion": [1, 0, 0, 0]}))
     assert words(model)["heading"] == "090° E  pitch 0.0° up  roll 0.0° right"
     model.now = 3.0
-    assert words(model)["heading"] == "not told for 3 s"
-    assert model.points is None
+    assert words(model)["heading"] == "no attitude for 3 s"
+    assert model.attitude is None
 
 
 # What is drawn
 
 
-def lines(drawn: list[Line]) -> list[str]:
-    return ["".join(text for text, _ in it) for it in drawn]
+def lines(
+    model: Model, view: ViewState, columns: int = 80, height: int = 24, encoding: str = "utf-8"
+) -> list[str]:
+    file = io.TextIOWrapper(io.BytesIO(), encoding)
+    console = Console(file=file, width=columns, height=height)
+    options = console.options.update(height=height)
+    rendered = console.render_lines(Screen(model, view), options)
+    return ["".join(segment.text for segment in line) for line in rendered]
+
+
+def trimmed(model: Model, view: ViewState, columns: int = 80, height: int = 24) -> list[str]:
+    return [line.rstrip() for line in lines(model, view, columns, height)]
 
 
 @pytest.fixture(scope="module")
 def field() -> Model:
     """All of the damaged recording."""
-    source = Replay(FIELD)
+    source = ReplaySource(FIELD)
     model = source.model()
     while not source.is_over:
         source.advance(model)
@@ -280,7 +294,7 @@ def field() -> Model:
 
 def test_what_matters_fits_80_by_24(field: Model) -> None:
     """All quantities of an MTi-680G, and all that went wrong."""
-    screen = lines(draw(field, Shown(), 80, 24, UNICODE))
+    screen = trimmed(field, ViewState(), 80, 24)
     text = "\n".join(screen)
     for name, _ in field.quantities:
         assert f"\n{name} " in text
@@ -301,16 +315,16 @@ def test_what_matters_fits_80_by_24(field: Model) -> None:
 @pytest.mark.parametrize("columns", [1, 2, 7, 20, 40, 79, 80, 81, 97, 132, 300])
 def test_any_size(field: Model, columns: int) -> None:
     pages = (
-        Shown(),
-        Shown(is_help=True),
-        Shown("acc", is_typing=True),
-        Shown("acc"),
-        Shown("no such"),
-        Shown(first=99, is_paused=True),
+        ViewState(),
+        ViewState(shows_help=True),
+        ViewState("acc", is_typing=True),
+        ViewState("acc"),
+        ViewState("no such"),
+        ViewState(first_row=99, is_paused=True),
     )
     for height in (1, 2, 3, 5, 7, 10, 13, 23, 24, 25, 40, 100):
-        for shown in pages:
-            drawn = lines(draw(field, shown, columns, height, UNICODE))
+        for view in pages:
+            drawn = lines(field, view, columns, height)
             assert len(drawn) == height
             assert max(map(len, drawn)) <= columns
 
@@ -319,46 +333,46 @@ def test_a_long_name_leaves_room_for_the_state() -> None:
     model = Model(
         "/dev/serial/by-id/usb-Xsens_MTi_Converter_0123456789-if00-port0", state=State.MEASUREMENT
     )
-    title = lines(draw(model, Shown(is_paused=True), 80, 24, UNICODE))[0]
+    title = trimmed(model, ViewState(is_paused=True), 80, 24)[0]
     assert title.startswith(" …ter_0123456789-if00-port0  PAUSED  Measurement State")
 
 
 def test_where_there_is_no_room_for_all_of_it(field: Model) -> None:
-    first = lines(draw(field, Shown(), 80, 20, UNICODE))
+    first = trimmed(field, ViewState(), 80, 20)
     head = next(it for it in first if it.startswith("quantity"))
     assert head.endswith("4 below: arrow keys")
     assert not any(it.startswith("gnss_pvt_data") for it in first)
-    last = lines(draw(field, Shown(first=99), 80, 20, UNICODE))
+    last = trimmed(field, ViewState(first_row=99), 80, 20)
     assert any("4 above: arrow keys" in it for it in last)
     assert last[-2].startswith("gnss_pvt_data")
 
 
 def test_filter(field: Model) -> None:
-    drawn = lines(draw(field, Shown("ACC"), 80, 24, UNICODE))
+    drawn = trimmed(field, ViewState("ACC"), 80, 24)
     names = [
         it.split()[0]
         for it in drawn[drawn.index(next(it for it in drawn if "rate/Hz" in it)) :]
         if it
     ]
-    assert names == ["quantity", "acceleration", "names"]
+    assert names == ["quantity", "acceleration", "filter"]
 
 
 def test_ascii(field: Model) -> None:
-    assert all(it.isascii() for it in lines(draw(field, Shown(), 60, 24, ASCII)))
-    assert all(it.isascii() for it in lines(draw(field, Shown(), 120, 24, ASCII)))
+    assert all(it.isascii() for it in lines(field, ViewState(), 60, 24, "ascii"))
+    assert all(it.isascii() for it in lines(field, ViewState(), 120, 24, "ascii"))
 
 
 def test_help_has_all_that_happened(field: Model) -> None:
-    text = "\n".join(lines(draw(field, Shown(is_help=True), 80, 24, UNICODE)))
-    assert "What happened" in text
+    text = "\n".join(trimmed(field, ViewState(shows_help=True), 80, 24))
+    assert "Events, the latest first" in text
     assert "0:00:04   Error 41: more data than the baud rate can carry" in text
 
 
 def test_keys() -> None:
-    assert keys_in("q\x1b[B\x1b[5~\x7f\r") == ["q", "down", "page up", "backspace", "enter"]
+    assert parse_keys("q\x1b[B\x1b[5~\x7f\r") == ["q", "down", "page up", "backspace", "enter"]
     # Home, F5 and Alt-x mean nothing, and are not taken for letters.
-    assert keys_in("\x1b[H\x1b[15~p") == ["p"]
-    assert keys_in("\x1bOA\x1b") == ["up", "escape"]
+    assert parse_keys("\x1b[H\x1b[15~p") == ["p"]
+    assert parse_keys("\x1bOA\x1b") == ["up", "escape"]
 
 
 # Sources
@@ -366,7 +380,7 @@ def test_keys() -> None:
 
 def test_a_recording_is_what_read_log_finds() -> None:
     for path in (WALK, FIELD):
-        source = Replay(path)
+        source = ReplaySource(path)
         model = source.model()
         while not source.is_over:
             source.advance(model)
@@ -380,7 +394,7 @@ def test_a_recording_is_what_read_log_finds() -> None:
         assert model.counts.skipped_bytes == stats.skipped_bytes
         assert model.counts.checksum_errors == stats.checksum_errors
         assert model.elapsed == pytest.approx(log.duration, abs=0.02)
-        assert model.read == 1.0
+        assert model.progress == 1.0
     assert [it.text for it in model.events] == ["Error 41: more data than the baud rate can carry"]
 
 
@@ -393,7 +407,7 @@ def test_two_devices_have_the_pace_of_the_first(tmp_path: Path) -> None:
             for bid, start in ((1, 0), (2, 900_000))
         )
     )
-    source = Replay(str(path))
+    source = ReplaySource(str(path))
     model = source.model()
     while not source.is_over:
         source.advance(model)
@@ -405,7 +419,7 @@ def test_two_devices_have_the_pace_of_the_first(tmp_path: Path) -> None:
 def test_a_recording_has_its_own_pace(monkeypatch: pytest.MonkeyPatch, speed: float) -> None:
     now = 50.0
     monkeypatch.setattr("time.monotonic", lambda: now)
-    source = Replay(WALK, speed)
+    source = ReplaySource(WALK, speed)
     model = source.model()
     while not source.is_over:
         wait = source.wait()
@@ -419,7 +433,7 @@ def test_a_recording_has_its_own_pace(monkeypatch: pytest.MonkeyPatch, speed: fl
 def test_a_paused_recording_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     now = 50.0
     monkeypatch.setattr("time.monotonic", lambda: now)
-    source = Replay(WALK)
+    source = ReplaySource(WALK)
     wait = source.wait()
     source.pause()
     assert source.wait() == math.inf
@@ -433,17 +447,17 @@ def test_pauses_of_a_recording(tmp_path: Path) -> None:
     stamps = [0, 10_000, 5_000_000, 4_000_000, 4_010_000]
     path = tmp_path / "log.mtb"
     path.write_bytes(b"".join(encode_sample({"sample_time_fine": it}) for it in stamps))
-    source = Replay(str(path))
+    source = ReplaySource(str(path))
     model = source.model()
     while not source.is_over:
         source.advance(model)
     assert model.elapsed == pytest.approx(1 + 10 + 0 + 1)
     path.write_bytes(encode_sample({"temperature": 20}) * 500)
-    source = Replay(str(path))
+    source = ReplaySource(str(path))
     model = source.model()
     while not source.is_over:
         source.advance(model)
-    assert model.elapsed == pytest.approx(5.0)
+    assert model.elapsed == pytest.approx(4.99)
 
 
 def test_a_new_file_is_never_one_that_was_there(
@@ -454,15 +468,15 @@ def test_a_new_file_is_never_one_that_was_there(
         def now(cls, tz: datetime.tzinfo | None = None) -> Clock:
             return cls(2026, 11, 22, 9, 30, 5)
 
-    monkeypatch.setattr(sources, "datetime", Clock)
+    monkeypatch.setattr(device_source, "datetime", Clock)
     monkeypatch.chdir(tmp_path)
-    names = [sources._new_file().name for _ in range(3)]
+    names = [device_source._new_file().name for _ in range(3)]
     assert names == [f"xbus-20261122-093005{it}.mtb" for it in ("", "-2", "-3")]
 
 
-def live(sim: SimulatedDevice) -> tuple[Live, Model, xbus.Device]:
+def live(sim: SimulatedDevice) -> tuple[DeviceSource, Model, xbus.Device]:
     device = xbus.connect(sim)
-    source = Live(device, waits=True)
+    source = DeviceSource(device, reconnect=True)
     return source, source.model(), device
 
 
@@ -470,17 +484,17 @@ def test_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     source, model, device = live(SimulatedDevice("MTi-680G"))
     for _ in range(2):
-        source.record(model)
+        source.toggle_recording(model)
         for _ in range(10):
             source.advance(model)
-        assert model.recorded is not None
+        assert model.recording is not None
         assert model.device == "MTi-680G-8A1G6"
-        source.record(model)
-        assert model.recorded is None
-    source.leave(model)
+        source.toggle_recording(model)
+        assert model.recording is None
+    source.close(model)
     assert device.state == State.MEASUREMENT
     files = sorted(tmp_path.glob("*.mtb"))
-    assert {it.file for it in source.recorded} == {it.name for it in files}
+    assert {it.file for it in source.recordings} == {it.name for it in files}
     assert all(len(read_log(it)) > 90 for it in files)
     assert len(files) == 2
 
@@ -494,8 +508,8 @@ def test_a_recording_that_cannot_be_made_is_told(
     gone.mkdir()
     monkeypatch.chdir(gone)
     gone.rmdir()
-    source.record(model)
-    assert model.recorded is None
+    source.toggle_recording(model)
+    assert model.recording is None
     assert model.events[-1].text.startswith("no recording: ")
     # The device did not answer: no empty file is left behind.
     monkeypatch.chdir(tmp_path)
@@ -504,7 +518,7 @@ def test_a_recording_that_cannot_be_made_is_told(
         "record",
         lambda *_: (_ for _ in ()).throw(xbus.XbusTimeout("no answer", None, 0.5)),
     )
-    source.record(model)
+    source.toggle_recording(model)
     assert model.events[-1].text == "no recording: no answer"
     assert list(tmp_path.iterdir()) == []
 
@@ -527,11 +541,11 @@ def test_a_recording_that_ends_by_itself_is_told(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(xbus.Device, "record", lambda *_: FullDisk())
     source, model, _ = live(SimulatedDevice("MTi-680G"))
-    source.record(model)
-    assert model.recorded is None
-    said = "recorded 1,234 bytes in full.mtb; it ended too early: No space left on device"
+    source.toggle_recording(model)
+    assert model.recording is None
+    said = "recorded 1,234 bytes in full.mtb; the recording ended early: No space left on device"
     assert (model.events[-1].text, model.events[-1].is_bad) == (said, True)
-    assert [str(it) for it in source.recorded] == [said]
+    assert [str(it) for it in source.recordings] == [said]
 
 
 @pytest.mark.parametrize("measured", [True, False])
@@ -543,11 +557,11 @@ def test_a_device_is_left_as_it_was_found(measured: bool) -> None:
     assert str(model.state) == "config"
     assert model.quantities == {}
     if measured:
-        source.measure(model)
+        source.start_measurement(model)
         source.advance(model)
         assert str(model.state) == "measurement"
         assert model.quantities
-    source.leave(model)
+    source.close(model)
     assert sim.state == State.CONFIG
 
 
@@ -558,7 +572,7 @@ def test_nothing_is_sent_while_one_looks(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(device.link, "write", written.append)
     for _ in range(20):
         source.advance(model)
-    source.leave(model)
+    source.close(model)
     assert written == []
     assert model.counts.samples > 150
 
@@ -575,15 +589,15 @@ def test_a_lost_port_is_waited_for() -> None:
     assert not model.is_lost
     assert model.state == State.MEASUREMENT
     texts = [it.text for it in model.events]
-    assert "the port is gone; is it plugged in?" in texts
-    assert "the port is there again, after 3 s" in texts
+    assert "the port is gone; check the cable" in texts
+    assert "the port is back after 3 s" in texts
 
 
 def test_counts_are_those_since_the_monitor_began() -> None:
     device = xbus.connect(SimulatedDevice("MTi-630"))
     for _ in range(30):
         device.read_sample()
-    source = Live(device, waits=True)
+    source = DeviceSource(device, reconnect=True)
     model = source.model()
     assert model.counts.samples == 0
     for _ in range(5):
@@ -625,7 +639,7 @@ def test_once_of_a_recording() -> None:
 def test_once_of_a_port_that_is_lost(behind: Any) -> None:
     port = behind(SimulatedDevice("MTi-630", faults=xbus.Faults(unplug=(2.0, 9.0))))
     said = sentence(run("monitor", port, "--once", "5"))
-    assert said == "mti is gone: sim:MTi-630 was unplugged; is it plugged in?"
+    assert said == "mti is gone: sim:MTi-630 was unplugged; check the cable"
 
 
 def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
@@ -644,7 +658,7 @@ def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
     ("args", "said"),
     [
         (["sim:MTi-630"], "needs a terminal"),
-        (["sim:MTi-630", "--json"], "--json is for --once"),
+        (["sim:MTi-630", "--json"], "--json requires --once"),
         (["sim:MTi-630", "--once", "0"], "x>0"),
         (["sim:MTi-630", "--once", "1", "--speed", "2"], "--speed is for a recording"),
         ([WALK, "--once", "1", "--baudrate", "9600"], "has no --baudrate"),

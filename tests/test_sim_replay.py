@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 import xbus
 from conftest import OWN_CAPTURES, fine
 from streams import frame, mtdata2, packet
-from xbus.sim.replay import LONGEST_PAUSE, RATE, Replay
+from xbus.log.pacing import LONGEST_PAUSE, UNSTAMPED_RATE
+from xbus.sim.replay import Replay
 
 WALK = OWN_CAPTURES / "walk.mtb"
 FIELD = OWN_CAPTURES / "field.mtb"
@@ -78,7 +79,7 @@ def test_frames_keep_their_pace() -> None:
         ([at(60.0), at(60.5), at(0.1), at(0.2)], [0.0, 0.5, 0.5, 0.6]),
         ([at(5.0), at(500.0)], [0.0, LONGEST_PAUSE]),
         # Without any stamp.
-        ([PLAIN] * 3, [0.0, 1 / RATE, 2 / RATE]),
+        ([PLAIN] * 3, [0.0, 1 / UNSTAMPED_RATE, 2 / UNSTAMPED_RATE]),
         # Other messages come with the next sample.
         ([ERROR, at(5.0), UNKNOWN, at(5.5), ERROR], [0.0, 0.0, 0.5, 0.5, 0.5]),
         ([ERROR, UNKNOWN], [0.0, 0.0]),

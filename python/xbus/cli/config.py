@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.connection import baudrate_option, connected
+from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import label
-from xbus.cli.printing import put
+from xbus.cli.printing import print_line
 from xbus.describe.formatting import format_count
 
 if TYPE_CHECKING:
@@ -42,10 +42,10 @@ def dump(port: str, out: str | None, baudrate: int | None) -> None:
     """
     from xbus.log.export import replacing
 
-    with connected(port, baudrate) as device:
+    with connect_device(port, baudrate) as device:
         text = device.settings().to_toml()
     if out is None:
-        put(text.removesuffix("\n"))
+        print_line(text.removesuffix("\n"))
         return
     try:
         with replacing(out) as file:
@@ -63,10 +63,10 @@ def diff(port: str, file: str, baudrate: int | None) -> None:
     from xbus.device.settings.apply import compared
 
     settings = read_file(file)
-    with connected(port, baudrate) as device, device.configure():
+    with connect_device(port, baudrate) as device, device.configure():
         changes = compared(device, settings)
     for it in changes:
-        put(str(it))
+        print_line(str(it))
     if not changes:
         click.echo("xbus: nothing differs", err=True)
 
@@ -86,7 +86,7 @@ def apply(port: str, file: str, dry_run: bool, no_line: bool, baudrate: int | No
     first is sent, and read back.
     """
     settings = read_file(file)
-    with connected(port, baudrate) as device:
+    with connect_device(port, baudrate) as device:
         applied(device, settings, file, dry_run=dry_run, check_baudrate=not no_line)
 
 
@@ -130,7 +130,7 @@ def applied(
             reasons = [f"{label(file)}: {it}" for it in str(error).split("\n")]
             raise Failure("\nxbus: ".join(reasons) + "; nothing was sent") from None
         for change in planned.changes:
-            put(str(change), now=True)
+            print_line(str(change), now=True)
         if not planned.changes or dry_run:
             what = f"{format_count(len(planned.changes), 'setting')} would be set"
             click.echo(f"xbus: {what if planned.changes else 'nothing differs'}", err=True)

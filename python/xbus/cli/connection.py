@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from xbus.device import Device
     from xbus.wire.link import Link
 
-__all__ = ["baudrate_option", "connected", "gone", "opened"]
+__all__ = ["baudrate_option", "connect_device", "open_port", "port_lost"]
 
 #: How commands are told the rate of a port.
 baudrate_option = click.option(
@@ -36,7 +36,7 @@ ADVICE = {
 }
 
 
-def connected(
+def connect_device(
     port: str, baudrate: int | None = None, *, bid: int = 0xFF, strings: Sequence[str] = ()
 ) -> Device:
     """The device behind a port, as `xbus.connect` finds it.
@@ -52,7 +52,7 @@ def connected(
         return connect(port, baudrate, bid=bid, strings=strings)
 
 
-def opened(port: str, baudrate: int) -> Link:
+def open_port(port: str, baudrate: int) -> Link:
     """What carries the bytes of a port, to listen to: nothing is sent.
 
     Raises:
@@ -79,10 +79,10 @@ def _opening(port: str) -> Iterator[None]:
         raise click.UsageError(f"{port} is no port: {error}") from None
 
 
-def gone(port: str, error: OSError) -> Failure:
+def port_lost(port: str, error: OSError) -> Failure:
     """The port went away while it was used."""
     words = _cause(error)[1].removeprefix("the port is gone: ")
-    return Failure(f"{port} is gone: {words}; is it plugged in?")
+    return Failure(f"{port} is gone: {words}; check the cable")
 
 
 def _cause(error: OSError) -> tuple[int, str]:

@@ -12,7 +12,7 @@ import click
 from xbus.cli.export_target import check, summary, writing
 from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.printing import hint, put_json
+from xbus.cli.printing import hint, print_json
 from xbus.cli.progress import Progress
 from xbus.describe.formatting import format_count
 
@@ -123,7 +123,7 @@ def decode(
         progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119
         rows, columns = _write(log, table, key, out)
     if as_json:
-        put_json(_facts(files, out, key, log, rows, columns))
+        print_json(_facts(files, out, key, log, rows, columns))
     if not quiet:
         shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
         click.echo(f"{label(out)}: {shape}; {summary(log)}", err=True)

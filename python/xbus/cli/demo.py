@@ -13,7 +13,7 @@ import click
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label
-from xbus.cli.printing import aligned, bold, put
+from xbus.cli.printing import align, bold, print_line
 
 if TYPE_CHECKING:
     from xbus.log.column import Column
@@ -86,16 +86,16 @@ def demo(folder: str, seconds: float, product: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _record(path, seconds, product)
-        put("\n" + page(label(str(path)), LogSummary(iter_log(path))) + "\n", now=True)
+        print_line("\n" + page(label(str(path)), LogSummary(iter_log(path))) + "\n", now=True)
         log = read_log(path)
         files = [path, _table(log, path)]
         if (picture := _picture(log, path)) is not None:
             files.append(picture)
         else:
-            put("\n".join(_curves(log)) + "\n")
+            print_line("\n".join(_curves(log)) + "\n")
     except OSError as error:
         raise cannot(f"write to {label(error.filename or folder)}", error) from error
-    put("\n".join(f"written: {label(str(it))}" for it in files))
+    print_line("\n".join(f"written: {label(str(it))}" for it in files))
 
 
 def _record(path: Path, seconds: float, product: str) -> None:
@@ -111,16 +111,16 @@ def _record(path: Path, seconds: float, product: str) -> None:
     virtual.read()
     with serving(virtual, tcp=not hasattr(os, "openpty")) as port, connect(port) as device:
         with device.configure():
-            put(f"connected:  {device.product_code}, virtual, on {port}", now=True)
+            print_line(f"connected:  {device.product_code}, virtual, on {port}", now=True)
             assert device.support is not None  # noqa: S101 - the virtual products are all known
             names = [it for it in WANTED if device.support.rates_of(it)]
             wanted = {(it, "Fp1632") if it in FINE else it: None for it in names}
             # There is no line with a baud rate behind this port.
             outputs = device.set_output_configuration(wanted, check_baudrate=False)
-            put(f"configured: {len(outputs)} quantities at their highest rates", now=True)
+            print_line(f"configured: {len(outputs)} quantities at their highest rates", now=True)
         with device.record(path, overwrite=True) as recording:
             time.sleep(seconds)  # the recording goes on by itself
-    put(f"recorded:   {recording.bytes:,} bytes in {seconds:g} s", now=True)
+    print_line(f"recorded:   {recording.bytes:,} bytes in {seconds:g} s", now=True)
 
 
 def _table(log: Log, path: Path) -> Path:
@@ -172,4 +172,4 @@ def _curves(log: Log) -> Iterator[str]:
             scale = (len(bars) - 1) / ((high - low) or 1)
             curve = "".join(bars[round((it - low) * scale)] for it in means)
             rows.append((name, f"{low:.2f}", curve, f"{high:.2f}"))
-        yield from aligned(rows, right=(1, 3))
+        yield from align(rows, right=(1, 3))

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, NoReturn
 
 import click
 
-from xbus.cli.connection import gone, opened
+from xbus.cli.connection import open_port, port_lost
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.printing import called, is_terminal, put
+from xbus.cli.printing import find_name, is_terminal, print_line
 from xbus.cli.progress import Progress
 from xbus.describe.formatting import format_count
 
@@ -46,7 +46,7 @@ def _mid(value: str) -> int | str:
     try:
         mid = int(value, 0)
     except ValueError:
-        return called(value, (it.name for it in MESSAGES.values()), "message", "messages")
+        return find_name(value, (it.name for it in MESSAGES.values()), "message", "messages")
     if not 0 <= mid <= 0xFF:
         raise click.BadParameter(f"a message identifier is a byte, not {value}")
     return mid
@@ -120,9 +120,9 @@ def dump(
                 )
                 teller = new()
             elif lines := teller.feed(data):
-                put("\n".join(lines), now=True)
+                print_line("\n".join(lines), now=True)
         if lines := teller.close():
-            put("\n".join(lines))
+            print_line("\n".join(lines))
     if not teller.frames:
         raise no_frame([file], teller.size)
 
@@ -153,7 +153,7 @@ def _is_terminal(name: str) -> bool:
 
 def _listen(port: str, baudrate: int, teller: Teller) -> NoReturn:
     """Tells what comes from a port until it is gone."""
-    link = opened(port, baudrate)
+    link = open_port(port, baudrate)
     dropped = 0
     try:
         while True:
@@ -161,15 +161,15 @@ def _listen(port: str, baudrate: int, teller: Teller) -> NoReturn:
                 data = link.read(INTERVAL).data
             except OSError as error:
                 if lines := teller.close():
-                    put("\n".join(lines), now=True)
-                raise gone(port, error) from error
+                    print_line("\n".join(lines), now=True)
+                raise port_lost(port, error) from error
             before, dropped = dropped, link.acquisition.stats()["dropped_bytes"]
             if dropped > before:
                 lost = format_count(dropped - before, "byte")
                 click.echo(f"xbus: {lost} came while nobody read the lines, and are lost", err=True)
             # Silence is an end: what is incomplete then is damage, and holds nothing back that comes later.
             if lines := teller.feed(data) if data else teller.close():
-                put("\n".join(lines), now=True)
+                print_line("\n".join(lines), now=True)
     finally:
         link.close()
 

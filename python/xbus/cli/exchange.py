@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from xbus.cli.printing import put
+from xbus.cli.printing import print_line
 from xbus.describe.formatting import format_count
 from xbus.describe.text import Notice, describe_message, message_dict, read_notice
 from xbus.device import Device
@@ -160,6 +160,6 @@ class Exchange:
         if self._json:
             direction = "to device" if way == ">" else "to host"
             facts = {"direction": direction, **facts, "frame": frame.hex().upper() or None}
-            put(json.dumps(facts), now=True)
+            print_line(json.dumps(facts), now=True)
         else:
-            put(f"{way} {hexed:<24}  {text}".rstrip(), now=True)
+            print_line(f"{way} {hexed:<24}  {text}".rstrip(), now=True)

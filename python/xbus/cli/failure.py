@@ -15,7 +15,7 @@ import click
 
 from xbus.errors import XbusError
 
-__all__ = ["Failure", "cannot", "guarded", "told_to_stop"]
+__all__ = ["Failure", "cannot", "guarded", "stop_requested"]
 
 #: What to do about it.
 ADVICE = {
@@ -97,7 +97,7 @@ def _terminable() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def told_to_stop() -> Iterator[Callable[[], bool]]:
+def stop_requested() -> Iterator[Callable[[], bool]]:
     """Whether Ctrl-C or SIGTERM has come, for commands of which it is the way to end, and no failure."""
     numbers: list[int] = []
     # Who is started in the background by a script is not meant to hear Ctrl-C.

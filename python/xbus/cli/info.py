@@ -8,7 +8,7 @@ import click
 
 from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.printing import put, put_json
+from xbus.cli.printing import print_json, print_line
 from xbus.cli.progress import Progress
 
 __all__ = ["info"]
@@ -47,8 +47,8 @@ def info(files: tuple[str, ...], strings: tuple[str, ...], as_json: bool) -> Non
             continue
         said.append(facts.facts(file))
         if not as_json:
-            put(page(label(file), facts) + ("\n" if len(files) > 1 else ""), now=True)
+            print_line(page(label(file), facts) + ("\n" if len(files) > 1 else ""), now=True)
     if as_json:
-        put_json(said)
+        print_json(said)
     if failures:
         raise click.exceptions.Exit(1)

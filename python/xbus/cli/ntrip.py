@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.connection import baudrate_option, connected
+from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure
-from xbus.cli.printing import put
+from xbus.cli.printing import print_line
 from xbus.describe.formatting import format_count
 from xbus.errors import XbusTimeout
 
@@ -101,7 +101,7 @@ def ntrip(
         )
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    with contextlib.suppress(KeyboardInterrupt), connected(port, baudrate) as device, caster:
+    with contextlib.suppress(KeyboardInterrupt), connect_device(port, baudrate) as device, caster:
         _check(device, with_position=gga is not None)
         forwarder = Forwarder(device)
         with _Shown(caster, fix, forwarder, as_json=as_json) as shown:
@@ -165,7 +165,7 @@ class _Shown:
         self._next_at = now + (PAUSE_ON_TERMINAL if self._terminal else PAUSE)
         age = None if self._corrected_at is None else now - self._corrected_at
         if self._json:
-            put(json.dumps(self._facts(age)), now=True)
+            print_line(json.dumps(self._facts(age)), now=True)
         elif self._terminal:
             width = shutil.get_terminal_size().columns - 1
             click.echo(f"\r{self._words(age)[:width]:<{width}}", nl=False, err=True)

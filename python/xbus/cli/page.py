@@ -6,7 +6,7 @@ import textwrap
 from collections import Counter
 from collections.abc import Iterable, Iterator
 
-from xbus.cli.printing import aligned, bold
+from xbus.cli.printing import align, bold
 from xbus.describe.log_summary import Event, LogSummary
 from xbus.describe.log_text import log_rows, quantity_rows
 from xbus.describe.text import Notice
@@ -35,7 +35,7 @@ def page(name: str, facts: LogSummary) -> str:
 def _quantities(facts: LogSummary) -> Iterator[str]:
     if not facts.quantities:
         return
-    first, *rest = aligned(list(quantity_rows(facts)), right=(2, 3))
+    first, *rest = align(list(quantity_rows(facts)), right=(2, 3))
     yield bold(first)
     yield from rest
 
@@ -49,7 +49,7 @@ def _gaps(facts: LogSummary) -> Iterator[str]:
         (_after(facts, it.time), f"{it.lost:,}", f"{it.sample:,}")
         for it in sorted(largest, key=lambda it: it.sample)
     ]
-    yield from aligned(rows, right=(0, 1, 2))
+    yield from align(rows, right=(0, 1, 2))
     yield from _more(len(facts.gaps), "smaller")
 
 
@@ -60,7 +60,7 @@ def _damage(facts: LogSummary) -> Iterator[str]:
     yield from textwrap.wrap(", ".join(f"{it} {n:,}" for it, n in reasons.most_common()), WIDTH)
     rows = [("offset", "bytes", "reason")]
     rows += [(f"{at:,}", f"{length:,}", reason) for at, length, reason in facts.damage[:SHOWN]]
-    yield from aligned(rows, right=(0, 1))
+    yield from align(rows, right=(0, 1))
     yield from _more(len(facts.damage), "more")
 
 
@@ -80,7 +80,7 @@ def _events(facts: LogSummary) -> Iterator[str]:
 def _unknown(facts: LogSummary) -> Iterable[str]:
     rows = [("id", "packets", "bytes")]
     rows += [(f"0x{it:04X}", f"{n:,}", f"{size:,}") for it, (n, size) in facts.unknown.items()]
-    return aligned(rows, right=(1, 2)) if facts.unknown else []
+    return align(rows, right=(1, 2)) if facts.unknown else []
 
 
 def _line(title: str, text: str) -> str:

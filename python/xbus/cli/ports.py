@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.connection import connected
+from xbus.cli.connection import connect_device
 from xbus.cli.failure import Failure
-from xbus.cli.printing import put, put_json_rows, put_table
+from xbus.cli.printing import print_json_rows, print_line, print_table
 from xbus.errors import XbusError, XbusTimeout
 
 if TYPE_CHECKING:
@@ -37,9 +37,9 @@ def ports(identify: bool, as_json: bool) -> None:
     asked = ([it for it in found if it.likely] or found) if identify else []
     rows = [_facts(it) | (_who(it) if it in asked else {}) for it in found]
     if as_json:
-        put_json_rows(rows)
+        print_json_rows(rows)
     elif not rows:
-        put("no serial port; is the device plugged in?")
+        print_line("no serial port; is the device plugged in?")
     else:
         _put_rows(rows, identify=identify)
 
@@ -60,7 +60,7 @@ def _who(port: Port) -> dict[str, Any]:
     if sys.stderr is not None and sys.stderr.isatty():
         click.echo(f"asking {port.device}", err=True)
     try:
-        with connected(port.device) as device, device.configure():
+        with connect_device(port.device) as device, device.configure():
             return {
                 "product_code": device.product_code,
                 "device_id": None if device.device_id is None else device_name(device.device_id),
@@ -82,7 +82,7 @@ def _put_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
     if identify:
         head.append("device")
         cells = [[*row, _device(it)] for row, it in zip(cells, rows, strict=True)]
-    put_table(head, cells, spare=["serial number"])
+    print_table(head, cells, spare=["serial number"])
 
 
 def _device(facts: dict[str, Any]) -> str:

@@ -12,22 +12,22 @@ from typing import Any
 import click
 
 __all__ = [
-    "aligned",
+    "align",
     "bold",
-    "called",
+    "find_name",
     "hint",
     "is_terminal",
-    "put",
-    "put_json",
-    "put_json_rows",
-    "put_table",
+    "print_json",
+    "print_json_rows",
+    "print_line",
+    "print_table",
 ]
 
 #: Columns of a terminal from which a table shows all of its own.
 WIDE = 140
 
 
-def put(text: str, *, now: bool = False) -> None:
+def print_line(text: str, *, now: bool = False) -> None:
     """Prints text and a line feed on stdout; ``now`` does not wait for more."""
     if sys.stdout is None:  # the caller has closed it
         raise OSError(errno.EBADF, os.strerror(errno.EBADF))
@@ -36,14 +36,14 @@ def put(text: str, *, now: bool = False) -> None:
         sys.stdout.flush()
 
 
-def put_json(facts: Any) -> None:
+def print_json(facts: Any) -> None:
     """Prints JSON that a person can read as well."""
-    put(json.dumps(facts, indent=2, allow_nan=False))
+    print_line(json.dumps(facts, indent=2, allow_nan=False))
 
 
-def put_json_rows(rows: Sequence[Any]) -> None:
+def print_json_rows(rows: Sequence[Any]) -> None:
     """Prints a JSON list, a row a line."""
-    put("[" + ",\n ".join(json.dumps(it, allow_nan=False) for it in rows) + "]")
+    print_line("[" + ",\n ".join(json.dumps(it, allow_nan=False) for it in rows) + "]")
 
 
 def is_terminal() -> bool:
@@ -56,7 +56,7 @@ def bold(text: str) -> str:
     return f"\x1b[1m{text}\x1b[0m" if is_terminal() and os.environ.get("TERM") != "dumb" else text
 
 
-def aligned(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> list[str]:
+def align(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> list[str]:
     """Rows as lines, each column as wide as its widest cell; those in ``right`` end together."""
     widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
     lines = []
@@ -79,7 +79,7 @@ def hint(text: str, names: Iterable[str], command: str) -> str:
     return f"did you mean {by_lower[near[0]]}?" if near else f"xbus {command} lists them"
 
 
-def called(text: str, names: Iterable[str], what: str, command: str) -> str:
+def find_name(text: str, names: Iterable[str], what: str, command: str) -> str:
     """The one of the names that is ``text``, in whichever case; ``xbus command`` lists them.
 
     Raises:
@@ -92,13 +92,15 @@ def called(text: str, names: Iterable[str], what: str, command: str) -> str:
     return name
 
 
-def put_table(head: Sequence[str], rows: Sequence[Sequence[str]], *, spare: Sequence[str]) -> None:
+def print_table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, spare: Sequence[str]
+) -> None:
     """Prints a table: folded to the width of a terminal, a line a row for everything else.
 
     The first two columns are never folded; a narrow terminal does without the ``spare`` ones.
     """
     if not is_terminal():
-        put("\n".join(aligned([head, *rows])))
+        print_line("\n".join(align([head, *rows])))
         return
     from rich import box
     from rich.console import Console

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xbus.cli.config import applied, read_file
-from xbus.cli.connection import baudrate_option, connected
-from xbus.cli.failure import Failure, cannot, told_to_stop
+from xbus.cli.connection import baudrate_option, connect_device
+from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import label
 from xbus.describe.formatting import format_count, format_size
 from xbus.errors import StateError, XbusError
@@ -153,7 +153,7 @@ def record(
         raise Failure(f"{label(out)} is there; name another file, or add --overwrite")
     if there.is_fifo():
         raise Failure(f"{label(out)} is a pipe, and a recording goes to a file; name one")
-    with told_to_stop() as is_stopped, connected(port, baudrate) as device:
+    with stop_requested() as is_stopped, connect_device(port, baudrate) as device:
         found = device.state
         if config is not None and settings is not None:
             applied(device, settings, config)

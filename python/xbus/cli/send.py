@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.connection import baudrate_option, connected, gone
+from xbus.cli.connection import baudrate_option, connect_device, port_lost
 from xbus.cli.failure import Failure
-from xbus.cli.printing import called
+from xbus.cli.printing import find_name
 from xbus.errors import StateError, XbusError
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def send(
     if wait is None:
         wait = LISTEN if as_hex else 0
     with (
-        connected(port, baudrate, bid=bid) as device,
+        connect_device(port, baudrate, bid=bid) as device,
         device.configure() if config else contextlib.nullcontext(),
         shown(device, as_json=as_json) as exchange,
     ):
@@ -124,7 +124,7 @@ def _message(words: Sequence[str], session: Session) -> tuple[str, Any]:
     from xbus.protocol.tables import MESSAGES
 
     names = [it.name for it in MESSAGES.values() if it.direction != "to host"]
-    name = called(words[0], names, "message to a device", "messages")
+    name = find_name(words[0], names, "message to a device", "messages")
     try:
         value = LAYOUTS[name].read(list(words[1:]))
         session.validate(name, value)
@@ -173,4 +173,4 @@ def _listen(device: Device, wait: float, data: bytes) -> None:
             # The session learns from it in which state the device is.
             device.session.receive(link.read(left).data)
     except OSError as error:
-        raise gone(link.name, error) from error
+        raise port_lost(link.name, error) from error

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.failure import Failure, cannot, told_to_stop
+from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import no_frame
-from xbus.cli.printing import put
+from xbus.cli.printing import print_line
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -92,7 +92,7 @@ def sim(
     --tcp it is a URL for pyserial, socket://HOST:PORT, and one client at a time gets in. After a pulled
     plug there is a new port, and a new line.
     """
-    with told_to_stop() as is_stopped:
+    with stop_requested() as is_stopped:
         from xbus.sim.device import BOOT_TIME, WAKE_UP_TIME
         from xbus.sim.serve import serve
 
@@ -106,7 +106,7 @@ def sim(
             return is_stopped() or device.time >= end
 
         with _server(device, tcp, link) as server:
-            serve(server, until, lambda port: put(f"port: {port}", now=True))
+            serve(server, until, lambda port: print_line(f"port: {port}", now=True))
 
 
 def _device(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from xbus.cli.failure import Failure
-from xbus.cli.printing import put_json_rows, put_table
+from xbus.cli.printing import print_json_rows, print_table
 
 if TYPE_CHECKING:
     from xbus.protocol.tables import Field, MessageRow, Quantity
@@ -86,9 +86,9 @@ def _show(
             f"nothing in the table has {text!r} in it; leave it out to see the whole table"
         )
     if as_json:
-        put_json_rows([_plain(it) for it in shown])
+        print_json_rows([_plain(it) for it in shown])
     else:
-        put_table(head, [cells(it) for it in shown], spare=spare)
+        print_table(head, [cells(it) for it in shown], spare=spare)
 
 
 def _plain(value: Any) -> Any:

@@ -7,10 +7,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 
-from xbus.geometry.earth import FloatArray
-from xbus.log.log import steady_time
+from xbus.log.pacing import UNSTAMPED_RATE, ReplayPace
 from xbus.log.read import read_log
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import MESSAGES, RECEIVER
@@ -19,10 +17,6 @@ from xbus.sim.sensors import IntArray
 
 __all__ = ["Playback", "Replay"]
 
-#: Samples a second, where a recording has no time stamps: the default of most products (Table 2).
-RATE = 100
-#: Seconds of the longest pause: the clock of a device that was restarted may look as if it had wrapped.
-LONGEST_PAUSE = 10.0
 #: What a device says only when it is asked, or when it starts.
 ANSWERS = [it.reply for it in MESSAGES.values() if it.reply is not None] + [MessageId.WakeUp]
 
@@ -63,13 +57,15 @@ class Replay:
     ) -> None:
         self._data = source if isinstance(source, bytes) else Path(source).read_bytes()
         log = read_log(self._data, quantities=RECEIVER, strings=strings)
-        # Devices on one bus have clocks of their own.
-        is_first = log.bid == log.bid[:1]
-        times = _pace(log.time, np.isfinite(steady_time(log)) & is_first)
+        times = ReplayPace().times(log)
         unasked = ~np.isin(log.messages.mid, ANSWERS)
         # One more instant, for messages and strings after the last sample.
         neighbours = np.append(times, times[-1:] if len(times) else [0.0])
-        spoken = neighbours[log.strings.sample] if len(log) else np.arange(len(log.strings)) / RATE
+        spoken = (
+            neighbours[log.strings.sample]
+            if len(log)
+            else np.arange(len(log.strings)) / UNSTAMPED_RATE
+        )
         offsets = [log.offset, log.messages.offset[unasked], log.strings.offset]
         frames = np.concatenate(offsets[:2])
         ends = [frames + _frame_sizes(self._data, frames), log.strings.end]
@@ -138,16 +134,6 @@ class Playback:
 
     def _frame(self, at: int) -> bytes:
         return self._replay._data[self._replay._offsets[at] : self._replay._ends[at]]
-
-
-def _pace(stamps: FloatArray, is_stamped: npt.NDArray[np.bool_]) -> FloatArray:
-    """When each sample is sent, in seconds from the first."""
-    index = np.arange(len(stamps))
-    if is_stamped.sum() < 2:
-        return index / RATE
-    times = np.interp(index, index[is_stamped], stamps[is_stamped])
-    steps = np.diff(times, prepend=times[0]).clip(0.0, LONGEST_PAUSE)
-    return np.asarray(np.cumsum(steps))
 
 
 def _frame_sizes(data: bytes, offsets: IntArray) -> IntArray:

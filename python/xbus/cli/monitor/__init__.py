@@ -1,4 +1,4 @@
-"""``xbus monitor``: what a device sends, as it comes."""
+"""``xbus monitor``: a full-screen view of the data that a device sends."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.connection import baudrate_option, connected, gone
-from xbus.cli.failure import told_to_stop
+from xbus.cli.connection import baudrate_option, connect_device, port_lost
+from xbus.cli.failure import stop_requested
 from xbus.cli.inputs import label, strings_option
-from xbus.cli.printing import put, put_json
+from xbus.cli.printing import print_json, print_line
 from xbus.errors import Disconnected
 
 if TYPE_CHECKING:
+    from xbus.cli.monitor.device_source import DeviceSource
     from xbus.cli.monitor.model import Model
-    from xbus.cli.monitor.sources import Live, Replay
+    from xbus.cli.monitor.replay_source import ReplaySource
 
 __all__ = ["monitor"]
 
@@ -29,16 +30,16 @@ __all__ = ["monitor"]
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
     metavar="X",
-    help="Replay FILE so many times as fast as it was recorded.",
+    help="Replay speed of FILE; 2 is twice as fast as recorded.",
 )
 @click.option(
     "--once",
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
-    help="Print what is known after so many seconds, and end; for scripts.",
+    help="Print the state after S seconds and exit, for scripts.",
 )
 @strings_option
-@click.option("--json", "as_json", is_flag=True, help="With --once: JSON.")
+@click.option("--json", "as_json", is_flag=True, help="With --once: print JSON.")
 def monitor(
     source: str,
     baudrate: int | None,
@@ -47,35 +48,33 @@ def monitor(
     strings: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Shows what a device sends, as it comes, on the whole terminal.
+    """Shows live data from a device on a full screen.
 
-    Rates and latest values, where it points, status flags by name, the GNSS fix, what was lost or damaged.
-    ? shows the keys: p pauses, r records, / shows some quantities only, q ends. A device that is heard is
-    only listened to, but for keys that need more, and is left in the state in which it was found. A port
-    that is lost is waited for.
+    The screen shows rates, latest values, attitude, status flags, GNSS fix, losses and damage. Press ? for
+    the keys: p pauses, r records, / filters the quantities, q quits. The monitor only listens to a device
+    that sends data, unless a key needs a command, and leaves the device in its initial state. If the port is
+    lost, the monitor waits for it.
 
-    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device. FILE, a
-    recording, is replayed by its time stamps; its end stays on the screen.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. FILE is a
+    recording, which is replayed at the pace of its time stamps; the screen stays open at the end.
     """
-    from xbus.cli.monitor.terminal import is_there
+    from xbus.cli.monitor.keyboard import has_terminal
 
     if as_json and once is None:
-        raise click.UsageError("--json is for --once: the screen is no JSON")
-    if once is None and not is_there():
+        raise click.UsageError("--json requires --once")
+    if once is None and not has_terminal():
         raise click.UsageError(
-            "the screen needs a terminal for input and output; --once 2 prints what is known after 2 seconds"
+            "the screen needs a terminal for input and output; --once 2 prints the state after 2 seconds"
         )
     is_file = _is_file(source)
     if is_file and baudrate is not None:
         raise click.UsageError(f"{label(source)} is a recording and has no --baudrate")
     if not is_file and speed is not None:
-        raise click.UsageError(
-            "--speed is for a recording; what a device sends comes when it comes"
-        )
+        raise click.UsageError("--speed is for a recording; a device sends at its own rate")
     if is_file:
-        _replay(source, speed or 1.0, strings, once, as_json=as_json)
+        _monitor_file(source, speed or 1.0, strings, once, as_json=as_json)
     else:
-        _live(source, baudrate, strings, once, as_json=as_json)
+        _monitor_port(source, baudrate, strings, once, as_json=as_json)
 
 
 def _is_file(name: str) -> bool:
@@ -85,12 +84,12 @@ def _is_file(name: str) -> bool:
         return False
 
 
-def _replay(
+def _monitor_file(
     file: str, speed: float, strings: Sequence[str], once: float | None, *, as_json: bool
 ) -> None:
-    from xbus.cli.monitor.sources import Replay
+    from xbus.cli.monitor.replay_source import ReplaySource
 
-    source = Replay(file, speed, strings)
+    source = ReplaySource(file, speed, strings)
     model = source.model()
     if once is None:
         _watch(source, model)
@@ -100,43 +99,42 @@ def _replay(
     _print(model, as_json=as_json)
 
 
-def _live(
+def _monitor_port(
     port: str, baudrate: int | None, strings: Sequence[str], once: float | None, *, as_json: bool
 ) -> None:
-    from xbus.cli.monitor.sources import Live
+    from xbus.cli.monitor.device_source import DeviceSource
 
-    with connected(port, baudrate, strings=strings) as device:
-        source = Live(device, waits=once is None)
+    with connect_device(port, baudrate, strings=strings) as device:
+        source = DeviceSource(device, reconnect=once is None)
         model = source.model()
         if once is None:
             try:
                 _watch(source, model)
             finally:
-                source.leave(model)
-            for it in source.recorded:
-                click.echo(f"xbus: {it}", err=True)
+                source.close(model)
+            for recording in source.recordings:
+                click.echo(f"xbus: {recording}", err=True)
             return
         try:
             while model.elapsed < once:
                 source.advance(model)
         except Disconnected as error:
             cause = error.__cause__
-            raise gone(port, cause if isinstance(cause, OSError) else error) from error
+            raise port_lost(port, cause if isinstance(cause, OSError) else error) from error
         _print(model, as_json=as_json)
 
 
-def _watch(source: Live | Replay, model: Model) -> None:
+def _watch(source: DeviceSource | ReplaySource, model: Model) -> None:
     from xbus.cli.monitor.loop import watch
-    from xbus.cli.monitor.terminal import Terminal
 
-    with told_to_stop() as is_stopped, Terminal() as terminal:
-        watch(source, model, terminal, is_stopped)
+    with stop_requested() as is_stopping:
+        watch(source, model, is_stopping)
 
 
 def _print(model: Model, *, as_json: bool) -> None:
-    from xbus.cli.monitor.snapshot import facts, text
+    from xbus.cli.monitor.snapshot import snapshot_dict, snapshot_text
 
     if as_json:
-        put_json(facts(model))
+        print_json(snapshot_dict(model))
     else:
-        put(text(model))
+        print_line(snapshot_text(model))

@@ -1,4 +1,4 @@
-"""What is known of a stream: plain data, which the sources keep and the view draws."""
+"""The state of a stream: plain data that a source updates and the screen shows."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from xbus.cli.monitor.attitude import FORMS, Attitude, attitude
+from xbus.cli.monitor.attitude import ORIENTATIONS, Attitude, attitude_of
 from xbus.log.column import Column
 from xbus.log.log import Log
 from xbus.protocol.keys import Key
@@ -15,33 +15,32 @@ from xbus.protocol.tables import RECEIVER
 from xbus.protocol.values import State
 from xbus.rtk.forward import Fix
 
-__all__ = ["Counts", "Event", "Known", "Model", "Recorded"]
+__all__ = ["Counts", "Model", "MonitorEvent", "QuantityState", "RecordingState"]
 
-#: Seconds over which rates are told.
-SPAN = 5.0
-#: What has not come for so many of its periods, and so many seconds, has stopped: the slowest rate is 1 Hz.
-PERIODS, SILENCE = 3.0, 1.5
-#: Their samples have times of their own, arbitrary without a fix.
-#: What a `Fix` is told from.
-TELLING = ("status_word", "gnss_pvt_data", "lat_lon", "altitude_ellipsoid")
-#: Events that are kept.
-KEPT = 100
+#: Time over which rates are measured, in seconds.
+RATE_SPAN = 5.0
+#: A quantity has stopped after this many periods without a packet, and at least this many seconds.
+STOPPED_PERIODS, STOPPED_SECONDS = 3.0, 1.5
+#: Quantities that update a `Fix`.
+FIX_QUANTITIES = ("status_word", "gnss_pvt_data", "lat_lon", "altitude_ellipsoid")
+#: Number of events to keep.
+MAX_EVENTS = 100
 
 
 @dataclass
-class Known:
-    """What is known of a quantity, or of a type of string.
+class QuantityState:
+    """The latest value and the rate of a quantity, or of a type of string.
 
     Attributes:
-        name: Its name, or the identifier in hex where the tables have none.
+        name: Name of the quantity, or the data identifier in hex if it is unknown.
         coordinates: ``"ENU"``, ``"NED"``, ``"NWU"``, or None.
-        unit: Of its numbers; empty for a struct, whose fields have their own.
-        fields: Names of its components or fields.
+        unit: Unit of the numbers; empty for a struct, whose fields have their own units.
+        fields: Names of the components or fields.
         units: Units of the fields of a struct.
-        count: Packets that came.
-        value: The latest row of the column, scaled; the bytes of an unknown one; the satellites of
+        count: Number of packets received.
+        value: The latest row of the column, scaled; the bytes of an unknown packet; the satellites of
             ``gnss_sat_info``; the text of a string.
-        at: When it came, on the clock of the source.
+        updated_at: When the value arrived, on the clock of the source.
     """
 
     name: str
@@ -51,53 +50,62 @@ class Known:
     units: dict[str, str] = field(default_factory=dict)
     count: int = 0
     value: Any = None
-    at: float = -math.inf
-    #: Instants at which blocks ended, on a clock for rates, and the packets until then.
+    updated_at: float = -math.inf
+    #: End times of blocks, on the clock that rates are measured with, and the packet count at each.
     _ends: deque[tuple[float, int]] = field(default_factory=deque)
     _is_stamped: bool = False
 
-    def seen(self, count: int, now: float, stamp: float) -> None:
-        """Takes note of packets: how many, when, and the device's time of the last, NaN without."""
+    def update(self, count: int, now: float, stamp: float) -> None:
+        """Counts packets.
+
+        Args:
+            count: Number of packets.
+            now: Time of arrival on the clock of the source, s.
+            stamp: Time of the last packet on the device clock, s; NaN without time stamps.
+        """
         ends, is_stamped = self._ends, math.isfinite(stamp)
         instant = stamp if is_stamped else now
-        # Another clock, one that was set, or a pause: what was before tells nothing of the rate.
-        if is_stamped != self._is_stamped or (ends and not 0 <= instant - ends[-1][0] <= SPAN):
+        # After a pause, or if the clock was set or replaced, earlier packets say nothing about the rate.
+        if is_stamped != self._is_stamped or (ends and not 0 <= instant - ends[-1][0] <= RATE_SPAN):
             ends.clear()
         self._is_stamped = is_stamped
         self.count += count
-        self.at = now
+        self.updated_at = now
         ends.append((instant, self.count))
-        while instant - ends[0][0] > SPAN:
+        while instant - ends[0][0] > RATE_SPAN:
             ends.popleft()
 
     @property
-    def _measured(self) -> float | None:
-        (begin, before), (end, count) = (
-            (self._ends[0], self._ends[-1]) if self._ends else 2 * [(0, 0)]
-        )
+    def _measured_rate(self) -> float | None:
+        if not self._ends:
+            return None
+        (begin, before), (end, count) = self._ends[0], self._ends[-1]
         return (count - before) / (end - begin) if end > begin else None
 
     def has_stopped(self, now: float) -> bool:
-        """Whether it should have come again by now."""
-        rate = self._measured
-        return now - self.at > max(SILENCE, PERIODS / rate if rate else 0.0)
+        """Returns whether a packet is overdue."""
+        rate = self._measured_rate
+        return now - self.updated_at > max(STOPPED_SECONDS, STOPPED_PERIODS / rate if rate else 0.0)
 
     def rate(self, now: float) -> float | None:
-        """Packets a second by the device's clock, or by the host's where it sends none; 0 if they stopped."""
-        return 0.0 if self.has_stopped(now) else self._measured
+        """Returns packets per second: 0 if they have stopped, None if not measured yet.
+
+        The device clock measures the rate, or the host clock if the device sends no time stamps.
+        """
+        return 0.0 if self.has_stopped(now) else self._measured_rate
 
 
 @dataclass
 class Counts:
-    """What was counted since the monitor began; what waits, as it is now.
+    """Totals since the monitor started, and the amount of data that waits now.
 
     Attributes:
-        samples, bytes: What came.
-        lost_samples, gaps: Samples that are missing by the packet counter, and in how many places.
+        samples, bytes: Received data.
+        lost_samples, gaps: Samples missing by the packet counter, and the number of places.
         skipped_bytes, checksum_errors, malformed: Damage.
         errors, warnings: Messages of the device.
-        overruns, dropped_bytes, dropped_samples: What driver, queue and program had no room for.
-        queued_bytes, unread_samples: What waits.
+        overruns, dropped_bytes, dropped_samples: Data dropped by the driver, the queue and the program.
+        queued_bytes, unread_samples: Waiting data.
     """
 
     samples: int = 0
@@ -117,21 +125,21 @@ class Counts:
 
 
 @dataclass
-class Recorded:
-    """A recording: its files, the bytes in them, and why it ended by itself, or None."""
+class RecordingState:
+    """A recording: its files, its size in bytes, and the error that ended it early, or None."""
 
     file: str
     bytes: int
     error: str | None = None
 
     def __str__(self) -> str:
-        early = "" if self.error is None else f"; it ended too early: {self.error}"
+        early = "" if self.error is None else f"; the recording ended early: {self.error}"
         return f"recorded {self.bytes:,} bytes in {self.file}{early}"
 
 
 @dataclass
-class Event:
-    """Something that happened: when, in seconds since the monitor began; what; and whether it is bad."""
+class MonitorEvent:
+    """An event: seconds since the monitor started, text, and whether it is a problem."""
 
     at: float
     text: str
@@ -140,23 +148,23 @@ class Event:
 
 @dataclass
 class Model:
-    """What is known of a stream.
+    """The state of a stream.
 
     Attributes:
         name: Port or file.
-        device: Who it is, once it has said so.
-        state: Its state; None for a recording.
+        device: Product code of the device, once known.
+        state: State of the device; None for a recording.
         is_lost: Whether the port is gone.
-        baudrate: Of the port; None for a recording and where nobody knows.
+        baudrate: Baud rate of the port; None for a recording or if unknown.
         now: Seconds on the clock of the source.
-        begin: When the monitor began, on the same clock.
-        read: How much of a recording was read, 0 to 1; None for a port.
-        quantities: In the order in which they came, by name and coordinates.
-        attitude: Which way the device pointed at last, and when that came.
-        fix: What is known of its position.
-        counts: What was counted.
-        events: The latest.
-        recorded: The recording that is under way.
+        begin: When the monitor started, on the same clock.
+        progress: Share of a recording that was replayed, 0 to 1; None for a port.
+        quantities: Quantities by name and coordinates, in order of first arrival.
+        last_attitude: The last attitude of the device, and its time; None if there is none.
+        fix: The GNSS fix.
+        counts: Totals.
+        events: The latest events.
+        recording: The current recording.
     """
 
     name: str
@@ -166,93 +174,95 @@ class Model:
     baudrate: int | None = None
     now: float = 0.0
     begin: float = 0.0
-    read: float | None = None
-    quantities: dict[tuple[str, str | None], Known] = field(default_factory=dict)
-    attitude: tuple[Attitude, float] | None = None
+    progress: float | None = None
+    quantities: dict[tuple[str, str | None], QuantityState] = field(default_factory=dict)
+    last_attitude: tuple[Attitude, float] | None = None
     fix: Fix = field(default_factory=Fix)
     counts: Counts = field(default_factory=Counts)
-    events: deque[Event] = field(default_factory=lambda: deque(maxlen=KEPT))
-    recorded: Recorded | None = None
+    events: deque[MonitorEvent] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
+    recording: RecordingState | None = None
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the monitor began."""
+        """Seconds since the monitor started."""
         return self.now - self.begin
 
     @property
-    def points(self) -> Attitude | None:
-        """Which way the device points; None if that is not told, or was too long ago to be true."""
-        if self.attitude is None or self.now - self.attitude[1] > SILENCE:
+    def attitude(self) -> Attitude | None:
+        """The current attitude; None if there is none or it is too old."""
+        if self.last_attitude is None or self.now - self.last_attitude[1] > STOPPED_SECONDS:
             return None
-        return self.attitude[0]
+        return self.last_attitude[0]
 
     @property
-    def status(self) -> Known | None:
-        """The status word, or else byte, that still comes."""
-        return self.latest("status_word") or self.latest("status_byte")
+    def status(self) -> QuantityState | None:
+        """The status word, or else the status byte, if it has not stopped."""
+        return self.current("status_word") or self.current("status_byte")
 
-    def happened(self, text: str, *, is_bad: bool = True) -> None:
-        """Takes note of an event."""
-        self.events.append(Event(self.elapsed, text, is_bad))
+    def add_event(self, text: str, *, is_bad: bool = True) -> None:
+        """Adds an event that happens now."""
+        self.events.append(MonitorEvent(self.elapsed, text, is_bad))
 
-    def latest(self, name: str) -> Known | None:
-        """A quantity that still comes, in whichever coordinates."""
-        found = [it for (other, _), it in self.quantities.items() if other == name]
-        there = [it for it in found if not it.has_stopped(self.now)]
-        return max(there, key=lambda it: it.at, default=None)
+    def current(self, name: str) -> QuantityState | None:
+        """Returns the latest quantity with this name, in any coordinates, if it has not stopped."""
+        found = [quantity for (other, _), quantity in self.quantities.items() if other == name]
+        active = [quantity for quantity in found if not quantity.has_stopped(self.now)]
+        return max(active, key=lambda quantity: quantity.updated_at, default=None)
 
-    def take(self, block: Log, now: float) -> None:
-        """Takes in samples.
+    def add_block(self, block: Log, now: float) -> None:
+        """Updates the state with the samples since the last call.
 
         Args:
-            block: Those that have come since the last call.
-            now: When the last of them came, on the clock of the source.
+            block: The samples.
+            now: When the last of them arrived, on the clock of the source.
         """
         self.now = now
-        came = {}
-        for key in block:
-            column = block[key]
-            came[column.name] = self._take(column, now)
+        updated = {block[key].name: self._add_column(block[key], now) for key in block}
         for data_id, packets in block.unknown.items():
             name = f"0x{data_id:04X}"
-            known = self.quantities.setdefault((name, None), Known(name))
-            known.value = packets[-1]
-            known.seen(len(packets), now, math.nan)
-        self._take_strings(block, now)
-        self._take_attitude(came, now)
-        self._take_fix(block)
+            quantity = self.quantities.setdefault((name, None), QuantityState(name))
+            quantity.value = packets[-1]
+            quantity.update(len(packets), now, math.nan)
+        self._add_strings(block, now)
+        self._update_attitude(updated, now)
+        self._update_fix(block)
 
-    def _take_strings(self, block: Log, now: float) -> None:
-        counts = block.strings.counts
+    def _add_strings(self, block: Log, now: float) -> None:
         for string in block.strings:
             name = "" if string.type is None else str(string.type.name)
-            known = self.quantities.setdefault((name, None), Known(name or "other strings"))
-            known.value = string.text
-        for name, count in counts.items():
-            self.quantities[name, None].seen(count, now, math.nan)
+            quantity = self.quantities.setdefault(
+                (name, None), QuantityState(name or "other strings")
+            )
+            quantity.value = string.text
+        for name, count in block.strings.counts.items():
+            self.quantities[name, None].update(count, now, math.nan)
 
-    def _take(self, column: Column, now: float) -> Known:
+    def _add_column(self, column: Column, now: float) -> QuantityState:
         name, coordinates = column.name, column.coordinates
-        known = self.quantities.get((name, coordinates))
-        if known is None:
-            known = Known(name, coordinates, column.unit, column.fields, column.units)
-            self.quantities[name, coordinates] = known
+        quantity = self.quantities.get((name, coordinates))
+        if quantity is None:
+            quantity = QuantityState(name, coordinates, column.unit, column.fields, column.units)
+            self.quantities[name, coordinates] = quantity
         if name == "gnss_sat_info":
-            known.value = column.satellites[column.offsets[-2] :]
+            quantity.value = column.satellites[column.offsets[-2] :]
         else:
-            known.value = column.scaled[-1]
-        known.seen(len(column), now, math.nan if name in RECEIVER else float(column.time[-1]))
-        return known
+            quantity.value = column.scaled[-1]
+        # Samples of the GNSS receiver have times of their own, arbitrary without a fix.
+        stamp = math.nan if name in RECEIVER else float(column.time[-1])
+        quantity.update(len(column), now, stamp)
+        return quantity
 
-    def _take_attitude(self, came: dict[str, Known], now: float) -> None:
-        form = next((it for it in FORMS if it in came), None)
-        if form is not None:
-            known = came[form]
-            told = attitude(form, known.coordinates, known.value)
-            self.attitude = None if told is None else (told, now)
+    def _update_attitude(self, updated: dict[str, QuantityState], now: float) -> None:
+        name = next((name for name in ORIENTATIONS if name in updated), None)
+        if name is not None:
+            quantity = updated[name]
+            attitude = attitude_of(name, quantity.coordinates, quantity.value)
+            self.last_attitude = None if attitude is None else (attitude, now)
 
-    def _take_fix(self, block: Log) -> None:
-        latest: dict[Key, Any] = {it: block[it].values[-1] for it in TELLING if it in block}
+    def _update_fix(self, block: Log) -> None:
+        latest: dict[Key, Any] = {
+            name: block[name].values[-1] for name in FIX_QUANTITIES if name in block
+        }
         if (pvt := latest.get("gnss_pvt_data")) is not None:
             latest["gnss_pvt_data"] = dict(zip(pvt.dtype.names, pvt.item(), strict=True))
         self.fix.update(latest)

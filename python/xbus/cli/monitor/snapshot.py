@@ -1,4 +1,4 @@
-"""What is known after a while, printed once: for people, and for programs."""
+"""The state of a stream, printed once: as text and as JSON."""
 
 from __future__ import annotations
 
@@ -7,55 +7,61 @@ from dataclasses import asdict
 from typing import Any
 
 from xbus.cli.monitor.model import Model
-from xbus.cli.monitor.rows import HEAD, clock, rows, safe, state, table
-from xbus.cli.monitor.terminal import glyphs_of
-from xbus.cli.monitor.values import flags, value_facts
-from xbus.cli.printing import aligned
+from xbus.cli.monitor.rows import (
+    HEAD,
+    device_state,
+    format_elapsed,
+    glyphs_for,
+    printable,
+    status_rows,
+    value_rows,
+)
+from xbus.cli.monitor.values import set_flags, value_json
+from xbus.cli.printing import align
 
-__all__ = ["facts", "text"]
+__all__ = ["snapshot_dict", "snapshot_text"]
 
 
-def text(model: Model) -> str:
-    """All of it in lines."""
+def snapshot_text(model: Model) -> str:
+    """Returns the state as lines of text."""
     baudrate = None if model.baudrate is None else f"{model.baudrate} baud"
-    head = [model.name, state(model), baudrate, model.device, f"{model.elapsed:.1f} s"]
-    pairs = [
-        (it.label, it.text) for it in rows(model, glyphs_of(getattr(sys.stdout, "encoding", None)))
-    ]
-    pairs += [(clock(it.at), it.text) for it in model.events]
-    lines = ["  ".join(it for it in head if it), *aligned(pairs)]
-    if found := table(model):
-        lines += ["", *aligned([HEAD, *found], right=[1])]
-    return "\n".join(map(safe, lines))
+    head = [model.name, device_state(model), baudrate, model.device, f"{model.elapsed:.1f} s"]
+    glyphs = glyphs_for(getattr(sys.stdout, "encoding", None))
+    pairs = [(row.label, row.text) for row in status_rows(model, glyphs)]
+    pairs += [(format_elapsed(event.at), event.text) for event in model.events]
+    lines = ["  ".join(part for part in head if part), *align(pairs)]
+    if rows := value_rows(model):
+        lines += ["", *align([HEAD, *rows], right=[1])]
+    return "\n".join(map(printable, lines))
 
 
-def facts(model: Model) -> dict[str, Any]:
-    """All of it for programs; times in seconds since the monitor began."""
+def snapshot_dict(model: Model) -> dict[str, Any]:
+    """Returns the state for JSON; times are seconds since the monitor started."""
     status = model.status
-    told = model.points
+    flags = None
+    if status is not None:
+        flags = dict(set_flags(int(status.value), 8 * status.value.dtype.itemsize))
     return {
         "source": model.name,
         "state": None if model.state is None else str(model.state),
         "baudrate": model.baudrate,
         "product_code": model.device,
         "seconds": model.elapsed,
-        "attitude_deg": None if told is None else told._asdict(),
+        "attitude_deg": None if model.attitude is None else model.attitude._asdict(),
         "fix": model.fix.type,
         "rtk": model.fix.rtk,
-        "status": None
-        if status is None
-        else dict(flags(int(status.value), 8 * status.value.dtype.itemsize)),
+        "status": flags,
         "counts": asdict(model.counts),
-        "events": [asdict(it) for it in model.events],
+        "events": [asdict(event) for event in model.events],
         "quantities": [
             {
-                "name": it.name,
-                "coordinates": it.coordinates,
-                "unit": it.unit,
-                "count": it.count,
-                "rate_hz": it.rate(model.now),
-                "value": value_facts(it),
+                "name": quantity.name,
+                "coordinates": quantity.coordinates,
+                "unit": quantity.unit,
+                "count": quantity.count,
+                "rate_hz": quantity.rate(model.now),
+                "value": value_json(quantity),
             }
-            for it in model.quantities.values()
+            for quantity in model.quantities.values()
         ],
     }

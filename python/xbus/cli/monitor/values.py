@@ -1,4 +1,4 @@
-"""Latest values in words that stay in their columns while the numbers change."""
+"""Latest values as text that keeps its columns while the numbers change."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from xbus.cli.monitor.model import Known
+from xbus.cli.monitor.model import QuantityState
 from xbus.describe.text import device_name, finite
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, UTC_VALID
 
-__all__ = ["flags", "rate_text", "unit_text", "value_facts", "value_text"]
+__all__ = ["format_rate", "format_unit", "format_value", "set_flags", "value_json"]
 
-#: Decimals of a number, by its quantity or else by its unit.
+#: Decimals of a number, by quantity or else by unit.
 DECIMALS = {
     "lat_lon": 7,
     "delta_q": 6,
@@ -24,101 +24,106 @@ DECIMALS = {
     "m": 3,
     "degC": 2,
 }
-OTHERS = 4
-#: Columns of a number before its decimals: sign, three digits, point.
-BEFORE = 5
-#: From here on a number is written with an exponent.
+DEFAULT_DECIMALS = 4
+#: Columns of a number in front of its decimals: sign, three digits, point.
+INTEGER_COLUMNS = 5
+#: Numbers of this size and above have an exponent.
 LARGE = 1e7
-#: Status words have so many hexadecimal digits.
-DIGITS = {"status_word": 8, "status_byte": 2}
+#: Hexadecimal digits of status words.
+HEX_DIGITS = {"status_word": 8, "status_byte": 2}
 
 
-def unit_text(known: Known) -> str:
-    """Unit and coordinates."""
-    return " ".join(it for it in (known.unit, known.coordinates) if it)
+def format_unit(quantity: QuantityState) -> str:
+    """Returns unit and coordinates."""
+    return " ".join(part for part in (quantity.unit, quantity.coordinates) if part)
 
 
-def rate_text(rate: float | None) -> str:
-    """A rate in Hz; empty where it is not known yet."""
+def format_rate(rate: float | None) -> str:
+    """Returns a rate in Hz; an empty string if it is None."""
     if rate is None:
         return ""
     return "stopped" if rate == 0 else f"{rate:.1f}"
 
 
-def value_text(known: Known) -> str:
-    """The latest value in one line."""
-    name, value = known.name, known.value
+def format_value(quantity: QuantityState) -> str:
+    """Returns the latest value as one line."""
+    name, value = quantity.name, quantity.value
     if isinstance(value, str):
         return value
     if isinstance(value, bytes):
         return value.hex(" ").upper() or "empty"
-    if name in DIGITS:
-        return f"0x{int(value):0{DIGITS[name]}X}"
-    if name in _OTHERWISE:
-        return _OTHERWISE[name](value)
+    if name in HEX_DIGITS:
+        return f"0x{int(value):0{HEX_DIGITS[name]}X}"
+    if name in _FORMATTERS:
+        return _FORMATTERS[name](value)
     if value.dtype.names:
         pairs = zip(value.dtype.names, value.item(), strict=True)
-        return " ".join(f"{it}={_short(number)}{known.units[it]}" for it, number in pairs)
+        return " ".join(
+            f"{field}={_format_field(number)}{quantity.units[field]}" for field, number in pairs
+        )
     if QUANTITIES[name].kind == "id":
         return device_name(int(value))
-    decimals = DECIMALS.get(name, DECIMALS.get(known.unit, OTHERS))
-    width = BEFORE + decimals
-    if name == "rotation_matrix":  # row by row, and as narrow as nine numbers must be
-        width = 5
-    return " ".join(f"{_number(it, decimals):>{width}}" for it in np.ravel(value).tolist())
+    decimals = DECIMALS.get(name, DECIMALS.get(quantity.unit, DEFAULT_DECIMALS))
+    # Nine numbers need narrow columns.
+    width = 5 if name == "rotation_matrix" else INTEGER_COLUMNS + decimals
+    numbers = np.ravel(value).tolist()
+    return " ".join(f"{_format_number(number, decimals):>{width}}" for number in numbers)
 
 
-def flags(word: int, bits: int) -> list[tuple[str, int]]:
-    """The fields of a status word that are not zero, with their values."""
+def set_flags(word: int, bits: int) -> list[tuple[str, int]]:
+    """Returns the fields of a status word that are not zero, with their values."""
     values = (
-        (it.name, word >> it.bit & ((1 << it.width) - 1))
-        for it in STATUS_FLAGS
-        if it.bit + it.width <= bits
+        (field.name, word >> field.bit & ((1 << field.width) - 1))
+        for field in STATUS_FLAGS
+        if field.bit + field.width <= bits
     )
     return [(name, value) for name, value in values if value]
 
 
-def value_facts(known: Known) -> Any:
-    """The latest value for programs: numbers by the names of components and fields, null for NaN."""
-    value = known.value
+def value_json(quantity: QuantityState) -> Any:
+    """Returns the latest value for JSON: numbers by component or field, null for NaN."""
+    value = quantity.value
     if isinstance(value, str):
         return value
     if isinstance(value, bytes):
         return value.hex().upper()
-    if known.name == "gnss_sat_info":
-        return [dict(zip(value.dtype.names, it, strict=True)) for it in value.tolist()]
-    numbers = [
-        finite(it) for it in (value.item() if value.dtype.names else np.ravel(value).tolist())
-    ]
-    return dict(zip(known.fields, numbers, strict=True)) if known.fields else numbers[0]
+    if quantity.name == "gnss_sat_info":
+        return [dict(zip(value.dtype.names, row, strict=True)) for row in value.tolist()]
+    row = value.item() if value.dtype.names else np.ravel(value).tolist()
+    numbers = [finite(number) for number in row]
+    return dict(zip(quantity.fields, numbers, strict=True)) if quantity.fields else numbers[0]
 
 
-def _number(value: float, decimals: int) -> str:
+def _format_number(value: float, decimals: int) -> str:
     if isinstance(value, int):
         return str(value)
     return f"{value:.{decimals}f}" if abs(value) < LARGE else f"{value:.{decimals}g}"
 
 
-def _short(value: float) -> str:
-    """A field of a struct, whose scale says how many digits there can be."""
+def _format_field(value: float) -> str:
+    """Returns a field of a struct; its scale limits the number of digits."""
     return "none" if math.isnan(value) else f"{value:.10g}"
 
 
-def _utc(it: Any) -> str:
-    valid = int(it["valid"]) & UTC_VALID == UTC_VALID
-    date = f"{it['year']:04}-{it['month']:02}-{it['day']:02}"
-    time = f"{it['hour']:02}:{it['minute']:02}:{it['second'] + it['ns']:06.3f}"
-    return f"{date} {time}{'' if valid else ' not valid'}"
+def _format_utc(row: Any) -> str:
+    is_valid = int(row["valid"]) & UTC_VALID == UTC_VALID
+    date = f"{row['year']:04}-{row['month']:02}-{row['day']:02}"
+    time = f"{row['hour']:02}:{row['minute']:02}:{row['second'] + row['ns']:06.3f}"
+    return f"{date} {time}{'' if is_valid else ' not valid'}"
 
 
-def _pvt(it: Any) -> str:
-    return f"{it['lat']:.7f} {it['lon']:.7f} deg, hMSL {it['hMSL']:.3f} m"
+def _format_pvt(row: Any) -> str:
+    return f"{row['lat']:.7f} {row['lon']:.7f} deg, hMSL {row['hMSL']:.3f} m"
 
 
-def _satellites(rows: Any) -> str:
-    used = rows["cno"][rows["cno"] > 0]
-    best = f", {used.min()} to {used.max()} dBHz" if len(used) else ""
-    return f"{len(rows)} satellites{best}"
+def _format_satellites(rows: Any) -> str:
+    signals = rows["cno"][rows["cno"] > 0]
+    span = f", {signals.min()} to {signals.max()} dBHz" if len(signals) else ""
+    return f"{len(rows)} satellites{span}"
 
 
-_OTHERWISE = {"utc_time": _utc, "gnss_pvt_data": _pvt, "gnss_sat_info": _satellites}
+_FORMATTERS = {
+    "utc_time": _format_utc,
+    "gnss_pvt_data": _format_pvt,
+    "gnss_sat_info": _format_satellites,
+}

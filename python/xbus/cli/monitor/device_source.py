@@ -1,0 +1,199 @@
+"""A device as a source of the monitor."""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+from dataclasses import fields
+from datetime import datetime
+from itertools import count, takewhile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from xbus.cli.failure import cannot
+from xbus.cli.inputs import label
+from xbus.cli.monitor.events import EVENT_MESSAGES, describe_event
+from xbus.cli.monitor.model import Counts, Model, RecordingState
+from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
+from xbus.protocol.values import State
+from xbus.wire.message import Message
+
+if TYPE_CHECKING:
+    from xbus.device import Device
+    from xbus.device.recording import Recording
+    from xbus.device.session import Notice
+
+__all__ = ["DeviceSource"]
+
+#: Duration of a block of samples, in seconds.
+STEP = 0.1
+#: Counts of what waits now; the others are totals.
+WAITING = ("queued_bytes", "unread_samples")
+
+
+class DeviceSource:
+    """A device.
+
+    The monitor only listens, unless a key needs a command, or the device is silent after it was lost.
+
+    Args:
+        device: The device; `close` restores its present state.
+        reconnect: Whether to wait for a lost port instead of raising `Disconnected`.
+    """
+
+    def __init__(self, device: Device, *, reconnect: bool) -> None:
+        self._device = device
+        self._reconnect = reconnect
+        self._initial_state = device.state
+        # The samples of a block have arrived when the loop asks for it, so the timeout is short.
+        self._blocks = device.blocks(seconds=STEP, timeout=STEP / 100)
+        self._initial_counts = _counts(device)
+        self._last_notice: Notice | None = None
+        self._lost_at: float | None = None
+        self._recording: Recording | None = None
+        self._began = (time.monotonic(), device.link.clock())
+        #: The finished recordings.
+        self.recordings: list[RecordingState] = []
+
+    def model(self) -> Model:
+        """Returns the model before the first block."""
+        link = self._device.link
+        now = link.clock()
+        baudrate = link.baudrate if link.is_line else None
+        model = Model(link.name, baudrate=baudrate, now=now, begin=now)
+        self._update(model)
+        return model
+
+    def wait(self) -> float:
+        """Returns the seconds until the next block.
+
+        A real device needs no wait. The clock of a simulated device runs ahead.
+        """
+        began, clock = self._began
+        return began + (self._device.link.clock() - clock) - time.monotonic()
+
+    def advance(self, model: Model) -> None:
+        """Waits for the next block and adds it to the model."""
+        device = self._device
+        try:
+            if self._lost_at is not None:
+                device.find((device.link.baudrate,))
+                away = device.link.clock() - self._lost_at
+                self._lost_at = None
+                model.add_event(f"the port is back after {away:.0f} s", is_bad=False)
+            model.add_block(next(self._blocks), device.link.clock())
+        except (StateError, XbusTimeout):
+            pass  # in Config State, or silent
+        except Disconnected:
+            if not self._reconnect:
+                raise
+            if self._lost_at is None:
+                self._lost_at = device.link.clock()
+                model.add_event("the port is gone; check the cable")
+            device.link.pause(STEP)
+        self._update(model)
+
+    def start_measurement(self, model: Model) -> None:
+        """Makes a device in Config State measure."""
+        if self._device.state != State.CONFIG:
+            model.add_event("the device is not in Config State", is_bad=False)
+            return
+        try:
+            self._device.go_to_measurement()
+        except XbusError as error:
+            model.add_event(str(error))
+        self._update(model)
+
+    def toggle_recording(self, model: Model) -> None:
+        """Starts a recording, or stops the current one."""
+        if self._recording is not None:
+            self._stop_recording(model)
+            return
+        path = None
+        try:
+            path = _new_file()
+            self._recording = self._device.record(path)
+        except XbusError as error:
+            self._recording_failed(model, path, str(error))
+        except OSError as error:
+            failure = cannot(f"write {error.filename or path}", error)
+            self._recording_failed(model, path, str(failure))
+        else:
+            model.add_event(f"recording to {path}", is_bad=False)
+        self._update(model)
+
+    @staticmethod
+    def _recording_failed(model: Model, path: Path | None, reason: str) -> None:
+        model.add_event(f"no recording: {reason}")
+        if path is not None:
+            path.unlink(missing_ok=True)
+
+    def _stop_recording(self, model: Model) -> None:
+        recording = self._recording
+        if recording is None:
+            return
+        self._recording = None
+        with suppress(OSError):
+            recording.stop()  # the state below has the reason for an early end
+        files = ", ".join(map(label, recording.files))
+        self.recordings.append(RecordingState(files, recording.bytes, recording.error))
+        model.add_event(str(self.recordings[-1]), is_bad=recording.error is not None)
+        model.recording = None
+
+    def close(self, model: Model) -> None:
+        """Stops the recording and restores the initial state of the device."""
+        self._stop_recording(model)
+        if self._initial_state == State.CONFIG and self._device.state == State.MEASUREMENT:
+            with suppress(XbusError):
+                self._device.go_to_config()
+
+    def _update(self, model: Model) -> None:
+        """Copies the state of the device, its totals and its new notices to the model."""
+        device = self._device
+        model.now = device.link.clock()
+        model.state = device.state
+        model.is_lost = self._lost_at is not None
+        model.name = device.link.name
+        model.device = device.product_code and device.product_code.strip()
+        self._update_counts(model)
+        self._add_notices(model)
+        if self._recording is not None:
+            if not self._recording.is_active:
+                self._stop_recording(model)
+            else:
+                model.recording = RecordingState(self._recording.files[-1], self._recording.bytes)
+
+    def _update_counts(self, model: Model) -> None:
+        now = _counts(self._device)
+        totals = {name: n - self._initial_counts[name] for name, n in now.items()}
+        model.counts = Counts(**totals | {name: now[name] for name in WAITING})
+
+    def _add_notices(self, model: Model) -> None:
+        # The device keeps a limited number of notices, the latest last: the last one seen may be gone.
+        notices = reversed(self._device.notices)
+        new = list(takewhile(lambda notice: notice is not self._last_notice, notices))
+        self._last_notice = new[0] if new else self._last_notice
+        for notice in reversed(new):
+            if notice.mid is None:
+                model.add_event(str(notice.value))
+            elif notice.name in EVENT_MESSAGES:
+                message = Message(notice.mid, notice.name, notice.bid, notice.payload, 0, 0)
+                model.add_event(describe_event(message), is_bad=notice.name != "WakeUp")
+
+
+def _counts(device: Device) -> dict[str, int]:
+    stats = device.stats
+    return {field.name: getattr(stats, field.name) or 0 for field in fields(Counts)}
+
+
+def _new_file() -> Path:
+    """Creates an empty file named by date and time, and returns its path."""
+    stem = datetime.now().strftime("xbus-%Y%m%d-%H%M%S")
+    for number in count(1):
+        path = Path(stem + (".mtb" if number == 1 else f"-{number}.mtb"))
+        try:
+            path.touch(exist_ok=False)
+        except FileExistsError:
+            continue
+        return path
+    raise AssertionError
