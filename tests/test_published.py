@@ -24,8 +24,8 @@ import streams
 import xbus
 from conftest import coarse, counter, differences, facts, facts_of, fine, shared, trigger
 from reference import DAY, Damage, Frame, Reference, array, number, same_bits
-from xbus import _core
 from streams import frame, mtdata2, packet, real
+from xbus import _core
 
 SAT_INFO = packet(0x7020, bytes(8))
 
