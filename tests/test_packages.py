@@ -11,8 +11,8 @@ import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = ROOT / "python" / "xbus"
-#: Modules above every package: the public names, and ``python -m xbus``.
-ABOVE = ("__init__", "__main__")
+#: Modules above every package: the public names, ``python -m xbus``, and the pytest plugin.
+ABOVE = ("__init__", "__main__", "pytest_plugin")
 
 
 def layers() -> list[str]:
