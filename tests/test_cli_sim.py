@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
+import numpy as np
 import pytest
 import serial
 
@@ -17,7 +19,9 @@ from conftest import OWN_CAPTURES
 from streams import frame
 from test_cli import run, sentence, start
 from test_sim_serve import needs_ipv6
+from xbus.protocol.configuration import Firmware
 from xbus.sim.faults import Faults
+from xbus.sim.options import OPTIONS
 from xbus.sim.replay import Replay
 from xbus.sim.trajectories import TRAJECTORIES
 
@@ -136,7 +140,8 @@ def test_options_reach_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("xbus.sim.device.SimulatedDevice", device)
     args = (
-        "--trajectory fly --noise 0.5 --seed 7 --baudrate 460800 --fault drop=0.1 --fault burst=1"
+        "--trajectory fly --noise 0.5 --seed 7 --baudrate 460800 --fault drop=0.1 --fault burst=1 "
+        "--device-id 0388ABCD --firmware 1.2.3 --utc 2026-11-28T12:00 --time-to-fix 0 --no-strict-outputs"
     )
     assert run("sim", "--product", "MTi-3", *args.split()).exit_code == 2
     assert run("sim", "--product", "MTi-3").exit_code == 2
@@ -149,21 +154,39 @@ def test_options_reach_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
                 "seed": 7,
                 "baudrate": 460800,
                 "faults": Faults(drop=0.1, burst=1, seed=7),
+                "device_id": 0x0388ABCD,
+                "firmware": Firmware(1, 2, 3),
+                "utc": np.datetime64("2026-11-28T12:00", "ns"),
+                "time_to_fix": 0,
+                "strict_outputs": False,
                 "replay": None,
             },
         ),
-        (
-            "MTi-3",
-            {
-                "trajectory": "walk",
-                "noise": 0,
-                "seed": 0,
-                "baudrate": None,
-                "faults": None,
-                "replay": None,
-            },
-        ),
+        ("MTi-3", {"replay": None}),
     ]
+
+
+def test_help_has_every_option_of_a_device() -> None:
+    words = run("sim", "--help").stdout
+    for option in OPTIONS:
+        assert f"--{option.replace('_', '-')} " in words
+
+
+def test_faster_than_real_time() -> None:
+    start = time.monotonic()
+    result = run("sim", "--product", "MTi-630", "--speed", "1000", "--duration", "100")
+    assert result.exit_code == 0
+    assert time.monotonic() - start < 50
+
+
+def test_an_idle_client_is_disconnected() -> None:
+    with (
+        simulated("--tcp", "0", "--idle-timeout", "0.2") as (url, _),
+        serial.serial_for_url(url, timeout=10) as port,
+    ):
+        config(port)
+        with pytest.raises(serial.SerialException):
+            port.read(1)
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -194,6 +217,12 @@ def test_it_ends_after_so_long() -> None:
         (["--product", "MTi-3", "--noise", "-1"], "-1"),
         (["--product", "MTi-3", "--fault", "flop=1"], "'flop=1' is none of flip=P"),
         (["--product", "MTi-3", "--fault", "flip=2"], "flip is a probability"),
+        (["--product", "MTi-3", "--device-id", "x"], "device_id must be a hexadecimal number"),
+        (["--product", "MTi-3", "--firmware", "1.2"], "firmware must be MAJOR.MINOR.REVISION"),
+        (["--product", "MTi-3", "--utc", "noon"], "utc must be a date and time"),
+        (["--product", "MTi-3", "--time-to-fix", "-1"], "time_to_fix must be seconds, 0 or more"),
+        (["--product", "MTi-3", "--speed", "0"], "--speed"),
+        (["--product", "MTi-3", "--idle-timeout", "1"], "--idle-timeout is for --tcp"),
         (["--product", "MTi-3", "--tcp", "0", "--link", "x"], "--link"),
         (["--product", "MTi-3", "--tcp", "here"], "--tcp takes [HOST:]PORT"),
         (["--product", "MTi-3", "--tcp", "1:70000"], "--tcp takes [HOST:]PORT"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING
 
 import click
@@ -24,33 +25,34 @@ __all__ = ["sim"]
 @click.option("--product", metavar="NAME", help="Which one: MTi-3, MTi-680G, ...")
 @click.option(
     "--baudrate",
-    type=int,
     metavar="RATE",
     help="Talk like a serial port, at this rate: a client must set the same. Without it any will do, "
     "as on USB.",
 )
 @click.option(
     "--trajectory",
-    default="walk",
-    show_default=True,
     metavar="NAME",
-    help="How it moves: still, turn, tumble, walk, drive, fly or sail.",
+    help="How it moves: still, turn, tumble, walk, drive, fly or sail.  [default: walk]",
 )
 @click.option(
     "--noise",
-    type=click.FloatRange(min=0),
-    default=0,
-    show_default=True,
     metavar="X",
-    help="Noise of the sensors: 1 is about that of a data sheet.",
+    help="Noise of the sensors: 1 is about that of a data sheet.  [default: 0]",
+)
+@click.option("--seed", metavar="N", help="Of all that is left to chance.  [default: 0]")
+@click.option("--device-id", metavar="ID", help="Device identifier, in hexadecimal.")
+@click.option("--firmware", metavar="VERSION", help="Firmware revision, such as 1.8.0.")
+@click.option(
+    "--utc", metavar="TIME", help="UTC at power-up, such as 2026-11-28T12:00:00, by its calendar."
 )
 @click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    metavar="N",
-    help="Of all that is left to chance.",
+    "--time-to-fix", metavar="S", help="Seconds from power-up to the first GNSS fix.  [default: 3]"
+)
+@click.option(
+    "--strict-outputs/--no-strict-outputs",
+    default=None,
+    help="Whether one unsupported data identifier makes it refuse a whole output configuration, or is "
+    "dropped from it.  [default: strict-outputs]",
 )
 @click.option(
     "--replay",
@@ -60,7 +62,6 @@ __all__ = ["sim"]
 )
 @click.option(
     "--fault",
-    "faults",
     multiple=True,
     metavar="WHAT",
     help="flip=P, drop=P (probabilities of each bit, byte), burst=S, stall=AT:S, unplug=AT:S or "
@@ -69,19 +70,34 @@ __all__ = ["sim"]
 @click.option("--tcp", metavar="[HOST:]PORT", help="Serve on TCP; port 0 picks a free one.")
 @click.option("--link", metavar="PATH", help="A symbolic link that leads to the port.")
 @click.option(
-    "--duration", type=click.FloatRange(min=0), metavar="S", help="End after so many seconds."
+    "--idle-timeout",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="With --tcp: disconnect a client that has neither sent nor taken a byte for S seconds.",
+)
+@click.option(
+    "--speed",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1,
+    show_default=True,
+    metavar="X",
+    help="Seconds of device time per second.",
+)
+@click.option(
+    "--duration",
+    type=click.FloatRange(min=0),
+    metavar="S",
+    help="End after S seconds of device time.",
 )
 def sim(
     product: str | None,
-    baudrate: int | None,
-    trajectory: str,
-    noise: float,
-    seed: int,
     replay: str | None,
-    faults: tuple[str, ...],
     tcp: str | None,
     link: str | None,
+    idle_timeout: float | None,
+    speed: float,
     duration: float | None,
+    **options: str | bool | tuple[str, ...] | None,
 ) -> None:
     """A virtual device, in real time, until Ctrl-C.
 
@@ -96,7 +112,7 @@ def sim(
         from xbus.sim.device import BOOT_TIME, WAKE_UP_TIME
         from xbus.sim.serve import serve
 
-        device = _device(product, baudrate, trajectory, noise, seed, replay, faults)
+        device = _device(product, replay, options)
         # Who has read the line may talk to it: it has started up.
         device.advance(BOOT_TIME + WAKE_UP_TIME)
         device.read()
@@ -105,37 +121,34 @@ def sim(
         def until() -> bool:
             return is_stopped() or device.time >= end
 
-        with _server(device, tcp, link) as server:
+        with _server(device, tcp, link, idle_timeout, speed) as server:
             serve(server, until, lambda port: print_line(f"port: {port}", now=True))
 
 
 def _device(
     product: str | None,
-    baudrate: int | None,
-    trajectory: str,
-    noise: float,
-    seed: int,
     file: str | None,
-    faults: tuple[str, ...],
+    options: Mapping[str, str | bool | tuple[str, ...] | None],
 ) -> SimulatedDevice:
     from xbus.sim.device import SimulatedDevice
-    from xbus.sim.faults import Faults
+    from xbus.sim.options import parse_options
 
     replay = None if file is None else _replay(file)
     if product is None:
         product = _product_of(file, replay)
     try:
-        return SimulatedDevice(
-            product,
-            trajectory=trajectory,
-            seed=seed,
-            noise=noise,
-            baudrate=baudrate,
-            faults=Faults.parse(faults, seed) if faults else None,
-            replay=replay,
-        )
+        return SimulatedDevice(product, replay=replay, **parse_options(_pairs(options)))
     except ValueError as error:
         raise click.UsageError(str(error)) from None
+
+
+def _pairs(
+    options: Mapping[str, str | bool | tuple[str, ...] | None],
+) -> Iterator[tuple[str, str]]:
+    """The options that were given, as `parse_options` takes them."""
+    for name, value in options.items():
+        for text in value if isinstance(value, tuple) else () if value is None else (value,):
+            yield name, str(text)
 
 
 def _replay(file: str) -> Replay:
@@ -166,12 +179,22 @@ def _product_of(file: str | None, replay: Replay | None) -> str:
     return product.name
 
 
-def _server(device: SimulatedDevice, tcp: str | None, link: str | None) -> Server:
+def _server(
+    device: SimulatedDevice,
+    tcp: str | None,
+    link: str | None,
+    idle_timeout: float | None,
+    speed: float,
+) -> Server:
     from xbus.sim.serve import PtyServer, TcpServer
 
     if tcp is None:
+        if idle_timeout is not None:
+            raise click.UsageError(
+                "--idle-timeout is for --tcp: a pseudo-terminal has no clients to drop"
+            )
         try:
-            return PtyServer(device, link=link)
+            return PtyServer(device, link=link, speed=speed)
         except NotImplementedError as error:
             raise Failure(str(error)) from None
         except OSError as error:
@@ -184,7 +207,13 @@ def _server(device: SimulatedDevice, tcp: str | None, link: str | None) -> Serve
             f"--tcp takes [HOST:]PORT, such as 5000 or 0.0.0.0:5000, not {tcp!r}"
         )
     try:
-        return TcpServer(device, host.strip("[]") or "127.0.0.1", int(number))
+        return TcpServer(
+            device,
+            host.strip("[]") or "127.0.0.1",
+            int(number),
+            speed=speed,
+            idle_timeout=idle_timeout,
+        )
     except OSError as error:
         raise Failure(
             f"cannot listen on {tcp}: {error.strerror or error}; choose another port or address"

@@ -147,8 +147,10 @@ def _set_outputs(unit: Unit, outputs: tuple[Output, ...]) -> bytes:
     for it in outputs:
         acknowledged = unit.support.acknowledged(it)
         # One of the four codes for coordinates is none.
-        _require(acknowledged is not None and it.data_id & 0xC != 0xC)
-        effective.append(acknowledged)
+        if acknowledged is not None and it.data_id & 0xC != 0xC:
+            effective.append(acknowledged)
+        else:
+            _require(not unit.strict_outputs)
     unit.memory.change(output_configuration=tuple(effective))
     return encode("SetOutputConfigurationAck", effective)
 

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import functools
+import threading
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -44,6 +47,23 @@ PATIENCE = 0.1
 ERROR_PAUSE = 1.0
 
 
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def _locked(
+    method: Callable[Concatenate[SimulatedDevice, _P], _R],
+) -> Callable[Concatenate[SimulatedDevice, _P], _R]:
+    """Makes a method wait while another thread, such as that of a server, is in one."""
+
+    @functools.wraps(method)
+    def locked(self: SimulatedDevice, /, *args: _P.args, **kwargs: _P.kwargs) -> _R:
+        with self._lock:
+            return method(self, *args, **kwargs)
+
+    return locked
+
+
 class SimulatedDevice:
     """A virtual MTi, for programs that talk to one and have none.
 
@@ -54,6 +74,8 @@ class SimulatedDevice:
     It answers every message that the product knows, in the states in which the manual allows it, and else
     with an Error: code 4 for a message or state, 33 for a value, 32 for a baud rate, 3 for a period. Settings
     last as the manual says: over `Reset` and power cycles, but not longer than the object.
+
+    All methods may be called from any thread, also while a server runs the device.
 
     Args:
         product: Which one: ``"MTi-680G"``, 680, or a row of `xbus.protocol.tables.PRODUCTS`.
@@ -73,6 +95,9 @@ class SimulatedDevice:
         time_to_fix: Seconds from power-up to the first GNSS fix.
         bus_id: The bus identifier that the option flag EnableConfigurableBusId turns on.
         replay: A recording, to send instead of samples of its own.
+        strict_outputs: Whether one unsupported data identifier makes the device refuse a whole output
+            configuration. If False, the device accepts the supported ones and drops the others; the
+            acknowledgement lists what is in effect.
 
     Attributes:
         product: Which one it is.
@@ -109,6 +134,7 @@ class SimulatedDevice:
         time_to_fix: float = 3.0,
         bus_id: int = 1,
         replay: Replay | None = None,
+        strict_outputs: bool = True,
     ) -> None:
         self.product = find_product(product)
         supported = support(self.product, hardware)
@@ -140,6 +166,7 @@ class SimulatedDevice:
         )
         self.sent = self.lost = 0
         self._gives_up_at = 0
+        self._lock = threading.RLock()
         self._clock = Clock()
         self._line = Line(baudrate, faults, seed)
         self._has_plug = True
@@ -152,6 +179,7 @@ class SimulatedDevice:
             identity,
             settings,
             bus_id=bus_id,
+            strict_outputs=strict_outputs,
             send=self._send,
             restart=self._restart,
         )
@@ -194,8 +222,32 @@ class SimulatedDevice:
         """Whether the plug is in."""
         return self._has_plug and self._line.is_plugged(self._clock.now)
 
+    @property
+    def faults(self) -> Faults | None:
+        """The faults of the line, or None.
+
+        Assign others at any time, also while a server runs the device. Times in them are those of `time`.
+        Bytes that the old faults held back arrive at once.
+
+        >>> import xbus
+        >>> device = xbus.SimulatedDevice("MTi-630", baudrate=115200)
+        >>> device.faults = xbus.Faults(stall=(device.time, 2))
+        >>> device.advance(1)
+        >>> waiting = device.read()
+        >>> device.faults = None
+        >>> waiting, len(device.read()) > 0
+        (b'', True)
+        """
+        return self._line.faults
+
+    @faults.setter
+    @_locked
+    def faults(self, faults: Faults | None) -> None:
+        self._line.change_faults(faults, self._clock.now)
+
     # What a host does
 
+    @_locked
     def write(self, data: bytes, baudrate: int | None = None) -> None:
         """Takes bytes from the host.
 
@@ -219,6 +271,7 @@ class SimulatedDevice:
             self._gives_up_at = until
             self._clock.at(until, self._lose_patience)
 
+    @_locked
     def read(self, baudrate: int | None = None) -> bytes:
         """All bytes that have come to the host and were not read.
 
@@ -231,6 +284,7 @@ class SimulatedDevice:
             self._line.lose()
         return self._line.read(baudrate)
 
+    @_locked
     def advance(self, dt: float) -> None:
         """Moves time on.
 
@@ -253,6 +307,7 @@ class SimulatedDevice:
 
     # What hands do
 
+    @_locked
     def trigger(self, line: SyncLine | int, *, rising: bool = True) -> None:
         """An edge at a sync input.
 
@@ -263,6 +318,7 @@ class SimulatedDevice:
         if self._unit.measurement is not None:
             self._unit.measurement.edge(line, rising=rising)
 
+    @_locked
     def connect_antenna(self, connected: bool) -> None:
         """Takes the GNSS antenna off, or puts it on: the fix is lost, or comes again after a while.
 
@@ -271,10 +327,12 @@ class SimulatedDevice:
         if self.product.kind == "GNSS/INS":
             self._unit.receiver.connect_antenna(connected)
 
+    @_locked
     def power_cycle(self) -> None:
         """Takes power away, and gives it back: settings that are not stored are lost."""
         self._start()
 
+    @_locked
     def unplug(self) -> None:
         """Pulls the plug of the data line: nothing gets through, and what nobody has read is lost.
 
@@ -283,6 +341,7 @@ class SimulatedDevice:
         self._has_plug = False
         self._line.lose()
 
+    @_locked
     def plug(self) -> None:
         """Puts the plug in."""
         self._has_plug = True

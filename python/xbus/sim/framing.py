@@ -64,44 +64,44 @@ class Framer:
 
     def _scan(self, *, is_last: bool) -> list[Request]:
         data = bytes(self._bytes)
-        values = np.frombuffer(data, np.uint8)
         size = len(data)
-        starts = np.flatnonzero(values == PREAMBLE)
+        # Zeros behind the end, so that a header that is cut off can be read.
+        padded = np.frombuffer(data + bytes(EXTENDED_HEADER), np.uint8)
+        starts = np.flatnonzero(padded == PREAMBLE).astype(np.int32)
         if not len(starts):
             self._keep(b"", 0)
             return []
 
-        def field(offset: int) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-            return values.take(starts + offset, mode="clip").astype(np.int64)
-
-        lengths = field(3)
-        is_extended = (lengths == EXTENDED) & (starts + HEADER <= size)
-        headers = np.where(is_extended, EXTENDED_HEADER, HEADER)
-        lengths = np.where(is_extended, field(4) << 8 | field(5), lengths)
-        # One byte more than the payload: the checksum.
-        ends = starts + headers + lengths + 1
-        # While the length itself is missing, only the header is known to be needed.
-        ends = np.where(starts + headers > size, starts + headers, ends)
-        is_open = (starts + headers > size) | (ends > size) & (lengths <= LONGEST)
+        bodies = starts + HEADER
+        lengths = padded[bodies - 1].astype(np.int32)
+        extended = np.flatnonzero((lengths == EXTENDED) & (bodies <= size))
+        first = bodies[extended]
+        lengths[extended] = padded[first].astype(np.int32) << 8 | padded[first + 1]
+        bodies[extended] += EXTENDED_HEADER - HEADER
+        is_possible = lengths <= LONGEST
+        # The last byte is the checksum. While a length is missing, only its header is known to be needed.
+        is_cut = bodies > size
+        ends = np.where(is_cut, bodies, bodies + lengths + 1)
+        is_open = is_cut | (ends > size) & is_possible
         # The bytes behind the preamble of a frame add up to a multiple of 256.
         sums = np.zeros(size + 1, np.uint8)
-        np.cumsum(values, dtype=np.uint8, out=sums[1:])
+        np.cumsum(padded[:size], dtype=np.uint8, out=sums[1:])
         is_sound = sums[np.minimum(ends, size)] == sums[starts + 1]
-        chosen = ~is_open & (lengths <= LONGEST) & is_sound
+        chosen = is_sound & is_possible & ~is_open
         if not is_last:
             chosen |= is_open
 
         found: list[Request] = []
-        starts, headers, ends, is_open = (it[chosen] for it in (starts, headers, ends, is_open))
+        starts, bodies, ends, is_open = (it[chosen] for it in (starts, bodies, ends, is_open))
         i = 0
         while i < len(starts):
-            start, header, end = int(starts[i]), int(headers[i]), int(ends[i])
+            start, body, end = int(starts[i]), int(bodies[i]), int(ends[i])
             if is_open[i]:
                 self._keep(data[start:], end - start)
                 return found
-            found.append(Request(data[start + 1], data[start + 2], data[start + header : end - 1]))
+            found.append(Request(data[start + 1], data[start + 2], data[body : end - 1]))
             # Candidates inside the frame are part of its payload.
-            i = int(np.searchsorted(starts, end))
+            i = int(np.searchsorted(starts, np.int32(end)))
         self._keep(b"", 0)
         return found
 

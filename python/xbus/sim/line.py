@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import random
 from collections import deque
 
@@ -43,6 +44,18 @@ class Line:
     def is_simple(self) -> bool:
         """Whether all that is sent arrives at once."""
         return self.rate is None and self._faulty is None
+
+    @property
+    def faults(self) -> Faults | None:
+        """What is wrong with it."""
+        return None if self._faulty is None else self._faulty.faults
+
+    def change_faults(self, faults: Faults | None, now: int) -> None:
+        """Replaces the faults; bytes that the old ones held back arrive now."""
+        self.collect(now)
+        if self._faulty is not None and (held := self._faulty.take(math.inf)):
+            self._come.append((self.rate, held))
+        self._faulty = None if faults is None else FaultyLine(faults)
 
     def has_room(self, size: int, now: int) -> bool:
         """Whether a frame of this size can wait to be sent."""

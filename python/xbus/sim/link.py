@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from xbus import _core
 from xbus.sim.device import SimulatedDevice
+from xbus.sim.options import device_of
 from xbus.wire.link import NOTHING_RECEIVED, Received
 
 __all__ = ["SimLink"]
@@ -23,7 +24,7 @@ class SimLink:
 
     def __init__(self, device: str | SimulatedDevice, strings: int = 0) -> None:
         if isinstance(device, str):
-            device = SimulatedDevice(device.removeprefix("sim:"))
+            device = device_of(device)
         self.device = device
         self.name = f"sim:{device.product.name}"
         self.baudrate = device.baudrate

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import math
 import os
 import selectors
 import socket
@@ -43,6 +44,7 @@ class Server(ABC):
         device: The virtual device. Its time goes with the clock; a pause of more than a second, as when
             the process was stopped, counts as one second.
         clock: Seconds, from any beginning.
+        speed: Seconds of device time per second of the clock.
 
     Attributes:
         device: The virtual device.
@@ -51,9 +53,16 @@ class Server(ABC):
     """
 
     def __init__(
-        self, device: SimulatedDevice, *, clock: Callable[[], float] = time.monotonic
+        self,
+        device: SimulatedDevice,
+        *,
+        clock: Callable[[], float] = time.monotonic,
+        speed: float = 1.0,
     ) -> None:
+        if not 0 < speed < math.inf:
+            raise ValueError(f"speed is a factor above 0, not {speed}")
         self.device = device
+        self._speed = speed
         self.is_used = False
         self.lost = 0
         self._clock = clock
@@ -74,7 +83,7 @@ class Server(ABC):
         self._selector.select(timeout)
         data = self._receive()
         now = self._clock()
-        self.device.advance(min(now - self._then, CATCH_UP))
+        self.device.advance(min(now - self._then, CATCH_UP) * self._speed)
         self._then = now
         rate = self._baudrate()
         if data and self.device.plugged:
@@ -173,6 +182,7 @@ class PtyServer(Server):
         device: The virtual device.
         link: A name that always leads to the port: a symbolic link, replaced where it is there.
         clock: Seconds, from any beginning.
+        speed: Seconds of device time per second of the clock.
 
     Raises:
         NotImplementedError: The system has no pseudo-terminals, as Windows.
@@ -186,10 +196,11 @@ class PtyServer(Server):
         *,
         link: str | os.PathLike[str] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        speed: float = 1.0,
     ) -> None:
         if not hasattr(os, "openpty"):
             raise NotImplementedError("this system has no pseudo-terminals: serve on TCP (--tcp 0)")
-        super().__init__(device, clock=clock)
+        super().__init__(device, clock=clock, speed=speed)
         self._link = None if link is None else Path(link)
         self._master: int | None = None
         try:
@@ -300,6 +311,9 @@ class TcpServer(Server):
         host: Address or name to listen on.
         port: Number to listen on; 0 picks one that is free.
         clock: Seconds, from any beginning.
+        speed: Seconds of device time per second of the clock.
+        idle_timeout: Seconds after which the server disconnects a client that neither sends nor takes a
+            byte; None: never. A client that has lost its network would keep all others out.
 
     Raises:
         OSError: The address cannot be used, or the port is taken.
@@ -312,6 +326,8 @@ class TcpServer(Server):
         port: int = 0,
         *,
         clock: Callable[[], float] = time.monotonic,
+        speed: float = 1.0,
+        idle_timeout: float | None = None,
     ) -> None:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
         self._listener = socket.create_server((host, port), family=family)
@@ -319,13 +335,21 @@ class TcpServer(Server):
         host, port = self._listener.getsockname()[:2]
         self._port = f"socket://[{host}]:{port}" if ":" in host else f"socket://{host}:{port}"
         self._client: socket.socket | None = None
-        super().__init__(device, clock=clock)
+        self._idle_timeout = math.inf if idle_timeout is None else idle_timeout
+        self._active_at = 0.0
+        super().__init__(device, clock=clock, speed=speed)
         self._selector.register(self._listener, selectors.EVENT_READ)
 
     @property
     def port(self) -> str:
         """The URL for pyserial: ``socket://HOST:PORT``."""
         return self._port
+
+    def step(self, timeout: float = STEP) -> None:
+        """Waits for bytes from the client, at most ``timeout`` seconds, and moves device and bytes on."""
+        super().step(timeout)
+        if self._clock() - self._active_at > self._idle_timeout:
+            self._set_used(False)
 
     def close(self) -> None:
         """Hangs up and stops listening."""
@@ -343,10 +367,12 @@ class TcpServer(Server):
                 return b""
             self._set_used(True)
         try:
-            return self._client.recv(PIECE)
+            data = self._client.recv(PIECE)
         except BlockingIOError:
             self._turn_away()
             raise
+        self._active_at = self._clock()
+        return data
 
     def _turn_away(self) -> None:
         """Hangs up on whoever waits to be let in."""
@@ -358,7 +384,9 @@ class TcpServer(Server):
 
     def _write(self, data: bytearray) -> int:
         assert self._client is not None  # noqa: S101 - a client is there
-        return self._client.send(data)
+        sent = self._client.send(data)
+        self._active_at = self._clock()
+        return sent
 
     def _enter(self) -> None:
         assert self._client is not None  # noqa: S101 - a client has come
@@ -367,6 +395,7 @@ class TcpServer(Server):
         # Who has lost the network would keep all others out.
         self._client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self._selector.register(self._client, selectors.EVENT_READ)
+        self._active_at = self._clock()
 
     def _leave(self) -> None:
         assert self._client is not None  # noqa: S101 - a client was there
@@ -376,12 +405,20 @@ class TcpServer(Server):
 
 
 @contextlib.contextmanager
-def serving(device: SimulatedDevice, *, tcp: bool = False) -> Iterator[str]:
+def serving(
+    device: SimulatedDevice,
+    *,
+    tcp: bool = False,
+    link: str | os.PathLike[str] | None = None,
+    speed: float = 1.0,
+) -> Iterator[str]:
     """Serves a virtual device in a thread, for the length of a ``with`` block.
 
     Args:
-        device: The virtual device. Nobody else should move it on meanwhile.
+        device: The virtual device. Do not call `advance` and `read` meanwhile: the server does.
         tcp: Whether on TCP, on this machine, and not on a pseudo-terminal.
+        link: Path of a symbolic link that always leads to the pseudo-terminal.
+        speed: Seconds of device time per second of real time.
 
     Yields:
         The port, as `xbus.connect` and pyserial take it.
@@ -392,7 +429,12 @@ def serving(device: SimulatedDevice, *, tcp: bool = False) -> Iterator[str]:
     ...     "quaternion" in device.read_sample()
     True
     """
-    with TcpServer(device) if tcp else PtyServer(device) as server:
+    if tcp and link is not None:
+        raise ValueError("a link leads to a pseudo-terminal; with tcp there is none")
+    made: Server = (
+        TcpServer(device, speed=speed) if tcp else PtyServer(device, link=link, speed=speed)
+    )
+    with made as server:
         done = threading.Event()
         thread = threading.Thread(target=serve, args=(server, done.is_set))
         port = server.port

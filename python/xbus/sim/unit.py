@@ -85,6 +85,7 @@ class Unit:
         identity: What it calls itself.
         settings: What it is set to at first.
         bus_id: Its bus identifier, with ConfigurableBusId.
+        strict_outputs: See below.
         send: See below.
         restart: See below.
 
@@ -99,6 +100,7 @@ class Unit:
         reset_rotations: RotSensor and RotLocal after the orientation resets of the last Measurement, which
             can be stored in Config; None where there were none.
         sync_inputs: Counts of edges.
+        strict_outputs: Whether an unsupported data identifier makes it refuse a whole configuration.
         send: Takes frames to the host.
         restart: Starts the device anew, once what it has said is out.
     """
@@ -112,6 +114,7 @@ class Unit:
         settings: UnitSettings,
         *,
         bus_id: int,
+        strict_outputs: bool,
         send: Callable[[bytes], None],
         restart: Callable[[], None],
     ) -> None:
@@ -122,6 +125,7 @@ class Unit:
         self.send, self.restart = send, restart
         self.receiver = Receiver(clock, world.time_to_fix, self._receiver_changed)
         self._bus_id = bus_id
+        self.strict_outputs = strict_outputs
 
     @property
     def settings(self) -> UnitSettings:
