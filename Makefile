@@ -20,7 +20,7 @@ lint:
 	python -m mypy.stubtest xbus._core
 
 test:
-	cargo test
+	cargo test --features arrow
 	pytest -n auto
 
 bench:

@@ -28,7 +28,7 @@ from hypothesis import strategies as st
 import streams
 import xbus
 from conftest import damaged_streams, read
-from xbus._core import Acquisition
+from xbus._core import Acquisition, Received
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
 
@@ -78,13 +78,12 @@ def take(acquisition: Acquisition, size: int) -> bytes:
     while len(data) < size:
         taken = acquisition.read(LONG)
         assert taken is not None
-        offset, more, ends, arrivals = taken
-        assert more, "nothing came"
-        assert offset == len(data)
-        assert ends[-1] == len(more)
-        assert np.all(np.diff(ends) > 0)
-        assert np.all(np.diff(arrivals) >= 0)
-        data += more
+        assert taken.data, "nothing came"
+        assert taken.offset == len(data)
+        assert taken.ends[-1] == len(taken.data)
+        assert np.all(np.diff(taken.ends) > 0)
+        assert np.all(np.diff(taken.arrivals) >= 0)
+        data += taken.data
     return data
 
 
@@ -167,10 +166,9 @@ def test_arrivals_are_on_the_steady_clock() -> None:
     after = time.monotonic_ns()
     taken = acquisition.read(0)
     assert taken is not None
-    offset, data, ends, arrivals = taken
-    assert (offset, data, ends.tolist()) == (0, b"oneand two", [3, 10])
-    assert before <= arrivals[0] <= arrivals[1] <= after
-    assert acquisition.stats()["last_arrival"] == arrivals[1]
+    assert (taken.offset, taken.data, taken.ends.tolist()) == (0, b"oneand two", [3, 10])
+    assert before <= taken.arrivals[0] <= taken.arrivals[1] <= after
+    assert acquisition.stats()["last_arrival"] == taken.arrivals[1]
 
 
 def test_a_full_queue_drops_the_oldest() -> None:
@@ -179,8 +177,8 @@ def test_a_full_queue_drops_the_oldest() -> None:
         acquisition.push(bytes([byte]) * 100)
     taken = acquisition.read(0)
     assert taken is not None
-    assert taken[0] == 9000
-    assert taken[1] == b"".join(bytes([byte]) * 100 for byte in range(90, 100))
+    assert taken.offset == 9000
+    assert taken.data == b"".join(bytes([byte]) * 100 for byte in range(90, 100))
     stats = acquisition.stats()
     assert (stats["dropped_bytes"], stats["most_queued_bytes"], stats["queued_bytes"]) == (
         9000,
@@ -282,8 +280,8 @@ def test_a_wait_ends_when_bytes_come(pty: tuple[int, str]) -> None:
     with serial.Serial(name, timeout=0) as port:
         acquisition = Acquisition(port.fileno())
         came = wait_for(acquisition, lambda: os.write(ours, b"x"))
-        assert isinstance(came, tuple)
-        assert came[:2] == (0, b"x")
+        assert isinstance(came, Received)
+        assert (came.offset, came.data) == (0, b"x")
         acquisition.close()
 
 
@@ -313,7 +311,7 @@ def test_what_was_queued_is_there_after_the_end() -> None:
     assert not acquisition.push(b"too late")
     taken = acquisition.read()
     assert taken is not None
-    assert taken[1] == b"the last"
+    assert taken.data == b"the last"
     assert acquisition.read() is None
     assert acquisition.ended == "the pump failed"
 
@@ -322,12 +320,12 @@ def test_time_outs() -> None:
     acquisition = Acquisition(None)
     taken = acquisition.read(0.01)
     assert taken is not None
-    assert taken[1] == b""
-    assert len(taken[2]) == len(taken[3]) == 0
+    assert taken.data == b""
+    assert len(taken.ends) == len(taken.arrivals) == 0
     acquisition.push(b"abc")
     taken = acquisition.read(0.01, least=4)
     assert taken is not None
-    assert taken[1] == b"abc", "what there is when the time is up"
+    assert taken.data == b"abc", "what there is when the time is up"
     with pytest.raises(ValueError, match="timeout is a number of seconds, not -1"):
         acquisition.read(-1.0)
 
@@ -348,7 +346,7 @@ def test_another_port_after_the_end(tmp_path: Path) -> None:
         os.close(ours)
         taken = acquisition.read(LONG)
         assert taken is not None
-        assert taken[1] == data
+        assert taken.data == data
         assert acquisition.read(LONG) is None
     assert acquisition.stats()["samples"] == 30
     acquisition.close()

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from fractions import Fraction
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -259,6 +261,16 @@ def test_a_time_that_has_passed_is_what_was_said_then() -> None:
     middle = clock.host_time((time[-900:-1] + time[-899:]) / 2)
     assert np.all((said[-900:-1] <= middle) & (middle <= said[-899:]))
     assert clock.host_time(float(time[-1]) + 5) == pytest.approx(said[-1] + 5, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    "number", [float, int, np.float32, np.float64, np.int32, Fraction, np.array], ids=repr
+)
+def test_a_scalar_of_any_type_gives_a_float(number: Callable[[int], Any]) -> None:
+    clock = HostClock()
+    host_time = clock.update(number(1), 5_000_000_000)
+    assert (type(host_time), host_time) == (float, 5.0)
+    assert type(clock.host_time(number(1))) is float
 
 
 def test_before_the_first_sample() -> None:

@@ -15,6 +15,7 @@ import math
 import mmap
 import os
 import random
+import signal
 import struct
 import subprocess
 import sys
@@ -344,6 +345,37 @@ def test_named_pipe(tmp_path: Path) -> None:
         log = xbus.read_log(path)
         assert writer.result() == len(DATA)
     assert differences(facts(log), facts_of(reference.decode(DATA))) == []
+
+
+INTERRUPTED = """
+import sys, xbus
+try:
+    print("ready", flush=True)
+    xbus.read_log(sys.argv[1])
+except KeyboardInterrupt:
+    print("interrupted")
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs mkfifo and /proc")
+@pytest.mark.parametrize("has_writer", [False, True])
+def test_ctrl_c_ends_the_wait_for_a_named_pipe(tmp_path: Path, has_writer: bool) -> None:
+    """While no other program has opened the pipe, and while the one that has writes nothing."""
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    command = [sys.executable, "-c", INTERRUPTED, str(path)]
+    with (
+        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,  # noqa: S603
+        contextlib.ExitStack() as files,
+    ):
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+        if has_writer:
+            files.enter_context(path.open("wb"))  # returns when the reader has opened the pipe
+        while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != "S":
+            pass
+        process.send_signal(signal.SIGINT)
+        assert process.communicate(timeout=30)[0] == "interrupted\n"
 
 
 def test_a_file_is_read_from_where_it_stands() -> None:

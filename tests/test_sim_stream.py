@@ -56,7 +56,7 @@ def log_of(stream: Stream, seconds: float, status: int = 0) -> xbus.Log:
 
 def names(frame: bytes) -> list[str | None]:
     """The quantities in a short frame, in order."""
-    return [it[1] for it in _core.packets(frame[4:-1] if frame[3] < 255 else frame[6:-1])]
+    return [it.name for it in _core.packets(frame[4:-1] if frame[3] < 255 else frame[6:-1])]
 
 
 # The encoder -----------------------------------------------------------------------------------------
@@ -95,7 +95,7 @@ def test_many_samples_are_written_as_one_by_one(quantity: Quantity) -> None:
         data_id |= Precision[precision] if precision else 0
         data_id |= Coordinates[coordinates] if coordinates else 0
         counters = np.arange(4)
-        frames, ends = _core.encode_samples([(COUNTER, counters), (data_id, rows)], 5)
+        frames = _core.encode_samples([(COUNTER, counters), (data_id, rows)], 5)
         single = [
             xbus.encode_frame(
                 0x36,
@@ -105,29 +105,29 @@ def test_many_samples_are_written_as_one_by_one(quantity: Quantity) -> None:
             )
             for counter, row in zip(counters.tolist(), rows, strict=True)
         ]
-        assert frames == b"".join(single)
-        assert ends.tolist() == np.cumsum([len(it) for it in single]).tolist()
+        assert frames.data == b"".join(single)
+        assert frames.ends.tolist() == np.cumsum([len(it) for it in single]).tolist()
 
 
 def test_rows_of_any_layout_in_memory_and_scalars_without_an_axis() -> None:
     vectors = np.arange(6.0).reshape(3, 2).T  # columns beside one another
-    frames, _ = _core.encode_samples([(0x4020, vectors), (0x0810, np.array([1.5, 2.5]))], 0xFF)
-    log = xbus.read_log(frames)
+    frames = _core.encode_samples([(0x4020, vectors), (0x0810, np.array([1.5, 2.5]))], 0xFF)
+    log = xbus.read_log(frames.data)
     assert log["acceleration"].values.tolist() == vectors.tolist()
     assert log["temperature"].values.tolist() == [1.5, 2.5]
 
 
 def test_nothing_gives_nothing() -> None:
     for packets in ([], [(0x4020, np.zeros((0, 3)))]):
-        frames, ends = _core.encode_samples(packets, 0xFF)
-        assert (frames, ends.tolist()) == (b"", [])
+        frames = _core.encode_samples(packets, 0xFF)
+        assert (frames.data, frames.ends.tolist()) == (b"", [])
 
 
 def test_long_messages_get_the_extended_length() -> None:
     double = (0x2023, np.ones((2, 9)))
-    frames, ends = _core.encode_samples([double] * 4, 0xFF)
-    assert (frames[3:6].hex(), ends.tolist()) == ("ff012c", [307, 614])
-    assert len(xbus.read_log(frames)) == 2
+    frames = _core.encode_samples([double] * 4, 0xFF)
+    assert (frames.data[3:6].hex(), frames.ends.tolist()) == ("ff012c", [307, 614])
+    assert len(xbus.read_log(frames.data)) == 2
 
 
 @pytest.mark.parametrize(
@@ -721,8 +721,8 @@ def test_every_measured_quantity_of_every_product() -> None:
             ):
                 continue
             values = sensors.read(row.name, Ticks(7, 2, 100))
-            frames, _ = _core.encode_samples([(row.id, values)], 0xFF)
-            assert len(xbus.read_log(frames, strict=True)[row.name]) == 2
+            frames = _core.encode_samples([(row.id, values)], 0xFF)
+            assert len(xbus.read_log(frames.data, strict=True)[row.name]) == 2
 
 
 def test_sensors_can_be_replaced_while_measuring() -> None:

@@ -1,4 +1,4 @@
-"""The compiled core. What users call is in the modules beside it; this is what those call."""
+"""The compiled core: an internal module. Users call the packages beside it, which call this."""
 
 import os
 from typing import Any, Literal, final
@@ -9,12 +9,22 @@ import numpy.typing as npt
 __all__ = [
     "Acquisition",
     "ArrowStream",
+    "ClockStep",
     "Column",
+    "DamageArrays",
     "Decoder",
+    "EncodedFrames",
     "HostClock",
+    "MessageArrays",
+    "Packet",
     "Part",
     "Reader",
+    "Received",
+    "ScannedDamage",
+    "ScannedFrame",
+    "ScannedString",
     "Scanner",
+    "StringArrays",
     "__version__",
     "configuration",
     "damage_reasons",
@@ -60,7 +70,11 @@ def message_name(mid: int, length: int) -> str | None:
     """The manual's name of a message with a payload of this length, or None."""
 
 def encode_frame(bid: int, mid: int, payload: bytes) -> bytes:
-    """The frame that carries this message. Raises ValueError from 65536 bytes of payload on."""
+    """Returns the frame of a message.
+
+    Raises:
+        ValueError: The payload has more than 65535 bytes.
+    """
 
 def encode_packet(
     name: str,
@@ -68,28 +82,65 @@ def encode_packet(
     coordinates: str | None,
     numbers: npt.NDArray[Any],
 ) -> bytes:
-    """The packet that carries these numbers: a float32, float64, int64 or uint64 array ``(k,)``.
+    """Returns the packet of a quantity.
 
-    Raises ValueError for what the encoder refuses, TypeError for another array.
+    Args:
+        name: Name of the quantity.
+        precision: Name of a `Precision`; None for Float32, and for quantities of integers.
+        coordinates: Name of a `Coordinates`; None for ENU, and for quantities without coordinates.
+        numbers: A float32, float64, int64 or uint64 array ``(k,)``, in the order of the wire.
+
+    Raises:
+        TypeError: An array of another type.
+        ValueError: No such quantity, or numbers that do not fit it.
     """
 
-def encode_samples(
-    packets: list[tuple[int, npt.NDArray[Any]]], bid: int
-) -> tuple[bytes, npt.NDArray[np.uint64]]:
-    """The frames of MTData2 messages that all have these packets, in one piece, and where each ends.
+def encode_samples(packets: list[tuple[int, npt.NDArray[Any]]], bid: int) -> EncodedFrames:
+    """Returns the frames of MTData2 messages that all have the same packets.
 
-    A packet is a data identifier with its format bits and an array of the types that `encode_packet`
-    takes, ``(n,)`` or ``(n, k)``: a row for each message. Raises as `encode_packet` does.
+    Args:
+        packets: For each packet its data identifier with format bits, and an array ``(n,)`` or ``(n, k)``
+            of a type that `encode_packet` takes, with one row for each message.
+        bid: Bus identifier.
+
+    Raises:
+        TypeError: An array of another type.
+        ValueError: No such data identifier, or numbers that do not fit it.
     """
 
-def packets(
-    payload: bytes,
-) -> list[tuple[int, str | None, str | None, str | None, list[float | int] | bytes]]:
-    """The packets of an MTData2 payload, up to one that runs past its end.
+@final
+class EncodedFrames:
+    """Frames, one after another."""
 
-    Each is (data identifier, name, precision, coordinates, numbers in the order of the wire); one that
-    the tables cannot explain has None for a name and its bytes for numbers.
-    """
+    @property
+    def data(self) -> bytes:
+        """All frames, joined."""
+    @property
+    def ends(self) -> npt.NDArray[np.uint64]:
+        """Where each frame ends in ``data``, ``(n,)``."""
+
+def packets(payload: bytes) -> list[Packet]:
+    """Returns the packets of an MTData2 payload, up to one that runs past its end."""
+
+@final
+class Packet:
+    """One packet of an MTData2 message."""
+
+    @property
+    def data_id(self) -> int:
+        """Data identifier as received."""
+    @property
+    def name(self) -> str | None:
+        """Name of the quantity; None for a packet that the tables do not explain."""
+    @property
+    def precision(self) -> str | None:
+        """Name of the `Precision` of real numbers; None for others."""
+    @property
+    def coordinates(self) -> str | None:
+        """Name of the `Coordinates`; None for quantities without."""
+    @property
+    def numbers(self) -> list[Any] | bytes:
+        """Numbers in the order of the wire; the bytes of a packet that the tables do not explain."""
 
 def configuration(payload: bytes) -> dict[str, Any] | None:
     """The fields of a Configuration payload, or None: see `xbus.protocol.configuration.Configuration`."""
@@ -102,20 +153,67 @@ def product_code(payload: bytes) -> str | None:
 
 @final
 class Scanner:
-    """Bytes to messages, for input that comes in pieces."""
+    """Finds the frames and strings of an input that is pushed in pieces."""
 
     def __new__(cls, limit: int, strings: int = 0) -> Scanner:
-        """``strings`` are bits of `StringType`: those to look for that only their length tells from noise."""
-    def feed(
-        self, data: bytes, last: bool
-    ) -> tuple[
-        list[tuple[int, int, int, bytes] | tuple[int, int | None, bytes]],
-        list[tuple[int, int, str]],
-    ]:
-        """What can be told now: messages (offset, bid, mid, payload) and strings, in order; and damage.
+        """Creates a scanner at the beginning of an input.
 
-        A string is (offset, its place in `strings` or None, bytes), damage (offset, length, reason).
+        Args:
+            limit: Longest payload of a frame, in bytes.
+            strings: Bits of `StringType` of the strings to look for that have no checksum.
         """
+    def feed(self, data: bytes, last: bool) -> list[ScannedFrame | ScannedString | ScannedDamage]:
+        """Returns all that can be decided with these bytes, in order.
+
+        Args:
+            data: The next bytes of the input.
+            last: Whether the input ends with them.
+        """
+
+@final
+class ScannedFrame:
+    """A frame that a scanner found."""
+
+    @property
+    def offset(self) -> int:
+        """Where it begins, in bytes from the start of the input."""
+    @property
+    def bid(self) -> int:
+        """Bus identifier."""
+    @property
+    def mid(self) -> int:
+        """Message identifier."""
+    @property
+    def payload(self) -> bytes:
+        """Its data."""
+
+@final
+class ScannedString:
+    """A string output that a scanner found."""
+
+    @property
+    def offset(self) -> int:
+        """Where it begins, in bytes from the start of the input."""
+    @property
+    def place(self) -> int | None:
+        """Its index in `strings`; None for one that the manual does not list."""
+    @property
+    def data(self) -> bytes:
+        """Its bytes, including the end of its line."""
+
+@final
+class ScannedDamage:
+    """A stretch of bytes that is neither frame nor string."""
+
+    @property
+    def offset(self) -> int:
+        """Where it begins, in bytes from the start of the input."""
+    @property
+    def length(self) -> int:
+        """Its bytes."""
+    @property
+    def reason(self) -> str:
+        """One of `damage_reasons`: what was wrong where it begins."""
 
 @final
 class HostClock:
@@ -123,24 +221,30 @@ class HostClock:
 
     def __new__(cls) -> HostClock: ...
     def copy(self) -> HostClock:
-        """The same clock, which goes on by itself."""
+        """Returns an independent copy."""
     def update(self, time: float, arrival: int, leads: bool) -> float:
-        """Takes in a sample (seconds; ns since 1970); its host time in seconds since 1970."""
+        """Adds a sample and returns its host time, in seconds since 1970.
+
+        Args:
+            time: Seconds on the device clock.
+            arrival: Nanoseconds since 1970.
+            leads: Whether the sample moves the clock.
+        """
     def update_many(
         self,
         time: npt.NDArray[np.float64],
         arrival: npt.NDArray[np.int64],
         leads: npt.NDArray[np.bool_],
     ) -> npt.NDArray[np.float64]:
-        """Takes in samples, in contiguous arrays of one length; their host times."""
+        """Adds samples, in contiguous arrays ``(n,)``, and returns their host times ``(n,)``."""
     def host_time(self, time: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        """Host times of device times, in a contiguous array."""
+        """Returns the host times ``(n,)`` of device times ``(n,)``, a contiguous array."""
     @property
     def offset(self) -> float:
-        """Host time less device time at the newest sample, in seconds."""
+        """Host time minus device time at the newest sample, in seconds."""
     @property
     def drift(self) -> float:
-        """What the host's clock gains, in seconds per second."""
+        """Seconds per second that the host's clock gains."""
     @property
     def residual(self) -> float:
         """Mean seconds by which samples arrive later than the line."""
@@ -149,10 +253,24 @@ class HostClock:
         """Device time at which the fit began, in seconds."""
     @property
     def fits(self) -> int:
-        """How many fits there were."""
+        """Number of fits."""
     @property
-    def steps(self) -> list[tuple[float, int, str]]:
-        """The last steps: device time, arrival in ns, reason."""
+    def steps(self) -> list[ClockStep]:
+        """The last steps."""
+
+@final
+class ClockStep:
+    """A step of one of the clocks."""
+
+    @property
+    def time(self) -> float:
+        """Device time of the first sample after it, in seconds."""
+    @property
+    def arrival(self) -> int:
+        """Arrival of that sample, in ns since 1970."""
+    @property
+    def reason(self) -> str:
+        """What happened, in words."""
 
 @final
 class Reader:
@@ -169,42 +287,54 @@ class Reader:
         part_bytes: int | None = None,
         fast: bool = True,
     ) -> Reader:
-        """``source`` is a uint8 array, a path, or an object with a method ``read``.
+        """Opens a log.
 
-        ``strings``: see `Scanner`. ``part_bytes`` is how much of it goes into a part, about; it decides how
-        much room columns get.
+        Args:
+            source: A uint8 array, a path, or an object with a method ``read``.
+            limit: Longest payload of a frame, in bytes.
+            strict: Raise at the first damage.
+            wanted: Quantities to keep, with a coordinate system or None for all of them; None for all
+                quantities.
+            strings: See `Scanner`.
+            part_bytes: Approximate bytes of input in a part. Decides how much memory columns reserve.
+            fast: Use the fast path. False is for tests.
 
-        Raises OSError for a file that cannot be opened, ValueError for a quantity that does not exist.
+        Raises:
+            OSError: The file cannot be opened.
+            ValueError: No such quantity.
         """
     @property
     def total(self) -> int | None:
-        """Bytes of input, where that is known."""
+        """Bytes of input; None if that is not known."""
     @property
     def position(self) -> int:
         """Bytes of input that have been read."""
     def advance(self, size: int) -> bool:
-        """Reads about so many bytes more, without holding the interpreter; whether any are left.
+        """Reads about ``size`` bytes more, without the GIL; returns whether any are left.
 
-        Raises DecodeError where strict, OSError, and whatever the source's ``read`` raises.
+        Raises:
+            DecodeError: Damage, in strict mode.
+            OSError: The file cannot be read. An exception of the source's ``read`` is passed on.
         """
     def take(self) -> Part:
-        """What has been read since the last time."""
+        """Returns what has been read since the last call."""
 
 @final
 class Decoder:
-    """Decodes a log that is handed over piece by piece."""
+    """Decodes a log that is pushed in pieces."""
 
     def __new__(
         cls, limit: int, wanted: list[tuple[str, str | None]] | None, strings: int = 0
     ) -> Decoder:
-        """No frame may carry more than ``limit`` bytes of payload. ``strings``: see `Scanner`.
+        """Creates a decoder at the beginning of a log. Arguments as for `Reader`.
 
-        Raises ValueError for a quantity that does not exist.
+        Raises:
+            ValueError: No such quantity.
         """
     def feed(self, data: bytes) -> None:
-        """Decodes what can be told with these bytes, without holding the interpreter."""
+        """Decodes all that can be decided with these bytes, without the GIL."""
     def take(self) -> Part:
-        """What has been decoded since the last time."""
+        """Returns what has been decoded since the last call."""
 
 @final
 class Part:
@@ -220,48 +350,88 @@ class Part:
         """The columns that have rows, in the order in which they were first seen."""
     @property
     def stats(self) -> dict[str, int]:
-        """What was counted: see `xbus.log.Stats`."""
+        """Counts: see `xbus.Stats`."""
     @property
-    def damage(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], npt.NDArray[np.uint8]]:
-        """The damage that ends in this part: offset, length, place in `damage_reasons`."""
+    def damage(self) -> DamageArrays:
+        """The damage that ends in this part."""
     @property
-    def messages(
-        self,
-    ) -> tuple[
-        npt.NDArray[np.uint8],
-        npt.NDArray[np.uint8],
-        npt.NDArray[np.int64],
-        npt.NDArray[np.int64],
-        npt.NDArray[np.uint64],
-        npt.NDArray[np.uint8],
-    ]:
-        """The other messages: mid, bid, offset, sample, end of each payload, all payloads."""
+    def messages(self) -> MessageArrays:
+        """The messages that are not samples."""
     @property
-    def strings(
-        self,
-    ) -> tuple[
-        npt.NDArray[np.uint8],
-        npt.NDArray[np.int64],
-        npt.NDArray[np.int64],
-        npt.NDArray[np.uint64],
-        npt.NDArray[np.uint8],
-    ]:
-        """The string outputs: place in `strings` or 255, offset, sample, end of each, all bytes."""
+    def strings(self) -> StringArrays:
+        """The string outputs."""
     @property
     def time(self) -> npt.NDArray[np.float64]:
-        """Per sample: seconds on the device clock, unwrapped; NaN where it carries none."""
+        """Seconds on the device clock, unwrapped, ``(n,)``; NaN for samples without a time stamp."""
     @property
     def packet_counter(self) -> npt.NDArray[np.int64]:
-        """Per sample: the packet counter, unwrapped; -1 where it carries none."""
+        """The packet counter, unwrapped, ``(n,)``; -1 for samples without one."""
     @property
     def offset(self) -> npt.NDArray[np.int64]:
-        """Per sample: where its frame begins, in bytes."""
+        """Where the frame of each sample begins, in bytes from the start of the input, ``(n,)``."""
     @property
     def end(self) -> npt.NDArray[np.int64]:
-        """Per sample: where its frame ends, in bytes."""
+        """Where the frame of each sample ends, in bytes from the start of the input, ``(n,)``."""
     @property
     def bid(self) -> npt.NDArray[np.uint8]:
-        """Per sample: the bus identifier of its frame."""
+        """Bus identifier of each sample, ``(n,)``."""
+
+@final
+class DamageArrays:
+    """Stretches of bytes that are neither frame nor string. Arrays are read-only."""
+
+    @property
+    def offset(self) -> npt.NDArray[np.int64]:
+        """Where each begins, in bytes from the start of the input, ``(n,)``."""
+    @property
+    def length(self) -> npt.NDArray[np.int64]:
+        """Bytes of each, ``(n,)``."""
+    @property
+    def reason(self) -> npt.NDArray[np.uint8]:
+        """Index in `damage_reasons` of each, ``(n,)``."""
+
+@final
+class MessageArrays:
+    """Messages that are not samples. Arrays are read-only."""
+
+    @property
+    def mid(self) -> npt.NDArray[np.uint8]:
+        """Message identifiers, ``(n,)``."""
+    @property
+    def bid(self) -> npt.NDArray[np.uint8]:
+        """Bus identifiers, ``(n,)``."""
+    @property
+    def offset(self) -> npt.NDArray[np.int64]:
+        """Where each frame begins, in bytes from the start of the input, ``(n,)``."""
+    @property
+    def sample(self) -> npt.NDArray[np.int64]:
+        """Index of the next sample, ``(n,)``."""
+    @property
+    def ends(self) -> npt.NDArray[np.uint64]:
+        """Where each payload ends in ``payloads``, ``(n,)``."""
+    @property
+    def payloads(self) -> npt.NDArray[np.uint8]:
+        """All payloads, joined."""
+
+@final
+class StringArrays:
+    """String outputs. Arrays are read-only."""
+
+    @property
+    def place(self) -> npt.NDArray[np.uint8]:
+        """Index in `strings` of each, 255 for one that the manual does not list, ``(n,)``."""
+    @property
+    def offset(self) -> npt.NDArray[np.int64]:
+        """Where each begins, in bytes from the start of the input, ``(n,)``."""
+    @property
+    def sample(self) -> npt.NDArray[np.int64]:
+        """Index of the next sample, ``(n,)``."""
+    @property
+    def ends(self) -> npt.NDArray[np.uint64]:
+        """Where each ends in ``data``, ``(n,)``."""
+    @property
+    def data(self) -> npt.NDArray[np.uint8]:
+        """All strings, joined."""
 
 @final
 class Column:
@@ -271,109 +441,107 @@ class Column:
         """Number of rows."""
     @property
     def name(self) -> str | None:
-        """Name of the quantity; None for an identifier that the tables cannot explain."""
+        """Name of the quantity; None for an identifier that the tables do not explain."""
     @property
     def coordinates(self) -> Literal["ENU", "NED", "NWU"] | None:
-        """Coordinate system."""
+        """Coordinate system; None for quantities without."""
     @property
     def data_id(self) -> int:
-        """Data identifier as received; the base identifier where several were."""
+        """Data identifier as received; the base identifier if packets had several."""
     @property
     def precision(self) -> Literal["Float32", "Fp1220", "Fp1632", "Float64"] | None:
-        """Precision of reals, if it is one."""
+        """Precision of real numbers; None for others and if packets had several."""
     @property
     def values(self) -> npt.NDArray[Any]:
         """The numbers, in one dimension and in the order of the wire; records and raw packets as uint8."""
     @property
     def entries(self) -> npt.NDArray[np.uint8]:
-        """The entries of a list quantity, all of them, as bytes."""
+        """The entries of a list quantity as bytes, those of all rows joined."""
     @property
     def ends(self) -> npt.NDArray[np.uint64] | None:
-        """Where each raw packet ends in ``values``; None for other columns."""
+        """Where each raw packet ends in ``values``, ``(n,)``; None for other columns."""
     @property
     def nanoseconds(self) -> npt.NDArray[np.int64] | None:
-        """UtcTime and GnssPvtData in ns since 1970; the least integer where there is no such date."""
+        """UtcTime and GnssPvtData in ns since 1970, ``(n,)``; the least int64 for a date that does not exist.
+
+        None for other columns.
+        """
     @property
     def sample(self) -> npt.NDArray[np.int64]:
-        """Which sample each row belongs to."""
+        """Index of the sample of each row, ``(n,)``."""
 
 @final
 class Acquisition:
-    """A stream of bytes that is taken in by a thread without the interpreter, counted, queued, recorded.
+    """Receives a stream of bytes in a thread of its own, without the GIL; counts, queues and records it.
 
-    The thread reads a duplicate of a descriptor. Nothing about the original is changed, and it can be
-    used for writing and for settings, but nobody else may read it. The port is free again once the
-    stream has ended: after `close`, or after it was unplugged.
+    The thread reads a duplicate of a descriptor. The original stays as it is, and can be used for writing and
+    for settings, but must not be read. The port is free again once the stream has ended: after `close`, or
+    after it was unplugged.
 
-    What came waits in a queue until `read` takes it. When the queue is full the oldest pieces go, and are
-    counted in ``dropped_bytes``; what is counted and recorded misses nothing.
+    Received bytes wait in a queue until `read` takes them. When the queue is full the oldest pieces are
+    dropped and counted in ``dropped_bytes``; counts and recordings are complete in any case.
 
     Arrivals are nanoseconds on the host's steady clock: on Unix that of `time.monotonic_ns`.
     """
 
     def __new__(cls, fd: int | None, *, bound: int = 24_000_000, strings: int = 0) -> Acquisition:
-        """Begins to read.
+        """Starts to read.
 
         Args:
-            fd: A descriptor, or None where there is none: then `push` what comes.
+            fd: A descriptor; None for a stream that is passed to `push`.
             bound: Most bytes in the queue; the default is 60 s at 4 Mbaud.
             strings: See `Scanner`.
 
         Raises:
-            OSError: It cannot be read, or this system's ports have no descriptors.
+            OSError: The descriptor cannot be read, or ports of this system have none.
         """
     def open(self, fd: int) -> None:
-        """Goes on with another descriptor after the end, in the same queue, counts and recording.
+        """Continues with another descriptor after the end, in the same queue, counts and recording.
 
         Raises:
-            OSError: It cannot be read.
+            OSError: The descriptor cannot be read.
             RuntimeError: The stream has not ended.
         """
-    def read(
-        self, timeout: float | None = None, *, least: int = 1
-    ) -> tuple[int, bytes, npt.NDArray[np.int64], npt.NDArray[np.int64]] | None:
-        """Takes all that is queued; waits, without the interpreter, until there is enough.
+    def read(self, timeout: float | None = None, *, least: int = 1) -> Received | None:
+        """Takes all that is queued; waits, without the GIL, until there is enough.
 
         Args:
-            timeout: Most seconds to wait; None for no limit. After it what there is is taken.
-            least: How many bytes to wait for. More than half the queue's bound are not waited for. With more
-                than one they may come a millisecond later, for less of the processor.
+            timeout: Most seconds to wait; None for no limit. When it is over, all that is queued is taken.
+            least: Bytes to wait for, at most half of the queue's bound. With more than one they may be
+                returned a millisecond later, which costs less CPU time.
 
         Returns:
-            Position of the first byte in the stream; the bytes; where each of the pieces in which they came
-            ends in them ``(n,)``; when each had come, in ns ``(n,)``. A position behind the end of what was
-            taken before says that the queue was full. None once the stream has ended and the queue is
-            empty: `ended` says why.
+            The bytes; None once the stream has ended and the queue is empty: `ended` is the reason.
 
         Raises:
-            ValueError: The timeout is no number of seconds.
+            ValueError: The timeout is not a number of seconds.
         """
     def push(self, data: bytes) -> bool:
-        """Takes in bytes that have come just now; False if the stream has ended."""
+        """Adds bytes that have just been received; returns False if the stream has ended."""
     def resume(self) -> None:
-        """Goes on after an end with what is pushed, in the same queue, counts and recording.
+        """Continues after the end with what is pushed, in the same queue, counts and recording.
 
         Raises:
             RuntimeError: The stream has not ended.
         """
     def end(self, reason: str) -> None:
-        """Ends the stream for a reason; what is queued can still be read."""
+        """Ends the stream; what is queued can still be read."""
     @property
     def ended(self) -> str | None:
-        """Why the stream has ended, or None."""
+        """Why the stream has ended; None if it has not."""
     @property
     def epoch(self) -> int:
-        """What to add to an arrival for nanoseconds since 1970; the same for all of the stream."""
+        """Nanoseconds to add to an arrival for ns since 1970; the same for all of the stream."""
     def stats(self) -> dict[str, Any]:
-        """What was counted of all that came, and how it goes.
+        """Returns counts of all that was received, and the state of the queue.
 
         Keys: ``bytes``, ``frames``, ``samples``, ``messages``, ``malformed``, ``checksum_errors``,
-        ``skipped_bytes``, ``lost_samples`` and ``gaps`` as in `xbus.log.Stats`; ``strings``, strings by name,
-        empty for those that the manual does not list; ``quantities``, packets by data identifier with its
-        format bits zero; ``errors`` and ``warnings``, how many came, and
-        ``last_error``, the last of both in words or None; ``queued_bytes``, ``most_queued_bytes``,
-        ``dropped_bytes`` of the queue; ``overruns``, how often the driver or its chip had no room for what
-        came, None where nobody counts; ``last_arrival`` in ns, or None.
+        ``skipped_bytes``, ``lost_samples`` and ``gaps`` as in `xbus.Stats`; ``strings``, strings by name,
+        empty for those that the manual does not list; ``quantities``, packets by data identifier without
+        format bits; ``errors`` and ``warnings``, the number of these messages, and ``last_error``, the last
+        of them in words or None; ``queued_bytes``, ``most_queued_bytes`` and ``dropped_bytes`` of the queue;
+        ``overruns``, how often the driver or its chip had no room for a byte, None if the system does not
+        count them; ``last_arrival`` in ns, or None.
         """
     def record(
         self,
@@ -388,45 +556,66 @@ class Acquisition:
         overwrite: bool = False,
         bound: int = 24_000_000,
     ) -> None:
-        """Records every byte from now on, beginning with the frame that is under way.
+        """Records every byte from now on, beginning with the frame that is incomplete now.
 
-        A full disk, or one that is too slow for longer than its queue is deep, ends the recording with an
-        error in `recording`; the file is good to its end in any case.
+        A full disk, or a disk that is too slow for longer than the queue can hold, ends the recording with
+        an error in `recording`; the file is readable to its end in any case.
 
         Args:
             path: The first file; ``log.mtb`` is followed by ``log-0001.mtb`` and so on.
-            head: Whole frames that each file begins with; nothing unless given.
-            flush: Most seconds until what has come is written.
-            fsync: Make the disk have it each time, so that it survives a power cut.
-            rotate_bytes: Begin another file at the end of the frame with which one has so many bytes.
-            rotate_seconds: The same by time.
-            times: Write a file ``path + ".times"``: 24 bytes of header (``"XBUSTIME"``; as u32 the version,
-                1, and the bytes of a record, 16; `epoch` as i64), then records ``("<u8", "<i8")``: so many
-                bytes of the log had come by then, in ns since 1970. At most one in 10 ms, and the last.
-            overwrite: Replace what is there. If not, a number that is taken is left out.
-            bound: Most bytes that may wait for the disk.
+            head: Whole frames that each file begins with.
+            flush: Most seconds until received bytes are written.
+            fsync: Make the disk store the bytes each time, so that they survive a power cut.
+            rotate_bytes: Start another file at the end of the frame with which one has this many bytes.
+            rotate_seconds: Start another file at the end of the frame with which one has lasted so long.
+            times: Write a file ``path + ".times"``: a header of 24 bytes (``"XBUSTIME"``; as u32 the version,
+                1, and the size of a record, 16; `epoch` as i64), then records ``("<u8", "<i8")``: a number of
+                bytes of the log, and when they had arrived, in ns since 1970. At most one in 10 ms, and the
+                last.
+            overwrite: Replace existing files. If False, numbers that exist are skipped.
+            bound: Most bytes that wait for the disk.
 
         Raises:
-            OSError: The file cannot be made, or its head does not fit.
-            FileExistsError: It is there, and not empty.
-            RuntimeError: A recording is under way.
-            ValueError: A number makes no sense.
+            OSError: The file cannot be created, or its head does not fit.
+            FileExistsError: The file exists and is not empty.
+            RuntimeError: A recording is in progress.
+            ValueError: A number is out of range.
         """
     @property
     def recording(self) -> dict[str, Any] | None:
-        """How the recording goes, or went until it is stopped; None if there is none.
+        """State of the recording, also of one that failed and was not stopped; None if there is none.
 
         Keys: ``files``; ``bytes`` and ``frames`` received that are in them; ``queued_bytes``; ``active``;
-        ``error``, why it ended by itself, or None.
+        ``error``, why it failed, or None.
         """
     def stop_recording(self) -> dict[str, Any] | None:
-        """Writes what is queued, ends the recording, and says how it went, as `recording` does."""
+        """Writes what is queued and ends the recording; returns its last state as `recording` does."""
     def close(self) -> None:
         """Ends the stream, its thread and the recording. What is queued can still be read."""
 
 @final
+class Received:
+    """Bytes that an `Acquisition` received. Arrays are read-only."""
+
+    @property
+    def offset(self) -> int:
+        """Position of the first byte in the stream.
+
+        Greater than the end of the bytes taken before if the queue was full.
+        """
+    @property
+    def data(self) -> bytes:
+        """The bytes."""
+    @property
+    def ends(self) -> npt.NDArray[np.int64]:
+        """Where each of the pieces that arrived together ends in ``data``, ``(n,)``."""
+    @property
+    def arrivals(self) -> npt.NDArray[np.int64]:
+        """When each piece had arrived, in ns, ``(n,)``."""
+
+@final
 class ArrowStream:
-    """A table that is made, batch by batch, when a consumer of the Arrow C stream interface asks."""
+    """A table whose batches are made when a consumer of the Arrow C stream interface asks for them."""
 
     @staticmethod
     def wide(
@@ -434,12 +623,23 @@ class ArrowStream:
         columns: list[Column] | None = None,
         host: npt.NDArray[np.float64] | None = None,
     ) -> ArrowStream:
-        """One row for each sample, these columns (or all) side by side.
+        """Returns a table with one row for each sample.
 
-        ``host`` has the host times of all samples. Raises ValueError if these are more or fewer.
+        Args:
+            part: The part of a log.
+            columns: Columns of this part; None for all.
+            host: Host times of all samples, seconds since 1970, ``(n,)``: a column ``host_time``.
+
+        Raises:
+            ValueError: Columns of another part, or not one host time for each sample.
         """
     @staticmethod
     def rows(column: Column, host: npt.NDArray[np.float64] | None = None) -> ArrowStream:
-        """One row for each row of the column; for each entry, where it is a list. ``host`` as in `wide`."""
+        """Returns a table with one row for each row of a column; for each entry of a list column.
+
+        Args:
+            column: The column.
+            host: As in `wide`.
+        """
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
-        """The stream, in a capsule."""
+        """Returns the stream, in a capsule."""

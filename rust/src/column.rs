@@ -5,7 +5,7 @@ use std::slice::ChunksExactMut;
 use crate::packet::{Coordinates, Form, Precision, Reading, record_size};
 use crate::pages;
 use crate::real;
-use crate::table::{Field, Quantity, Wire};
+use crate::table::{Field, Kind, Quantity, Wire};
 
 /// The numbers of a column, row after row, in the machine's byte order.
 #[derive(Clone, Debug)]
@@ -128,6 +128,40 @@ impl Column {
             rows: 0,
             single: vec![],
         }
+    }
+
+    /// The quantity; `None` for an identifier that the tables do not explain.
+    #[must_use]
+    pub const fn quantity(&self) -> Option<&'static Quantity> {
+        match self.subject {
+            Subject::Known(quantity, _) => Some(quantity),
+            Subject::Unknown(_) => None,
+        }
+    }
+
+    /// Coordinate system of its vectors; `None` for quantities without one.
+    #[must_use]
+    pub const fn coordinates(&self) -> Option<Coordinates> {
+        match self.subject {
+            Subject::Known(_, coordinates) => coordinates,
+            Subject::Unknown(_) => None,
+        }
+    }
+
+    /// Data identifier as received; that of the quantity, without format bits, if packets had several.
+    #[must_use]
+    pub fn data_id(&self) -> u16 {
+        match self.quantity() {
+            Some(quantity) if self.mixed_ids => quantity.id,
+            _ => self.id,
+        }
+    }
+
+    /// Precision of real numbers; `None` for numbers of other types and if packets had several.
+    #[must_use]
+    pub fn precision(&self) -> Option<Precision> {
+        let is_real = self.quantity().is_some_and(|quantity| matches!(quantity.kind, Kind::Real(_)));
+        (is_real && !self.mixed_precisions).then(|| Precision::of(self.id))
     }
 
     /// Gives back the room that was reserved and not needed.

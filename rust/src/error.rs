@@ -1,6 +1,7 @@
 //! What can go wrong, as data. The sentence is made when somebody prints it.
 
 use std::fmt;
+use std::io;
 
 use crate::scan::Reason;
 
@@ -75,6 +76,56 @@ impl fmt::Display for Fault {
 }
 
 impl std::error::Error for Fault {}
+
+/// Why a log cannot be read any further.
+#[derive(Debug)]
+pub enum ReadError {
+    /// The input cannot be read.
+    Io(io::Error),
+    /// Bytes that do not add up, found while reading strictly.
+    Fault(Fault),
+}
+
+impl From<io::Error> for ReadError {
+    fn from(error: io::Error) -> Self {
+        Self::Io(error)
+    }
+}
+
+impl From<Fault> for ReadError {
+    fn from(fault: Fault) -> Self {
+        Self::Fault(fault)
+    }
+}
+
+impl fmt::Display for ReadError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Io(error) => error.fmt(f),
+            Self::Fault(fault) => fault.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for ReadError {}
+
+/// Host times for a table that are not one for each sample.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HostTimesError {
+    /// Samples of the part.
+    pub samples: usize,
+    /// Host times.
+    pub found: usize,
+}
+
+impl fmt::Display for HostTimesError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { samples, found } = self;
+        write!(f, "a table of {samples} samples needs {samples} host times, not {found}")
+    }
+}
+
+impl std::error::Error for HostTimesError {}
 
 /// What the encoder refuses to write.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -8,12 +8,15 @@
 //! Nothing is copied from the input to a frame or packet; each number is copied once, byte-swapped, into its column.
 //! The protocol itself is data, in [`table`].
 
+#[cfg(feature = "arrow")]
+pub mod arrow;
 pub mod clock;
 pub mod column;
 pub mod device;
 pub mod error;
 pub mod frame;
 pub mod hostclock;
+pub mod input;
 pub mod layout;
 pub mod live;
 pub mod log;
@@ -26,4 +29,7 @@ pub mod scan;
 mod simd;
 pub mod strings;
 pub mod table;
+pub mod utc;
 pub mod value;
+
+pub use scan::frames;

@@ -3,6 +3,9 @@
 //! [`Reader`] takes the input in windows of any size and hands over what it has decoded as [`Part`]s. The parts of a log,
 //! joined, are the log: a part is decided by what came before it, never by what comes later.
 
+mod timed;
+
+use std::io::Read;
 use std::sync::Arc;
 
 use rustc_hash::FxHashMap;
@@ -10,13 +13,16 @@ use rustc_hash::FxHashMap;
 use crate::clock::{Clocks, Losses, Stamps};
 use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
 use crate::device;
-use crate::error::Fault;
+use crate::error::{Fault, ReadError};
 use crate::frame::Frame;
+use crate::input::{PushBuffer, Stream};
 use crate::layout::{Batch, Layout, Layouts, Move};
 use crate::packet::{Coordinates, PACKET_HEADER, packets};
 use crate::pages;
 use crate::scan::{Damage, Scanner, Step, Window, is_bid};
 use crate::table::{self, Quantity, data_id};
+
+pub use timed::{TimedPart, Times};
 
 /// Which quantities a reader keeps: name, and coordinate system or any.
 pub type Wanted = Vec<(&'static Quantity, Option<Coordinates>)>;
@@ -415,6 +421,28 @@ impl Reader {
     pub fn read(&mut self, window: Window<'_>, until: u64) -> Result<(), Fault> {
         let result = self.read_frames(window, until);
         self.gather(window);
+        result
+    }
+
+    /// Reads frames from a stream until the position reaches `until` or the stream ends.
+    ///
+    /// # Errors
+    /// [`ReadError::Fault`] as [`Self::read`]; [`ReadError::Io`] if the stream cannot be read.
+    pub fn read_stream(&mut self, stream: &mut Stream<impl Read>, until: u64) -> Result<(), ReadError> {
+        while self.at() < until && !self.finished {
+            stream.fill(self.at())?;
+            self.read(stream.window(), until)?;
+        }
+        Ok(())
+    }
+
+    /// Reads frames from bytes that are pushed, as far as they can be decided; `last` is whether no more follow.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_pushed(&mut self, buffer: &mut PushBuffer, last: bool) -> Result<(), Fault> {
+        let result = self.read(buffer.window(last), u64::MAX);
+        buffer.release(self.at());
         result
     }
 

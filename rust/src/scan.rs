@@ -102,6 +102,63 @@ pub enum Step {
     End(Option<Damage>),
 }
 
+/// What a scan finds. Positions are those in the input.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Item<'a> {
+    /// A frame.
+    Frame {
+        /// Where it begins.
+        offset: u64,
+        /// Its fields.
+        frame: Frame<'a>,
+    },
+    /// A string output.
+    String {
+        /// Where it begins.
+        offset: u64,
+        /// Its place in [`table::STRINGS`], if the manual lists it.
+        place: Option<u8>,
+        /// Its bytes, including the end of its line.
+        bytes: &'a [u8],
+    },
+    /// A stretch of bytes that is neither.
+    Damage(Damage),
+}
+
+/// The frames of an input that is in memory: see [`frames`].
+#[derive(Debug)]
+pub struct Frames<'a> {
+    scanner: Scanner,
+    bytes: &'a [u8],
+}
+
+/// The frames of `bytes`, each with the position at which it begins. Strings and damaged bytes are skipped.
+///
+/// ```
+/// // GoToConfig, a stray byte, and a sample with a packet counter.
+/// let bytes = [0xFA, 0xFF, 0x30, 0x00, 0xD1, 0x00, 0xFA, 0xFF, 0x36, 0x05, 0x10, 0x20, 0x02, 0x00, 0x01, 0x93];
+/// let frames: Vec<_> = xbus::frames(&bytes).map(|(offset, frame)| (offset, frame.mid)).collect();
+/// assert_eq!(frames, [(6, 0x36)]);
+/// ```
+#[must_use]
+pub fn frames(bytes: &[u8]) -> Frames<'_> {
+    Frames { scanner: Scanner::new(u16::MAX.into()), bytes }
+}
+
+impl<'a> Iterator for Frames<'a> {
+    type Item = (usize, Frame<'a>);
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            match self.scanner.step(Window { bytes: self.bytes, offset: 0, last: true }) {
+                Step::Frame { at, length, .. } => return Some((at, Frame::of(&self.bytes[at..at + length]))),
+                Step::String { .. } => {}
+                Step::More | Step::End(_) => return None,
+            }
+        }
+    }
+}
+
 /// Finds the frames of an input that comes in windows.
 #[derive(Debug)]
 pub struct Scanner {
@@ -169,6 +226,30 @@ impl Scanner {
     /// The next frame, if the window is enough to find it.
     pub fn step(&mut self, window: Window<'_>) -> Step {
         self.step_with(window, |at| at)
+    }
+
+    /// All that can be decided with the bytes of a window, in order.
+    pub fn items<'a>(&mut self, window: Window<'a>) -> Vec<Item<'a>> {
+        let mut items = vec![];
+        loop {
+            match self.step(window) {
+                Step::More => return items,
+                Step::End(damage) => {
+                    items.extend(damage.map(Item::Damage));
+                    return items;
+                }
+                Step::Frame { at, length, damage } => {
+                    items.extend(damage.map(Item::Damage));
+                    let frame = Frame::of(&window.bytes[at..at + length]);
+                    items.push(Item::Frame { offset: window.offset + at as u64, frame });
+                }
+                Step::String { at, length, place, damage } => {
+                    items.extend(damage.map(Item::Damage));
+                    let bytes = &window.bytes[at..at + length];
+                    items.push(Item::String { offset: window.offset + at as u64, place, bytes });
+                }
+            }
+        }
     }
 
     /// The same, with somebody at hand who knows many frames at first sight. `known` is asked at each preamble that is

@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from xbus import _core
 from xbus.log.identity import Identity
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import Coordinates, Precision
@@ -22,7 +23,6 @@ from xbus.wire.message import Message
 
 __all__ = [
     "Notice",
-    "Packet",
     "describe_message",
     "describe_packet",
     "device_name",
@@ -34,10 +34,6 @@ __all__ = [
     "seconds",
     "value_text",
 ]
-
-Number = float | int
-#: As `_core.packets` gives it: data identifier, name, precision, coordinates, numbers or bytes.
-Packet = tuple[int, str | None, str | None, str | None, list[Number] | bytes]
 
 #: Digits that show all that a number of this precision says.
 DIGITS = {"Float32": "%.7g", "Fp1220": "%.9g", "Fp1632": "%.12g", "Float64": "%.15g"}
@@ -194,9 +190,9 @@ def printable(data: bytes) -> str:
 # Packets
 
 
-def seconds(packets: Sequence[Packet]) -> float | None:
+def seconds(packets: Sequence[_core.Packet]) -> float | None:
     """The time stamp of a sample, s, as the device sent it: it wraps; None where it has none."""
-    stamps = {name: numbers[0] for _, name, _, _, numbers in packets if name in STAMPS}
+    stamps = {packet.name: packet.numbers[0] for packet in packets if packet.name in STAMPS}
     fine = stamps.get("sample_time_fine")
     if fine is None:
         return None
@@ -210,13 +206,11 @@ STAMPS = ("sample_time_fine", "sample_time_coarse")
 TICKS = 10_000
 
 
-def describe_packet(packet: Packet) -> str:
+def describe_packet(packet: _core.Packet) -> str:
     """A packet in words: name, values and unit; format and coordinates where they are not the default."""
-    data_id, name, precision, coordinates, numbers = packet
-    if name is None:
-        assert isinstance(numbers, bytes)  # noqa: S101 - raw packets have no name
-        return f"0x{data_id:04X} unknown, {len(numbers)} bytes"
-    return _writer(name, precision, coordinates)(numbers)
+    if packet.name is None:
+        return f"0x{packet.data_id:04X} unknown, {len(packet.numbers)} bytes"
+    return _writer(packet.name, packet.precision, packet.coordinates)(packet.numbers)
 
 
 @cache
@@ -277,14 +271,13 @@ def _satellites(head: Sequence[Field], entry: Sequence[Field], values: Sequence[
     )
 
 
-def packet_dict(packet: Packet) -> dict[str, Any]:
+def packet_dict(packet: _core.Packet) -> dict[str, Any]:
     """A packet for programs: reals exact, structs as raw integers, null for NaN and infinities."""
-    data_id, name, precision, coordinates, numbers = packet
-    facts: dict[str, Any] = {"data_id": f"0x{data_id:04X}", "name": name}
-    if name is None:
-        assert isinstance(numbers, bytes)  # noqa: S101 - raw packets have no name
-        return {**facts, "data": numbers.hex().upper()}
-    row = QUANTITIES[name]
+    numbers = packet.numbers
+    facts: dict[str, Any] = {"data_id": f"0x{packet.data_id:04X}", "name": packet.name}
+    if packet.name is None:
+        return {**facts, "data": bytes(numbers).hex().upper()}
+    row = QUANTITIES[packet.name]
     values = [finite(it) for it in numbers]
     names = row.components or tuple(it.name for it in row.fields)
     named: Any = dict(zip(names, values, strict=False)) if names else values[0]
@@ -295,8 +288,8 @@ def packet_dict(packet: Packet) -> dict[str, Any]:
         named["satellites"] = [dict(zip(keys, it, strict=True)) for it in rows]
     return {
         **facts,
-        "precision": precision,
-        "coordinates": coordinates,
+        "precision": packet.precision,
+        "coordinates": packet.coordinates,
         "unit": row.unit,
         "values": named,
     }

@@ -99,8 +99,7 @@ class SerialLink:
         taken = self.acquisition.read(timeout)
         if taken is None:
             raise ConnectionResetError(self.acquisition.ended)
-        _, data, ends, arrivals = taken
-        return Received(data, ends.tolist(), (arrivals / 1e9).tolist())
+        return Received(taken.data, taken.ends.tolist(), (taken.arrivals / 1e9).tolist())
 
     def write(self, data: bytes) -> None:
         """Sends."""

@@ -18,8 +18,6 @@ from xbus.wire.codec import encode_frame
 
 __all__ = ["Sample"]
 
-#: Data identifier, name, precision, coordinates and numbers: see `xbus._core.packets`.
-Packet = tuple[int, str | None, str | None, str | None, Any]
 #: Reals have in numpy what loses nothing; integers their own type.
 _REALS = {"Float32": np.float32, "Fp1220": np.float64, "Fp1632": np.float64, "Float64": np.float64}
 
@@ -71,12 +69,11 @@ class Sample(Mapping[Key, Any]):
         return self._times[1]
 
     @cached_property
-    def _packets(self) -> dict[Key, Packet]:
-        found: dict[tuple[str, str | None], Packet] = {}
+    def _packets(self) -> dict[Key, _core.Packet]:
+        found: dict[tuple[str, str | None], _core.Packet] = {}
         for packet in _core.packets(self.payload):
-            _, name, _, coordinates, _ = packet
-            if name is not None:
-                found[name, coordinates] = packet
+            if (name := packet.name) is not None:
+                found[name, packet.coordinates] = packet
         names = [name for name, _ in found]
         return {
             (name, system) if system and names.count(name) > 1 else name: packet
@@ -86,8 +83,11 @@ class Sample(Mapping[Key, Any]):
     @cached_property
     def unknown(self) -> dict[int, bytes]:
         """Packets that the tables cannot explain, by data identifier."""
-        packets: list[Packet] = list(_core.packets(self.payload))
-        return {data_id: data for data_id, name, _, _, data in packets if name is None}
+        return {
+            packet.data_id: packet.numbers
+            for packet in _core.packets(self.payload)
+            if isinstance(packet.numbers, bytes)
+        }
 
     @property
     def frame(self) -> bytes:
@@ -100,7 +100,7 @@ class Sample(Mapping[Key, Any]):
             return _value(packets[key])
         if isinstance(key, tuple):
             packet = packets.get(key[0])
-            if packet is not None and packet[3] == key[1]:
+            if packet is not None and packet.coordinates == key[1]:
                 return _value(packet)
         several = [it for it in packets if isinstance(it, tuple) and it[0] == key]
         if several:
@@ -119,15 +119,15 @@ class Sample(Mapping[Key, Any]):
 
     def data_id(self, key: Key) -> int:
         """The data identifier, as it came, of a quantity."""
-        return self._packets[key][0]
+        return self._packets[key].data_id
 
     def __repr__(self) -> str:
         return f"<Sample {', '.join(map(str, self._packets)) or 'of nothing known'}>"
 
 
-def _value(packet: Packet) -> Any:
-    _, name, precision, _, numbers = packet
-    row = QUANTITIES[name or ""]
+def _value(packet: _core.Packet) -> Any:
+    numbers, precision = packet.numbers, packet.precision
+    row = QUANTITIES[packet.name or ""]
     if row.kind in ("struct", "list"):
         head = dict(zip((it.name for it in row.fields), numbers, strict=False))
         if row.kind == "struct":

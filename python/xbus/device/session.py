@@ -213,24 +213,25 @@ class Session:
 
     def receive(self, data: bytes) -> list[Event]:
         """The events that can be told with these bytes, in order."""
-        return self._events(*self._scanner.feed(data, last=False))
+        return self._events(self._scanner.feed(data, last=False))
 
     def quiet(self) -> list[Event]:
         """The events that can be told because the line has gone quiet; what is incomplete then is damage."""
-        return self._events(*self._scanner.feed(b"", last=True))
+        return self._events(self._scanner.feed(b"", last=True))
 
     def _events(
-        self,
-        found: list[tuple[int, int, int, bytes] | tuple[int, int | None, bytes]],
-        damage: list[tuple[int, int, str]],
+        self, items: list[_core.ScannedFrame | _core.ScannedString | _core.ScannedDamage]
     ) -> list[Event]:
-        self.skipped += sum(length for _, length, _ in damage)
         events: list[Event] = []
-        for it in found:
-            if len(it) == 3:
-                events.append(self._string(*it))
-            elif self._is_ours(it[1]):
-                events.append(self._event(*it))
+        for item in items:
+            match item:
+                case _core.ScannedFrame(offset=offset, bid=bid, mid=mid, payload=payload):
+                    if self._is_ours(bid):
+                        events.append(self._event(offset, bid, mid, payload))
+                case _core.ScannedString():
+                    events.append(self._string(item.offset, item.place, item.data))
+                case _core.ScannedDamage():
+                    self.skipped += item.length
         return events
 
     def _string(self, offset: int, place: int | None, data: bytes) -> String:

@@ -106,7 +106,7 @@ class Column:
         Fields with a scale become float64, with NaN where the receiver says "not provided"; counts,
         dates and bits stay integers. Of other quantities these are the values.
         """
-        return _scaled(self.values, self._row.fields) if self._row.fields else self.values
+        return _frozen(_scaled(self.values, self._row.fields)) if self._row.fields else self.values
 
     @property
     def units(self) -> dict[str, str]:

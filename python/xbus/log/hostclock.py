@@ -89,8 +89,8 @@ class HostClock:
             Host times in seconds since 1970. NaN where the device time is, before the first sample that
             leads, and for those that do not lead and are more than a second away from those that do.
         """
-        if isinstance(device_time, float | int):
-            return self._core.update(device_time, int(arrival_ns), bool(leads))
+        if np.ndim(device_time) == 0:
+            return self._core.update(float(device_time), int(arrival_ns), bool(leads))
         time = np.ascontiguousarray(device_time, np.float64)
         arrival = np.ascontiguousarray(np.broadcast_to(arrival_ns, time.shape), np.int64)
         leading = np.ascontiguousarray(np.broadcast_to(leads, time.shape), np.bool_)
@@ -143,7 +143,7 @@ class HostClock:
     @property
     def steps(self) -> list[Step]:
         """The last hundred steps."""
-        return [Step(time, arrival / 1e9, reason) for time, arrival, reason in self._core.steps]
+        return [Step(step.time, step.arrival / 1e9, step.reason) for step in self._core.steps]
 
     def __repr__(self) -> str:
         if not self.fits:

@@ -220,11 +220,12 @@ class Log:
         ``"too long"`` or ``"truncated"`` (more bytes claimed than allowed, or than there are), or
         ``"implausible"`` (checksum good, but nothing that a device sends, and nothing follows).
         """
-        offset, length, reason = self._core.damage
+        found = self._core.damage
         dtype = [("offset", "i8"), ("length", "i8"), ("reason", "U12")]
-        damage = np.empty(len(offset), dtype)
-        damage["offset"], damage["length"] = offset, length
-        damage["reason"] = np.array(_core.damage_reasons())[reason]
+        damage = np.empty(len(found.offset), dtype)
+        damage["offset"], damage["length"] = found.offset, found.length
+        damage["reason"] = np.array(_core.damage_reasons())[found.reason]
+        damage.flags.writeable = False
         return damage
 
     @cached_property

@@ -25,7 +25,9 @@ class Messages(Sequence[Message]):
     """
 
     def __init__(self, core: _core.Part) -> None:
-        self.mid, self.bid, self.offset, self.sample, self._ends, self._bytes = core.messages
+        self._core = messages = core.messages
+        self.mid, self.bid = messages.mid, messages.bid
+        self.offset, self.sample = messages.offset, messages.sample
 
     def __len__(self) -> int:
         return len(self.mid)
@@ -39,7 +41,7 @@ class Messages(Sequence[Message]):
             return [self[it] for it in range(*index.indices(len(self)))]
         at = range(len(self))[index]
         mid = int(self.mid[at])
-        payload = _piece(self._bytes, self._ends, at)
+        payload = _piece(self._core.payloads, self._core.ends, at)
         name = message_name(mid, len(payload))
         bid, offset, sample = int(self.bid[at]), int(self.offset[at]), int(self.sample[at])
         return Message(mid, name, bid, payload, offset, sample)
@@ -50,7 +52,7 @@ class Messages(Sequence[Message]):
 
     def __repr__(self) -> str:
         # One MID has several names, by the length of the payload.
-        lengths = np.diff(self._ends, prepend=np.uint64(0))
+        lengths = np.diff(self._core.ends, prepend=np.uint64(0))
         kinds, counts = np.unique(np.stack([self.mid, lengths]), axis=1, return_counts=True)
         by_name: Counter[str] = Counter()
         for mid, length, count in zip(*kinds.tolist(), counts.tolist(), strict=True):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 import os
-import stat
 from collections.abc import Iterable
 from typing import Protocol, runtime_checkable
 
@@ -93,13 +92,7 @@ def _opened(source: Source) -> object:
         fsspec = require("fsspec", "fsspec", "to read from a URL")
         return fsspec.open(source, "rb").open()
     if isinstance(source, str | os.PathLike):
-        path = os.fspath(source)
-        # A missing file or a directory gives Python's own errors. A named pipe is opened only once:
-        # closing it would lose whoever writes into it.
-        if not stat.S_ISFIFO(os.stat(path).st_mode):  # noqa: PTH116
-            with open(path, "rb"):  # noqa: PTH123
-                pass
-        return path
+        return os.fspath(source)
     if isinstance(source, Readable):
         return source
     if isinstance(source, np.ndarray):

@@ -32,7 +32,9 @@ class Strings(Sequence[String]):
     """
 
     def __init__(self, core: _core.Part, arrivals: Arrivals | None = None) -> None:
-        self._place, self.offset, self.sample, self._ends, self._bytes = core.strings
+        strings = core.strings
+        self.offset, self.sample = strings.offset, strings.sample
+        self._place, self._ends, self._bytes = strings.place, strings.ends, strings.data
         self._arrivals = arrivals
 
     def __len__(self) -> int:
@@ -63,7 +65,9 @@ class Strings(Sequence[String]):
     def end(self) -> npt.NDArray[np.int64]:
         """Where each ends, in bytes from the start of the input, ``(n,)`` int64."""
         ends = np.concatenate([[0], self._ends.astype(np.int64)])
-        return np.asarray(self.offset + np.diff(ends), np.int64)
+        end = np.asarray(self.offset + np.diff(ends), np.int64)
+        end.flags.writeable = False
+        return end
 
     @cached_property
     def host_time(self) -> npt.NDArray[np.float64]:

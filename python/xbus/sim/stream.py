@@ -198,9 +198,9 @@ class Stream:
             return packet.rows(self.sensors, ticks)
 
         columns = [(it.data_id, column(it)) for it in packets]
-        frames, ends = _core.encode_samples(columns, self._bid)
-        at = [0, *ends.tolist()]
-        return [frames[i:j] for i, j in pairwise(at)]
+        frames = _core.encode_samples(columns, self._bid)
+        bounds = [0, *frames.ends.tolist()]
+        return [frames.data[start:end] for start, end in pairwise(bounds)]
 
 
 class _Packet:

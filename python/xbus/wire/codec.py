@@ -74,28 +74,28 @@ class Scanner:
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[Message | String | Damage]:
         """What can be told with these bytes, in order."""
-        return self._found(*self._core.feed(bytes(data), last=False))
+        return self._found(self._core.feed(bytes(data), last=False))
 
     def close(self) -> list[Message | String | Damage]:
         """What can be told now that no more bytes come."""
-        return self._found(*self._core.feed(b"", last=True))
+        return self._found(self._core.feed(b"", last=True))
 
     def _found(
-        self,
-        things: list[tuple[int, int, int, bytes] | tuple[int, int | None, bytes]],
-        damage: list[tuple[int, int, str]],
+        self, items: list[_core.ScannedFrame | _core.ScannedString | _core.ScannedDamage]
     ) -> list[Message | String | Damage]:
-        found: list[Message | String | Damage] = [Damage(*it) for it in damage]
-        for thing in things:
-            if len(thing) == 3:
-                offset, place, data = thing
-                found.append(String(type_at(place), data, offset, self._samples))
-                continue
-            offset, bid, mid, payload = thing
-            name = message_name(mid, len(payload))
-            found.append(Message(mid, name, bid, payload, offset, self._samples))
-            self._samples += mid == MessageId.MTData2 and not is_malformed(payload)
-        return sorted(found, key=lambda it: it.offset)
+        found: list[Message | String | Damage] = []
+        for item in items:
+            match item:
+                case _core.ScannedFrame(offset=offset, bid=bid, mid=mid, payload=payload):
+                    name = message_name(mid, len(payload))
+                    found.append(Message(mid, name, bid, payload, offset, self._samples))
+                    self._samples += mid == MessageId.MTData2 and not is_malformed(payload)
+                case _core.ScannedString():
+                    kind = type_at(item.place)
+                    found.append(String(kind, item.data, item.offset, self._samples))
+                case _core.ScannedDamage():
+                    found.append(Damage(item.offset, item.length, item.reason))
+        return found
 
 
 def is_malformed(payload: bytes) -> bool:

@@ -173,8 +173,9 @@ def _is_found(string: String) -> bool:
     data = string.data.rstrip(b"\r\n") + b"\r\n"
     if string.type is StringType.EM1000:
         data = string.data
-    found, _ = _core.Scanner(0, int(StringType.EM1000)).feed(data, last=True)
-    return [it[-1] for it in found] == [data]
+    found = _core.Scanner(0, int(StringType.EM1000)).feed(data, last=True)
+    strings = [item.data for item in found if isinstance(item, _core.ScannedString)]
+    return strings == [data]
 
 
 def _type(data: bytes) -> StringType | None:

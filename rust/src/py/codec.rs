@@ -1,33 +1,26 @@
-//! Single frames, messages and packets.
+//! Frames, messages and packets.
 
-use numpy::{IntoPyArray, PyArray1, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use super::Row;
+use super::array::hand_over;
+use super::convert::{quantity, variant};
 use crate::device;
-use crate::error::EncodeError;
 use crate::frame::Frame;
+use crate::input::PushBuffer;
 use crate::packet::{Coordinates, Form, Precision};
-use crate::scan::{Damage, Step, Window};
-use crate::table;
+use crate::scan::{self, Item};
 use crate::value::{self, Number};
 
-impl From<EncodeError> for PyErr {
-    fn from(error: EncodeError) -> Self {
-        PyValueError::new_err(error.to_string())
-    }
-}
-
-/// The frame that carries this message.
 #[pyfunction]
 pub fn encode_frame<'py>(py: Python<'py>, bid: u8, mid: u8, payload: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
     Ok(PyBytes::new(py, &Frame { bid, mid, payload }.encode()?))
 }
 
-/// The MTData2 packet that carries these numbers.
 #[pyfunction]
 #[pyo3(signature = (name, precision, coordinates, numbers))]
 pub fn encode_packet<'py>(
@@ -37,40 +30,34 @@ pub fn encode_packet<'py>(
     coordinates: Option<&str>,
     numbers: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyBytes>> {
-    let quantity = table::quantity_named(name)
-        .ok_or_else(|| PyValueError::new_err(format!("no quantity is called {name:?}; xbus items lists them")))?;
-    let precision = precision.map(named(&Precision::ALL, Precision::name)).transpose()?;
-    let coordinates = coordinates.map(named(&Coordinates::ALL, Coordinates::name)).transpose()?;
+    let precision = precision.map(|wanted| variant(&Precision::ALL, Precision::name, wanted)).transpose()?;
+    let coordinates = coordinates.map(|wanted| variant(&Coordinates::ALL, Coordinates::name, wanted)).transpose()?;
     let mut packet = vec![];
-    value::write_packet(&mut packet, quantity, precision, coordinates, &numbers_of(numbers)?)?;
+    value::write_packet(&mut packet, quantity(name)?, precision, coordinates, &numbers_of(numbers)?)?;
     Ok(PyBytes::new(py, &packet))
 }
 
-/// The frames of MTData2 messages that have the same packets, and where each ends.
+/// Frames in one piece, and where each ends.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct EncodedFrames {
+    data: Py<PyBytes>,
+    ends: Py<PyArray1<u64>>,
+}
+
 #[pyfunction]
-pub fn encode_samples<'py>(
-    py: Python<'py>,
-    packets: Vec<(u16, Bound<'py, PyUntypedArray>)>,
+pub fn encode_samples(
+    py: Python<'_>,
+    packets: Vec<(u16, Bound<'_, PyUntypedArray>)>,
     bid: u8,
-) -> PyResult<(Bound<'py, PyBytes>, Bound<'py, PyArray1<u64>>)> {
+) -> PyResult<EncodedFrames> {
     let rows: Vec<_> = packets.iter().map(|(_, array)| array.shape().first().copied()).collect();
     let count = rows.first().copied().flatten().unwrap_or(0);
-    if rows.iter().any(|it| *it != Some(count)) {
-        return Err(PyValueError::new_err("the arrays must have one row for each message, all as many"));
+    if rows.iter().any(|rows| *rows != Some(count)) {
+        return Err(PyValueError::new_err("the arrays must have one row for each message, all the same number"));
     }
     let packets = packets.into_iter().map(|(id, array)| Ok((id, numbers_of(&array)?))).collect::<PyResult<Vec<_>>>()?;
     let (frames, ends) = py.detach(|| value::write_samples(bid, count, &packets))?;
-    Ok((PyBytes::new(py, &frames), ends.into_pyarray(py)))
-}
-
-/// Finds one of a few things by its name.
-pub fn named<T: Copy>(all: &'static [T], name: fn(T) -> &'static str) -> impl Fn(&str) -> PyResult<T> {
-    move |wanted| {
-        all.iter().copied().find(|it| name(*it) == wanted).ok_or_else(|| {
-            let known: Vec<_> = all.iter().map(|it| name(*it)).collect();
-            PyValueError::new_err(format!("{wanted:?} is none of {}", known.join(", ")))
-        })
-    }
+    Ok(EncodedFrames { data: PyBytes::new(py, &frames).unbind(), ends: hand_over(py, ends).unbind() })
 }
 
 /// The numbers of an array of one of the four types that lose nothing, row by row.
@@ -86,40 +73,44 @@ fn numbers_of(array: &Bound<'_, PyAny>) -> PyResult<Vec<Number>> {
         .ok_or_else(|| PyTypeError::new_err("numbers must be an array of float32, float64, int64 or uint64"))
 }
 
-/// The packets of an MTData2 payload, each as (identifier, name or None, precision, coordinates, numbers or bytes).
+/// One packet of an MTData2 message.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct Packet {
+    data_id: u16,
+    name: Option<&'static str>,
+    precision: Option<&'static str>,
+    coordinates: Option<&'static str>,
+    numbers: Py<PyAny>,
+}
+
 #[pyfunction]
-pub fn packets<'py>(py: Python<'py>, payload: &[u8]) -> PyResult<Vec<Bound<'py, PyAny>>> {
-    let mut list = vec![];
-    for packet in crate::packet::packets(payload) {
-        let Ok(packet) = packet else { break };
-        let item = match packet.reading() {
-            None => (packet.id, py.None(), py.None(), py.None(), PyBytes::new(py, packet.data).into_py_any(py)?),
-            Some(reading) => {
-                let precision = match reading.form {
-                    Form::Real(precision, _) => precision.name().into_py_any(py)?,
-                    _ => py.None(),
-                };
-                let numbers = value::numbers(&reading, packet.data)
-                    .into_iter()
-                    .map(|number| match number {
-                        Number::Integer(it) => it.into_py_any(py),
-                        Number::Wide(it) => it.into_py_any(py),
-                        Number::Single(it) => it.into_py_any(py),
-                        Number::Double(it) => it.into_py_any(py),
-                    })
-                    .collect::<PyResult<Vec<_>>>()?;
-                (
-                    packet.id,
-                    reading.quantity.name.into_py_any(py)?,
-                    precision,
-                    reading.coordinates.map(Coordinates::name).into_py_any(py)?,
-                    numbers.into_py_any(py)?,
-                )
-            }
+pub fn packets(py: Python<'_>, payload: &[u8]) -> PyResult<Vec<Packet>> {
+    let packet = |packet: crate::packet::Packet<'_>| {
+        let data_id = packet.id;
+        let Some(reading) = packet.reading() else {
+            let numbers = PyBytes::new(py, packet.data).into_py_any(py)?;
+            return Ok(Packet { data_id, name: None, precision: None, coordinates: None, numbers });
         };
-        list.push(item.into_bound_py_any(py)?);
-    }
-    Ok(list)
+        let precision = match reading.form {
+            Form::Real(precision, _) => Some(precision.name()),
+            _ => None,
+        };
+        let number = |number| match number {
+            Number::Integer(value) => value.into_py_any(py),
+            Number::Wide(value) => value.into_py_any(py),
+            Number::Single(value) => value.into_py_any(py),
+            Number::Double(value) => value.into_py_any(py),
+        };
+        let numbers = value::numbers(&reading, packet.data).into_iter().map(number).collect::<PyResult<Vec<_>>>()?;
+        Ok(Packet {
+            data_id,
+            name: Some(reading.quantity.name),
+            precision,
+            coordinates: reading.coordinates.map(Coordinates::name),
+            numbers: numbers.into_py_any(py)?,
+        })
+    };
+    crate::packet::packets(payload).map_while(Result::ok).map(packet).collect()
 }
 
 /// The fields of a Configuration payload, or None if it is none.
@@ -157,59 +148,69 @@ pub fn product_code(payload: &[u8]) -> Option<String> {
     device::product_code(payload)
 }
 
-/// Bytes to messages, for input that comes in pieces.
+/// Finds the frames and strings of an input that is pushed in pieces.
 #[pyclass(module = "xbus._core")]
 pub struct Scanner {
-    scanner: crate::scan::Scanner,
-    /// The bytes that are not decided yet.
-    kept: Vec<u8>,
+    scanner: scan::Scanner,
+    buffer: PushBuffer,
 }
-
-/// Messages as (offset, bid, mid, payload) and strings as (offset, place or None, bytes), in order; damage as (offset, length,
-/// reason).
-type Found<'py> = (Vec<Bound<'py, PyAny>>, Vec<(u64, u64, &'static str)>);
 
 #[pymethods]
 impl Scanner {
     #[new]
     #[pyo3(signature = (limit, strings=0))]
     fn new(limit: usize, strings: u32) -> Self {
-        let mut scanner = crate::scan::Scanner::new(limit);
+        let mut scanner = scan::Scanner::new(limit);
         scanner.expect(strings);
-        Self { scanner, kept: vec![] }
+        Self { scanner, buffer: PushBuffer::default() }
     }
 
-    /// The messages, strings and damage that can be told with these bytes; `last` says that none follow.
-    fn feed<'py>(&mut self, py: Python<'py>, data: &[u8], last: bool) -> PyResult<Found<'py>> {
-        let offset = self.scanner.at();
-        self.kept.extend_from_slice(data);
-        let window = Window { bytes: &self.kept, offset, last };
-        let (mut found, mut stretches) = (vec![], vec![]);
-        let mut report = |damage: Option<Damage>| {
-            stretches.extend(damage.map(|it| (it.offset, it.length, it.reason.name())));
-        };
-        loop {
-            match self.scanner.step(window) {
-                Step::More => break,
-                Step::End(damage) => {
-                    report(damage);
-                    break;
-                }
-                Step::Frame { at, length, damage } => {
-                    report(damage);
-                    let frame = Frame::of(&self.kept[at..at + length]);
-                    let message = (offset + at as u64, frame.bid, frame.mid, PyBytes::new(py, frame.payload));
-                    found.push(message.into_bound_py_any(py)?);
-                }
-                Step::String { at, length, place, damage } => {
-                    report(damage);
-                    let bytes = PyBytes::new(py, &self.kept[at..at + length]);
-                    found.push((offset + at as u64, place, bytes).into_bound_py_any(py)?);
-                }
-            }
-        }
-        #[allow(clippy::cast_possible_truncation)] // a position in what was kept
-        self.kept.drain(..(self.scanner.at() - offset) as usize);
-        Ok((found, stretches))
+    fn feed<'py>(&mut self, py: Python<'py>, data: &[u8], last: bool) -> PyResult<Vec<Bound<'py, PyAny>>> {
+        self.buffer.push(data);
+        let items = self.scanner.items(self.buffer.window(last));
+        let items = items.into_iter().map(|item| object_of(py, item)).collect();
+        self.buffer.release(self.scanner.at());
+        items
     }
+}
+
+fn object_of<'py>(py: Python<'py>, item: Item<'_>) -> PyResult<Bound<'py, PyAny>> {
+    match item {
+        Item::Frame { offset, frame: Frame { bid, mid, payload } } => {
+            let payload = PyBytes::new(py, payload).unbind();
+            ScannedFrame { offset, bid, mid, payload }.into_bound_py_any(py)
+        }
+        Item::String { offset, place, bytes } => {
+            let data = PyBytes::new(py, bytes).unbind();
+            ScannedString { offset, place, data }.into_bound_py_any(py)
+        }
+        Item::Damage(scan::Damage { offset, length, reason }) => {
+            ScannedDamage { offset, length, reason: reason.name() }.into_bound_py_any(py)
+        }
+    }
+}
+
+/// A frame that a scanner found.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct ScannedFrame {
+    offset: u64,
+    bid: u8,
+    mid: u8,
+    payload: Py<PyBytes>,
+}
+
+/// A string that a scanner found.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct ScannedString {
+    offset: u64,
+    place: Option<u8>,
+    data: Py<PyBytes>,
+}
+
+/// A stretch of bytes that a scanner skipped.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct ScannedDamage {
+    offset: u64,
+    length: u64,
+    reason: &'static str,
 }

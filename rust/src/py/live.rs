@@ -1,15 +1,16 @@
 //! Acquisition and recording.
 
-use std::io;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use numpy::{IntoPyArray, PyArray1};
-use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
+use numpy::PyArray1;
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use super::Row;
+use super::array::hand_over;
+use super::convert::os_error;
 use crate::live::{self, QUEUE, Recording, Report, Taken};
 
 // Signatures show numbers, not names.
@@ -18,8 +19,14 @@ const _: () = assert!(QUEUE == 24_000_000);
 /// A wait is interrupted so often to hear of signals.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// Position of the first byte, bytes, end of each piece in them, arrival of each.
-type Pieces<'py> = (u64, Bound<'py, PyBytes>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<i64>>);
+/// Bytes that were received, and the pieces in which they arrived.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct Received {
+    offset: u64,
+    data: Py<PyBytes>,
+    ends: Py<PyArray1<i64>>,
+    arrivals: Py<PyArray1<i64>>,
+}
 
 /// A stream of bytes that is taken in by a thread, or pushed.
 #[pyclass(module = "xbus._core", frozen)]
@@ -27,7 +34,6 @@ pub struct Acquisition(live::Acquisition);
 
 #[pymethods]
 impl Acquisition {
-    /// Reads a duplicate of the descriptor `fd`, or what is pushed.
     #[new]
     #[pyo3(signature = (fd, *, bound=24_000_000, strings=0))]
     fn new(fd: Option<i32>, bound: usize, strings: u32) -> PyResult<Self> {
@@ -39,55 +45,46 @@ impl Acquisition {
         Ok(acquisition)
     }
 
-    /// Goes on with another descriptor after the end.
     #[cfg(unix)]
     fn open(&self, fd: i32) -> PyResult<()> {
-        self.0.open(fd).map_err(|error| of_system(&error, None))
+        self.0.open(fd).map_err(|error| os_error(&error, None))
     }
 
-    /// There is no such thing here.
     #[cfg(not(unix))]
     #[allow(clippy::unused_self)]
     fn open(&self, _fd: i32) -> PyResult<()> {
         Err(PyOSError::new_err("this system's ports have no descriptors; push what you read from them"))
     }
 
-    /// What has come; None if nothing will.
     #[pyo3(signature = (timeout=None, *, least=1))]
-    fn read<'py>(&self, py: Python<'py>, timeout: Option<f64>, least: usize) -> PyResult<Option<Pieces<'py>>> {
+    fn read(&self, py: Python<'_>, timeout: Option<f64>, least: usize) -> PyResult<Option<Received>> {
         let timeout = timeout.map(seconds("timeout")).transpose()?;
         wait(py, timeout, |slice| self.0.wait(least, slice).then_some(()))?;
-        self.0.take().map(|it| pieces(py, it)).transpose()
+        self.0.take().map(|taken| received(py, taken)).transpose()
     }
 
-    /// Takes in bytes that have come just now.
     fn push(&self, py: Python<'_>, data: &[u8]) -> bool {
         py.detach(|| self.0.push(data))
     }
 
-    /// Goes on after an end with what is pushed.
     fn resume(&self) -> PyResult<()> {
-        self.0.resume().map_err(|error| of_system(&error, None))
+        self.0.resume().map_err(|error| os_error(&error, None))
     }
 
-    /// The stream has ended.
     fn end(&self, reason: &str) {
         self.0.end(reason);
     }
 
-    /// Why it has ended, if it has.
     #[getter]
     fn ended(&self) -> Option<String> {
         self.0.ended()
     }
 
-    /// What leads from arrivals to nanoseconds since 1970.
     #[getter]
     fn epoch(&self) -> i64 {
         self.0.epoch()
     }
 
-    /// What was counted.
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
         let it = self.0.stats();
         let row = PyDict::new(py);
@@ -113,7 +110,6 @@ impl Acquisition {
         Ok(row)
     }
 
-    /// Records from now on.
     #[pyo3(signature = (
         path, head=b"".as_slice(), flush=0.5, fsync=false, rotate_bytes=None, rotate_seconds=None, times=true, *, overwrite=false, bound=24_000_000
     ))]
@@ -139,16 +135,14 @@ impl Acquisition {
         let head = head.to_vec();
         let recording = Recording { path, overwrite, head, flush, fsync, rotate_bytes, rotate_after, times, bound };
         let name = recording.path.clone();
-        py.detach(|| self.0.record(recording)).map_err(|error| of_system(&error, Some(name)))
+        py.detach(|| self.0.record(recording)).map_err(|error| os_error(&error, Some(name)))
     }
 
-    /// How the recording goes.
     #[getter]
     fn recording<'py>(&self, py: Python<'py>) -> PyResult<Option<Row<'py>>> {
         self.0.recording().map(|it| row_of(py, it)).transpose()
     }
 
-    /// Ends the recording.
     fn stop_recording<'py>(&self, py: Python<'py>) -> PyResult<Option<Row<'py>>> {
         // Whoever else stops it gets the report.
         let stopped = |slice| match self.0.stop_recording(slice) {
@@ -159,7 +153,6 @@ impl Acquisition {
         report.map(|it| row_of(py, it)).transpose()
     }
 
-    /// Ends everything.
     fn close(&self, py: Python<'_>) {
         py.detach(|| self.0.close());
     }
@@ -190,8 +183,8 @@ fn wait<T: Send>(
     }
 }
 
-#[allow(clippy::cast_possible_wrap)] // no buffer is that long
-fn pieces(py: Python<'_>, taken: Taken) -> PyResult<Pieces<'_>> {
+#[allow(clippy::cast_possible_wrap)] // positions in a buffer
+fn received(py: Python<'_>, taken: Taken) -> PyResult<Received> {
     let Taken { offset, bytes, pieces } = taken;
     let (head, tail) = bytes.as_slices();
     let data = PyBytes::new_with(py, bytes.len(), |room| {
@@ -199,9 +192,14 @@ fn pieces(py: Python<'_>, taken: Taken) -> PyResult<Pieces<'_>> {
         room[head.len()..].copy_from_slice(tail);
         Ok(())
     })?;
-    let ends: Vec<_> = pieces.iter().map(|it| (it.end - offset) as i64).collect();
-    let arrivals: Vec<_> = pieces.iter().map(|it| it.arrival).collect();
-    Ok((offset, data, ends.into_pyarray(py), arrivals.into_pyarray(py)))
+    let ends = pieces.iter().map(|piece| (piece.end - offset) as i64).collect();
+    let arrivals = pieces.iter().map(|piece| piece.arrival).collect();
+    Ok(Received {
+        offset,
+        data: data.unbind(),
+        ends: hand_over(py, ends).unbind(),
+        arrivals: hand_over(py, arrivals).unbind(),
+    })
 }
 
 fn row_of(py: Python<'_>, report: Report) -> PyResult<Row<'_>> {
@@ -222,17 +220,5 @@ fn seconds(name: &'static str) -> impl Fn(f64) -> PyResult<Duration> {
     move |value| {
         Duration::try_from_secs_f64(value)
             .map_err(|_| PyValueError::new_err(format!("{name} is a number of seconds, not {value}")))
-    }
-}
-
-/// What the system says, as the exception that Python would raise.
-fn of_system(error: &io::Error, path: Option<PathBuf>) -> PyErr {
-    match (error.raw_os_error(), path) {
-        (None, _) => PyRuntimeError::new_err(error.to_string()),
-        (Some(number), path) => {
-            let text = error.to_string();
-            let text = text.split(" (os error").next().unwrap_or_default().to_owned();
-            PyOSError::new_err((number, text, path.map(PathBuf::into_os_string)))
-        }
     }
 }

@@ -1,13 +1,16 @@
-//! The extension module `xbus._core`. Every function here converts, lets go of the interpreter, calls the core, and hands
-//! over; what it does is decided elsewhere.
+//! The extension module `xbus._core`. Every function converts its arguments, releases the GIL, calls the core and hands
+//! over the result. `_core.pyi` documents what Python sees.
 
+mod array;
 mod arrow;
 mod codec;
+mod column;
+mod convert;
 mod hostclock;
 mod live;
-mod reader;
+mod log;
+mod source;
 mod tables;
-mod utc;
 
 use pyo3::prelude::*;
 
@@ -19,25 +22,28 @@ mod _core {
     use super::arrow::ArrowStream;
     #[pymodule_export]
     use super::codec::{
-        Scanner, configuration, device_id, encode_frame, encode_packet, encode_samples, packets, product_code,
+        EncodedFrames, Packet, ScannedDamage, ScannedFrame, ScannedString, Scanner, configuration, device_id,
+        encode_frame, encode_packet, encode_samples, packets, product_code,
     };
     #[pymodule_export]
-    use super::hostclock::HostClock;
+    use super::column::Column;
     #[pymodule_export]
-    use super::live::Acquisition;
+    use super::hostclock::{ClockStep, HostClock};
     #[pymodule_export]
-    use super::reader::{Column, Decoder, Part, Reader};
+    use super::live::{Acquisition, Received};
+    #[pymodule_export]
+    use super::log::{DamageArrays, Decoder, MessageArrays, Part, Reader, StringArrays};
     #[pymodule_export]
     use super::tables::{
         damage_reasons, message_name, messages, products, quantities, result_codes, status_flags, strings,
     };
 
-    /// The version stands in Cargo.toml and nowhere else.
+    /// The version is written in Cargo.toml only.
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }
 
-/// A row of a table, as Python sees it.
+/// A row of a table: a dict.
 type Row<'py> = Bound<'py, pyo3::types::PyDict>;

@@ -2,22 +2,43 @@
 
 use chrono::{NaiveDate, TimeDelta};
 
-/// Nanoseconds since 1970 of a `UtcTime` record in the machine's byte order; `None` for a date or time of day that does
-/// not exist, or one outside the years 1678 to 2261 that 64 bits can say.
+use crate::column::{Column, Subject, Values};
+use crate::table::data_id;
+
+const UTC_TIME: u16 = data_id("utc_time");
+const GNSS_PVT_DATA: u16 = data_id("gnss_pvt_data");
+
+/// The records of a `UtcTime` or `GnssPvtData` column in nanoseconds since 1970, [`i64::MIN`] for a date or time of day
+/// that does not exist; `None` for any other column.
+#[must_use]
+pub fn nanoseconds_of_column(column: &Column) -> Option<Vec<i64>> {
+    let (Subject::Known(quantity, _), Values::Records(bytes)) = (column.subject, &column.values) else { return None };
+    let nanoseconds = match quantity.id {
+        UTC_TIME => nanoseconds,
+        GNSS_PVT_DATA => nanoseconds_of_fix,
+        _ => return None,
+    };
+    Some(bytes.chunks_exact(column.width).map(|record| nanoseconds(record).unwrap_or(i64::MIN)).collect())
+}
+
+/// Nanoseconds since 1970 of a `UtcTime` record in native byte order; `None` for a date or time of day that does not
+/// exist, and outside the years 1678 to 2261, which are those that 64 bits can hold.
 ///
-/// A leap second (second 60) counts as the first one of the next minute.
+/// A leap second (second 60) counts as the first second of the next minute.
+#[must_use]
 pub fn nanoseconds(record: &[u8]) -> Option<i64> {
     let &[n0, n1, n2, n3, ref date @ .., _valid] = record.first_chunk::<12>()?;
     since_1970(*date, u32::from_ne_bytes([n0, n1, n2, n3]).into())
 }
 
-/// The same of a `GnssPvtData` record, whose nanoseconds may be negative.
+/// Nanoseconds since 1970 of a `GnssPvtData` record, whose nanoseconds may be negative; `None` as for [`nanoseconds`].
+#[must_use]
 pub fn nanoseconds_of_fix(record: &[u8]) -> Option<i64> {
     let (date, nano) = (record.get(4..)?.first_chunk()?, record.get(16..)?.first_chunk()?);
     since_1970(*date, i32::from_ne_bytes(*nano).into())
 }
 
-/// Year, month, day, hour, minute, second, and nanoseconds on top.
+/// Year, month, day, hour, minute and second, plus nanoseconds.
 fn since_1970([y0, y1, month, day, hour, minute, second]: [u8; 7], nanos: i64) -> Option<i64> {
     let year = u16::from_ne_bytes([y0, y1]);
     if second > 60 || nanos.abs() > 1_000_000_000 {
@@ -39,7 +60,7 @@ mod tests {
 
     #[test]
     fn dates() {
-        // Bytes of a real device: 749227324 ns, 2025-07-13 09:21:34.
+        // From a real device: 749227324 ns, 2025-07-13 09:21:34.
         assert_eq!(nanoseconds(&record(749_227_324, 2025, [7, 13, 9, 21, 34, 0])), Some(1_752_398_494_749_227_324));
         assert_eq!(nanoseconds(&record(0, 1970, [1, 1, 0, 0, 0, 7])), Some(0));
         assert_eq!(nanoseconds(&record(0, 2000, [2, 29, 0, 0, 0, 7])), Some(951_782_400_000_000_000));
@@ -53,7 +74,7 @@ mod tests {
             let record = [&[0; 4][..], &2019_u16.to_ne_bytes(), &date, &nano.to_ne_bytes()].concat();
             nanoseconds_of_fix(&record)
         };
-        // Of a real device: 2019-01-20 13:47:24, nano 249768484.
+        // From a real device: 2019-01-20 13:47:24, nano 249768484.
         assert_eq!(fix(24, 249_768_484), Some(1_547_992_044_249_768_484));
         assert_eq!(fix(24, -1_000), Some(1_547_992_043_999_999_000));
         assert_eq!(fix(61, 0), None);

@@ -1,0 +1,98 @@
+//! Arrow tables: record batches made from the columns of a log, batch by batch, when a consumer asks for them.
+//!
+//! A scalar that every sample has is lent to Arrow as it lies in memory. Components of vectors, fields of records and
+//! columns with nulls are copied once.
+
+mod fields;
+mod series;
+
+use std::sync::Arc;
+
+use arrow_array::{RecordBatch, RecordBatchIterator};
+use arrow_schema::{ArrowError, Schema, SchemaRef};
+
+use self::series::Series;
+use crate::error::HostTimesError;
+use crate::log::TimedPart;
+use crate::table::Kind;
+
+/// Rows of a batch of a table that has anything to copy.
+const BATCH_ROWS: usize = 1 << 18;
+
+/// The batches of a table, made one by one.
+pub type Batches = RecordBatchIterator<Box<dyn Iterator<Item = Result<RecordBatch, ArrowError>> + Send>>;
+
+/// Columns of a part of a log as a table.
+#[derive(Clone, Debug)]
+pub struct Table {
+    part: Arc<TimedPart>,
+    shape: Shape,
+    /// Host time of each sample, in seconds since 1970.
+    host_times: Option<Arc<Vec<f64>>>,
+}
+
+#[derive(Clone, Debug)]
+enum Shape {
+    /// One row for each sample of the part, with these columns side by side.
+    Wide(Vec<usize>),
+    /// One row for each row of one column.
+    Rows(usize),
+    /// One row for each entry of a list column.
+    Entries(usize),
+}
+
+impl Table {
+    /// One row for each sample of the part, with these of its columns side by side; null where a sample lacks one.
+    #[must_use]
+    pub const fn wide(part: Arc<TimedPart>, columns: Vec<usize>) -> Self {
+        Self { part, shape: Shape::Wide(columns), host_times: None }
+    }
+
+    /// One row for each row of one column of the part, or for each entry of a list column (a satellite, for instance).
+    #[must_use]
+    pub fn rows(part: Arc<TimedPart>, column: usize) -> Self {
+        let kind = part.part.columns[column].quantity().map(|quantity| quantity.kind);
+        let shape = if matches!(kind, Some(Kind::List(..))) { Shape::Entries(column) } else { Shape::Rows(column) };
+        Self { part, shape, host_times: None }
+    }
+
+    /// The same table with a column `host_time`: seconds since 1970 for each sample of the part, NaN for null.
+    ///
+    /// # Errors
+    /// [`HostTimesError`] if there is not one time for each sample.
+    pub fn with_host_times(mut self, times: Vec<f64>) -> Result<Self, HostTimesError> {
+        let (samples, found) = (self.part.part.len(), times.len());
+        if found != samples {
+            return Err(HostTimesError { samples, found });
+        }
+        self.host_times = Some(Arc::new(times));
+        Ok(self)
+    }
+
+    /// The table's batches. One that needs no copy is a single batch.
+    #[must_use]
+    pub fn batches(&self) -> Batches {
+        let (rows, series) = self.series();
+        let fields: Vec<_> = series.iter().map(|series| series.field.clone()).collect();
+        let schema: SchemaRef = Arc::new(Schema::new(fields));
+        // In steps where something is copied, so that no more than a step of it is in memory twice.
+        let step = if series.iter().all(Series::is_lent) { rows.max(1) } else { BATCH_ROWS };
+        let shared = schema.clone();
+        let batches = (0..rows.div_ceil(step)).map(move |batch| {
+            let (from, to) = (batch * step, rows.min((batch + 1) * step));
+            RecordBatch::try_new(shared.clone(), series.iter().map(|series| series.array(from, to)).collect())
+        });
+        RecordBatchIterator::new(Box::new(batches), schema)
+    }
+
+    fn series(&self) -> (usize, Vec<Series>) {
+        let host_times = self.host_times.as_ref();
+        match &self.shape {
+            Shape::Wide(columns) => (self.part.part.len(), series::wide(&self.part, columns, host_times)),
+            Shape::Rows(column) => {
+                (self.part.part.columns[*column].rows, series::rows(&self.part, *column, host_times))
+            }
+            Shape::Entries(column) => series::entries(&self.part, *column, host_times),
+        }
+    }
+}

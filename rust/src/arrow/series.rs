@@ -1,0 +1,348 @@
+//! The columns of a table: where their values come from, and how they become arrays.
+
+use std::sync::Arc;
+
+use arrow_array::builder::BooleanBufferBuilder;
+use arrow_array::types::{
+    ArrowPrimitiveType, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampNanosecondType,
+    UInt8Type, UInt16Type, UInt32Type, UInt64Type,
+};
+use arrow_array::{Array, ArrayRef, PrimitiveArray};
+use arrow_buffer::{Buffer, NullBuffer, ScalarBuffer};
+use arrow_schema::Field;
+
+use super::fields;
+use crate::column::{Column, Values};
+use crate::log::TimedPart;
+use crate::packet::record_size;
+use crate::table::{Kind, Wire, data_id};
+use crate::utc;
+
+const UTC_TIME: u16 = data_id("utc_time");
+const ROTATION_MATRIX: u16 = data_id("rotation_matrix");
+
+/// One column of a table.
+pub struct Series {
+    pub field: Field,
+    source: Source,
+    places: Places,
+}
+
+/// Where the values are.
+enum Source {
+    /// The index of the sample of each row.
+    Samples(PrimitiveArray<Int64Type>),
+    /// A time of each sample, and whether every sample has one.
+    Times(Times, bool),
+    /// Element `element` of each row of a column of numbers.
+    Numbers { column: Arc<Column>, element: usize },
+    /// The number at byte `at` of each record.
+    Records { column: Arc<Column>, is_entry: bool, at: usize, wire: Wire },
+    /// The time stamps of `UtcTime` records.
+    Utc(Arc<Column>),
+}
+
+/// The times of the samples, NaN for a sample without one.
+#[derive(Clone)]
+enum Times {
+    /// Seconds on the device clock.
+    Device(Arc<TimedPart>),
+    /// Seconds since 1970 on the host's clock.
+    Host(Arc<Vec<f64>>),
+}
+
+/// Which row of the source goes into which row of the table.
+#[derive(Clone)]
+enum Places {
+    /// Each row into the row of the same number.
+    Same,
+    /// Row `i` into row `places[i]`; the other rows of the table are null. The places ascend. If one occurs twice, the
+    /// last row with it counts.
+    Into(Arc<Vec<usize>>),
+    /// Row `i` of the table from row `rows[i]`.
+    From(Arc<Vec<usize>>),
+}
+
+/// One row for each sample.
+pub fn wide(part: &Arc<TimedPart>, columns: &[usize], host_times: Option<&Arc<Vec<f64>>>) -> Vec<Series> {
+    let chosen: Vec<_> = columns.iter().map(|&column| &part.part.columns[column]).collect();
+    let others: Vec<_> = chosen.iter().map(AsRef::as_ref).collect();
+    let mut series = stamps(part, 0..part.part.len(), host_times, &Places::Same);
+    for &column in &chosen {
+        let is_dense = part.part.is_dense(column);
+        let places = if is_dense { Places::Same } else { Places::Into(Arc::new(samples_of(part, column))) };
+        series.extend(of_column(column, &places, &others));
+    }
+    series
+}
+
+/// One row for each row of a column.
+pub fn rows(part: &Arc<TimedPart>, column: usize, host_times: Option<&Arc<Vec<f64>>>) -> Vec<Series> {
+    let column = &part.part.columns[column];
+    let samples = samples_of(part, column);
+    let mut series = stamps(part, samples.clone(), host_times, &Places::From(Arc::new(samples)));
+    series.extend(of_column(column, &Places::Same, &[column]));
+    series
+}
+
+/// One row for each entry of a list column: the number of rows, and the series.
+pub fn entries(part: &Arc<TimedPart>, column: usize, host_times: Option<&Arc<Vec<f64>>>) -> (usize, Vec<Series>) {
+    let column = &part.part.columns[column];
+    let kind = column.quantity().map(|quantity| quantity.kind);
+    let (Some(Kind::List(head, entry)), Values::Records(heads)) = (kind, &column.values) else { return (0, vec![]) };
+    let count = |record: &[u8]| usize::from(record[head[0].wire.size()]);
+    let counts = heads.chunks_exact(record_size(head)).map(count);
+    let rows: Vec<usize> = counts.enumerate().flat_map(|(row, count)| std::iter::repeat_n(row, count)).collect();
+    let samples_of_rows = samples_of(part, column);
+    let samples: Vec<usize> = rows.iter().map(|&row| samples_of_rows[row]).collect();
+    let mut series = stamps(part, samples.clone(), host_times, &Places::From(Arc::new(samples)));
+    let rows = Arc::new(rows);
+    for (record, is_entry, places) in [(head, false, Places::From(rows.clone())), (entry, true, Places::Same)] {
+        let mut at = 0;
+        for field in record {
+            let source = Source::Records { column: column.clone(), is_entry, at, wire: field.wire };
+            let field_of_table = fields::record_field(field.name.to_owned(), column, field, false);
+            series.push(Series { field: field_of_table, source, places: places.clone() });
+            at += field.wire.size();
+        }
+    }
+    (rows.len(), series)
+}
+
+/// The sample of each row of a column, counted from the beginning of the part.
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // samples of a part
+fn samples_of(part: &TimedPart, column: &Column) -> Vec<usize> {
+    part.part.samples_of(column).into_iter().map(|sample| (sample as u64 - part.part.first) as usize).collect()
+}
+
+/// The index of the sample of each row, its time, and its host time if it is known. `samples` count from the beginning
+/// of the part.
+#[allow(clippy::cast_possible_wrap)]
+fn stamps(
+    part: &Arc<TimedPart>,
+    samples: impl IntoIterator<Item = usize>,
+    host_times: Option<&Arc<Vec<f64>>>,
+    places: &Places,
+) -> Vec<Series> {
+    let samples = samples.into_iter().map(|sample| (part.part.first + sample as u64) as i64).collect::<Vec<_>>();
+    let samples = Source::Samples(PrimitiveArray::new(samples.into(), None));
+    let times = |name: &str, times: Times| {
+        let is_complete = !times.seconds().iter().any(|time| time.is_nan());
+        Series { field: fields::seconds(name), source: Source::Times(times, is_complete), places: places.clone() }
+    };
+    let mut series = vec![
+        Series { field: fields::sample(), source: samples, places: Places::Same },
+        times("time", Times::Device(part.clone())),
+    ];
+    series.extend(host_times.map(|host_times| times("host_time", Times::Host(host_times.clone()))));
+    series
+}
+
+/// The series of one column of the log, in a table that has the columns `others`.
+fn of_column(column: &Arc<Column>, places: &Places, others: &[&Column]) -> Vec<Series> {
+    let (Some(quantity), Some(stem)) = (column.quantity(), fields::stem(column, others)) else { return vec![] };
+    let is_nullable = !matches!(places, Places::Same);
+    let series = |field: Field, source: Source| Series { field, source, places: places.clone() };
+    match quantity.kind {
+        _ if quantity.id == UTC_TIME => vec![series(fields::utc(&stem, column), Source::Utc(column.clone()))],
+        Kind::Struct(record) | Kind::List(record, _) => {
+            let mut at = 0;
+            let mut list = vec![];
+            for field in record {
+                let name = format!("{stem}_{}", field.name);
+                let source = Source::Records { column: column.clone(), is_entry: false, at, wire: field.wire };
+                list.push(series(fields::record_field(name, column, field, is_nullable), source));
+                at += field.wire.size();
+            }
+            list
+        }
+        _ => {
+            let number = |name: String, element: usize| {
+                let source = Source::Numbers { column: column.clone(), element };
+                series(fields::number(name, column, is_nullable), source)
+            };
+            if quantity.components.is_empty() {
+                return vec![number(stem, 0)];
+            }
+            let mut order: Vec<usize> = (0..quantity.components.len()).collect();
+            if quantity.id == ROTATION_MATRIX {
+                // Column by column on the wire, row by row in the table: m11, m12, m13, m21, ...
+                order.sort_by_key(|&element| quantity.components[element]);
+            }
+            let name = |element: usize| format!("{stem}_{}", quantity.components[element]);
+            order.into_iter().map(|element| number(name(element), element)).collect()
+        }
+    }
+}
+
+impl Times {
+    fn seconds(&self) -> &[f64] {
+        match self {
+            Self::Device(part) => &part.times().time,
+            Self::Host(times) => times,
+        }
+    }
+
+    fn lent(&self) -> PrimitiveArray<Float64Type> {
+        match self {
+            Self::Device(part) => lend(part, self.seconds()),
+            Self::Host(times) => lend(times, self.seconds()),
+        }
+    }
+}
+
+impl Series {
+    /// Whether the values need no copy.
+    pub fn is_lent(&self) -> bool {
+        let is_same = matches!(self.places, Places::Same);
+        match &self.source {
+            Source::Samples(_) => true,
+            Source::Times(_, is_complete) => is_same && *is_complete,
+            Source::Numbers { column, .. } => is_same && column.width == 1,
+            Source::Records { .. } | Source::Utc(_) => false,
+        }
+    }
+
+    /// Rows `from` to `to` of the table.
+    pub fn array(&self, from: usize, to: usize) -> ArrayRef {
+        match &self.source {
+            Source::Samples(samples) => Arc::new(samples.slice(from, to - from)),
+            Source::Times(times, _) if self.is_lent() => Arc::new(times.lent().slice(from, to - from)),
+            Source::Times(times, _) => {
+                let seconds = times.seconds();
+                let array = self.gather::<Float64Type>(from, to, |row| seconds[row]);
+                let is_valid: NullBuffer = array.values().iter().map(|time| !time.is_nan()).collect();
+                Arc::new(PrimitiveArray::<Float64Type>::new(array.values().clone(), Some(is_valid)))
+            }
+            Source::Numbers { column, element } => match &column.values {
+                Values::U8(values) => self.numbers::<UInt8Type>(column, values, *element, from, to),
+                Values::U16(values) => self.numbers::<UInt16Type>(column, values, *element, from, to),
+                Values::U32(values) => self.numbers::<UInt32Type>(column, values, *element, from, to),
+                Values::U64(values) => self.numbers::<UInt64Type>(column, values, *element, from, to),
+                Values::I8(values) => self.numbers::<Int8Type>(column, values, *element, from, to),
+                Values::I16(values) => self.numbers::<Int16Type>(column, values, *element, from, to),
+                Values::I32(values) => self.numbers::<Int32Type>(column, values, *element, from, to),
+                Values::F32(values) => self.numbers::<Float32Type>(column, values, *element, from, to),
+                Values::F64(values) => self.numbers::<Float64Type>(column, values, *element, from, to),
+                Values::Records(_) | Values::Raw(_) => unreachable!("records have a source of their own"),
+            },
+            Source::Records { column, is_entry, at, wire } => {
+                let field = RecordField::of(column, *is_entry, *at);
+                match wire {
+                    Wire::U1 => self.field::<UInt8Type, 1>(field, u8::from_ne_bytes, from, to),
+                    Wire::I1 => self.field::<Int8Type, 1>(field, i8::from_ne_bytes, from, to),
+                    Wire::U2 => self.field::<UInt16Type, 2>(field, u16::from_ne_bytes, from, to),
+                    Wire::I2 => self.field::<Int16Type, 2>(field, i16::from_ne_bytes, from, to),
+                    Wire::U4 => self.field::<UInt32Type, 4>(field, u32::from_ne_bytes, from, to),
+                    Wire::I4 => self.field::<Int32Type, 4>(field, i32::from_ne_bytes, from, to),
+                    Wire::U8 => self.field::<UInt64Type, 8>(field, u64::from_ne_bytes, from, to),
+                    Wire::F4 => self.field::<Float32Type, 4>(field, f32::from_ne_bytes, from, to),
+                }
+            }
+            Source::Utc(column) => {
+                let records = RecordField::of(column, false, 0);
+                let stamp = |row: usize| utc::nanoseconds(records.bytes(row)).unwrap_or(i64::MIN);
+                let stamps = self.gather::<TimestampNanosecondType>(from, to, stamp);
+                let exists: NullBuffer = stamps.values().iter().map(|stamp| *stamp != i64::MIN).collect();
+                let is_valid = NullBuffer::union(Some(&exists), stamps.nulls());
+                let array = PrimitiveArray::<TimestampNanosecondType>::new(stamps.values().clone(), is_valid);
+                Arc::new(array.with_timezone("UTC"))
+            }
+        }
+    }
+
+    fn numbers<T: ArrowPrimitiveType>(
+        &self,
+        column: &Arc<Column>,
+        values: &[T::Native],
+        element: usize,
+        from: usize,
+        to: usize,
+    ) -> ArrayRef {
+        if self.is_lent() {
+            return Arc::new(lend::<T, _>(column, values).slice(from, to - from));
+        }
+        Arc::new(self.gather::<T>(from, to, |row| values[row * column.width + element]))
+    }
+
+    fn field<T: ArrowPrimitiveType, const SIZE: usize>(
+        &self,
+        field: RecordField<'_>,
+        number: fn([u8; SIZE]) -> T::Native,
+        from: usize,
+        to: usize,
+    ) -> ArrayRef {
+        let value = |row: usize| number(*field.bytes(row).first_chunk().expect("a record has all of its fields"));
+        Arc::new(self.gather::<T>(from, to, value))
+    }
+
+    /// Copies rows `from` to `to` of the table. `value` is the value of a row of the source.
+    fn gather<T: ArrowPrimitiveType>(
+        &self,
+        from: usize,
+        to: usize,
+        value: impl Fn(usize) -> T::Native,
+    ) -> PrimitiveArray<T> {
+        match &self.places {
+            Places::Same => PrimitiveArray::new((from..to).map(value).collect::<Vec<_>>().into(), None),
+            Places::From(rows) => {
+                PrimitiveArray::new(rows[from..to].iter().map(|&row| value(row)).collect::<Vec<_>>().into(), None)
+            }
+            Places::Into(places) => {
+                let first = places.partition_point(|&place| place < from);
+                let last = places.partition_point(|&place| place < to);
+                let mut values = vec![T::default_value(); to - from];
+                let mut is_valid = BooleanBufferBuilder::new(to - from);
+                is_valid.append_n(to - from, false);
+                for row in first..last {
+                    let place = places[row] - from;
+                    values[place] = value(row);
+                    is_valid.set_bit(place, true);
+                }
+                PrimitiveArray::new(values.into(), Some(NullBuffer::new(is_valid.finish())))
+            }
+        }
+    }
+}
+
+/// One field of the records of a column, or of the entries of a list column.
+#[derive(Clone, Copy)]
+struct RecordField<'a> {
+    records: &'a [u8],
+    /// Bytes of a record.
+    size: usize,
+    /// Where the field begins in each record.
+    at: usize,
+}
+
+impl<'a> RecordField<'a> {
+    fn of(column: &'a Column, is_entry: bool, at: usize) -> Self {
+        match (&column.values, column.quantity().map(|quantity| quantity.kind)) {
+            (_, Some(Kind::List(_, entry))) if is_entry => {
+                Self { records: &column.entries, size: record_size(entry), at }
+            }
+            (Values::Records(records), _) => Self { records, size: column.width, at },
+            _ => unreachable!("only records have fields"),
+        }
+    }
+
+    /// The bytes from the field of a record on.
+    fn bytes(&self, row: usize) -> &'a [u8] {
+        &self.records[row * self.size + self.at..]
+    }
+}
+
+/// Numbers as an Arrow array, without a copy.
+fn lend<T: ArrowPrimitiveType, O: Send + Sync + 'static>(owner: &Arc<O>, numbers: &[T::Native]) -> PrimitiveArray<T> {
+    let bytes = std::ptr::NonNull::from(numbers).cast();
+    let owner = Arc::new(Owner(owner.clone()));
+    // SAFETY: the numbers belong to `owner`, which the buffer keeps alive and which never changes them.
+    #[allow(unsafe_code)]
+    let buffer = unsafe { Buffer::from_custom_allocation(bytes, size_of_val(numbers), owner) };
+    PrimitiveArray::new(ScalarBuffer::new(buffer, 0, numbers.len()), None)
+}
+
+/// Keeps the memory that a buffer borrows alive.
+struct Owner<O>(#[allow(dead_code)] Arc<O>);
+
+impl<O> std::panic::RefUnwindSafe for Owner<O> {}

@@ -1,0 +1,50 @@
+//! Parts of a log with the times and counters of their samples.
+
+use std::sync::OnceLock;
+
+use super::{Part, Reader};
+use crate::clock::{Clocks, Losses};
+
+/// Times and packet counters of the samples of a part.
+#[derive(Clone, Debug, Default)]
+pub struct Times {
+    /// Seconds on the device clock, unwrapped; NaN for a sample without a time stamp.
+    pub time: Vec<f64>,
+    /// The packet counter, unwrapped; -1 for a sample without one.
+    pub counter: Vec<i64>,
+    /// What the counters say was lost.
+    pub losses: Losses,
+}
+
+impl Times {
+    fn of(part: &Part, clocks: &mut Clocks) -> Self {
+        let (time, counter, losses) = part.unwrap(clocks);
+        Self { time, counter, losses }
+    }
+}
+
+/// A part of a log, and the clocks at its beginning.
+#[derive(Debug)]
+pub struct TimedPart {
+    /// The part.
+    pub part: Part,
+    clocks: Clocks,
+    times: OnceLock<Times>,
+}
+
+impl TimedPart {
+    /// Takes what `reader` has read since the last call. `clocks` are those at the beginning of the part; on return they
+    /// are those at its end, unless the input is used up and no part follows.
+    pub fn take(reader: &mut Reader, clocks: &mut Clocks) -> Self {
+        let timed = Self { part: reader.take(), clocks: clocks.clone(), times: OnceLock::new() };
+        if !reader.is_finished() {
+            let _ = timed.times.set(Times::of(&timed.part, clocks));
+        }
+        timed
+    }
+
+    /// Times and counters, computed on the first call.
+    pub fn times(&self) -> &Times {
+        self.times.get_or_init(|| Times::of(&self.part, &mut self.clocks.clone()))
+    }
+}

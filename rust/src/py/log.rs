@@ -1,0 +1,241 @@
+//! Logs: readers and the parts that they return.
+
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
+use pyo3::prelude::*;
+use pyo3::types::IntoPyDict;
+
+use super::Row;
+use super::array::{Array, hand_over, hand_over_signed, lend};
+use super::column::Column;
+use super::convert::{Wish, wanted};
+use super::source::Source;
+use crate::clock::Clocks;
+use crate::input::PushBuffer;
+use crate::log::{self, Options, TimedPart, Times};
+use crate::scan::Window;
+
+/// Reads a log.
+#[pyclass(module = "xbus._core")]
+pub struct Reader {
+    reader: log::Reader,
+    clocks: Clocks,
+    source: Source,
+    #[pyo3(get)]
+    total: Option<u64>,
+}
+
+#[pymethods]
+impl Reader {
+    #[new]
+    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, fast=true))]
+    #[allow(clippy::too_many_arguments)] // by keyword
+    fn new(
+        source: &Bound<'_, PyAny>,
+        limit: usize,
+        strict: bool,
+        wanted: Option<Vec<Wish>>,
+        strings: u32,
+        part_bytes: Option<u64>,
+        fast: bool,
+    ) -> PyResult<Self> {
+        let options = Options { limit, strict, strings, wanted: self::wanted(wanted)?, fast };
+        let (source, total) = Source::open(source)?;
+        let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
+        Ok(Self { reader: log::Reader::new(options, part_bytes), clocks: Clocks::default(), source, total })
+    }
+
+    #[getter]
+    fn position(&self) -> u64 {
+        self.reader.at()
+    }
+
+    fn advance(&mut self, py: Python<'_>, size: u64) -> PyResult<bool> {
+        let Self { reader, source, .. } = self;
+        let until = reader.at().saturating_add(size);
+        match source {
+            Source::Array(array) => {
+                let array: PyReadonlyArray1<'_, u8> = array.bind(py).try_readonly()?;
+                let bytes = array.as_slice()?;
+                py.detach(|| reader.read(Window { bytes, offset: 0, last: true }, until))?;
+            }
+            Source::Stream(stream) => py.detach(|| reader.read_stream(stream, until))?,
+        }
+        Ok(!reader.is_finished())
+    }
+
+    fn take(&mut self, py: Python<'_>) -> Part {
+        let Self { reader, clocks, .. } = self;
+        Part::take(py, reader, clocks)
+    }
+}
+
+/// Decodes a log that is pushed in pieces.
+#[pyclass(module = "xbus._core")]
+pub struct Decoder {
+    reader: log::Reader,
+    clocks: Clocks,
+    buffer: PushBuffer,
+}
+
+#[pymethods]
+impl Decoder {
+    #[new]
+    #[pyo3(signature = (limit, wanted, strings=0))]
+    fn new(limit: usize, wanted: Option<Vec<Wish>>, strings: u32) -> PyResult<Self> {
+        let options = Options { limit, strings, wanted: self::wanted(wanted)?, ..Options::default() };
+        Ok(Self { reader: log::Reader::new(options, 0), clocks: Clocks::default(), buffer: PushBuffer::default() })
+    }
+
+    fn feed(&mut self, py: Python<'_>, data: &[u8]) -> PyResult<()> {
+        let Self { reader, buffer, .. } = self;
+        py.detach(|| {
+            buffer.push(data);
+            Ok(reader.read_pushed(buffer, false)?)
+        })
+    }
+
+    fn take(&mut self, py: Python<'_>) -> Part {
+        let Self { reader, clocks, .. } = self;
+        Part::take(py, reader, clocks)
+    }
+}
+
+/// A part of a log.
+#[pyclass(module = "xbus._core", frozen)]
+pub struct Part(pub Arc<TimedPart>);
+
+impl Part {
+    fn take(py: Python<'_>, reader: &mut log::Reader, clocks: &mut Clocks) -> Self {
+        Self(Arc::new(py.detach(|| TimedPart::take(reader, clocks))))
+    }
+
+    fn times(&self, py: Python<'_>) -> &Times {
+        py.detach(|| self.0.times())
+    }
+}
+
+#[pymethods]
+impl Part {
+    fn __len__(&self) -> usize {
+        self.0.part.len()
+    }
+
+    #[getter]
+    fn first(&self) -> u64 {
+        self.0.part.first
+    }
+
+    #[getter]
+    fn columns(&self) -> Vec<Column> {
+        (0..self.0.part.columns.len()).map(|index| Column { part: self.0.clone(), index }).collect()
+    }
+
+    #[getter]
+    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
+        let (stats, losses) = (&self.0.part.stats, self.times(py).losses);
+        let counts = [
+            ("bytes", stats.bytes),
+            ("frames", stats.frames),
+            ("samples", stats.samples),
+            ("messages", stats.messages),
+            ("malformed", stats.malformed),
+            ("strings", stats.strings),
+            ("skipped_bytes", stats.skipped_bytes),
+            ("checksum_errors", stats.checksum_errors),
+            ("lost_samples", losses.samples),
+            ("gaps", losses.gaps),
+        ];
+        counts.into_py_dict(py)
+    }
+
+    #[getter]
+    fn damage(&self, py: Python<'_>) -> DamageArrays {
+        let damage = &self.0.part.damage;
+        DamageArrays {
+            offset: hand_over_signed(py, damage.iter().map(|stretch| stretch.offset)).unbind(),
+            length: hand_over_signed(py, damage.iter().map(|stretch| stretch.length)).unbind(),
+            reason: hand_over(py, damage.iter().map(|stretch| stretch.reason as u8).collect()).unbind(),
+        }
+    }
+
+    #[getter]
+    fn messages(slf: &Bound<'_, Self>) -> MessageArrays {
+        let messages = &slf.get().0.part.messages;
+        MessageArrays {
+            mid: lend(&messages.mid, slf).unbind(),
+            bid: lend(&messages.bid, slf).unbind(),
+            offset: hand_over_signed(slf.py(), messages.offset.iter().copied()).unbind(),
+            sample: hand_over_signed(slf.py(), messages.sample.iter().copied()).unbind(),
+            ends: lend(&messages.payload.ends, slf).unbind(),
+            payloads: lend(&messages.payload.bytes, slf).unbind(),
+        }
+    }
+
+    #[getter]
+    fn strings(slf: &Bound<'_, Self>) -> StringArrays {
+        let strings = &slf.get().0.part.strings;
+        StringArrays {
+            place: lend(&strings.place, slf).unbind(),
+            offset: hand_over_signed(slf.py(), strings.offset.iter().copied()).unbind(),
+            sample: hand_over_signed(slf.py(), strings.sample.iter().copied()).unbind(),
+            ends: lend(&strings.bytes.ends, slf).unbind(),
+            data: lend(&strings.bytes.bytes, slf).unbind(),
+        }
+    }
+
+    #[getter]
+    fn time<'py>(slf: &Bound<'py, Self>) -> Array<'py, f64> {
+        lend(&slf.get().times(slf.py()).time, slf)
+    }
+
+    #[getter]
+    fn packet_counter<'py>(slf: &Bound<'py, Self>) -> Array<'py, i64> {
+        lend(&slf.get().times(slf.py()).counter, slf)
+    }
+
+    #[getter]
+    fn offset<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
+        hand_over(py, py.detach(|| self.0.part.offsets()))
+    }
+
+    #[getter]
+    fn end<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
+        hand_over(py, py.detach(|| self.0.part.ends()))
+    }
+
+    #[getter]
+    fn bid<'py>(&self, py: Python<'py>) -> Array<'py, u8> {
+        hand_over(py, py.detach(|| self.0.part.bids()))
+    }
+}
+
+/// The damage of a part.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct DamageArrays {
+    offset: Py<PyArray1<i64>>,
+    length: Py<PyArray1<i64>>,
+    reason: Py<PyArray1<u8>>,
+}
+
+/// The messages of a part that are not samples.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct MessageArrays {
+    mid: Py<PyArray1<u8>>,
+    bid: Py<PyArray1<u8>>,
+    offset: Py<PyArray1<i64>>,
+    sample: Py<PyArray1<i64>>,
+    ends: Py<PyArray1<u64>>,
+    payloads: Py<PyArray1<u8>>,
+}
+
+/// The string outputs of a part.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct StringArrays {
+    place: Py<PyArray1<u8>>,
+    offset: Py<PyArray1<i64>>,
+    sample: Py<PyArray1<i64>>,
+    ends: Py<PyArray1<u64>>,
+    data: Py<PyArray1<u8>>,
+}

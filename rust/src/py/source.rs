@@ -1,0 +1,86 @@
+//! Where the bytes of a log come from.
+
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::PathBuf;
+
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+
+use super::convert::os_error;
+use crate::input::Stream;
+
+/// An array, which is used where it lies, or a stream.
+pub enum Source {
+    Array(Py<PyArray1<u8>>),
+    Stream(Stream<Box<dyn Read + Send + Sync>>),
+}
+
+impl Source {
+    /// Opens a uint8 array, a path, or an object with a method `read`; with its length in bytes, if that is known.
+    pub fn open(source: &Bound<'_, PyAny>) -> PyResult<(Self, Option<u64>)> {
+        if let Ok(array) = source.cast::<PyArray1<u8>>() {
+            let length = array.readonly().as_slice()?.len();
+            return Ok((Self::Array(array.clone().unbind()), Some(length as u64)));
+        }
+        let Ok(path) = source.extract::<PathBuf>() else { return Ok((Self::stream(PyInput::of(source)), None)) };
+        match fs::metadata(&path) {
+            Ok(metadata) if metadata.is_file() => {
+                let file = File::open(&path).map_err(|error| os_error(&error, Some(path)))?;
+                Ok((Self::stream(file), Some(metadata.len())))
+            }
+            // Python's own file reacts to Ctrl-C while it waits for a pipe or a device, and names the path in its errors.
+            _ => {
+                let file = source.py().import("io")?.call_method1("open", (path, "rb", 0))?;
+                Ok((Self::stream(Opened(PyInput::of(&file))), None))
+            }
+        }
+    }
+
+    fn stream(input: impl Read + Send + Sync + 'static) -> Self {
+        Self::Stream(Stream::new(Box::new(input)))
+    }
+}
+
+/// A Python object with a method `read`.
+struct PyInput(Py<PyAny>);
+
+impl PyInput {
+    fn of(object: &Bound<'_, PyAny>) -> Self {
+        Self(object.clone().unbind())
+    }
+}
+
+impl Read for PyInput {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        Python::attach(|py| {
+            let data = self.0.bind(py).call_method1("read", (buffer.len(),))?;
+            let bytes: &[u8] = data
+                .extract()
+                .map_err(|_| PyTypeError::new_err("read() must return bytes; open the file in binary mode"))?;
+            if bytes.len() > buffer.len() {
+                return Err(PyTypeError::new_err("read() returned more bytes than requested"));
+            }
+            buffer[..bytes.len()].copy_from_slice(bytes);
+            Ok(bytes.len())
+        })
+        .map_err(|error: PyErr| io::Error::other(error))
+    }
+}
+
+/// A Python file that was opened here.
+struct Opened(PyInput);
+
+impl Read for Opened {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        self.0.read(buffer)
+    }
+}
+
+impl Drop for Opened {
+    fn drop(&mut self) {
+        // A file that was only read has nothing to report when it is closed.
+        let _ = Python::try_attach(|py| self.0.0.bind(py).call_method0("close").is_ok());
+    }
+}
