@@ -1,1 +1,1 @@
-"""A package, so that its conftest is not taken for the one in tests."""
+"""A package, so that pytest does not confuse its conftest with the one in tests."""

@@ -1,4 +1,4 @@
-"""Settings of ``sphinx-build -W -b html docs docs/_build/html``; it needs xbus and its extra ``docs``."""
+"""Settings of ``make docs``, which needs xbus and its extra ``docs``."""
 
 import re
 import sys
@@ -20,11 +20,13 @@ release = version = xbus.__version__
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "protocol"]
 exclude_patterns = ["_build"]
 
-# A name in single backticks in a docstring is a link where there is something to link to.
+# A name in single backticks in a docstring is a link if its target is documented.
 default_role = "py:obj"
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"
-autodoc_type_aliases = {it: it for it in ("Source", "Key", "PacketKey", "OutputConfiguration")}
+autodoc_type_aliases = {
+    name: name for name in ("Source", "Key", "PacketKey", "OutputConfiguration")
+}
 python_use_unqualified_type_names = True
 myst_enable_extensions = ["deflist"]
 myst_heading_anchors = 2
@@ -36,15 +38,15 @@ html_css_files = ["tables.css"]
 
 
 def aliases_by_name(*event: Any) -> tuple[str | None, str | None]:
-    """Inside other types, autodoc shows an alias by its internals."""
+    """Shows the name of a type alias where autodoc shows its representation."""
     signature, returns = (
-        re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", it or "") for it in event[-2:]
+        re.sub(r"TypeAliasForwardRef\('(\w+)'\)", r"\1", text or "") for text in event[-2:]
     )
     return signature or None, returns or None
 
 
 def is_field(*event: Any) -> bool | None:
-    """Fields of records stand in the signature, and in the docstring where they need words."""
+    """Skips fields of dataclasses: the signature and the docstring already list them."""
     _, what, _, member, *_ = event
     has_own_entry = isinstance(member, Enum | property) or callable(member)
     return True if what == "class" and not has_own_entry else None

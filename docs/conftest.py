@@ -1,4 +1,4 @@
-"""The examples of the pages run in a folder of their own; the recordings lie where they look for them."""
+"""Runs the examples of each page in a temporary folder that contains the recordings."""
 
 import shutil
 from pathlib import Path

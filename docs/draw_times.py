@@ -1,7 +1,7 @@
-"""The picture of docs/time.md: ``python docs/draw_times.py`` writes docs/times.svg.
+"""Draws the picture of docs/time.md: ``python docs/draw_times.py`` writes docs/times.svg.
 
-Samples every 2 ms from an adapter that waits up to 16 ms: how much later than its device time each of them
-arrives, the lower hull of that, and what a line of least squares would say.
+It shows samples every 2 ms from an adapter that waits up to 16 ms: the delay of each arrival behind device
+time, the lower hull of the arrivals, and a least-squares line.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def main() -> None:
         f'<line x1="{LEFT - 4}" x2="{LEFT}" y1="{y(ms)}" y2="{y(ms)}" stroke="#555"/>'
         for ms in (0, 5, 10, 15, 20)
     )
-    said = (clock.host_time(30.0) - 30) * 1e3
+    host_time = (clock.host_time(30.0) - 30) * 1e3
     size = f'viewBox="0 0 {WIDTH} {HEIGHT}" font-family="sans-serif" font-size="13"'
     picture = f"""\
 <svg xmlns="http://www.w3.org/2000/svg" {size}>
@@ -59,7 +59,7 @@ def main() -> None:
 <path d="M{LEFT} 26V{BOTTOM}H{WIDTH - 20}" fill="none" stroke="#555"/>
 <g fill="#1f77b4">{dots}</g>
 {line(float(late.mean()), "#777", f"least squares: {late.mean():.1f} ms", 18)}
-{line(said, "#d62728", f"lower hull, host_time: {said:.2f} ms (the least delay is 1.20 ms)", 36)}
+{line(host_time, "#d62728", f"lower hull, host_time: {host_time:.2f} ms (the least delay is 1.20 ms)", 36)}
 </svg>
 """
     Path(__file__).with_name("times.svg").write_text(picture, "utf-8")

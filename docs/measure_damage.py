@@ -1,8 +1,8 @@
-"""What damage costs, by the checksum alone and by the scanner: frames lost, and false frames accepted.
+"""Measures the frames lost and the false frames accepted, with the checksum alone and with the scanner.
 
-``python docs/measure_damage.py [FRAMES]`` prints the table of docs/damage.md, for 400,000 frames unless
-told otherwise. *Lost* are frames that came through intact and were not found. *Hit* are accepted frames that
-stand where a true one does and have changed on the way; *made up* are those that stand elsewhere.
+``python docs/measure_damage.py [FRAMES]`` prints the table of docs/damage.md, for 400,000 frames by default.
+*Lost* frames arrive intact and are not found. *Hit* frames are accepted in the place of a real frame although
+they changed; *made up* frames are accepted elsewhere.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy.typing as npt
 
 import xbus
 
-#: Chance for a bit to flip; for a byte to get lost; for a burst of foreign bytes to come before a byte.
+#: Probability that a bit flips, that a byte is lost, and that a burst of random bytes precedes a byte.
 FLIP, DROP, BURST = 1e-3, 1e-4, 1e-4
-#: Of the streams' frames, how many are of each kind.
+#: Share of each kind of frame.
 MIX = {"ahrs": 0.4, "gnss/ins": 0.3, "high rate": 0.2, "reply": 0.1}
 
 Bytes = npt.NDArray[np.uint8]
-#: Where a frame begins, and its bytes.
+#: Offset and length of each frame.
 Found = set[tuple[int, int]]
 
 
 def stream(count: int, rng: np.random.Generator) -> tuple[Bytes, npt.NDArray[np.int64]]:
-    """Sound frames one behind the other, and where each begins."""
+    """Concatenated intact frames, and the offset of each."""
     frames = []
     kinds = rng.choice(len(MIX), count, p=list(MIX.values()))
     for i, kind in enumerate(kinds):
@@ -49,28 +49,28 @@ def stream(count: int, rng: np.random.Generator) -> tuple[Bytes, npt.NDArray[np.
             )
         else:
             frames.append(xbus.encode_frame(xbus.MessageId.DeviceID, rng.bytes(8)))
-    ends = np.cumsum([len(it) for it in frames])
+    ends = np.cumsum([len(frame) for frame in frames])
     return np.frombuffer(b"".join(frames), np.uint8), np.concatenate(([0], ends))
 
 
 def damaged(
     sound: Bytes, bounds: npt.NDArray[np.int64], rng: np.random.Generator
 ) -> tuple[bytes, Found, Found]:
-    """The stream as it arrives, which of its frames did so intact, and which changed in place."""
+    """The damaged stream, its intact frames, and the frames that changed in place."""
     flips = np.zeros(len(sound), np.uint8)
     for bit in range(8):
         flips |= (rng.random(len(sound)) < FLIP).astype(np.uint8) << bit
     dropped = rng.random(len(sound)) < DROP
     bursts = np.where(rng.random(len(sound)) < BURST, rng.integers(1, 33, len(sound)), 0)
 
-    # How far each byte has moved; where it lands.
+    # Shift and new position of each byte.
     shift = np.cumsum(bursts) - (np.cumsum(dropped) - dropped)
     place = np.arange(len(sound)) + shift
     out = rng.integers(0, 256, len(sound) + bursts.sum() - dropped.sum(), dtype=np.uint8)
     out[place[~dropped]] = (sound ^ flips)[~dropped]
 
     def among(marks: npt.NDArray[np.bool_], first: int) -> npt.NDArray[np.bool_]:
-        """Whether any byte of a frame, from its first or second on, is marked."""
+        """Whether any byte of each frame, from byte `first` on, is marked."""
         count = np.concatenate(([0], np.cumsum(marks)))
         return count[bounds[1:]] > count[bounds[:-1] + first]
 
@@ -84,7 +84,7 @@ def damaged(
 
 
 def by_checksum(data: bytes, limit: int) -> Found:
-    """Every candidate whose checksum holds, from left to right."""
+    """Every candidate with a valid checksum, from left to right."""
     # sums[n]: the sum of the first n bytes, modulo 256.
     sums = b"\0" + np.cumsum(np.frombuffer(data, np.uint8), dtype=np.uint8).tobytes()
     found, at = set(), data.find(0xFA)
@@ -102,13 +102,13 @@ def by_checksum(data: bytes, limit: int) -> Found:
 
 
 def by_scanner(data: bytes, limit: int) -> Found:
-    """What xbus accepts."""
+    """The frames that xbus accepts."""
     scanner = xbus.Scanner(limit)
     found = set()
-    for it in [*scanner.feed(data), *scanner.close()]:
-        if isinstance(it, xbus.Message):
-            header = 6 if data[it.offset + 3] == 0xFF else 4
-            found.add((it.offset, header + len(it.payload) + 1))
+    for event in [*scanner.feed(data), *scanner.close()]:
+        if isinstance(event, xbus.Message):
+            header = 6 if data[event.offset + 3] == 0xFF else 4
+            found.add((event.offset, header + len(event.payload) + 1))
     return found
 
 
