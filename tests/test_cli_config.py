@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 import xbus
 from test_cli import run, sentence
 from test_settings import Stubborn, changed
-from xbus import Device, SimulatedDevice, connect
+from xbus import Device, Session, SimulatedDevice, connect
 from xbus.protocol.tables import PRODUCTS
 
 PRODUCT_NAMES = [it.name for it in PRODUCTS.values()]
@@ -65,6 +66,32 @@ def test_a_dry_run_sets_nothing(
     assert connect(sim).settings().location_id == 0
 
 
+def test_each_setting_is_read_once(
+    monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]
+) -> None:
+    sent: list[str] = []
+    request = Session.request
+
+    def counted(self: Session, name: str, value: Any = None) -> bytes:
+        sent.append(name)
+        return request(self, name, value)
+
+    monkeypatch.setattr(Session, "request", counted)
+    assert run("config", "apply", "sim:MTi-630", file("location_id = 7")).exit_code == 0
+    assert [name for name in sent if not name.startswith("Req")] == [
+        "GoToConfig",
+        "SetLocationID",
+        "GoToMeasurement",
+    ]
+    requests = Counter(name for name in sent if name.startswith("Req"))
+    # The changed setting is read back, and the two rotations have the same request.
+    assert {name for name, count in requests.items() if count > 1} == {
+        "ReqLocationID",
+        "ReqAlignmentRotation",
+    }
+    assert max(requests.values()) == 2
+
+
 def test_what_takes_a_reset(file: Callable[[str], str]) -> None:
     name = file("can_config = { baudrate = 1000000 }")
     result = run("config", "apply", "sim:MTi-630", name)
@@ -98,11 +125,11 @@ def test_more_than_the_line_carries(file: Callable[[str], str]) -> None:
 #: What is in the file, or None for none; and what is said of it.
 BAD: list[tuple[str | bytes | None, str]] = [
     (None, "cannot read FILE: No such file or directory; check the path"),
-    (b"\xff", "FILE: byte 0 is no UTF-8; this is no TOML"),
-    ("x", "FILE: line 1: expected '=' after a key in a key/value pair; this is no TOML"),
+    (b"\xff", "FILE: byte 0 is not UTF-8; this is not TOML"),
+    ("x", "FILE: line 1: expected '=' after a key in a key/value pair; this is not TOML"),
     (
         "\nlocation = 1",
-        "FILE: line 2, location: no setting is called so; did you mean location_id?",
+        "FILE: line 2, location: there is no setting of this name; did you mean location_id?",
     ),
     ('location_id = "1"', 'FILE: line 1, location_id: "1" is not a whole number'),
 ]
@@ -128,9 +155,9 @@ def test_what_the_product_cannot_do(file: Callable[[str], str]) -> None:
     result = run("config", "apply", "sim:MTi-30", name)
     assert (result.exit_code, result.stdout) == (1, "")
     assert result.stderr.splitlines() == [
-        f"xbus: {name}: line 3, gnss_lever_arm: the MTi-30 does not have it",
-        f"xbus: {name}: line 4, baudrate: applying does not change it; set_baudrate(9600) does;"
-        " nothing was sent",
+        f"xbus: {name}: line 3, gnss_lever_arm: the MTi-30 does not have this setting",
+        f"xbus: {name}: line 4, baudrate: the baud rate is not changed with the settings; remove this"
+        " key; nothing was sent",
     ]
 
 
@@ -164,7 +191,7 @@ def test_an_end_in_the_middle(
     monkeypatch.setattr(Device, "command", interrupted)
     result = run("config", "apply", "sim:MTi-630", file("location_id = 7"))
     assert result.exit_code == code
-    assert "interrupted; applied: nothing; not known: location_id" in result.stderr
+    assert "interrupted; applied: nothing; unknown: location_id" in result.stderr
 
 
 def test_recording_with_a_file(tmp_path: Path, file: Callable[[str], str]) -> None:
@@ -178,7 +205,7 @@ def test_recording_with_a_file(tmp_path: Path, file: Callable[[str], str]) -> No
     assert list(xbus.read_log(out)) == ["packet_counter", "acceleration"]
     bad = file("gnss_lever_arm = { x = 0, y = 0, z = 1 }")
     words = ("record", "sim:MTi-630", "-o", str(tmp_path / "b.mtb"), "--config", bad)
-    assert "the MTi-630 does not have it" in sentence(run(*words))
+    assert "the MTi-630 does not have this setting" in sentence(run(*words))
     assert not (tmp_path / "b.mtb").exists()
 
 

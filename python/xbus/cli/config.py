@@ -60,11 +60,11 @@ def dump(port: str, out: str | None, baudrate: int | None) -> None:
 @baudrate_option
 def diff(port: str, file: str, baudrate: int | None) -> None:
     """Shows where a device and a file differ: - the device, + the file."""
-    from xbus.device.settings.apply import compared
+    from xbus.device.settings import plan_settings
 
     settings = read_file(file)
     with connect_device(port, baudrate) as device, device.configure():
-        changes = compared(device, settings)
+        changes = plan_settings(device, settings).changes
     for it in changes:
         print_line(str(it))
     if not changes:
@@ -103,7 +103,7 @@ def read_file(file: str) -> Settings:
     except OSError as error:
         raise cannot(f"read {label(file)}", error) from error
     except UnicodeDecodeError as error:
-        raise Failure(f"{label(file)}: byte {error.start} is no UTF-8; this is no TOML") from None
+        raise Failure(f"{label(file)}: byte {error.start} is not UTF-8; this is not TOML") from None
     except ValueError as error:
         raise Failure(f"{label(file)}: {error}") from None
 
@@ -121,14 +121,13 @@ def applied(
     Raises:
         Failure: Something cannot be applied, and nothing was; or it was in part.
     """
-    from xbus.device import ApplyError
+    from xbus.device.settings import ApplyError, apply_plan, plan_settings
 
     with device.configure():
-        try:
-            planned = device.apply(settings, dry_run=True, check_baudrate=check_baudrate)
-        except ValueError as error:
-            reasons = [f"{label(file)}: {it}" for it in str(error).split("\n")]
-            raise Failure("\nxbus: ".join(reasons) + "; nothing was sent") from None
+        planned = plan_settings(device, settings, check_baudrate=check_baudrate)
+        if planned.problems:
+            reasons = [f"{label(file)}: {problem}" for problem in planned.problems]
+            raise Failure("\nxbus: ".join(reasons) + "; nothing was sent")
         for change in planned.changes:
             print_line(str(change), now=True)
         if not planned.changes or dry_run:
@@ -136,7 +135,7 @@ def applied(
             click.echo(f"xbus: {what if planned.changes else 'nothing differs'}", err=True)
             return
         try:
-            done = device.apply(settings, check_baudrate=check_baudrate)
+            done = apply_plan(device, planned)
         except ApplyError as error:
             advice = f"apply {label(file)} again to go on; the lines with - say what it was before"
             raise Failure(f"{error.summary}; {advice}") from error

@@ -25,8 +25,7 @@ from xbus.device.ports import find_ports
 from xbus.device.recording import Recording, configuration_frame
 from xbus.device.sample import Sample
 from xbus.device.session import Notice, Reply, Session
-from xbus.device.settings.apply import Applied, apply_settings, read_settings
-from xbus.device.settings.model import Settings
+from xbus.device.settings import Applied, Settings, apply_plan, plan_settings, read_settings
 from xbus.device.stats import LiveStats, by_name, live_stats
 from xbus.device.string_output import BARE, check_strings_fit, plan_strings
 from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
@@ -412,7 +411,10 @@ class Device:
         + location_id = 7
         """
         with self.configure():
-            return apply_settings(self, settings, dry_run=dry_run, check_baudrate=check_baudrate)
+            plan = plan_settings(self, settings, check_baudrate=check_baudrate)
+            if plan.problems:
+                raise ValueError("\n".join(plan.problems))
+            return Applied(plan.changes) if dry_run else apply_plan(self, plan)
 
     # Corrections
 

@@ -1,0 +1,158 @@
+"""The settings of a device: the command of each, and how it stands in a file."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from xbus.device.settings import converters
+from xbus.device.settings.converters import Converter
+from xbus.device.settings.toml import format_value
+from xbus.protocol import values as v
+from xbus.protocol.messages import LAYOUTS
+
+__all__ = ["ROTATIONS", "SETTINGS", "Setting", "format_setting", "value_on_wire"]
+
+
+class Setting(NamedTuple):
+    """One setting.
+
+    Attributes:
+        message: Name of its messages, without ``Req`` and ``Set``.
+        converter: How a file writes its value.
+        comment: The comment above it in a file; empty if the comment before covers it.
+    """
+
+    message: str
+    converter: Converter
+    comment: str
+
+
+#: By attribute of `Settings`, in the order of a file.
+SETTINGS: dict[str, Setting] = {
+    "output_configuration": Setting(
+        "OutputConfiguration",
+        converters.OUTPUT_CONFIGURATION,
+        "Outputs, in the order of the message. frequency in Hz; without it, the highest, or every message",
+    ),
+    "filter_profile": Setting(
+        "FilterProfile", converters.FILTER_PROFILE, "Filter profile, one of: {filter_profiles}"
+    ),
+    "option_flags": Setting(
+        "OptionFlags", converters.OPTION_FLAGS, "Option flags that are set, of: {option_flags}"
+    ),
+    "rot_sensor": Setting(
+        "AlignmentRotation",
+        converters.ROTATION,
+        "Alignment: output = RotLocal q RotSensor; q0, q1, q2, q3",
+    ),
+    "rot_local": Setting("AlignmentRotation", converters.ROTATION, ""),
+    "sync_settings": Setting(
+        "SyncSettings",
+        converters.SYNC_SETTINGS,
+        "Synchronization: functions and lines. pulse_width and offset in 0.1 ms (of clock_bias_estimation,"
+        " in ms)",
+    ),
+    "location_id": Setting("LocationID", converters.INTEGER, "A number of your choice, 0 to 65535"),
+    "string_output_type": Setting(
+        "StringOutputType",
+        converters.STRING_OUTPUT_TYPE,
+        "Strings that replace samples, of: {string_types}",
+    ),
+    "period": Setting(
+        "Period",
+        converters.INTEGER,
+        "Rate of strings: 115200 / period / (output_skip_factor + 1) Hz",
+    ),
+    "output_skip_factor": Setting("OutputSkipFactor", converters.INTEGER, ""),
+    "lat_lon_alt": Setting(
+        "LatLonAlt",
+        converters.LAT_LON_ALT,
+        "Stored position, for gravity and declination: degrees, degrees, metres",
+    ),
+    "gnss_lever_arm": Setting(
+        "GnssLeverArm",
+        converters.GNSS_LEVER_ARM,
+        "From the device to the antenna, metres, in the axes of the device",
+    ),
+    "gnss_platform": Setting(
+        "GnssPlatform", converters.GNSS_PLATFORM, "Dynamic model of the GNSS receiver"
+    ),
+    "gnss_receiver_settings": Setting(
+        "GnssReceiverSettings",
+        converters.GNSS_RECEIVER_SETTINGS,
+        "How the device communicates with its GNSS receiver; rate in Hz",
+    ),
+    "can_config": Setting(
+        "CanConfig", converters.CAN_CONFIG, "CAN transceiver; takes effect at the next reset"
+    ),
+    "can_output_config": Setting(
+        "CanOutputConfig", converters.CAN_OUTPUT_CONFIG, "Outputs on the CAN bus; frequency in Hz"
+    ),
+    "ext_output_mode": Setting(
+        "ExtOutputMode",
+        converters.EXT_OUTPUT_MODE,
+        "Extended output mode, of: alternative_uart, usb_low_latency",
+    ),
+    "transmit_delay": Setting(
+        "TransmitDelay",
+        converters.INTEGER,
+        "Delay between request and answer on RS485, in 1/29.4912 MHz",
+    ),
+    "error_mode": Setting(
+        "ErrorMode",
+        converters.INTEGER,
+        "Errors: 0 ignore, 1 count, 2 count and report, 3 report and stop",
+    ),
+    "port_config": Setting(
+        "PortConfig",
+        converters.PORT_CONFIG,
+        "Ports: RS232, UART, RS232 for corrections; takes effect at the next reset",
+    ),
+    "baudrate": Setting(
+        "Baudrate",
+        converters.INTEGER,
+        "Baud rate, for information: applying a file does not change it",
+    ),
+}
+
+ROTATIONS = {"rot_sensor": v.Alignment.ROT_SENSOR, "rot_local": v.Alignment.ROT_LOCAL}
+
+
+def format_setting(name: str, value: Any) -> str:
+    """Returns ``name = value`` as TOML, with one line per entry of a list of tables.
+
+    >>> print(format_setting("output_configuration", (v.Output(0x4020, 100),)))
+    output_configuration = [
+      { quantity = "acceleration", precision = "Float32", frequency = 100 },
+    ]
+    """
+    plain = SETTINGS[name].converter.write(value)
+    if plain and isinstance(plain, list) and isinstance(plain[0], dict):
+        return "\n".join([f"{name} = [", *(f"  {format_value(entry)}," for entry in plain), "]"])
+    return f"{name} = {format_value(plain)}"
+
+
+def value_on_wire(name: str, value: Any) -> Any:
+    """Returns the value of a setting with the precision that its message has.
+
+    The wire carries most real numbers as float32, so a device returns 0.1 as 0.10000000149011612.
+
+    Raises:
+        ValueError: The message cannot hold the value.
+
+    >>> value_on_wire("gnss_lever_arm", (0.1, 0.25, 1))
+    GnssLeverArm(x=0.10000000149011612, y=0.25, z=1.0)
+    """
+    if name in (
+        "filter_profile",
+        "baudrate",
+    ):  # not rounded, and laid out differently by each product
+        return value
+    message = SETTINGS[name].message
+    layout = LAYOUTS.get(f"Req{message}Ack") or LAYOUTS[message]
+    if name in ROTATIONS:
+        rotation = v.AlignmentRotation(ROTATIONS[name], value)
+        return layout.decode(layout.encode(rotation)).quaternion
+    if type(value) is tuple and not layout.several:
+        value = layout.make(*value)
+    return layout.decode(layout.encode(value))
