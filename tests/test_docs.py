@@ -1,7 +1,7 @@
-"""What the documentation shows is what happens.
+"""The examples in the documentation and in docstrings run and give the output shown.
 
-pytest runs the ``>>>`` blocks of the pages by itself (``--doctest-glob``). Here: the same in docstrings,
-the commands in the pages, and that no example escapes both.
+pytest runs the ``>>>`` blocks of the pages (``--doctest-glob``). These tests run the docstrings and the commands in the
+pages, and check that every example runs.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ import xbus
 
 ROOT = Path(__file__).resolve().parents[1]
 CAPTURES = "tests/captures"
+#: Its `python` blocks are tests, which test_pytest_plugin runs.
+PAGE_OF_TESTS = ROOT / "docs" / "howto" / "ci.md"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
-MODULES = ["xbus", *(it.name for it in pkgutil.walk_packages(xbus.__path__, "xbus."))]
+MODULES = ["xbus", *(module.name for module in pkgutil.walk_packages(xbus.__path__, "xbus."))]
 
 BLOCK = re.compile(r"^```([^\n`]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
 
@@ -54,20 +56,20 @@ def test_docstrings(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_every_python_block_is_run(page: Path) -> None:
-    for block in blocks(page, "python") + blocks(page, "py"):
-        raise AssertionError(f"a block that nothing runs; write it as pycon, with >>>:\n{block}")
+    for block in [*blocks(page, "py"), *(blocks(page, "python") if page != PAGE_OF_TESTS else [])]:
+        raise AssertionError(f"no test runs this block; write it as pycon, with >>>:\n{block}")
     for block in blocks(page, "pycon"):
         assert block.startswith(">>> "), block
         assert block.endswith("\n\n"), f"doctest needs an empty line before the fence:\n{block}"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the commands are written for a POSIX shell")
-@pytest.mark.parametrize("page", [it for it in PAGES if have(it, "console")], ids=name)
+@pytest.mark.parametrize("page", [page for page in PAGES if have(page, "console")], ids=name)
 def test_commands(page: Path, tmp_path: Path) -> None:
-    """The ``console`` blocks of a page, one after the other in one folder.
+    """The ``console`` blocks of a page run in order in one folder and print what the page shows.
 
-    A line that begins with ``$ `` is run; what follows is what it prints, on stdout and stderr. A line
-    ``...`` stands for any number of lines.
+    A line that begins with ``$ `` is a command; its output on stdout and stderr follows. A line ``...`` matches any number
+    of lines.
     """
     shutil.copytree(ROOT / CAPTURES, tmp_path / CAPTURES)
     for block in blocks(page, "console"):
@@ -78,11 +80,11 @@ def test_commands(page: Path, tmp_path: Path) -> None:
 
 
 def replay(shown: list[str], folder: Path) -> list[str]:
-    """The lines of a block as they are now."""
+    """The commands of a block, each followed by its present output."""
     lines = []
     for line in shown:
         if line.startswith("$ "):
-            lines += [line, *(it.rstrip() for it in run(line[2:], folder).splitlines())]
+            lines += [line, *(text.rstrip() for text in run(line[2:], folder).splitlines())]
     return lines
 
 
@@ -93,7 +95,7 @@ def run(command: str, folder: Path) -> str:
         "COLUMNS": "100",
         "NO_COLOR": "1",
     }
-    done = subprocess.run(  # noqa: S602 - these are our own pages
+    done = subprocess.run(  # noqa: S602 - commands of this repository
         command,
         shell=True,
         cwd=folder,
@@ -108,13 +110,13 @@ def run(command: str, folder: Path) -> str:
 
 
 def agrees(shown: list[str], found: list[str]) -> bool:
-    pattern = "".join(r"(?:.*\n)*?" if it == "..." else re.escape(it) + r"\n" for it in shown)
-    return re.fullmatch(pattern, "".join(f"{it}\n" for it in found)) is not None
+    pattern = "".join(r"(?:.*\n)*?" if line == "..." else re.escape(line) + r"\n" for line in shown)
+    return re.fullmatch(pattern, "".join(f"{line}\n" for line in found)) is not None
 
 
 def difference(shown: list[str], found: list[str]) -> str:
     lines = difflib.unified_diff(shown, found, "the page", "the command", lineterm="")
-    return "\n".join(["the page shows something else than the command prints:", *lines])
+    return "\n".join(["the output of the command differs from the page:", *lines])
 
 
 def test_agrees() -> None:
