@@ -1,7 +1,7 @@
 """The examples in the documentation and in docstrings run and give the output shown.
 
-pytest runs the ``>>>`` blocks of the pages (``--doctest-glob``). These tests run the docstrings and the commands in the
-pages, and check that every example runs.
+pytest runs the ``>>>`` blocks of the pages (``--doctest-glob``). These tests run the docstrings and the
+commands in the pages, and check that every example runs.
 """
 
 from __future__ import annotations
@@ -68,8 +68,8 @@ def test_every_python_block_is_run(page: Path) -> None:
 def test_commands(page: Path, tmp_path: Path) -> None:
     """The ``console`` blocks of a page run in order in one folder and print what the page shows.
 
-    A line that begins with ``$ `` is a command; its output on stdout and stderr follows. A line ``...`` matches any number
-    of lines.
+    A line that begins with ``$ `` is a command; its output on stdout and stderr follows. A line ``...``
+    matches any number of lines.
     """
     shutil.copytree(ROOT / CAPTURES, tmp_path / CAPTURES)
     for block in blocks(page, "console"):
