@@ -38,8 +38,8 @@ bench:
 	python benches/soak.py 60
 
 docs:
-	@python -c "import xbus, furo, myst_parser, sphinx" || \
-	  { echo "make docs needs xbus and its documentation tools; run 'make dev' in an activated virtual environment first"; exit 1; }
+	@python -c "import xbus, furo, myst_parser, sphinx" 2>/dev/null || \
+	  { echo "make docs needs xbus, sphinx, furo and myst-parser; activate a virtual environment and run: make dev"; exit 1; }
 	python -m sphinx -W -b html docs docs/_build/html
 
 fuzz:
