@@ -454,7 +454,7 @@ def test_a_port_is_followed_to_its_end() -> None:
             out, said = child.communicate()
         assert child.returncode == 1
         assert said.decode() == (
-            f"xbus: {port} is gone: unplugged, or closed on the other side; is it plugged in?\n"
+            f"xbus: {port} is gone: unplugged, or closed on the other side; check the cable\n"
         )
         lines = [json.loads(it) for it in out.splitlines()]
         samples = [it for it in lines if it.get("name") == "MTData2"]
@@ -482,7 +482,7 @@ def test_silence_ends_a_frame_that_was_cut(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(SimLink, "read", read)
     monkeypatch.setattr(SimLink, "write", write)
     result = run("dump", "--follow", "--no-hex", "sim:MTi-3")
-    assert sentence(result) == "sim:MTi-3 is gone: was unplugged; is it plugged in?"
+    assert sentence(result) == "sim:MTi-3 is gone: was unplugged; check the cable"
     assert [it.split()[:2] for it in result.stdout.splitlines()] == [
         ["0", "damage"],
         ["5", "Error"],

@@ -296,8 +296,8 @@ def test_no_answer() -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (["Reset", "--wait", "5"], "sim:MTi-630 is gone: sim:MTi-630 was unplugged; is it plugged in?"),
-        (["--hex", "30", "--wait", "5"], "sim:MTi-630 is gone: sim:MTi-630 was unplugged; is it plugged in?"),
+        (["Reset", "--wait", "5"], "sim:MTi-630 is gone: sim:MTi-630 was unplugged; check the cable"),
+        (["--hex", "30", "--wait", "5"], "sim:MTi-630 is gone: sim:MTi-630 was unplugged; check the cable"),
     ],
 )  # fmt: skip
 def test_a_pulled_plug(

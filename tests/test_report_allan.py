@@ -116,7 +116,7 @@ def test_a_long_stretch_is_averaged(parts: list[int], most: int) -> None:
     """Phases stay what they are: the deviation of means is that of the rows at longer times."""
     rows = np.random.default_rng(9).normal(size=(sum(parts), 1))
     stretch = Stretch(1)
-    stretch.MOST = most
+    stretch.MAX_ROWS = most
     at = 0
     for size in parts:
         stretch.add(np.arange(at, at + size) / 4, rows[at : at + size])

@@ -20,7 +20,7 @@ def at(ticks: int, *more: bytes, bid: int = 0xFF) -> bytes:
 
 def places(*parts: bytes) -> tuple[Axis, npt.NDArray[np.float64]]:
     axis = Axis()
-    return axis, np.concatenate([axis.places(xbus.read_log(it)) for it in parts])
+    return axis, np.concatenate([axis.positions(xbus.read_log(it)) for it in parts])
 
 
 #: What comes, and where it stands.

@@ -90,7 +90,7 @@ def test_one_spike_in_an_hour_at_2_khz() -> None:
     at = int(np.argmax(curve.values))
     assert (curve.time[at], curve.values[at]) == (4_321_987 / 2000, 99.5)
     assert len(curve.time) <= 2 * BINS
-    assert curves.greatest[0] == 99.5
+    assert curves.maximum[0] == 99.5
 
 
 def test_times_out_of_order_are_put_in_order() -> None:
@@ -106,7 +106,7 @@ def test_figures_of_all_rows() -> None:
     fill(curves, time, 1e9 + values, [7, 11_000, 29_999])
     assert curves.mean[0] - 1e9 == pytest.approx(values.mean(), abs=1e-5)
     assert curves.deviation[0] == pytest.approx(values.std(), rel=1e-9)
-    assert (curves.least[0] - 1e9, curves.greatest[0] - 1e9) == pytest.approx(
+    assert (curves.minimum[0] - 1e9, curves.maximum[0] - 1e9) == pytest.approx(
         (values.min(), values.max())
     )
 
@@ -116,7 +116,7 @@ def test_figures_of_all_rows() -> None:
 
 def drawn_across(curve: Curve, gap: float) -> bool:
     """Whether a line is drawn from before a moment to behind it."""
-    time, values = curve.drawn()
+    time, values = curve.line()
     joined = np.isfinite(values[1:]) & np.isfinite(values[:-1])
     return bool(np.any(joined & (time[:-1] < gap) & (time[1:] > gap)))
 
@@ -145,24 +145,24 @@ def test_a_value_that_is_none_is_a_gap() -> None:
     curves.add(np.arange(5.0), values, np.zeros(5, bool))
     curves.add(np.arange(5.0, 7), np.array([[6.0, 6], [7, 7]]), np.zeros(2, bool))
     x, y = curves.curves
-    np.testing.assert_array_equal(x.drawn()[1], [1, 2, np.nan, 4, 5, 6, 7])
-    np.testing.assert_array_equal(y.drawn()[1], [1, 2, 3, np.nan, 5, 6, 7])
+    np.testing.assert_array_equal(x.line()[1], [1, 2, np.nan, 4, 5, 6, 7])
+    np.testing.assert_array_equal(y.line()[1], [1, 2, 3, np.nan, 5, 6, 7])
     assert curves.missing == 2
     assert curves.count.tolist() == [6, 6]
-    assert curves.greatest.tolist() == [7, 7]
+    assert curves.maximum.tolist() == [7, 7]
 
 
 def test_a_column_of_no_number() -> None:
     curves = Curves(("x",))
     curves.add(np.arange(3.0), np.full((3, 1), np.nan), np.zeros(3, bool))
     assert (len(curves.curves[0].time), curves.missing) == (0, 3)
-    assert len(curves.curves[0].alone()) == 0
+    assert len(curves.curves[0].isolated()) == 0
 
 
 def test_points_that_no_line_would_show() -> None:
     curves = Curves(("x",))
     curves.add(np.arange(5.0), np.arange(5.0)[:, None], np.array([0, 1, 1, 0, 1], bool))
-    assert curves.curves[0].alone().tolist() == [0, 1, 4]
+    assert curves.curves[0].isolated().tolist() == [0, 1, 4]
 
 
 # Steps

@@ -1,4 +1,4 @@
-"""``xbus report``: a recording on one page."""
+"""``xbus report``: an HTML report about a recording."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ __all__ = ["report"]
 
 
 def _out(ctx: click.Context, param: click.Parameter, value: str) -> str:  # noqa: ARG001 - click's
-    """A path that a browser takes for a page."""
+    """Returns a path with the suffix of an HTML page."""
     if not value.lower().endswith((".html", ".htm")):
         raise click.BadParameter(f"{value!r} must end in .html")
     return value
@@ -25,24 +25,25 @@ def _out(ctx: click.Context, param: click.Parameter, value: str) -> str:  # noqa
     "files", type=click.Path(readable=False), metavar="FILE...", nargs=-1, required=True
 )
 @click.option(
-    "-o", "out", callback=_out, metavar="OUT", required=True, help="The page to write: .html."
+    "-o", "out", callback=_out, metavar="OUT", required=True, help="HTML file to write."
 )
-@click.option("--title", metavar="TEXT", help="What stands above it, instead of the names.")
+@click.option("--title", metavar="TEXT", help="Title of the page. Default: the names of the files.")
 @strings_option
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary on stderr.")
+@click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 def report(
     files: tuple[str, ...], out: str, title: str | None, strings: tuple[str, ...], quiet: bool
 ) -> None:
-    """A page that shows whether a recording is good.
+    """Creates an HTML report about a recording.
 
-    Several FILEs are one recording that was split, joined in the given order; - is standard input.
+    Several FILEs are joined in the given order, as pieces of one recording; - is standard input.
 
-    What is wrong comes first: lost samples, damage, errors, clipping, no fix. Below it timeline, status,
-    track, a plot of every quantity, the noise of the sensors, and the tables of xbus info. The page is one
-    file that needs nothing else, no network either. Log and page may be of any length and stay within
-    bounded memory: of long stretches the extremes are drawn.
+    Problems come first: lost samples, damage, errors, clipping, no fix. Below are a timeline, status, track,
+    plots of every quantity, sensor noise, and the tables of xbus info. The report is one HTML file that needs
+    no network. A recording of any length fits into memory: plots of long recordings show the minimum and
+    maximum of each interval.
 
-    OUT replaces what is there, and appears whole or not at all. It takes plotly, the extra report.
+    An existing OUT is replaced, and a failed run leaves no partial file. Requires the extra: pip install
+    "xbus-mti[report]".
     """
     check(files, out)
     from xbus.report import gather, plotly_js, write_page
@@ -50,13 +51,13 @@ def report(
     plotly = plotly_js()
     with Progress(task(files[0]), shown=not quiet) as progress:
         with Input(files, progress) as source:
-            gathered = gather(source, strings)
-        facts = gathered.facts
-        if not facts.stats.frames and not facts.stats.strings:
-            raise no_frame(files, facts.stats.bytes)
+            data = gather(source, strings)
+        stats = data.summary.stats
+        if not stats.frames and not stats.strings:
+            raise no_frame(files, stats.bytes)
         progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119 - pathlib is slow
-        names = ", ".join(label(os.path.basename(it)) for it in files)  # noqa: PTH119
+        names = ", ".join(label(os.path.basename(file)) for file in files)  # noqa: PTH119
         with writing(out):
-            write_page(gathered, out, title=names if title is None else title, plotly=plotly)
+            write_page(data, out, title=names if title is None else title, plotly=plotly)
     if not quiet:
-        click.echo(f"{label(out)}: {summary(facts)}", err=True)
+        click.echo(f"{label(out)}: {summary(data.summary)}", err=True)

@@ -1,4 +1,4 @@
-"""A recording on one page: `write_report` makes HTML that needs nothing else, neither network nor xbus."""
+"""Reports: a recording on one HTML page that needs no other file, no network and no xbus."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from xbus.log.export import replacing
 from xbus.log.read import iter_log
 from xbus.log.source import Source
 from xbus.protocol.values import StringType
-from xbus.report.gather import Gathered
+from xbus.report.data import ReportData
 from xbus.report.page import page
 
 __all__ = ["gather", "plotly_js", "write_page", "write_report"]
 
-#: Bytes of input that are in memory at a time.
+#: Bytes of input in memory at a time.
 BLOCK = 16 << 20
 
 
@@ -28,19 +28,19 @@ def write_report(
     title: str | None = None,
     strings: Iterable[StringType | str] = (),
 ) -> None:
-    """Writes a page about a log: what it is of, what is missing, plots, track, status, noise.
+    """Writes a report about a log: its device, losses, plots, track, status and sensor noise.
 
-    The log is read in parts and need not fit into memory; the page does not grow with its length.
+    The log is read in parts and need not fit into memory; the size of the page is limited.
 
     Args:
         source: As in `xbus.read_log`.
-        path: The HTML file, which appears whole or not at all.
-        title: What stands above it; if None, the name of a file, else "recording".
+        path: The HTML file. It appears complete or not at all.
+        title: Title of the page. Default: the name of the file, or "recording" if there is none.
         strings: As in `xbus.read_log`.
 
     Raises:
         ImportError: The extra ``report`` is not installed.
-        OSError: The log cannot be read, or the page not be written.
+        OSError: The log cannot be read, or the page cannot be written.
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -59,7 +59,7 @@ def write_report(
 
 
 def plotly_js() -> str:
-    """The JavaScript of plotly.
+    """Returns the JavaScript of plotly.
 
     Raises:
         ImportError: The extra ``report`` is not installed.
@@ -71,17 +71,22 @@ def plotly_js() -> str:
     return script
 
 
-def gather(source: Source, strings: Iterable[StringType | str] = ()) -> Gathered:
-    """Reads a log for a report."""
-    # A log may hold any number; what gets too large is shown as inf.
+def gather(source: Source, strings: Iterable[StringType | str] = ()) -> ReportData:
+    """Reads a log and returns the content of its report."""
+    # Numbers in a log can have any size; they are shown as inf if they overflow.
     with np.errstate(over="ignore", invalid="ignore"):
-        return Gathered(iter_log(source, block_bytes=BLOCK, strings=strings))
+        return ReportData(iter_log(source, block_bytes=BLOCK, strings=strings))
 
 
-def write_page(
-    gathered: Gathered, path: str | os.PathLike[str], *, title: str, plotly: str
-) -> None:
-    """Writes what was read as a page."""
-    text = page(title, gathered, plotly)
+def write_page(data: ReportData, path: str | os.PathLike[str], *, title: str, plotly: str) -> None:
+    """Writes a report.
+
+    Args:
+        data: Content of the report.
+        path: The HTML file. It appears complete or not at all.
+        title: Title of the page.
+        plotly: JavaScript of plotly.
+    """
+    text = page(title, data, plotly)
     with replacing(path) as out:
         out.write(text.encode("utf-8", "backslashreplace"))

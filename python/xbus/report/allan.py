@@ -1,4 +1,4 @@
-"""Noise figures of sensors at rest: the overlapping Allan deviation, and what is read off it."""
+"""Noise of sensors at rest: the overlapping Allan deviation and the figures derived from it."""
 
 from __future__ import annotations
 
@@ -11,31 +11,31 @@ from xbus.report.thin import FloatArray
 
 __all__ = ["Floor", "Longest", "Stretch", "allan_deviation", "at_one_second", "flicker_floor"]
 
-#: Averaging times in each decade.
+#: Averaging times per decade.
 PER_DECADE = 10
-#: The longest averaging time is this part of the data: there the deviation is uncertain by a quarter.
+#: Data length divided by the longest averaging time, where the deviation has an uncertainty of a quarter.
 PARTS = 9
-#: The flat part of an Allan deviation over the bias instability behind it: sqrt(2 ln 2 / pi).
+#: Minimum of an Allan deviation divided by the bias instability: sqrt(2 ln 2 / pi).
 FLAT = 0.664
 
 
 def allan_deviation(
     values: npt.ArrayLike, rate: float, sizes: npt.ArrayLike | None = None
 ) -> tuple[FloatArray, FloatArray]:
-    """The overlapping Allan deviation (IEEE Std 952, NIST SP 1065).
+    """Returns the overlapping Allan deviation (IEEE Std 952, NIST SP 1065).
 
     Args:
-        values: Rows at equal distances in time, ``(N,)``, in any unit.
+        values: Rows at a constant rate, ``(N,)``, in any unit.
         rate: Rows per second.
-        sizes: Over how many rows to average, ascending; about ten in each decade, up to a ninth of the rows,
-            if None.
+        sizes: Numbers of rows to average, ascending. Default: about ten per decade, up to a ninth of the
+            rows.
 
     Returns:
-        Averaging times in s and the deviations in the unit of the values, both ``(k,)`` float64; empty for
-        less than ten rows.
+        Averaging times in s and deviations in the unit of the values, both ``(k,)`` float64; empty for fewer
+        than ten rows.
 
     Raises:
-        ValueError: The rate is not positive, or a size does not fit into the rows twice.
+        ValueError: The rate is not positive, or a size is larger than half of the rows.
 
     >>> import numpy as np
     >>> tau, deviation = allan_deviation(np.random.default_rng(1).normal(size=100_000), 100)
@@ -50,7 +50,7 @@ def allan_deviation(
         raise ValueError(f"sizes must be 1 to half of the {len(rows)} rows")
     if not len(chosen):
         return np.empty(0), np.empty(0)
-    # A constant does not count, and without it the sums keep their digits.
+    # A constant does not change the result; without the mean the sums keep their digits.
     phase = np.concatenate(([0.0], np.cumsum(rows - rows.mean())))
     deviation = np.empty(len(chosen))
     for at, size in enumerate(chosen.tolist()):
@@ -64,15 +64,15 @@ def _sizes(rows: int) -> npt.NDArray[np.int64]:
     top = rows // PARTS
     if top < 1:
         return np.empty(0, np.int64)
-    many = int(np.ceil(PER_DECADE * np.log10(top))) + 1
-    return np.unique(np.geomspace(1, top, many).round().astype(np.int64))
+    number = int(np.ceil(PER_DECADE * np.log10(top))) + 1
+    return np.unique(np.geomspace(1, top, number).round().astype(np.int64))
 
 
 def at_one_second(tau: FloatArray, deviation: FloatArray) -> tuple[float, float] | None:
-    """The deviation at an averaging time of 1 s, and the slope of the curve there on log-log paper.
+    """Returns the deviation at an averaging time of 1 s, and the slope of the curve on logarithmic axes.
 
-    White noise has the slope -1/2, and the deviation is its random walk then. None where the times do
-    not go from below 1 s to above.
+    The slope of white noise is -1/2; the deviation at 1 s is then its random walk. The result is None if the
+    times do not include 1 s.
 
     >>> import numpy as np
     >>> tau = np.array([0.1, 0.8, 1.5, 10])
@@ -83,7 +83,7 @@ def at_one_second(tau: FloatArray, deviation: FloatArray) -> tuple[float, float]
         return None
     log_tau, log = np.log(tau), np.log(deviation)
     value = np.exp(np.interp(0, log_tau, log))
-    # Over a factor of two to both sides, as far as there are data.
+    # The slope over a factor of two to both sides, as far as there are data.
     ends = np.clip([-np.log(2), np.log(2)], log_tau[0], log_tau[-1])
     low, high = np.interp(ends, log_tau, log)
     slope = (high - low) / (ends[1] - ends[0]) if ends[1] > ends[0] else np.nan
@@ -91,12 +91,12 @@ def at_one_second(tau: FloatArray, deviation: FloatArray) -> tuple[float, float]
 
 
 class Floor(NamedTuple):
-    """The least deviation of a curve.
+    """The minimum of a curve.
 
     Attributes:
-        tau: Averaging time at which it is, s.
-        bias: Bias instability that it stands for, in the unit of the values.
-        is_reached: False where the curve was still falling at its end: the true one is less.
+        tau: Averaging time at the minimum, s.
+        bias: The bias instability, in the unit of the values.
+        is_reached: False if the curve still falls at its end; the bias instability is smaller then.
     """
 
     tau: float
@@ -105,7 +105,7 @@ class Floor(NamedTuple):
 
 
 def flicker_floor(tau: FloatArray, deviation: FloatArray) -> Floor:
-    """Bias instability by the least deviation.
+    """Returns the minimum of a curve and the bias instability.
 
     >>> import numpy as np
     >>> flicker_floor(np.array([1.0, 10, 100]), np.array([0.03, 0.00664, 0.02]))
@@ -116,20 +116,20 @@ def flicker_floor(tau: FloatArray, deviation: FloatArray) -> Floor:
 
 
 class Stretch:
-    """The longest stretch of rows without a gap, kept in a bounded room.
+    """A stretch of rows without a gap, in limited memory.
 
-    What is longer than `MOST` rows is averaged pair by pair as often as it takes, which leaves the Allan
-    deviation at longer times as it is.
+    Pairs of rows are averaged when there are more than `MAX_ROWS`. The Allan deviation at longer times does
+    not change.
 
     Attributes:
         values: Rows, ``(N, k)`` float64.
-        size: How many rows of the log each of them is the mean of.
+        size: Number of rows of the log that each row averages.
         start, end: Times of the first and the last row, s.
-        rows: Rows of the log in it.
+        rows: Number of rows of the log.
     """
 
     #: 24 MiB for three axes.
-    MOST = 1 << 20
+    MAX_ROWS = 1 << 20
 
     def __init__(self, width: int) -> None:
         self._width = width
@@ -137,11 +137,11 @@ class Stretch:
         self.size = 1
         self.start = self.end = float("nan")
         self.rows = 0
-        #: Rows that are not yet a whole mean.
+        #: Rows of an incomplete mean.
         self._rest = np.empty((0, width))
 
     def add(self, time: FloatArray, values: FloatArray) -> None:
-        """Takes in rows that go on where the last ones ended."""
+        """Adds the rows that follow the last ones."""
         if not self.rows:
             self.start = float(time[0])
         self.end = float(time[-1])
@@ -151,7 +151,7 @@ class Stretch:
         self._rest = rows[whole:]
         means = rows[:whole].reshape(-1, self.size, self._width).mean(axis=1)
         self.values = np.concatenate((self.values, means))
-        while len(self.values) > self.MOST:
+        while len(self.values) > self.MAX_ROWS:
             if len(self.values) % 2:
                 self._rest = np.concatenate((np.repeat(self.values[-1:], self.size, 0), self._rest))
                 self.values = self.values[:-1]
@@ -160,7 +160,7 @@ class Stretch:
 
     @property
     def seconds(self) -> float:
-        """From the first row to the last."""
+        """Seconds from the first row to the last."""
         return self.end - self.start if self.rows else 0.0
 
     @property
@@ -170,15 +170,15 @@ class Stretch:
 
 
 class Longest:
-    """The longest stretch of one quantity, found part by part.
+    """Finds the longest stretch of a quantity, part by part.
 
     Attributes:
-        best: It.
-        stretches: How many there were.
+        best: The longest stretch.
+        stretches: Number of stretches.
     """
 
     def __init__(self, width: int) -> None:
-        self.best = self._now = Stretch(width)
+        self.best = self._current = Stretch(width)
         self._width = width
         self.stretches = 1
         self._is_cut = False
@@ -186,9 +186,12 @@ class Longest:
     def add(
         self, time: FloatArray, values: npt.NDArray[np.floating], breaks: npt.NDArray[np.bool_]
     ) -> None:
-        """Takes in rows; ``breaks`` says before which of them some are missing.
+        """Adds rows.
 
-        Those with a value that is no number are missing, too.
+        Args:
+            time: Times of the rows, ``(N,)``, s.
+            values: ``(N, k)``. A row with a NaN or an infinity counts as missing.
+            breaks: Whether rows are missing before each row, ``(N,)``.
         """
         if not len(time):
             return
@@ -199,19 +202,19 @@ class Longest:
         cuts = np.flatnonzero(breaks)
         self.stretches += len(cuts)
         edges = np.array([0, *cuts, len(time)])
-        self._go_on(time[: edges[1]], values[: edges[1]])
+        self._extend(time[: edges[1]], values[: edges[1]])
         if not len(cuts):
             return
-        # Of those that begin and end here only the longest can matter.
+        # Only the longest of the stretches inside this part can be the best.
         seconds = time[edges[2:-1] - 1] - time[edges[1:-2]]
         for at in [int(np.argmax(seconds)) + 1] if len(seconds) else []:
-            self._now = Stretch(self._width)
-            self._go_on(time[edges[at] : edges[at + 1]], values[edges[at] : edges[at + 1]])
-        self._now = Stretch(self._width)
-        self._go_on(time[edges[-2] :], values[edges[-2] :])
+            self._current = Stretch(self._width)
+            self._extend(time[edges[at] : edges[at + 1]], values[edges[at] : edges[at + 1]])
+        self._current = Stretch(self._width)
+        self._extend(time[edges[-2] :], values[edges[-2] :])
 
-    def _go_on(self, time: FloatArray, values: npt.NDArray[np.floating]) -> None:
+    def _extend(self, time: FloatArray, values: npt.NDArray[np.floating]) -> None:
         if len(time):
-            self._now.add(time, values.astype(np.float64))
-        if self._now.seconds > self.best.seconds:
-            self.best = self._now
+            self._current.add(time, values.astype(np.float64))
+        if self._current.seconds > self.best.seconds:
+            self.best = self._current

@@ -1,4 +1,4 @@
-"""The plots of a report, as plotly takes them: data and layout, but for the colours of a theme."""
+"""The plots of a report as plotly figures; the page adds the colours of its theme."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.report.allan import allan_deviation
-from xbus.report.gather import Gathered, Panel, Series
+from xbus.report.data import Panel, ReportData, Series
 from xbus.report.thin import Bands, FloatArray
 from xbus.report.track import SOURCES
 
@@ -18,7 +18,7 @@ __all__ = ["Figure", "events", "flags", "noise", "panel", "steps", "track", "tra
 
 Figure = dict[str, Any]
 
-#: x, y, z and what else there is; to be seen on white and on black.
+#: Colours of curves, visible on white and on black.
 COLOURS = (
     "#e4572e",
     "#1f9d8a",
@@ -30,60 +30,60 @@ COLOURS = (
     "#e377c2",
     "#5b6abf",
 )
-#: What says that something is wrong.
+#: The colour of problems.
 ALARM = "#d62828"
-#: Pixels: of a plot, of a row of bands, and of what is around rows.
-HEIGHT, ROW, AROUND = 280, 26, 70
+#: Heights in pixels: a plot, a row of bands, and the margin around the rows.
+HEIGHT, ROW, MARGIN = 280, 26, 70
 
 
 def numbers(values: npt.NDArray[Any]) -> dict[str, str]:
-    """An array as plotly reads it fastest; NaN is a gap."""
+    """Returns an array in the binary form of plotly; NaN is a gap."""
     short = values.dtype == np.float32
     data = np.asarray(values, "<f4" if short else "<f8")
     return {"dtype": "f4" if short else "f8", "bdata": base64.b64encode(data.tobytes()).decode()}
 
 
-def axis_title(it: Gathered) -> str:
-    """What stands under a plot over time."""
-    if it.axis.kind != "time":
-        return f"{it.axis.kind} since the start" if it.axis.kind == "packet counter" else "sample"
-    if it.utc is None:
+def axis_title(data: ReportData) -> str:
+    """Returns the title of the horizontal axis."""
+    if data.axis.kind != "time":
+        return "packet counter since the start" if data.axis.kind == "packet counter" else "sample"
+    if data.utc is None:
         return "time since the start, s"
-    return f"time since {str(it.utc.astype('datetime64[ms]'))[11:]} UTC, s"
+    return f"time since {str(data.utc.astype('datetime64[ms]'))[11:]} UTC, s"
 
 
-def _over_time(it: Gathered, name: str, data: list[Figure], y: Figure, height: int) -> Figure:
-    x: Figure = {"title": {"text": axis_title(it)}}
-    if it.end > 0:
-        x["range"] = [0, it.end]
+def _over_time(data: ReportData, name: str, traces: list[Figure], y: Figure, height: int) -> Figure:
+    x: Figure = {"title": {"text": axis_title(data)}}
+    if data.end > 0:
+        x["range"] = [0, data.end]
     return {
         "name": name,
         "is_over_time": True,
-        "data": data,
-        "layout": {"xaxis": x, "yaxis": y, "height": height, "showlegend": len(data) > 1},
+        "data": traces,
+        "layout": {"xaxis": x, "yaxis": y, "height": height, "showlegend": len(traces) > 1},
     }
 
 
-def panel(it: Gathered, series: Series, shown: Panel) -> Figure:
-    """A quantity over time, a curve for each component."""
-    data: list[Figure] = []
-    for at, (name, curve) in enumerate(zip(shown.curves.names, shown.curves.curves, strict=True)):
+def panel(data: ReportData, series: Series, panel: Panel) -> Figure:
+    """Returns a quantity over time, with a curve for each component."""
+    traces: list[Figure] = []
+    curves = panel.curves
+    for at, (name, curve) in enumerate(zip(curves.names, curves.curves, strict=True)):
         colour = COLOURS[at % len(COLOURS)]
-        time, values = curve.drawn()
-        both = {"type": "scatter", "name": name, "legendgroup": name}
-        alone = curve.alone()
-        if has_line := len(alone) < len(curve.time) or not len(alone):
+        time, values = curve.line()
+        common = {"type": "scatter", "name": name, "legendgroup": name}
+        isolated = curve.isolated()
+        if has_line := len(isolated) < len(curve.time) or not len(isolated):
             line = {"mode": "lines", "line": _line(colour)}
-            data.append({**both, **line, "x": numbers(time), "y": numbers(values)})
-        if len(alone):
+            traces.append({**common, **line, "x": numbers(time), "y": numbers(values)})
+        if len(isolated):
             dots = {"mode": "markers", "marker": {"color": colour, "size": 3}}
-            place = {"x": numbers(curve.time[alone]), "y": numbers(curve.values[alone])}
-            data.append({**both, **dots, **place, "showlegend": not has_line})
-    what = shown.title or series.name
-    title = f"{what}, {shown.unit}" if shown.unit else what
-    name = f"{series.anchor} {shown.title}".strip()
-    figure = _over_time(it, name, data, {"title": {"text": title}}, HEIGHT)
-    figure["layout"]["showlegend"] = len(shown.curves.names) > 1
+            points = {"x": numbers(curve.time[isolated]), "y": numbers(curve.values[isolated])}
+            traces.append({**common, **dots, **points, "showlegend": not has_line})
+    title = panel.title or series.name
+    y = {"title": {"text": f"{title}, {panel.unit}" if panel.unit else title}}
+    figure = _over_time(data, f"{series.anchor} {panel.title}".strip(), traces, y, HEIGHT)
+    figure["layout"]["showlegend"] = len(curves.names) > 1
     return figure
 
 
@@ -91,58 +91,63 @@ def _line(colour: str) -> Figure:
     return {"color": colour, "width": 1.2}
 
 
-def steps(it: Gathered) -> Figure:
-    """Time between samples."""
-    curve = it.steps.curves[0]
-    time, values = curve.drawn()
-    data = {"type": "scatter", "mode": "lines", "x": numbers(time), "y": numbers(values)}
+def steps(data: ReportData) -> Figure:
+    """Returns the time between samples."""
+    time, values = data.steps.curves[0].line()
     y: Figure = {"title": {"text": "between samples, ms"}, "rangemode": "tozero"}
-    # The time up to a sample, drawn over that time.
-    line = {**_line(COLOURS[2]), "shape": "vh"}
-    return _over_time(it, "steps", [{**data, "line": line}], y, 200)
+    trace = {
+        "type": "scatter",
+        "mode": "lines",
+        "x": numbers(time),
+        "y": numbers(values),
+        # The step before a sample extends over the time before the sample.
+        "line": {**_line(COLOURS[2]), "shape": "vh"},
+    }
+    return _over_time(data, "steps", [trace], y, 200)
 
 
-def events(it: Gathered) -> Figure | None:
-    """Where samples are missing, bytes are damaged and the device complained; None where nothing was."""
-    lost = [f"{n:,.0f} lost" for n in it.lost.weight]
-    damage = [f"{n:,.0f} bytes" for n in it.damage.weight]
-    rows = [("samples lost", it.lost, lost), ("damage", it.damage, damage)]
+def events(data: ReportData) -> Figure | None:
+    """Returns the times of losses, damage, errors and warnings; None if there are none."""
+    lost = [f"{n:,.0f} lost" for n in data.lost.weight]
+    damage = [f"{n:,.0f} bytes" for n in data.damage.weight]
+    rows = [("samples lost", data.lost, lost), ("damage", data.damage, damage)]
+    positions = list(zip(data.events, data.summary.events, strict=True))
     for name in ("Error", "Warning"):
-        at = [x for x, event in zip(it.events, it.facts.events, strict=True) if event.name == name]
+        at = [x for x, event in positions if event.name == name]
         bands = Bands()
         bands.add(at, at, np.ones(len(at)))
         rows.append((f"{name.lower()}s", bands, [f"{n:.0f}" for n in bands.weight]))
-    return _bands(it, "events", [(*row, ALARM) for row in rows if len(row[1])])
+    return _bands(data, "events", [(*row, ALARM) for row in rows if len(row[1])])
 
 
-def flags(it: Gathered) -> Figure | None:
-    """When each flag of the status word was set."""
+def flags(data: ReportData) -> Figure | None:
+    """Returns the times when each flag of the status word was set; None if no flag was set."""
     rows = []
-    for flag in it.flags.values():
+    for flag in data.flags.values():
         colour = ALARM if "clip" in flag.name else COLOURS[1]
-        words = [f"{n:,.0f} rows" for n in flag.bands.weight]
-        rows.append((flag.label, flag.bands, words, colour))
-    return _bands(it, "status", rows)
+        texts = [f"{n:,.0f} rows" for n in flag.bands.weight]
+        rows.append((flag.label, flag.bands, texts, colour))
+    return _bands(data, "status", rows)
 
 
 def _bands(
-    it: Gathered, name: str, rows: Sequence[tuple[str, Bands, list[str], str]]
+    data: ReportData, name: str, rows: Sequence[tuple[str, Bands, list[str], str]]
 ) -> Figure | None:
-    """A row for each; what is narrower than a pixel is drawn as one, or nobody would see it."""
+    """Returns a row of bands for each label; each band is at least about a pixel wide, to be visible."""
     if not rows:
         return None
-    pixel = max(it.end, 1e-9) / 600
-    data = []
-    for at, (label, bands, words, colour) in enumerate(rows):
+    pixel = max(data.end, 1e-9) / 600
+    traces = []
+    for at, (label, bands, texts, colour) in enumerate(rows):
         end = np.maximum(bands.end, bands.start + pixel)
         x = np.stack([bands.start, end, np.full(len(bands), np.nan)], axis=1).ravel()
-        data.append(
+        traces.append(
             {
                 "type": "scatter",
                 "mode": "lines",
                 "x": numbers(x),
                 "y": numbers(np.full(len(x), float(-at))),
-                "text": [text for word in words for text in (word, word, "")],
+                "text": [part for text in texts for part in (text, text, "")],
                 "hovertemplate": "%{x:.6~g}: %{text}<extra></extra>",
                 "name": label,
                 "line": {"color": colour, "width": 12},
@@ -157,52 +162,53 @@ def _bands(
         "showgrid": False,
         "zeroline": False,
     }
-    figure = _over_time(it, name, data, y, AROUND + ROW * len(rows))
+    figure = _over_time(data, name, traces, y, MARGIN + ROW * len(rows))
     figure["layout"]["showlegend"] = False
     return figure
 
 
-def tracks(it: Gathered) -> list[str]:
-    """The quantities that tell where the device was, the best first."""
-    return [name for name in SOURCES if name in it.tracks and it.tracks[name].rows]
+def tracks(data: ReportData) -> list[str]:
+    """Returns the quantities with a position, the best first."""
+    return [name for name in SOURCES if name in data.tracks and data.tracks[name].rows]
 
 
-def track(it: Gathered) -> Figure | None:
-    """Where the device was, in metres, a metre as long to the north as to the east."""
-    known = tracks(it)
-    if not known:
+def track(data: ReportData) -> Figure | None:
+    """Returns the track in metres east and north, on equal scales; None without a position."""
+    names = tracks(data)
+    if not names:
         return None
-    origin = it.tracks[known[0]].origin
-    data: list[Figure] = []
+    best = data.tracks[names[0]]
+    traces: list[Figure] = []
     # The best is drawn last, on top of the others.
-    for at, name in reversed(list(enumerate(known))):
-        one = it.tracks[name]
-        gaps = np.flatnonzero(np.diff(one.piece)) + 1
-        x, y, time = (np.insert(it, gaps, np.nan) for it in (*one.metres(origin), one.time))
-        curve: Figure = {"type": "scatter", "x": numbers(x), "y": numbers(y), "name": name}
-        curve["customdata"] = numbers(time)
-        curve["hovertemplate"] = "%{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m"
+    for at, name in reversed(list(enumerate(names))):
+        positions = data.tracks[name]
+        gaps = np.flatnonzero(np.diff(positions.piece)) + 1
+        columns = (*positions.metres(best.origin), positions.time)
+        x, y, time = (np.insert(column, gaps, np.nan) for column in columns)
+        trace: Figure = {"type": "scatter", "x": numbers(x), "y": numbers(y), "name": name}
+        trace["customdata"] = numbers(time)
+        trace["hovertemplate"] = "%{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m"
         if at:
-            look = {"mode": "markers", "marker": {"color": COLOURS[4 - at], "size": 4}}
+            style = {"mode": "markers", "marker": {"color": COLOURS[4 - at], "size": 4}}
         else:
-            look = {"mode": "lines", "line": {"color": COLOURS[2], "width": 2}}
-        data.append(curve | look)
-    east, north = it.tracks[known[0]].metres(origin)
+            style = {"mode": "lines", "line": {"color": COLOURS[2], "width": 2}}
+        traces.append(trace | style)
+    east, north = best.metres(best.origin)
     for name, row, symbol in (("start", 0, "circle"), ("end", -1, "square")):
-        place = {"x": [float(east[row])], "y": [float(north[row])], "name": name}
+        point = {"x": [float(east[row])], "y": [float(north[row])], "name": name}
         marker = {"size": 10, "symbol": symbol, "color": COLOURS[-row]}
-        data.append({"type": "scatter", "mode": "markers", **place, "marker": marker})
+        traces.append({"type": "scatter", "mode": "markers", **point, "marker": marker})
     layout = {
         "xaxis": {"title": {"text": "east, m"}, "constrain": "domain"},
         "yaxis": {"title": {"text": "north, m"}, "scaleanchor": "x", "constrain": "domain"},
         "height": 520,
     }
-    return {"name": "track", "is_over_time": False, "data": data, "layout": layout}
+    return {"name": "track", "is_over_time": False, "data": traces, "layout": layout}
 
 
 def noise(series: Series) -> tuple[Figure, list[tuple[FloatArray, FloatArray]]] | None:
-    """The Allan deviation of each axis, and the same as numbers; None where there is too little."""
-    assert series.longest is not None  # noqa: S101 - only of these
+    """Returns the Allan deviation of each axis as a plot and as numbers; None if there are too few rows."""
+    assert series.longest is not None  # noqa: S101 - see `xbus.report.noise`
     best = series.longest.best
     if not best.seconds:
         return None
@@ -210,7 +216,7 @@ def noise(series: Series) -> tuple[Figure, list[tuple[FloatArray, FloatArray]]] 
     if len(curves[0][0]) < 2:
         return None
     unit = next(iter(series.panels.values())).unit
-    data = [
+    traces = [
         {
             "type": "scatter",
             "mode": "lines+markers",
@@ -222,20 +228,11 @@ def noise(series: Series) -> tuple[Figure, list[tuple[FloatArray, FloatArray]]] 
         }
         for at, (name, (tau, deviation)) in enumerate(zip("xyz", curves, strict=True))
     ]
+    scale = {"type": "log", "dtick": 1, "exponentformat": "power"}
     layout = {
-        "xaxis": {
-            "title": {"text": "averaging time, s"},
-            "type": "log",
-            "dtick": 1,
-            "exponentformat": "power",
-        },
-        "yaxis": {
-            "title": {"text": f"{series.name}, {unit}"},
-            "type": "log",
-            "dtick": 1,
-            "exponentformat": "power",
-        },
+        "xaxis": {"title": {"text": "averaging time, s"}, **scale},
+        "yaxis": {"title": {"text": f"{series.name}, {unit}"}, **scale},
         "height": 380,
     }
-    figure = {"name": f"noise {series.name}", "is_over_time": False, "data": data, "layout": layout}
-    return figure, curves
+    name = f"noise {series.name}"
+    return {"name": name, "is_over_time": False, "data": traces, "layout": layout}, curves

@@ -1,4 +1,4 @@
-"""What somebody must know before trusting a recording."""
+"""The problems of a recording, and what else to know before using it."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from typing import NamedTuple
 
 from xbus.describe.formatting import format_count
 from xbus.protocol.tables import QUANTITIES
-from xbus.report.gather import Gathered, Series
+from xbus.report.data import ReportData, Series
 
-__all__ = ["Finding", "findings"]
+__all__ = ["Finding", "findings", "percent"]
 
-#: Rows of a quantity from which on its times tell something.
-ENOUGH = 20
+#: Minimum number of rows of a quantity for a finding about its times.
+MIN_ROWS = 20
 
 
 class Finding(NamedTuple):
-    """One thing to know.
+    """A finding.
 
     Attributes:
-        is_bad: Whether data are missing or wrong, or it is only good to know.
-        text: It, in words.
-        section: Where the report says more.
+        is_bad: Whether data are missing or wrong; else the finding is only a note.
+        text: A sentence without its full stop.
+        section: Anchor of the section with details.
     """
 
     is_bad: bool
@@ -29,134 +29,128 @@ class Finding(NamedTuple):
     section: str
 
 
-def findings(it: Gathered) -> list[Finding]:
-    """What there is to know, the worst first."""
-    found = [*_losses(it), *_events(it), *_status(it), *_values(it), *_unsaid(it)]
+def findings(data: ReportData) -> list[Finding]:
+    """Returns all findings, the problems first."""
+    found = [*_losses(data), *_events(data), *_status(data), *_values(data), *_missing(data)]
     return sorted(found, key=lambda finding: not finding.is_bad)
 
 
-def _losses(it: Gathered) -> Iterator[Finding]:
-    facts, stats = it.facts, it.facts.stats
+def _losses(data: ReportData) -> Iterator[Finding]:
+    summary, stats = data.summary, data.summary.stats
     if stats.lost_samples:
-        worst = max(
-            zip(facts.gaps, it.gaps, strict=True), key=lambda gap: gap[0].lost, default=None
-        )
         share = percent(stats.lost_samples, stats.lost_samples + stats.samples)
         samples, gaps = format_count(stats.lost_samples, "sample"), format_count(stats.gaps, "gap")
         text = f"{samples} lost in {gaps}, {share}"
-        if worst is not None and len(facts.gaps) > 1:
-            gap, x = worst
-            where = f", before {x:,.2f} s" if it.axis.kind == "time" else ""
-            text += f"; the most at once {gap.lost:,}{where}"
+        if len(summary.gaps) > 1:
+            gap, x = max(zip(summary.gaps, data.gaps, strict=True), key=lambda pair: pair[0].lost)
+            where = f" before {x:,.2f} s" if data.axis.kind == "time" else ""
+            text += f"; largest gap: {format_count(gap.lost, 'sample')}{where}"
         yield Finding(True, text, "gaps")
     if stats.skipped_bytes:
         share = percent(stats.skipped_bytes, stats.bytes)
-        places = format_count(len(facts.damage), "place")
+        places = format_count(len(summary.damage), "place")
         text = f"{format_count(stats.skipped_bytes, 'byte')} of damage in {places}, {share} of the file"
         yield Finding(True, text, "damage")
     if stats.malformed:
-        text = (
-            f"{format_count(stats.malformed, 'sample')} malformed: their packets do not fill them"
-        )
-        yield Finding(True, text, "messages")
-    pausing = [series for series in it.series if _pauses(series, it)]
+        samples = format_count(stats.malformed, "malformed sample")
+        yield Finding(True, f"{samples}: the packets do not fill the message", "messages")
+    pausing = [series for series in data.series if _pauses(series, data)]
     if pausing and not stats.lost_samples:
-        worst_one = max(pausing, key=lambda series: series.steps.gaps)
-        counted = "packet_counter" in {known.name for known in facts.quantities}
-        why = "although the packet counter misses none" if counted else "and no counter tells why"
-        pauses = format_count(worst_one.steps.gaps, "pause")
-        text = f"{pauses} in {worst_one.name}, by its times, {why}"
-        yield Finding(not counted, text, "timeline")
+        worst = max(pausing, key=lambda series: series.steps.gaps)
+        pauses = format_count(worst.steps.gaps, "pause")
+        why = "without a gap in the packet counter" if data.has_counter else "and no packet counter"
+        text = f"{pauses} in the time stamps of {worst.name}, {why}"
+        yield Finding(not data.has_counter, text, "timeline")
 
 
-def _pauses(series: Series, it: Gathered) -> bool:
-    """Whether times of a quantity that comes regularly have gaps."""
+def _pauses(series: Series, data: ReportData) -> bool:
+    """Returns whether a quantity with a regular rate has gaps in its times."""
     group = QUANTITIES[series.name].group
-    regular = group not in ("Timestamp", "Indication") and series.steps.rows >= ENOUGH
-    return it.axis.kind == "time" and regular and 0 < series.steps.gaps < series.steps.rows / 10
+    regular = group not in ("Timestamp", "Indication") and series.steps.rows >= MIN_ROWS
+    return data.axis.kind == "time" and regular and 0 < series.steps.gaps < series.steps.rows / 10
 
 
-def _events(it: Gathered) -> Iterator[Finding]:
-    for name, things in (("Error", "error"), ("Warning", "warning")):
-        events = [event for event in it.facts.events if event.name == name]
+def _events(data: ReportData) -> Iterator[Finding]:
+    for name in ("Error", "Warning"):
+        events = [event for event in data.summary.events if event.name == name]
         if events:
-            first = f"; the first: {events[0].notice}"
-            yield Finding(
-                True, f"{format_count(len(events), things)} from the device{first}", "events"
-            )
-    if it.restarts or it.axis.restarts:
-        times = format_count(max(it.restarts, it.axis.restarts), "time")
-        away = "; how long it was away is not known, and not drawn" if it.axis.restarts else ""
-        yield Finding(True, f"the device started anew, {times}{away}", "messages")
-    if len(it.axis.devices) > 1:
-        devices = ", ".join(map(str, sorted(it.axis.devices)))
-        text = f"samples of several devices (bus identifiers {devices}) are drawn as those of one"
+            number = format_count(len(events), name.lower())
+            text = f"{number} from the device; the first: {events[0].notice}"
+            yield Finding(True, text, "events")
+    if data.restarts or data.axis.restarts:
+        times = format_count(max(data.restarts, data.axis.restarts), "time")
+        away = "; the time until it was back is unknown and not drawn" if data.axis.restarts else ""
+        yield Finding(True, f"the device restarted {times}{away}", "messages")
+    if len(data.axis.devices) > 1:
+        devices = ", ".join(map(str, sorted(data.axis.devices)))
+        text = f"samples of several devices (BID {devices}) are drawn as samples of one"
         yield Finding(True, text, "quantities")
 
 
-def _status(it: Gathered) -> Iterator[Finding]:
-    if it.status_rows:
-        rows = {(flag.name, flag.value): flag.rows for flag in it.flags.values()}
+def _status(data: ReportData) -> Iterator[Finding]:
+    if data.status_rows:
+        rows = {(flag.name, flag.value): flag.rows for flag in data.flags.values()}
         clips = [name for name, _ in rows if name.startswith("clip_")]
         for name in clips or [name for name, _ in rows if name == "clipping"]:
-            share = percent(rows[name, 1], it.status_rows)
-            first = it.flags[name, 1].bands.start[0]
-            when = f", first at {first:,.2f} s" if it.axis.kind == "time" else ""
-            meaning = it.flags[name, 1].meaning
+            share = percent(rows[name, 1], data.status_rows)
+            first = data.flags[name, 1].bands.start[0]
+            when = f", first at {first:,.2f} s" if data.axis.kind == "time" else ""
+            meaning = data.flags[name, 1].meaning
             yield Finding(True, f"{meaning} in {share} of the time{when}", "status")
-        yield from _without(it, "filter_valid", "the orientation filter is not valid")
-        if it.tracks:
-            yield from _without(it, "gnss_fix", "no GNSS fix")
-    fixes, positions = it.positions
-    if fixes < positions and not it.status_rows:
+        yield from _unset(data, "filter_valid", "the orientation filter is not valid")
+        if data.tracks:
+            yield from _unset(data, "gnss_fix", "no GNSS fix")
+    fixes, positions = data.positions
+    if fixes < positions and not data.status_rows:
         text = f"no GNSS fix in {percent(positions - fixes, positions)} of the time"
         yield Finding(True, text, "gnss_pvt_data")
 
 
-def _without(it: Gathered, name: str, what: str) -> Iterator[Finding]:
-    """A flag that should be set, and is not."""
-    flag = it.flags.get((name, 1))
-    missing = it.status_rows - (flag.rows if flag else 0)
+def _unset(data: ReportData, name: str, problem: str) -> Iterator[Finding]:
+    """Yields a finding about a flag that should be set and is not."""
+    flag = data.flags.get((name, 1))
+    missing = data.status_rows - (flag.rows if flag else 0)
     if missing:
-        last = f", last at {it.without[name]:,.2f} s" if flag and it.axis.kind == "time" else ""
-        yield Finding(
-            True, f"{what} in {percent(missing, it.status_rows)} of the time{last}", "status"
-        )
+        is_timed = flag and data.axis.kind == "time"
+        last = f", last at {data.last_unset[name]:,.2f} s" if is_timed else ""
+        share = percent(missing, data.status_rows)
+        yield Finding(True, f"{problem} in {share} of the time{last}", "status")
 
 
-def _values(it: Gathered) -> Iterator[Finding]:
-    for series in it.series:
+def _values(data: ReportData) -> Iterator[Finding]:
+    for series in data.series:
         for panel in series.panels.values():
-            # What a receiver does not provide is no fault.
+            # Fields that a receiver does not provide are not a problem.
             if panel.curves.missing and not QUANTITIES[series.name].fields:
-                text = f"{format_count(panel.curves.missing, 'value')} of {series.name} NaN or infinite"
-                yield Finding(True, text, series.anchor)
+                values = format_count(panel.curves.missing, "value")
+                yield Finding(True, f"{values} of {series.name} NaN or infinite", series.anchor)
 
 
-def _unsaid(it: Gathered) -> Iterator[Finding]:
-    facts = it.facts
-    names = {known.name for known in facts.quantities}
-    if not facts.stats.samples:
-        what = "strings" if facts.strings else "messages"
-        yield Finding(True, f"not one sample: {what} only", "messages")
+def _missing(data: ReportData) -> Iterator[Finding]:
+    """Yields findings about information that the recording lacks."""
+    summary = data.summary
+    if not summary.stats.samples:
+        things = "strings" if summary.strings else "messages"
+        yield Finding(True, f"no samples, only {things}", "messages")
         return
-    if "packet_counter" not in names:
-        text = "no packet counter was recorded: nobody can tell whether samples are missing"
+    if not data.has_counter:
+        text = "no packet counter: lost samples cannot be detected"
         yield Finding(False, text, "quantities")
-    if it.axis.kind != "time":
-        text = f"no time stamp was recorded: the plots are over the {it.axis.kind}"
+    if data.axis.kind != "time":
+        axis = "sample number" if data.axis.kind == "sample" else data.axis.kind
+        text = f"no time stamps: the horizontal axis is the {axis}"
         yield Finding(False, text, "quantities")
-    if facts.utc_rows and not facts.utc_valid:
-        yield Finding(False, "UTC was sent, but never marked as valid", "quantities")
-    if facts.identity.product_code is None and facts.identity.device_id is None:
-        yield Finding(False, "the recording does not say which device it is of", "settings")
-    if facts.unknown:
-        text = f"{format_count(len(facts.unknown), 'data identifier')} that xbus does not know"
-        yield Finding(False, text, "unknown")
+    if summary.utc_rows and not summary.utc_valid:
+        yield Finding(False, "UTC was never marked as valid", "quantities")
+    if summary.identity.product_code is None and summary.identity.device_id is None:
+        yield Finding(False, "the recording does not identify its device", "settings")
+    if summary.unknown:
+        unknown = format_count(len(summary.unknown), "unknown data identifier")
+        yield Finding(False, unknown, "unknown")
 
 
 def percent(part: float, whole: float) -> str:
-    """A share that is neither none nor all of it does not look so."""
+    """Returns a share in percent; only 0 and 1 are rounded to 0 % and 100 %."""
     share = 100 * part / max(whole, 1)
     if 0 < share < 0.01:
         return "less than 0.01 %"

@@ -1,4 +1,4 @@
-"""Long curves in few points, taken in part by part: no spike is lost, and no line crosses a gap."""
+"""Long curves reduced to few points, part by part: no spike is lost, and no line crosses a gap."""
 
 from __future__ import annotations
 
@@ -7,32 +7,32 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Bands", "BoolArray", "Curve", "Curves", "FloatArray", "Steps", "coarser", "thin"]
+__all__ = ["Bands", "BoolArray", "Curve", "Curves", "FloatArray", "Steps", "bin_width", "thin"]
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 BoolArray: TypeAlias = npt.NDArray[np.bool_]
 Indices: TypeAlias = npt.NDArray[np.intp]
 
-#: About as many pixels as a plot is wide; half as many at least are in use once there are more points.
+#: Maximum number of bins, about the width of a plot in pixels; long curves use at least half of them.
 BINS = 2048
-#: The least width of a bin, as a power of two: finer than any time stamp.
-FINEST = -30
-#: A step that is longer than this, in times of the usual one, is a gap.
-LONG = 1.5
-#: Rows over which a step is the usual one: the rate may change on the way.
-AROUND = 256
+#: Minimum width of a bin as a power of two; finer than any time stamp.
+MIN_EXPONENT = -30
+#: A step is a gap if it is longer than the usual step times this factor.
+GAP_FACTOR = 1.5
+#: Number of steps that define the usual step; the rate can change in a recording.
+BLOCK_STEPS = 256
 
 
 def thin(time: FloatArray, values: npt.NDArray[Any], width: float) -> Indices:
-    """The rows of the least and the greatest value in each bin of ``width`` seconds, in order.
+    """Returns the rows with the minimum and the maximum of each bin, in order.
 
-    Bins begin at multiples of ``width``, so that of twice the width holds two of them whole: thinning what
-    was thinned before is thinning all at once.
+    Bins start at multiples of ``width``, so a bin of twice the width consists of two bins: thinning in steps
+    gives the same result as thinning once.
 
     Args:
         time: Ascending, ``(N,)``, s.
         values: Finite numbers, ``(N,)``.
-        width: Of a bin, s.
+        width: Width of a bin, s.
 
     >>> import numpy as np
     >>> time = np.arange(8) / 8
@@ -45,7 +45,7 @@ def thin(time: FloatArray, values: npt.NDArray[Any], width: float) -> Indices:
 
 
 def _starts(time: FloatArray, width: float) -> Indices:
-    """The first row of each bin."""
+    """Returns the first row of each bin."""
     bins = np.floor(time / width)
     return np.flatnonzero(np.concatenate(([True], bins[1:] != bins[:-1])))
 
@@ -60,21 +60,23 @@ def _extremes(starts: Indices, values: npt.NDArray[Any]) -> Indices:
     return np.union1d(*found)
 
 
-def coarser(width: float, span: float) -> float:
-    """The least power of two, not under ``width``, of which no more than `BINS` cover so many seconds.
+def bin_width(width: float, span: float) -> float:
+    """Returns the smallest power of two, at least ``width``, with which `BINS` bins cover ``span`` seconds.
 
-    >>> coarser(0.5, 3600), coarser(4, 3600)
+    >>> bin_width(0.5, 3600), bin_width(4, 3600)
     (2.0, 4)
     """
-    return max(width, 2.0 ** max(FINEST, int(np.ceil(np.log2(max(span, 1e-300) / (BINS - 1))))))
+    return max(
+        width, 2.0 ** max(MIN_EXPONENT, int(np.ceil(np.log2(max(span, 1e-300) / (BINS - 1)))))
+    )
 
 
 class Curve:
-    """Points of one component: as they came while they are few, then the extremes of each bin.
+    """The points of one component; long curves keep only the extremes of each bin.
 
     Attributes:
-        time, values: The points that are drawn, in order of time.
-        piece: Grows where nothing is to be drawn between a point and the one before.
+        time, values: The points, in order of time.
+        piece: Number of the piece of each point; there is no line between pieces.
     """
 
     def __init__(self) -> None:
@@ -82,49 +84,49 @@ class Curve:
         self.values: npt.NDArray[Any] = np.empty(0, np.float32)
         self.piece: npt.NDArray[np.int64] = np.empty(0, np.int64)
 
-    def join(
+    def add(
         self,
         time: FloatArray,
         values: npt.NDArray[Any],
         piece: npt.NDArray[np.int64],
         width: float,
     ) -> None:
-        """Takes in more points; ``width`` of a bin is zero while all of them are kept."""
+        """Adds points; a ``width`` of 0 keeps all of them."""
         self.time = np.concatenate((self.time, time))
         self.values = np.concatenate((self.values, values))
         self.piece = np.concatenate((self.piece, piece))
         if np.any(self.time[1:] < self.time[:-1]):
-            self._pick(np.argsort(self.time, kind="stable"))
+            self._keep(np.argsort(self.time, kind="stable"))
         if width:
-            self._pick(thin(self.time, self.values, width))
+            self._keep(thin(self.time, self.values, width))
 
-    def _pick(self, rows: Indices) -> None:
+    def _keep(self, rows: Indices) -> None:
         self.time, self.values, self.piece = self.time[rows], self.values[rows], self.piece[rows]
 
-    def drawn(self) -> tuple[FloatArray, npt.NDArray[Any]]:
-        """Times and values with a NaN between two pieces, where the line has a gap."""
+    def line(self) -> tuple[FloatArray, npt.NDArray[Any]]:
+        """Returns times and values with a NaN between two pieces."""
         gaps = np.flatnonzero(self.piece[1:] != self.piece[:-1]) + 1
         values = self.values if self.values.dtype == np.float32 else self.values.astype(np.float64)
         return np.insert(self.time, gaps, np.nan), np.insert(values, gaps, np.nan)
 
-    def alone(self) -> Indices:
-        """The points with no line to either side, which as a line would not be seen."""
+    def isolated(self) -> Indices:
+        """Returns the points without a line to a neighbour; a line would not show them."""
         apart = np.concatenate(([True], self.piece[1:] != self.piece[:-1], [True]))
         return np.flatnonzero(apart[:-1] & apart[1:]) if len(self.piece) else np.empty(0, np.intp)
 
 
 class Curves:
-    """The components of a quantity, and what is counted of them.
+    """The components of a quantity and their statistics.
 
     Args:
-        names: Of the components.
+        names: Names of the components.
 
     Attributes:
-        curves: One for each name.
-        width: Of the bins of which the extremes are kept, s; zero while every point is.
-        count, mean, square, least, greatest: Of the finite values of each component, ``(k,)``; ``square`` is
-            the sum of the squared deviations from the mean.
-        missing: How many values are NaN or infinite.
+        curves: A curve for each name.
+        width: Width of the bins, s; 0 while every point is kept.
+        count, mean, square, minimum, maximum: Statistics of the finite values of each component, ``(k,)``;
+            ``square`` is the sum of the squared deviations from the mean.
+        missing: Number of values that are NaN or infinite.
     """
 
     def __init__(self, names: tuple[str, ...]) -> None:
@@ -135,17 +137,17 @@ class Curves:
         self.missing = 0
         self.count = np.zeros(len(names))
         self.mean, self.square = np.zeros(len(names)), np.zeros(len(names))
-        self.least, self.greatest = np.full(len(names), np.inf), np.full(len(names), -np.inf)
+        self.minimum, self.maximum = np.full(len(names), np.inf), np.full(len(names), -np.inf)
         self._pieces = 0
         self._first, self._last = np.inf, -np.inf
 
     def add(self, time: FloatArray, values: npt.NDArray[Any], breaks: BoolArray) -> None:
-        """Takes in rows.
+        """Adds rows.
 
         Args:
-            time: ``(N,)``, s, finite.
+            time: Times, ``(N,)``, s, finite.
             values: ``(N, k)``.
-            breaks: Before which rows something is missing.
+            breaks: Whether rows are missing before each row, ``(N,)``.
         """
         if not len(time):
             return
@@ -156,7 +158,7 @@ class Curves:
         self.rows += len(time)
         self._first, self._last = min(self._first, float(time[0])), max(self._last, float(time[-1]))
         if self.rows > 2 * BINS:
-            self.width = coarser(self.width, self._last - self._first)
+            self.width = bin_width(self.width, self._last - self._first)
         starts = _starts(time, self.width) if self.width else None
         finite = np.isfinite(values)
         for at, curve in enumerate(self.curves):
@@ -164,11 +166,11 @@ class Curves:
             if finite[:, at].all():
                 self._count(at, column)
                 rows = slice(None) if starts is None else _extremes(starts, column)
-                curve.join(time[rows], column[rows], piece[rows], self.width)
+                curve.add(time[rows], column[rows], piece[rows], self.width)
             else:
-                self._add_some(at, time, column, piece, finite[:, at])
+                self._add_finite(at, time, column, piece, finite[:, at])
 
-    def _add_some(
+    def _add_finite(
         self,
         at: int,
         time: FloatArray,
@@ -176,27 +178,27 @@ class Curves:
         piece: npt.NDArray[np.int64],
         finite: BoolArray,
     ) -> None:
-        """Takes in a column of which some values are none: these are gaps."""
-        # Each breaks the line on its own account, for good.
+        """Adds the finite values of a column; the others are gaps."""
+        # Each NaN starts a new piece.
         piece = piece + np.cumsum(~finite)
         self._pieces = max(self._pieces, int(piece[-1]))
         self.missing += int(np.count_nonzero(~finite))
         if finite.any():
             self._count(at, column[finite])
-            self.curves[at].join(time[finite], column[finite], piece[finite], self.width)
+            self.curves[at].add(time[finite], column[finite], piece[finite], self.width)
 
     def _count(self, at: int, column: npt.NDArray[Any]) -> None:
-        # Chan's way to join means and squares, which loses no digits to a large mean.
-        many = len(column)
+        # The parallel algorithm of Chan et al. keeps its digits with a large mean.
+        number = len(column)
         mean = float(column.mean(dtype=np.float64))
         square = float(np.square(column - mean).sum(dtype=np.float64))
-        total = self.count[at] + many
-        apart = mean - self.mean[at]
-        self.square[at] += square + apart**2 * self.count[at] * many / total
-        self.mean[at] += apart * many / total
+        total = self.count[at] + number
+        difference = mean - self.mean[at]
+        self.square[at] += square + difference**2 * self.count[at] * number / total
+        self.mean[at] += difference * number / total
         self.count[at] = total
-        self.least[at] = min(self.least[at], column.min())
-        self.greatest[at] = max(self.greatest[at], column.max())
+        self.minimum[at] = min(self.minimum[at], column.min())
+        self.maximum[at] = max(self.maximum[at], column.max())
 
     @property
     def deviation(self) -> FloatArray:
@@ -205,17 +207,17 @@ class Curves:
 
 
 class Steps:
-    """Finds where rows of one quantity are missing, by their times: steps much longer than those around.
+    """Finds gaps in the times of a quantity: steps much longer than the steps around them.
 
     Attributes:
-        rows: How many rows there were.
-        gaps: How many gaps.
-        irregular: Steps that differ from the usual one by more than a tenth and a tick of the clock, gaps
-            not counted.
-        usual: The usual step at the end, s; NaN before there are two rows.
+        rows: Number of rows.
+        gaps: Number of gaps.
+        irregular: Number of steps, without gaps, that differ from the usual step by more than a tenth and a
+            tick of the clock.
+        usual: The usual step at the end, s; NaN before the second row.
     """
 
-    #: A tick of SampleTimeFine and the rounding of both ends, s.
+    #: A tick of SampleTimeFine, and the rounding of both ends, in seconds.
     TICK = 1.5e-4
 
     def __init__(self) -> None:
@@ -224,22 +226,22 @@ class Steps:
         self._last: float | None = None
 
     def breaks(self, time: FloatArray) -> BoolArray:
-        """Before which rows something is missing, ``(N,)``."""
+        """Returns whether rows are missing before each row, ``(N,)``."""
         if not len(time):
             return np.zeros(0, bool)
         self.rows += len(time)
         first = time[0] if self._last is None else self._last
         steps = np.diff(time, prepend=first)
-        # The first step of all is none.
+        # The first row of all has no step.
         real = steps[1:] if self._last is None else steps
         self._last = float(time[-1])
         if not len(real):
             return np.zeros(len(time), bool)
         usual = _usual(real)
-        if len(real) < AROUND // 4 and np.isfinite(self.usual):
-            usual[:] = self.usual  # too few to say what is usual
+        if len(real) < BLOCK_STEPS // 4 and np.isfinite(self.usual):
+            usual[:] = self.usual  # too few for a median
         self.usual = float(usual[-1])
-        long = (real > LONG * usual) | (real < 0)
+        long = (real > GAP_FACTOR * usual) | (real < 0)
         odd = ~long & (np.abs(real - usual) > np.maximum(0.1 * usual, self.TICK))
         self.gaps += int(np.count_nonzero(long))
         self.irregular += int(np.count_nonzero(odd))
@@ -247,42 +249,40 @@ class Steps:
 
 
 def _usual(steps: FloatArray) -> FloatArray:
-    """For each step the usual one around it: the median of its block."""
-    whole = len(steps) // AROUND * AROUND
-    blocks = np.partition(steps[:whole].reshape(-1, AROUND), AROUND // 2, axis=1)
-    medians = np.repeat(blocks[:, AROUND // 2], AROUND)
+    """Returns the usual step around each step: the median of its block."""
+    whole = len(steps) // BLOCK_STEPS * BLOCK_STEPS
+    blocks = np.partition(steps[:whole].reshape(-1, BLOCK_STEPS), BLOCK_STEPS // 2, axis=1)
+    medians = np.repeat(blocks[:, BLOCK_STEPS // 2], BLOCK_STEPS)
     if whole < len(steps):
-        # The last block may share rows with the one before.
-        last = steps[-AROUND:]
+        # The last block can overlap the one before.
+        last = steps[-BLOCK_STEPS:]
         middle = np.partition(last, len(last) // 2)[len(last) // 2]
         medians = np.concatenate((medians, np.full(len(steps) - whole, middle)))
-    # Rows that share a stamp have no step between them.
+    # Rows with the same time stamp have a step of 0.
     return np.where(medians > 0, medians, steps.max())
 
 
 class Bands:
-    """Stretches of time, of which no more are kept than can be drawn.
-
-    Where there are more than `BINS`, those that are nearest to each other become one.
+    """Intervals of time; the nearest are merged if there are more than `BINS`.
 
     Attributes:
-        start, end: Of each stretch, s, ascending.
-        weight: What each stretch stands for, summed where several became one.
-        width: Stretches that are no farther apart than this, s, are one.
+        start, end: Start and end of each interval, s, ascending.
+        weight: Weight of each interval; a merged interval has the sum.
+        width: Intervals that are at most this far apart are merged, s.
     """
 
     def __init__(self) -> None:
         self.start: FloatArray = np.empty(0)
         self.end: FloatArray = np.empty(0)
         self.weight: FloatArray = np.empty(0)
-        # What ends where the next begins is one, but for rounding.
+        # Adjacent intervals are merged, despite rounding.
         self.width = 1e-6
 
     def __len__(self) -> int:
         return len(self.start)
 
     def add(self, start: npt.ArrayLike, end: npt.ArrayLike, weight: npt.ArrayLike) -> None:
-        """Takes in stretches."""
+        """Adds intervals."""
         self.start = np.concatenate((self.start, np.asarray(start, np.float64)))
         self.end = np.concatenate((self.end, np.asarray(end, np.float64)))
         self.weight = np.concatenate((self.weight, np.asarray(weight, np.float64)))

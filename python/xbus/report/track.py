@@ -1,4 +1,4 @@
-"""Where a device was, in metres east and north of where it began."""
+"""The track of a device, in metres east and north of its start."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ import numpy.typing as npt
 from xbus.geometry.earth import ecef_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from xbus.log.column import Column
 from xbus.protocol.values import LatLonAlt
-from xbus.report.thin import BINS, BoolArray, FloatArray, coarser, thin
+from xbus.report.thin import BINS, BoolArray, FloatArray, bin_width, thin
 
 __all__ = ["FIXES", "SOURCES", "Track", "has_fix"]
 
 #: Fix types of the receiver with a position (Table 25): 2D, 3D, GNSS and dead reckoning.
 FIXES = (2, 3, 4)
-#: Quantities that tell where the device is, the best first.
+#: Quantities with a position, the best first.
 SOURCES = ("lat_lon", "position_ecef", "gnss_pvt_data")
-#: Degrees, and metres, beyond which there is no place.
-MOST = {"lat_lon": np.array([90.0, 360.0]), "position_ecef": np.full(3, 1e9)}
+#: Limits of valid positions, in degrees and metres.
+LIMITS = {"lat_lon": np.array([90.0, 360.0]), "position_ecef": np.full(3, 1e9)}
 
 
 def has_fix(rows: npt.NDArray[Any]) -> BoolArray:
-    """Which rows of ``gnss_pvt_data`` have a position that the receiver calls valid."""
+    """Returns which rows of ``gnss_pvt_data`` have a position that the receiver marks as valid, ``(N,)``."""
     fixed: BoolArray = np.isin(rows["fixtype"], FIXES) & (rows["flags"] & 1 == 1)
     return fixed
 
 
 class Track:
-    """Positions of one quantity: all while they are few, then the extremes of each bin of time.
+    """The positions of one quantity; long tracks keep only the extremes of each time bin.
 
     Attributes:
-        time: Of each position that is kept, s.
-        piece: Grows where nothing is to be drawn between a position and the one before.
-        rows: How many there were; those that say nothing (no fix, exactly zero, NaN) are not counted.
+        time: Times of the kept positions, s.
+        piece: Number of the piece of each position; there is no line between pieces.
+        rows: Number of valid positions. A position without a fix, exactly zero or NaN is not valid.
     """
 
     def __init__(self) -> None:
@@ -46,26 +46,32 @@ class Track:
         self._width = 0.0
 
     def add(self, column: Column, time: FloatArray, breaks: BoolArray) -> None:
-        """Takes in the next rows, at these times; before some of them others are missing."""
+        """Adds the next rows.
+
+        Args:
+            column: The rows.
+            time: Their times, ``(N,)``, s.
+            breaks: Whether rows are missing before each row, ``(N,)``.
+        """
         if column.name == "gnss_pvt_data":
-            fine = has_fix(column.values)
+            valid = has_fix(column.values)
             values = np.stack([column.scaled["lat"], column.scaled["lon"]], axis=1)
         else:
             values = column.values.astype(np.float64)
-            # Zero says a filter that knows of no place yet.
-            fine = (np.abs(values) <= MOST[column.name]).all(axis=1) & (values != 0).any(axis=1)
-        # So are those that say nothing.
-        piece = self._pieces + np.cumsum(breaks | ~fine)
+            # A filter without a position reports zero.
+            valid = (np.abs(values) <= LIMITS[column.name]).all(axis=1) & (values != 0).any(axis=1)
+        # An invalid position ends a piece as well.
+        piece = self._pieces + np.cumsum(breaks | ~valid)
         self._pieces = int(piece[-1]) if len(piece) else self._pieces
-        self.rows += int(np.count_nonzero(fine))
-        self.piece = np.concatenate((self.piece, piece[fine]))
-        self.time = np.concatenate((self.time, time[fine]))
+        self.rows += int(np.count_nonzero(valid))
+        self.piece = np.concatenate((self.piece, piece[valid]))
+        self.time = np.concatenate((self.time, time[valid]))
         known = [] if self._values is None else [self._values]
-        self._values = np.concatenate([*known, values[fine]])
+        self._values = np.concatenate([*known, values[valid]])
         self._keep(np.argsort(self.time, kind="stable"))
         if self.rows > 2 * BINS:
-            self._width = coarser(self._width, float(self.time[-1] - self.time[0]))
-            rows = [thin(self.time, it, self._width) for it in self._values.T]
+            self._width = bin_width(self._width, float(self.time[-1] - self.time[0]))
+            rows = [thin(self.time, axis, self._width) for axis in self._values.T]
             self._keep(np.unique(np.concatenate(rows)))
 
     def _keep(self, rows: npt.NDArray[np.intp]) -> None:
@@ -83,11 +89,11 @@ class Track:
 
     @property
     def origin(self) -> LatLonAlt:
-        """Where it begins: degrees, and metres above the ellipsoid where they are known."""
+        """The first position: degrees, and metres above the ellipsoid if known."""
         lat, lon, alt = ecef_to_geodetic(self._ecef[0])
         return LatLonAlt(float(lat), float(lon), float(alt))
 
     def metres(self, origin: LatLonAlt) -> tuple[FloatArray, FloatArray]:
-        """Metres east and north of a place, ``(N,)``."""
+        """Returns metres east and north of ``origin``, both ``(N,)``."""
         east, north, _ = ecef_to_enu(self._ecef, origin).T
         return east, north

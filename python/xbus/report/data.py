@@ -1,4 +1,4 @@
-"""What a report says of a log, gathered part by part: a log need not fit into memory."""
+"""The content of a report, collected part by part: the log need not fit into memory."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from xbus.report.axis import Axis
 from xbus.report.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.report.track import SOURCES, Track, has_fix
 
-__all__ = ["Flag", "Gathered", "Panel", "Series", "Setting"]
+__all__ = ["Flag", "Panel", "ReportData", "Series", "Setting"]
 
-#: What is plotted of struct quantities: title, unit, fields that belong together. Of others nothing is.
-MAIN: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
+#: Plots of struct quantities: title, unit and fields. Other structs have no plot.
+STRUCT_PLOTS: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
     "gnss_pvt_data": [
         ("fix type and satellites", "", ("fixtype", "numSV")),
         ("stated accuracy", "m", ("hAcc", "vAcc")),
@@ -41,24 +41,24 @@ MAIN: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
     "trigger_in2": [("polarity", "", ("polarity",))],
     "trigger_in3": [("polarity", "", ("polarity",))],
 }
-#: What a receiver says without a fix, too.
-ALWAYS = ("fix type and satellites",)
-#: Of these the noise is told: their unit, as rows of a sensor at rest.
+#: Plots of ``gnss_pvt_data`` that are valid without a fix.
+VALID_WITHOUT_FIX = ("fix type and satellites",)
+#: Quantities with an Allan deviation.
 NOISY = ("acceleration", "acceleration_hr", "rate_of_turn", "rate_of_turn_hr")
 STATUS = ("status_word", "status_byte")
-#: Flags that are set while all is well.
-WANTED = [it for it in STATUS_FLAGS if it.name in ("filter_valid", "gnss_fix")]
+#: Flags that should be set.
+EXPECTED = [flag for flag in STATUS_FLAGS if flag.name in ("filter_valid", "gnss_fix")]
 EVENTS = (MessageId.Error, MessageId.Warning)
-#: How many settings are listed; a log of a day of commands holds many.
-SETTINGS = 100
+#: Maximum number of listed settings; a log with many commands contains more.
+MAX_SETTINGS = 100
 
 
 class Panel(NamedTuple):
     """One plot of a quantity.
 
     Attributes:
-        title: Which of its plots; empty where it has one.
-        unit: Of all curves in it.
+        title: Title of the plot; empty if the quantity has one plot.
+        unit: Unit of all curves.
         curves: The curves.
     """
 
@@ -71,9 +71,9 @@ class Series:
     """One quantity over time.
 
     Attributes:
-        panels: Its plots, by title.
-        steps: Where rows are missing.
-        longest: Its longest stretch without a gap, of quantities of which the noise is told.
+        panels: The plots by title.
+        steps: Time between rows.
+        longest: The longest stretch without a gap; None for quantities without an Allan deviation.
     """
 
     def __init__(self, column: Column) -> None:
@@ -85,11 +85,15 @@ class Series:
 
     @property
     def anchor(self) -> str:
-        """Its place in the page."""
+        """The target of links to it."""
         return self.name if self.coordinates in (None, "ENU") else f"{self.name}-{self.coordinates}"
 
     def add(self, column: Column, time: FloatArray) -> BoolArray:
-        """Takes in the next rows and their times; before which of them some are missing."""
+        """Adds the next rows at these times.
+
+        Returns:
+            Whether rows are missing before each row, ``(N,)``.
+        """
         breaks = self.steps.breaks(time)
         for title, unit, names, values in _plotted(column):
             panel = self.panels.setdefault(title, Panel(title, unit, Curves(names)))
@@ -102,17 +106,17 @@ class Series:
 def _plotted(
     column: Column,
 ) -> Iterator[tuple[str, str, tuple[str, ...], npt.NDArray[Any]]]:
-    """Title, unit, names and values ``(N, k)`` of each plot of a quantity."""
+    """Yields title, unit, names and values ``(N, k)`` of each plot of a quantity."""
     row = QUANTITIES[column.name]
     if column.name == "gnss_sat_info":
         yield "satellites", "", ("numSvs",), column.values["numSvs"][:, None]
         if len(column.satellites):
-            yield "signal strength", "dBHz", ("least", "mean", "greatest"), _signals(column)
+            yield "signal strength", "dBHz", ("minimum", "mean", "maximum"), _signals(column)
     elif column.fields and row.fields:
-        for title, unit, names in MAIN.get(column.name, []):
-            values = np.stack([column.scaled[it] for it in names], axis=1)
-            if column.name == "gnss_pvt_data" and title not in ALWAYS:
-                # What a receiver says of a position that it does not have is nothing.
+        for title, unit, names in STRUCT_PLOTS.get(column.name, []):
+            values = np.stack([column.scaled[name] for name in names], axis=1)
+            if column.name == "gnss_pvt_data" and title not in VALID_WITHOUT_FIX:
+                # Without a fix the other fields are arbitrary.
                 values = np.where(has_fix(column.values)[:, None], values, np.nan)
             yield title, unit, names, values
     elif row.group != "Timestamp" and row.kind != "id" and column.name not in STATUS:
@@ -122,7 +126,7 @@ def _plotted(
 
 
 def _signals(column: Column) -> FloatArray:
-    """Least, mean and greatest carrier to noise of the satellites of each row; NaN where it has none."""
+    """Returns minimum, mean and maximum C/N0 of the satellites of each row; NaN without satellites."""
     signals = column.satellites["cno"].astype(np.float64)
     starts, ends = column.offsets[:-1], column.offsets[1:]
     found = np.full((len(starts), 3), np.nan)
@@ -134,12 +138,12 @@ def _signals(column: Column) -> FloatArray:
 
 
 class Flag:
-    """A value of a field of the status word that is not zero.
+    """A value other than zero of a field of the status word.
 
     Attributes:
-        meaning: Of the field (Table 27).
-        rows: In how many status words it was.
-        bands: When.
+        meaning: Meaning of the field (Table 27).
+        rows: Number of status words with this value.
+        bands: The times of these status words.
     """
 
     def __init__(self, field: StatusFlag, value: int) -> None:
@@ -150,47 +154,47 @@ class Flag:
 
     @property
     def label(self) -> str:
-        """Its name, with the value where it can have several."""
+        """The name; for a field of several bits, with the value."""
         return f"{self.name} = {self.value}" if self._has_values else self.name
 
 
 class Setting(NamedTuple):
-    """What a message says that is no event.
+    """A message that is not an event.
 
     Attributes:
-        time: Of the next sample on the report's axis.
-        name: Of the message.
-        words: What it says.
+        time: Position of the next sample on the axis.
+        name: Name of the message.
+        text: Content of the message.
     """
 
     time: float
     name: str
-    words: str
+    text: str
 
 
-class Gathered:
-    """Everything that a report says of a log.
+class ReportData:
+    """The content of a report.
 
     Attributes:
-        facts: What ``xbus info`` says.
+        summary: The content of ``xbus info``.
         axis: The horizontal axis.
         utc: UTC at the origin, or None.
         steps: Time between samples, ms.
-        end: The last sample on the axis.
-        lost, damage: When samples are missing and bytes are damaged; weights are samples and bytes.
-        gaps: Where the samples behind the gaps of the facts are on the axis.
-        events: Where the errors and warnings of the facts are on the axis.
+        end: Position of the last sample on the axis.
+        lost, damage: Times of missing samples and damaged bytes; the weights count them.
+        gaps: Position of the first sample after each gap of the summary.
+        events: Position of each event of the summary.
         flags: Fields of the status word that were ever set, by name and value.
-        status_rows: How many status words there are.
-        without: Where a flag that should be set was last not set, for those of `WANTED`.
-        tracks: Where the device was, by quantity.
-        positions: Rows of ``gnss_pvt_data`` with a fix, and all.
-        restarts: How often the device has started, the beginning not counted.
-        settings: What the messages say, each once; no more than `SETTINGS`.
+        status_rows: Number of status words.
+        last_unset: When each flag of `EXPECTED` was last not set.
+        tracks: Positions of the device, by quantity.
+        positions: Number of rows of ``gnss_pvt_data`` with a fix, and of all rows.
+        restarts: Number of restarts of the device.
+        settings: Messages that are not events, without repetitions; at most `MAX_SETTINGS`.
     """
 
     def __init__(self, parts: Iterable[Log]) -> None:
-        self.facts = LogSummary(())
+        self.summary = LogSummary(())
         self.axis = Axis()
         self.utc: np.datetime64 | None = None
         self.steps = Curves(("step",))
@@ -200,36 +204,41 @@ class Gathered:
         self.events: list[float] = []
         self.flags: dict[tuple[str, int], Flag] = {}
         self.status_rows = 0
-        self.without: dict[str, float] = {}
+        self.last_unset: dict[str, float] = {}
         self.tracks: dict[str, Track] = {}
         self.positions = 0, 0
         self.restarts = 0
         self.settings: list[Setting] = []
         self._series: dict[tuple[str, str | None], Series] = {}
-        self._said: set[tuple[str, str]] = set()
+        self._seen: set[tuple[str, str]] = set()
         self._last_step: float | None = None
         for part in parts:
             self._add(part)
 
     @property
+    def has_counter(self) -> bool:
+        """Whether the log has a packet counter."""
+        return any(quantity.name == "packet_counter" for quantity in self.summary.quantities)
+
+    @property
     def series(self) -> list[Series]:
-        """Quantities in the order in which they were first seen."""
+        """The quantities, in order of first appearance."""
         return list(self._series.values())
 
     def _add(self, part: Log) -> None:
-        gaps, damage = len(self.facts.gaps), len(self.facts.damage)
-        self.facts.add(part)
+        gaps, damage = len(self.summary.gaps), len(self.summary.damage)
+        self.summary.add(part)
         last = self.axis.last
-        x = self.axis.places(part)
+        x = self.axis.positions(part)
         if self.utc is None and self.axis.kind == "time":
             self._find_utc(part, x)
         before = np.concatenate(([last], x))
         self._add_lost(part, x, before, gaps, damage)
-        new = self.facts.events[len(self.events) :]
+        new = self.summary.events[len(self.events) :]
         self.events += [float(before[event.sample - part.first_sample]) for event in new]
         self._add_steps(part, x)
-        # The byte says again what the word says.
-        status = next((it for it in STATUS if it in part), None)
+        # The status byte repeats a part of the status word.
+        status = next((name for name in STATUS if name in part), None)
         for key in part:
             column = part[key]
             time = x[column.sample - part.first_sample]
@@ -257,20 +266,20 @@ class Gathered:
     def _add_lost(
         self, part: Log, x: FloatArray, before: FloatArray, gaps: int, damage: int
     ) -> None:
-        """Where the gaps and the damage are that this part has added."""
-        if found := self.facts.gaps[gaps:]:
-            rows = np.array([it.sample for it in found]) - part.first_sample
+        """Adds the gaps and the damage of this part."""
+        if found := self.summary.gaps[gaps:]:
+            rows = np.array([gap.sample for gap in found]) - part.first_sample
             self.gaps += x[rows].tolist()
-            lost = [it.lost for it in found]
+            lost = [gap.lost for gap in found]
             self.lost.add(np.minimum(before[rows], x[rows]), x[rows], lost)
-        if spoilt := self.facts.damage[damage:]:
-            offsets, lengths, _ = zip(*spoilt, strict=True)
+        if damaged := self.summary.damage[damage:]:
+            offsets, lengths, _ = zip(*damaged, strict=True)
             rows = np.searchsorted(part.offset, offsets)
             after = np.append(x, before[-1])[rows]
             self.damage.add(np.minimum(before[rows], after), after, lengths)
 
     def _add_steps(self, part: Log, x: FloatArray) -> None:
-        """Time between samples; those of the receiver have a time of their own."""
+        """Adds the time between samples; times of the GNSS receiver are not comparable."""
         if self.axis.kind != "time":
             return
         time = x[np.isfinite(steady_time(part))]
@@ -287,10 +296,10 @@ class Gathered:
         self.status_rows += len(words)
         if not len(words):
             return
-        for field in WANTED:
+        for field in EXPECTED:
             if len(missing := np.flatnonzero(words >> field.bit & 1 == 0)):
-                self.without[field.name] = float(time[missing[-1]])
-        # Stretches of equal words; each lasts until the next begins, or as long as a row does.
+                self.last_unset[field.name] = float(time[missing[-1]])
+        # Each stretch of equal words lasts until the next one, or for the usual time of a row.
         changes = np.concatenate(([True], (words[1:] != words[:-1]) | breaks[1:]))
         first = np.flatnonzero(changes)
         rows = np.diff(first, append=len(words))
@@ -310,13 +319,13 @@ class Gathered:
 
     def _add_settings(self, part: Log, x: FloatArray) -> None:
         for at in np.flatnonzero(~np.isin(part.messages.mid, EVENTS)).tolist():
-            if len(self.settings) == SETTINGS:
+            if len(self.settings) == MAX_SETTINGS:
                 return
             message = part.messages[at]
-            words = describe_message(message)
-            if not words or words.endswith(" bytes") or (message.name, words) in self._said:
+            text = describe_message(message)
+            if not text or text.endswith(" bytes") or (message.name, text) in self._seen:
                 continue
-            self._said.add((message.name, words))
+            self._seen.add((message.name, text))
             row = message.sample - part.first_sample
             time = float(x[row]) if row < len(x) else self.axis.last
-            self.settings.append(Setting(time, message.name, words))
+            self.settings.append(Setting(time, message.name, text))

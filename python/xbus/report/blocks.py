@@ -1,0 +1,79 @@
+"""The content of a report: sections of paragraphs, headings, plots and tables, without HTML."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from xbus.report.figures import Figure
+
+__all__ = ["Block", "Heading", "Paragraph", "Plot", "Section", "Table", "table_of_first"]
+
+#: Maximum number of gaps, places of damage and events in a table; ``xbus info --json`` lists all.
+MAX_ROWS = 100
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Text; a note is smaller."""
+
+    text: str
+    is_note: bool = False
+
+
+@dataclass(frozen=True)
+class Heading:
+    """The heading of a part of a section; `anchor` is the target of links."""
+
+    anchor: str
+    title: str
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A plot."""
+
+    figure: Figure
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        head: Column names.
+        rows: Cells.
+        numeric: Indices of the columns that hold numbers.
+        links: Anchors that the first cells of rows link to, by row.
+    """
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numeric: Sequence[int] = ()
+    links: Mapping[int, str] = field(default_factory=dict)
+
+
+Block = Paragraph | Heading | Plot | Table
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section; `anchor` is the target of links."""
+
+    anchor: str
+    title: str
+    blocks: Sequence[Block]
+
+
+def table_of_first(
+    head: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    numeric: Sequence[int],
+    total: int,
+    things: str,
+) -> Iterable[Block]:
+    """Yields a table of the first rows of ``total``, and a note about the rest."""
+    yield Table(head, rows[:MAX_ROWS], numeric)
+    if total > MAX_ROWS:
+        text = f"… and {total - MAX_ROWS:,} more {things}; xbus info --json lists all."
+        yield Paragraph(text, is_note=True)

@@ -1,0 +1,241 @@
+"""The sections of a report: first what decides whether a recording is good, last what is looked up."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from xbus.describe.log_text import quantity_rows
+from xbus.protocol.configuration import Configuration
+from xbus.report import figures
+from xbus.report.blocks import (
+    MAX_ROWS,
+    Block,
+    Heading,
+    Paragraph,
+    Plot,
+    Section,
+    Table,
+    table_of_first,
+)
+from xbus.report.data import MAX_SETTINGS, STATUS, ReportData, Series
+from xbus.report.findings import percent
+from xbus.report.noise import noise
+
+__all__ = ["sections"]
+
+
+def sections(data: ReportData) -> list[Section]:
+    """Returns the sections that have content."""
+    summary = data.summary
+    candidates = (
+        ("timeline", "Timeline", _timeline(data)),
+        ("quantities", "Quantities", _quantities(data)),
+        ("status", "Status", _status(data) if data.status_rows else ()),
+        ("track", "Track", _track(data)),
+        ("plots", "Plots", _plots(data)),
+        ("noise", "Noise", noise(data)),
+        ("values", "Values", _values(data)),
+        ("gaps", "Gaps", _gaps(data) if summary.gaps else ()),
+        ("damage", "Damage", _damage(data) if summary.damage else ()),
+        ("events", "Errors and warnings", _events(data) if summary.events else ()),
+        ("messages", "Messages", _messages(data)),
+        ("settings", "Device and settings", _settings(data)),
+        ("unknown", "Unknown data identifiers", _unknown(data) if summary.unknown else ()),
+    )
+    found = (Section(anchor, title, list(blocks)) for anchor, title, blocks in candidates)
+    return [section for section in found if section.blocks]
+
+
+def _timeline(data: ReportData) -> Iterator[Block]:
+    if (figure := figures.events(data)) is not None:
+        yield Plot(figure)
+    else:
+        yield Paragraph("No gaps by the packet counter, no damage, no errors and no warnings.")
+    if data.steps.rows:
+        yield Plot(figures.steps(data))
+        text = (
+            "Time between samples. Samples of the GNSS receiver arrive late and are left out. "
+            "A long time is a gap, even if the packet counter shows none."
+        )
+        yield Paragraph(text, is_note=True)
+
+
+def _quantities(data: ReportData) -> Iterator[Block]:
+    head, *rows = quantity_rows(data.summary)
+    gaps = [f"{series.steps.gaps:,}" if _is_regular(series) else "" for series in data.series]
+    anchors = {at: _anchor(series) for at, series in enumerate(data.series)}
+    yield Table(
+        [*head, "gaps by time"],
+        [[*row, gap] for row, gap in zip(rows, gaps, strict=True)],
+        numeric=(2, 3, 6),
+        links={at: anchor for at, anchor in anchors.items() if anchor},
+    )
+
+
+def _anchor(series: Series) -> str:
+    """Returns the anchor of the section that shows a quantity, or an empty string."""
+    if series.panels:
+        return series.anchor
+    return "status" if series.name in STATUS else ""
+
+
+def _is_regular(series: Series) -> bool:
+    """Returns whether a quantity has plots and one rate."""
+    return bool(series.panels) and series.steps.gaps < max(series.steps.rows / 10, 1)
+
+
+def _status(data: ReportData) -> Iterator[Block]:
+    yield Paragraph(f"{data.status_rows:,} status words. Fields that were never set are not shown.")
+    if (figure := figures.flags(data)) is None:
+        return
+    rows = [
+        (flag.label, percent(flag.rows, data.status_rows), f"{flag.rows:,}", flag.meaning)
+        for flag in data.flags.values()
+    ]
+    yield Plot(figure)
+    yield Table(("field", "share of time", "rows", "meaning"), rows, numeric=(1, 2))
+
+
+def _track(data: ReportData) -> Iterator[Block]:
+    if (figure := figures.track(data)) is None:
+        return
+    names = figures.tracks(data)
+    origin = data.tracks[names[0]].origin
+    text = (
+        f"Metres east and north of {origin.lat:.7f}°, {origin.lon:.7f}°, where {names[0]} begins."
+    )
+    precisions = {quantity.name: quantity.precision for quantity in data.summary.quantities}
+    if precisions.get("lat_lon") == "Float32" and "lat_lon" in names:
+        text += " lat_lon has Float32 precision, which resolves about half a metre."
+    yield Plot(figure)
+    yield Paragraph(text, is_note=True)
+
+
+def _plots(data: ReportData) -> Iterator[Block]:
+    plotted = [series for series in data.series if series.panels]
+    panels = [panel for series in plotted for panel in series.panels.values()]
+    if width := max((panel.curves.width for panel in panels), default=0):
+        unit = "s" if data.axis.kind == "time" else "steps"
+        text = (
+            f"The plots show the minimum and the maximum of every {width:.3g} {unit} or less, so no spike is "
+            "lost. A line ends where rows are missing."
+        )
+        yield Paragraph(text, is_note=True)
+    for series in plotted:
+        coordinates = "" if series.coordinates is None else f", {series.coordinates}"
+        yield Heading(series.anchor, series.name + coordinates)
+        for panel in series.panels.values():
+            yield Plot(figures.panel(data, series, panel))
+
+
+def _values(data: ReportData) -> Iterator[Block]:
+    rows = [row for series in data.series for row in _value_rows(series)]
+    head = ("quantity", "component", "unit", "minimum", "mean", "maximum", "std. dev.", "NaN")
+    if rows:
+        yield Table(head, rows, numeric=(3, 4, 5, 6, 7))
+
+
+def _value_rows(series: Series) -> Iterator[tuple[str, ...]]:
+    name = series.name
+    if series.coordinates not in (None, "ENU"):
+        name = f"{name} {series.coordinates}"
+    for panel in series.panels.values():
+        curves = panel.curves
+        statistics = (curves.minimum, curves.mean, curves.maximum, curves.deviation)
+        for at, component in enumerate(curves.names):
+            # Enough digits to distinguish the minimum from the maximum.
+            span = float(curves.maximum[at] - curves.minimum[at])
+            cells = [
+                _format_number(float(numbers[at]), span) if curves.count[at] else ""
+                for numbers in statistics
+            ]
+            missing = f"{curves.rows - curves.count[at]:,.0f}" if curves.missing else ""
+            yield (name, component if component != series.name else "", panel.unit, *cells, missing)
+            name = ""
+
+
+def _format_number(number: float, span: float) -> str:
+    if span <= 0 or not np.isfinite(span):
+        return f"{number:.6g}" if abs(number) > 1e-12 else "0"
+    decimals = int(np.clip(3 - np.floor(np.log10(span)), 0, 12))
+    # Adding 0.0 turns -0 to 0.
+    return f"{round(number, decimals) + 0.0:,.{decimals}f}" if decimals < 8 else f"{number:.9g}"
+
+
+def _gaps(data: ReportData) -> Iterator[Block]:
+    gaps = list(zip(data.summary.gaps, data.gaps, strict=True))
+    largest = sorted(gaps, key=lambda gap: -gap[0].lost)[:MAX_ROWS]
+    rows = [
+        (_format_time(data, x), f"{gap.lost:,}", f"{gap.sample:,}")
+        for gap, x in sorted(largest, key=lambda gap: gap[0].sample)
+    ]
+    head = ("before, s", "samples lost", "next sample")
+    yield from table_of_first(head, rows, (0, 1, 2), len(gaps), "gaps, smaller")
+
+
+def _damage(data: ReportData) -> Iterator[Block]:
+    damage = data.summary.damage
+    rows = [(f"{at:,}", f"{size:,}", reason) for at, size, reason in damage[:MAX_ROWS]]
+    yield from table_of_first(("byte", "bytes", "reason"), rows, (0, 1), len(damage), "places")
+
+
+def _events(data: ReportData) -> Iterator[Block]:
+    events = list(zip(data.summary.events, data.events, strict=True))
+    rows = [
+        (_format_time(data, x), f"{event.offset:,}", event.name, str(event.notice))
+        for event, x in events[:MAX_ROWS]
+    ]
+    head = ("after, s", "byte", "", "text")
+    yield from table_of_first(head, rows, (0, 1), len(events), "events")
+
+
+def _messages(data: ReportData) -> Iterator[Block]:
+    summary = data.summary
+    rows = [("MTData2 (samples)", f"{summary.stats.samples:,}")]
+    rows += [(name, f"{count:,}") for name, count in summary.messages.most_common()]
+    rows += [(f"{name} (string)", f"{count:,}") for name, count in summary.strings.most_common()]
+    yield Table(("message", "count"), rows, numeric=(1,))
+
+
+def _settings(data: ReportData) -> Iterator[Block]:
+    configuration = data.summary.identity.configuration
+    if configuration is not None:
+        yield Table(("Configuration", ""), list(_configuration_rows(configuration)))
+    if data.settings:
+        rows = [(f"{setting.time:,.2f}", setting.name, setting.text) for setting in data.settings]
+        time = "after, s" if data.axis.kind == "time" else data.axis.kind
+        yield Table((time, "message", "text"), rows, numeric=(0,))
+    if len(data.settings) == MAX_SETTINGS:
+        yield Paragraph("There may be more; xbus dump lists all.", is_note=True)
+    if configuration is None and not data.settings:
+        yield Paragraph("The recording contains no message about settings.")
+
+
+def _configuration_rows(configuration: Configuration) -> Iterator[tuple[str, str]]:
+    version = configuration.filter_version
+    values = {
+        "filter profile": configuration.filter_profile,
+        "filter type": configuration.filter_type,
+        "filter version": ".".join(map(str, version)) if any(version) else None,
+        "devices on the bus": configuration.devices,
+        "sampling period, 1/115200 s": configuration.sampling_period,
+        "output skip factor": configuration.output_skip_factor,
+        "output mode (legacy MTData)": configuration.output_mode,
+        "output settings (legacy MTData)": configuration.output_settings,
+    }
+    for name, value in values.items():
+        if value is not None:
+            yield name, str(value)
+
+
+def _unknown(data: ReportData) -> Iterator[Block]:
+    unknown = data.summary.unknown
+    rows = [(f"0x{key:04X}", f"{n:,}", f"{size:,}") for key, (n, size) in unknown.items()]
+    head = ("identifier", "packets", "bytes")
+    yield from table_of_first(head, rows, (1, 2), len(rows), "identifiers")
+
+
+def _format_time(data: ReportData, x: float) -> str:
+    return f"{x:,.2f}" if data.axis.kind == "time" else ""
