@@ -175,12 +175,64 @@ def test_a_lost_caster_is_told_and_found_again(local: LocalCaster) -> None:
     assert len(local.requests) >= 2
 
 
+def test_a_flood_of_corrections_leaves_time_for_the_status(local: LocalCaster) -> None:
+    local.PAUSE = 1e-6
+    local.sends = [FRAMES[0] * 200]
+    ours, theirs = os.openpty()
+    try:
+        with serving_fast(rover()) as port, started(port, local, stderr=theirs):
+            said = b""
+            while b"RTK float" not in said:
+                said += os.read(ours, 1000)
+            start, count = time.monotonic(), said.count(b"\r")
+            while said.count(b"\r") < count + 10:
+                said += os.read(ours, 1000)
+            assert time.monotonic() - start < 15
+    finally:
+        os.close(ours)
+        os.close(theirs)
+
+
+def test_the_mountpoints_of_a_caster(local: LocalCaster) -> None:
+    result = run("ntrip", "--caster", local.address, "--list")
+    assert result.exit_code == 0
+    head, first, second = result.stdout.splitlines()
+    assert head.split()[0] == "mountpoint"
+    assert first.split()[0] == "BASE"
+    assert "52.24, 6.85" in first
+    assert second.split()[0] == "OTHER"
+    rows = json.loads(run("ntrip", "--caster", local.address, "--list", "--json").stdout)
+    assert [(it["name"], it["needs_position"]) for it in rows] == [("BASE", True), ("OTHER", False)]
+    local.style = "silent"
+    failed = run("ntrip", "--caster", local.address, "--list")
+    assert failed.exit_code == 1
+    assert "hangs up without an answer" in failed.stderr
+
+
 # What goes wrong
+
+
+@pytest.mark.parametrize(
+    ("args", "message"),
+    [
+        (["--mountpoint", "BASE"], "PORT is missing"),
+        (["sim:MTi-680G"], "--mountpoint is missing; xbus ntrip --list"),
+        (["sim:MTi-680G", "--mountpoint", "A\r\nB"], "mountpoint has a line break"),
+        (["sim:MTi-680G", "--mountpoint", "A", "--user", "a\n"], "user has a line break"),
+        (["--list", "--password", "a\n"], "password has a line break"),
+    ],
+)
+def test_wrong_calls(args: list[str], message: str) -> None:
+    result = run("ntrip", "--caster", "caster.example", *args)
+    assert result.exit_code == 2
+    assert message in result.stderr
 
 
 def test_an_unknown_mountpoint(local: LocalCaster) -> None:
     said = wanted("--caster", local.address, mountpoint="NOWHERE")
-    assert said == f"{local.address} has no mountpoint NOWHERE"
+    assert said == (
+        f"{local.address} has no mountpoint NOWHERE; xbus ntrip --list prints those that it has"
+    )
 
 
 def test_who_is_not_let_in(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import base64
+import http.server
 import socketserver
 import threading
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from queue import Queue
@@ -24,7 +26,15 @@ from streams import frame
 from xbus import Device, DeviceError, Scanner, SimulatedDevice, StateError, XbusTimeout, connect
 from xbus.device import Sample
 from xbus.protocol.ids import MessageId
-from xbus.rtk import Caster, CasterError, Fix, Forwarder, Position
+from xbus.rtk import (
+    Caster,
+    CasterError,
+    Fix,
+    Forwarder,
+    Mountpoint,
+    Position,
+    read_source_table,
+)
 from xbus.rtk.forward import UNANSWERED, rtcm_frames
 from xbus.sim import serving
 from xbus.sim.link import SimLink
@@ -266,7 +276,8 @@ class LocalCaster(socketserver.ThreadingTCPServer):
     """An NTRIP caster with one mountpoint, BASE.
 
     Attributes:
-        style: 1 for ICY, 2 for HTTP, "chunked" for HTTP in chunks, "garbage" for neither.
+        style: 1 for ICY, 2 for HTTP, "chunked" for HTTP in chunks, "garbage" for neither, "silent" to hang
+            up without an answer, "table" to answer every request with the source table.
         account: User and password that are asked for, or None.
         sends: What each connection gets in turn, again and again; the pause between two is `PAUSE`.
         once: Whether to hang up when each was sent a few times.
@@ -294,6 +305,15 @@ class LocalCaster(socketserver.ThreadingTCPServer):
         return f"127.0.0.1:{self.server_address[1]}"
 
 
+TABLE = (
+    b"CAS;caster.example;2101;Example;Nobody;0;NLD;52.2;6.8;0.0.0.0;0;misc\r\n"
+    b"NET;EXAMPLE;Nobody;N;N;none;none;none;none\r\n"
+    b"STR;BASE;Enschede;RTCM 3.2;1005(1),1077(1);2;GPS+GLO;NONE;NLD;52.24;6.85;1;0;none;none;N;N;0;\r\n"
+    b"STR;OTHER;;RTCM 3.3;;;;;;nan;north\r\n"
+    b"ENDSOURCETABLE\r\n"
+)
+
+
 class _Visit(socketserver.StreamRequestHandler):
     server: LocalCaster
 
@@ -301,15 +321,20 @@ class _Visit(socketserver.StreamRequestHandler):
         caster = self.server
         request = b"".join(iter(self.rfile.readline, b"\r\n")).decode()
         caster.requests.append(request)
+        if caster.style == "silent":
+            return
         if caster.style == "garbage":
             self.wfile.write(b"SSH-2.0-OpenSSH_9.2p1 Debian\r\n")
             return
-        http = caster.style != 1
+        http = caster.style not in (1, "table")
         if caster.account is not None:
             credentials = base64.b64encode(":".join(caster.account).encode()).decode()
             if f"Authorization: Basic {credentials}\r\n" not in request:
                 self.wfile.write(b"HTTP/1.1 401 Unauthorized\r\nConnection: close\r\n\r\n")
                 return
+        if request.startswith("GET / ") or caster.style == "table":
+            self._table(http)
+            return
         if not request.startswith("GET /BASE "):
             self._refuse(http)
             return
@@ -317,14 +342,18 @@ class _Visit(socketserver.StreamRequestHandler):
         self._stream()
 
     def _refuse(self, http: bool) -> None:
-        table = (
-            b"STR;BASE;Enschede;RTCM 3.2;1005(1);2;GPS;NONE;NLD;52.2;6.8;1;0;none;none;N;N;0;\r\n"
-        )
-        table += table.replace(b"BASE", b"OTHER") + b"ENDSOURCETABLE\r\n"
         if http:
             self.wfile.write(b"HTTP/1.1 404 Not Found\r\nConnection: close\r\n\r\n")
         else:
-            self.wfile.write(b"SOURCETABLE 200 OK\r\nContent-Type: text/plain\r\n\r\n" + table)
+            self._table(http)
+
+    def _table(self, http: bool) -> None:
+        """The source table; some casters keep the connection open after it."""
+        head = b"HTTP/1.1 200 OK" if http else b"SOURCETABLE 200 OK"
+        kind = b"gnss/sourcetable" if http else b"text/plain"
+        self.wfile.write(b"%b\r\nContent-Type: %b\r\n\r\n" % (head, kind) + TABLE)
+        if http:
+            self.server.done.wait(20)
 
     def _head(self, http: bool) -> bytes:
         if not http:
@@ -407,22 +436,43 @@ def test_user_and_password(local: LocalCaster) -> None:
         caster.read(10)
 
 
-@pytest.mark.parametrize("style", [1, 2])
-def test_unknown_mountpoints(local: LocalCaster, style: int) -> None:
-    local.style = style
-    with (
-        Caster(local.address, "NOWHERE") as caster,
-        pytest.raises(CasterError) as caught,
-    ):
+def problem(address: str, mountpoint: str = "BASE", **options: Any) -> str:
+    """What a caster that does not give corrections is refused with, without its address."""
+    with Caster(address, mountpoint, **options) as caster, pytest.raises(CasterError) as caught:
         caster.read(10)
-    more = "; it has BASE, OTHER" if style == 1 else ""
-    assert str(caught.value) == f"{local.address} has no mountpoint NOWHERE{more}"
+    return str(caught.value).replace(address, "CASTER")
 
 
-def test_who_is_no_caster(local: LocalCaster) -> None:
-    local.style = "garbage"
-    with Caster(local.address, "BASE") as caster, pytest.raises(CasterError, match="is no NTRIP"):
-        caster.read(10)
+def test_what_a_caster_does_instead_of_sending_corrections(local: LocalCaster) -> None:
+    """A wrong mountpoint, a source table, no answer, another server: each gives a message of its own."""
+    found = {"mountpoint": problem(local.address, "NOWHERE")}
+    for style in (1, "table", "silent", "garbage"):
+        local.style = style
+        found[str(style)] = problem(local.address, "NOWHERE" if style == 1 else "BASE")
+    assert found == {
+        "mountpoint": "CASTER has no mountpoint NOWHERE; xbus ntrip --list prints those that it has",
+        "1": "CASTER has no mountpoint NOWHERE; it has BASE, OTHER",
+        "table": (
+            "CASTER lists BASE, but answers with its source table instead of corrections; the base station"
+            " may be off, or the account may not include it"
+        ),
+        "silent": (
+            "CASTER hangs up without an answer; check the port, and whether the address needs https://"
+        ),
+        "garbage": "what answers at CASTER is no NTRIP caster",
+    }
+
+
+@pytest.mark.parametrize("sends", [[], [STATION]])
+def test_a_caster_that_hangs_up_after_its_answer(local: LocalCaster, sends: list[bytes]) -> None:
+    local.once, local.sends = True, sends
+    start = time.monotonic()
+    with Caster(local.address, "BASE") as caster:
+        while caster.state != "lost":
+            caster.read(0.05)
+        before = "" if sends else " before the first correction"
+        assert caster.problem == f"{local.address} has hung up{before}"
+    assert time.monotonic() - start < 15
 
 
 def test_nobody_there(local: LocalCaster) -> None:
@@ -454,6 +504,39 @@ def test_positions_are_sent(local: LocalCaster) -> None:
         assert (found.numSV, found.HDOP) == (9, 1.1)
         assert caster.gga_sent > 0
     assert "Ntrip-GGA: $GPGGA," in local.requests[0]
+
+
+#: The longest values of every field, and the usual ones with what comes of arithmetic in binary.
+EXTREMES = [
+    Position(-89.999999999, -179.999999999, -1234.5678, -106.98765, 99, 99.99),
+    Position(52.1, 6.1, 12345.6789, 42.800000000000004, 12, 1.1500000000000001),
+    Position(0.0, 0.0, 0.0, 0.0, 250, 655.35),
+]
+
+
+def sentence_of(local: LocalCaster, position: Position) -> str:
+    """The GGA that a caster gets for a position."""
+    with Caster(local.address, "BASE", gga=1, position=lambda: position) as caster:
+        next(iter(caster))
+        return local.gga.get(timeout=10).decode()
+
+
+@pytest.mark.parametrize("position", EXTREMES)
+def test_a_gga_sentence_has_at_most_82_characters(local: LocalCaster, position: Position) -> None:
+    sentence = sentence_of(local, position)
+    assert len(sentence) <= 82
+    found = pynmeagps.NMEAReader.parse(sentence.encode())
+    assert found.lat == pytest.approx(position.lat, abs=2e-7)
+    assert found.lon == pytest.approx(position.lon, abs=2e-7)
+    assert found.alt == pytest.approx(position.alt, abs=0.0051)
+    assert found.sep == pytest.approx(position.sep, abs=0.051)
+    assert all(len(it.partition(".")[2]) <= 2 for it in sentence.split(",")[7:11])
+
+
+def test_what_was_not_measured_is_not_in_the_sentence(local: LocalCaster) -> None:
+    fields = sentence_of(local, Position(52.25, -6.5, 45.2)).split(",")
+    assert fields[7:14] == ["", "", "45.2", "M", "0.0", "M", ""]
+    assert fields[14].startswith("*")
 
 
 def test_a_lost_connection_is_made_again(
@@ -531,6 +614,74 @@ def test_reading_in_another_thread_ends_when_it_is_closed(local: LocalCaster) ->
     assert not thread.is_alive()
     assert found == []
     assert caster.read(1) == b""
+
+
+# The source table
+
+
+@pytest.mark.parametrize("style", [1, 2])
+def test_the_source_table(local: LocalCaster, style: int) -> None:
+    local.style = style
+    local.account = ("me", "secret")
+    table = read_source_table(local.address, user="me", password="secret")  # noqa: S106
+    assert table == [
+        Mountpoint(
+            "BASE", "Enschede", "RTCM 3.2", "1005(1),1077(1)", "GPS+GLO", "NLD", 52.24, 6.85, True
+        ),
+        Mountpoint("OTHER", "", "RTCM 3.3", "", "", "", None, None, False),
+    ]
+    with pytest.raises(CasterError, match="does not let that user in"):
+        read_source_table(local.address)
+
+
+@pytest.mark.parametrize(
+    ("style", "message"),
+    [("silent", "hangs up without an answer"), ("garbage", "is no NTRIP caster")],
+)
+def test_there_is_no_source_table(local: LocalCaster, style: str, message: str) -> None:
+    local.style = style
+    with pytest.raises(CasterError, match=message):
+        read_source_table(local.address)
+
+
+def test_a_web_server_has_no_source_table() -> None:
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *_: object) -> None:
+            pass
+
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            with pytest.raises(CasterError, match="is no NTRIP caster"):
+                read_source_table(f"127.0.0.1:{server.server_address[1]}")
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def test_nobody_has_a_source_table() -> None:
+    with serving_caster() as gone:
+        address = gone.address
+    with pytest.raises(CasterError, match=f"cannot reach {address}: Connection refused"):
+        read_source_table(address)
+
+
+@pytest.mark.parametrize("text", ["a\r\nHost: b", "a\n", "\ra", "a\x00"])
+@pytest.mark.parametrize("name", ["url", "mountpoint", "user", "password"])
+def test_line_breaks_are_rejected(name: str, text: str) -> None:
+    arguments: dict[str, Any] = {"url": "caster.example", "mountpoint": "BASE", name: text}
+    with pytest.raises(ValueError, match="has a line break or another control character"):
+        Caster(**arguments)
+    if name != "mountpoint":
+        arguments.pop("mountpoint")
+        with pytest.raises(ValueError, match="has a line break or another control character"):
+            read_source_table(**arguments)
+
+
+def test_a_mountpoint_has_no_spaces() -> None:
+    with pytest.raises(ValueError, match="it has a space"):
+        Caster("caster.example", "A HTTP/1.1")
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import click
 
 from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure
-from xbus.cli.printing import print_line
+from xbus.cli.printing import print_json_rows, print_line, print_table
 from xbus.describe.formatting import format_count
 from xbus.errors import XbusTimeout
 
@@ -23,8 +23,11 @@ if TYPE_CHECKING:
 
 __all__ = ["ntrip"]
 
+HEAD = ["mountpoint", "place", "country", "position", "format", "systems", "--gga"]
 #: Seconds to wait for a sample before looking for corrections again.
 LOOK = 0.05
+#: Seconds for which corrections are forwarded, or samples read, before it is the other's turn.
+LONGEST_TURN = 0.2
 #: Seconds between two lines, and between two looks of the line on a terminal.
 PAUSE, PAUSE_ON_TERMINAL = 5.0, 0.2
 
@@ -32,7 +35,7 @@ PAUSE, PAUSE_ON_TERMINAL = 5.0, 0.2
 @click.command(
     epilog="Example: xbus ntrip /dev/ttyUSB0 --caster rtk2go.com --mountpoint BASE --gga 10"
 )
-@click.argument("port")
+@click.argument("port", required=False)
 @click.option(
     "--caster",
     "url",
@@ -40,7 +43,13 @@ PAUSE, PAUSE_ON_TERMINAL = 5.0, 0.2
     metavar="HOST[:PORT]",
     help="Who has the corrections; port 2101 if none is given, and with https:// before it 443.",
 )
-@click.option("--mountpoint", required=True, metavar="NAME", help="Which of the caster's streams.")
+@click.option("--mountpoint", metavar="NAME", help="Which of the caster's streams.")
+@click.option(
+    "--list",
+    "as_list",
+    is_flag=True,
+    help="Print the mountpoints of the caster, and end. Needs no PORT.",
+)
 @click.option("--user", envvar="XBUS_NTRIP_USER", show_envvar=True, help="Name of your account.")
 @click.option(
     "--password",
@@ -63,11 +72,17 @@ PAUSE, PAUSE_ON_TERMINAL = 5.0, 0.2
     help="Version of the protocol to ask for.",
 )
 @baudrate_option
-@click.option("--json", "as_json", is_flag=True, help="The status as one JSON object a line.")
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="The status as one JSON object a line; with --list, a JSON list.",
+)
 def ntrip(
-    port: str,
+    port: str | None,
     url: str,
-    mountpoint: str,
+    mountpoint: str | None,
+    as_list: bool,
     user: str | None,
     password: str | None,
     gga: int | None,
@@ -84,6 +99,13 @@ def ntrip(
     outputs should have status_word or gnss_pvt_data, from which the status is read; --gga also needs
     gnss_pvt_data or lat_lon. At the beginning it stops for a moment, to say what it is.
     """
+    if as_list:
+        _print_mountpoints(url, user, password, as_json=as_json)
+        return
+    if port is None or mountpoint is None:
+        missing = "PORT" if port is None else "--mountpoint"
+        raise click.UsageError(f"{missing} is missing; xbus ntrip --list prints the mountpoints")
+
     from xbus.extras import require
     from xbus.rtk import Caster, Fix, Forwarder
 
@@ -106,12 +128,48 @@ def ntrip(
         forwarder = Forwarder(device)
         with _Shown(caster, fix, forwarder, as_json=as_json) as shown:
             while True:
-                while frame := caster.read():
+                # By turns, each for a limited time: neither a flood of corrections nor one of samples keeps
+                # the others waiting.
+                until = time.monotonic() + LONGEST_TURN
+                while time.monotonic() < until and (frame := caster.read()):
                     forwarder.forward([frame])
                     shown.corrected()
+                until = time.monotonic() + LONGEST_TURN
+                timeout = LOOK
                 with contextlib.suppress(XbusTimeout):
-                    fix.update(device.read_sample(LOOK))
+                    while time.monotonic() < until:
+                        fix.update(device.read_sample(timeout))
+                        timeout = 0.0
                 shown.update()
+
+
+def _print_mountpoints(url: str, user: str | None, password: str | None, *, as_json: bool) -> None:
+    from xbus.describe.text import printable
+    from xbus.rtk import read_source_table
+
+    try:
+        table = read_source_table(url, user=user, password=password)
+    except ValueError as error:
+        raise click.UsageError(str(error)) from None
+    if as_json:
+        print_json_rows([row._asdict() for row in table])
+        return
+    if not table:
+        raise Failure(f"{url} has no mountpoints")
+    cells = [
+        [
+            row.name,
+            row.place,
+            row.country,
+            "" if row.lat is None or row.lon is None else f"{row.lat:.2f}, {row.lon:.2f}",
+            row.format,
+            row.systems,
+            "yes" if row.needs_position else "",
+        ]
+        for row in table
+    ]
+    cells = [[printable(cell.encode()) for cell in row] for row in cells]
+    print_table(HEAD, cells, spare=["systems", "place"])
 
 
 def _check(device: Device, *, with_position: bool) -> None:

@@ -2,5 +2,14 @@
 
 from xbus.rtk.caster import Caster, CasterError
 from xbus.rtk.forward import Fix, Forwarder, Position
+from xbus.rtk.sourcetable import Mountpoint, read_source_table
 
-__all__ = ["Caster", "CasterError", "Fix", "Forwarder", "Position"]
+__all__ = [
+    "Caster",
+    "CasterError",
+    "Fix",
+    "Forwarder",
+    "Mountpoint",
+    "Position",
+    "read_source_table",
+]

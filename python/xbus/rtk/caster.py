@@ -10,15 +10,14 @@ import time
 from collections.abc import Callable, Iterator
 from queue import Empty, Full, Queue
 from typing import Any
-from urllib.parse import urlsplit
 
 from xbus.errors import XbusError
 from xbus.extras import require
+from xbus.rtk.address import Address, check_texts, parse_address
 from xbus.rtk.forward import Position
 
 __all__ = ["Caster", "CasterError"]
 
-HTTP_PORT, HTTPS_PORT = 2101, 443
 #: Seconds without a correction after which a connection counts as lost.
 PATIENCE = 10
 #: The same where it keeps the line busy with something else.
@@ -31,6 +30,8 @@ LOOK = 0.1
 WAITING = 1000
 #: How many mountpoints an error names.
 NAMED = 10
+#: How pygnssutils reports that the connection was closed before a status line came, and that nothing came.
+NO_STATUS, SILENCE = "KeyError('code')", "TimeoutError"
 
 
 class CasterError(XbusError):
@@ -65,7 +66,7 @@ class Caster:
         gga_sent: How many positions were sent while corrections came.
 
     Raises:
-        ValueError: That is no address of a caster.
+        ValueError: That is no address of a caster, or an argument has a line break.
     """
 
     def __init__(
@@ -79,15 +80,16 @@ class Caster:
         position: Callable[[], Position | None] = lambda: None,
         ntrip: int = 2,
     ) -> None:
-        server, port, https = _address(url)
-        self.host = f"{server}:{port}"
+        check_texts(mountpoint=mountpoint, user=user, password=password)
+        address = parse_address(url)
+        self.host = str(address)
         self.state = "idle"
         self.problem: str | None = None
         self.gga_sent = 0
         self._request = {
-            "server": server,
-            "port": port,
-            "https": https,
+            "server": address.host,
+            "port": address.port,
+            "https": address.https,
             "mountpoint": mountpoint,
             "version": f"{ntrip}.0",
             "ntripuser": user or "",
@@ -145,7 +147,7 @@ class Caster:
             raw, told = connection.queue.get(timeout=max(until - time.monotonic(), 0))
         except Empty:
             if time.monotonic() - self._heard_at > LONG_PATIENCE:
-                self._ended(connection, None)
+                self._ended(connection, SILENCE)
             return b""
         if isinstance(raw, list):
             connection.mountpoints = [it[0] for it in raw]
@@ -158,6 +160,7 @@ class Caster:
             self._pause = FIRST_PAUSE
             self._was_accepted = True
             self._heard_at = time.monotonic()
+            connection.has_streamed = True
             return bytes(raw)
         return b""
 
@@ -190,25 +193,51 @@ class Caster:
 
     def _why(self, connection: _Connection, told: str | None) -> str:
         """Why a connection has ended, in a sentence."""
-        code, mountpoint = connection.code, self._request["mountpoint"]
+        code, mountpoint, told = connection.code, self._request["mountpoint"], told or ""
+        if code is None and told == NO_STATUS:
+            return no_answer(self.host)
         if code == 401:
-            return f"{self.host} does not let that user in (401); check user and password"
-        if connection.is_sourcetable or code == 404:
-            names = connection.mountpoints
-            some = ", ".join(names[:NAMED]) + (", ..." if len(names) > NAMED else "")
-            return f"{self.host} has no mountpoint {mountpoint}" + (
-                f"; it has {some}" if some else ""
+            return no_access(self.host)
+        names = connection.mountpoints
+        if mountpoint in names:
+            return (
+                f"{self.host} lists {mountpoint}, but answers with its source table instead of"
+                " corrections; the base station may be off, or the account may not include it"
             )
+        if connection.is_sourcetable or code == 404:
+            some = ", ".join(names[:NAMED]) + (", ..." if len(names) > NAMED else "")
+            more = f"; it has {some}" if some else "; xbus ntrip --list prints those that it has"
+            return f"{self.host} has no mountpoint {mountpoint}{more}"
         if code is not None and code != 200:
             return f"{self.host} refused: {(told or str(code)).removeprefix('Connection failed ')}"
+        if code == 200 and told.startswith(SILENCE):
+            return f"{self.host} is connected, but sends no corrections"
         if code == 200:
-            return f"{self.host} has hung up, or sent nothing for {PATIENCE} s"
+            before = "" if connection.has_streamed else " before the first correction"
+            return f"{self.host} has hung up{before}"
         text = told or "it has hung up"
         if text.startswith(("IndexError", "ValueError", "UnicodeDecodeError")):
-            return f"what answers at {self.host} is no NTRIP caster"
+            return no_caster(self.host)
         # It tells the exception as Python writes it: ConnectionRefusedError(111, 'Connection refused').
         words = re.search(r"""['"](.+)['"]""", text)
         return f"cannot reach {self.host}: {words[1] if words else text}"
+
+
+def no_answer(host: Address | str) -> str:
+    """That a caster closes the connection before it answers."""
+    return (
+        f"{host} hangs up without an answer; check the port, and whether the address needs https://"
+    )
+
+
+def no_access(host: Address | str) -> str:
+    """That a caster refuses the user."""
+    return f"{host} does not let that user in (401); check user and password"
+
+
+def no_caster(host: Address | str) -> str:
+    """That something else answers."""
+    return f"what answers at {host} is no NTRIP caster"
 
 
 class _Connection:
@@ -219,6 +248,7 @@ class _Connection:
         #: What came: a frame or GGA, and its parsed form; or nothing, and why it ended or None.
         self.queue: Queue[tuple[Any, Any]] = Queue(WAITING)
         self.mountpoints: list[str] = []
+        self.has_streamed = False
         self._position = position
         self._stop = threading.Event()
         # It makes loggers print, which is for the application to decide.
@@ -226,7 +256,7 @@ class _Connection:
         loggers = [logging.getLogger(it) for it in ("pyrtcm", "pyspartn")]
         before = [list(it.handlers) for it in loggers]
         # Tries once: when to try again is decided above.
-        self._client = pygnssutils.GNSSNTRIPClient(app=self, retries=0, timeout=PATIENCE)
+        self._client = _client_class(pygnssutils)(app=self, retries=0, timeout=PATIENCE)
         for logger, handlers in zip(loggers, before, strict=True):
             logger.handlers[:] = handlers
         self._client.run(**request, output=self.queue, stopevent=self._stop)
@@ -274,25 +304,30 @@ class _Connection:
         at = self._position()
         if at is None:
             raise ValueError("no position")  # it sends none then
-        told = {"lat": at.lat, "lon": at.lon, "alt": at.alt, "sep": at.sep, "fix": "3D"}
-        if at.satellites is not None:
-            told["sip"] = at.satellites
-        if at.hdop is not None:
-            told["hdop"] = at.hdop
-        return told
+        # An empty text leaves a field of the sentence empty: what was not measured is not sent. Rounded, no
+        # sentence is longer than the 82 characters that NMEA 0183 allows.
+        return {
+            "lat": at.lat,
+            "lon": at.lon,
+            "alt": round(at.alt, 2),
+            "sep": round(at.sep, 1),
+            "fix": "3D",
+            "sip": "" if at.satellites is None else min(at.satellites, 99),
+            "hdop": "" if at.hdop is None else min(round(at.hdop, 2), 99.99),
+            "diffage": "",
+            "diffstation": "",
+        }
 
 
 _NOWHERE = logging.NullHandler()
 
 
-def _address(url: str) -> tuple[str, int, bool]:
-    """Host, port, and whether with TLS."""
-    parts = urlsplit(url if "://" in url else f"http://{url}")
-    try:
-        host, port = parts.hostname, parts.port
-    except ValueError:
-        host, port = None, None
-    if parts.scheme not in ("http", "https") or not host or parts.path not in ("", "/"):
-        raise ValueError(f"{url!r} is no caster; write HOST, HOST:PORT or https://HOST:PORT")
-    https = parts.scheme == "https"
-    return host, port or (HTTPS_PORT if https else HTTP_PORT), https
+def _client_class(pygnssutils: Any) -> Any:
+    class Client(pygnssutils.GNSSNTRIPClient):  # type: ignore[misc]
+        def _do_request(self, *args: Any) -> int:
+            if super()._do_request(*args) and not self.stopevent.is_set():
+                # The caster has hung up. By itself the client would wait, and ask again in secret.
+                raise ConnectionResetError
+            return 0
+
+    return Client
