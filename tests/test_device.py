@@ -70,7 +70,7 @@ def opened(
 def test_it_listens_first_and_asks_only_if_nothing_is_heard() -> None:
     link = Meddler(SimulatedDevice("MTi-630"))
     device = Device(link)
-    device.find([115_200])
+    device.find_baudrate([115_200])
     assert (device.state, link.written) == (State.MEASUREMENT, [])
 
 

@@ -15,7 +15,7 @@ from xbus import (
     encode_frame,
 )
 from xbus.device.checks import check
-from xbus.device.session import Refusal, Reply
+from xbus.device.events import Refusal, Reply
 from xbus.protocol import (
     EVERY,
     AlignmentRotation,

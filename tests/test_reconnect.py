@@ -12,7 +12,7 @@ import pytest
 
 import xbus
 from xbus import Device, Disconnected, Faults, SimulatedDevice, connect
-from xbus.device.session import Notice
+from xbus.device.events import Notice
 from xbus.protocol import State
 from xbus.sim import PtyServer, serving
 

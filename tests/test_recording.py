@@ -317,7 +317,7 @@ def test_a_disk_that_fills(tmp_path: Path) -> None:
     size, _, error = first.partition(" ")
     assert int(size) == len(body)
     assert error.startswith(f"{path}: File too large")
-    assert second == f"the recording ended too early: {error}"
+    assert second == f"the recording ended early: {error}"
     assert third == "100", "the device goes on"
     log = xbus.read_log(path)
     assert (log.stats.lost_samples, log.stats.skipped_bytes) == (0, 0)

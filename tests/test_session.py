@@ -9,7 +9,7 @@ import pytest
 import xbus
 from conftest import exchanges, shared
 from xbus import DecodeError, DeviceError, Sample, Session, StateError, encode_frame, encode_sample
-from xbus.device.session import Notice, Refusal, Reply
+from xbus.device.events import Notice, Refusal, Reply
 from xbus.protocol import (
     Alignment,
     AlignmentRotation,

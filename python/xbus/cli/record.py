@@ -212,7 +212,7 @@ def _wait(
             if not reconnect or not recording.is_active:
                 raise shown.ended(f"{link.name}: {error}") from error
             shown.say(f"{link.name}: {error}; waiting for it")
-            while not (is_stopped() or device.come_back() or shown.elapsed >= duration):
+            while not (is_stopped() or device.try_reconnect() or shown.elapsed >= duration):
                 shown.update()
             heard_at = link.clock()
             if device.state != State.UNKNOWN:

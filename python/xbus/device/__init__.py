@@ -1,11 +1,13 @@
-"""Devices: what a host knows of one, the commands, and the ports that they are behind."""
+"""Devices: connections, commands, settings, live data and recordings."""
 
 from xbus.device.commands import Commands
-from xbus.device.device import Device, connect, restore_communication
+from xbus.device.connection import connect, restore_communication
+from xbus.device.device import Device
+from xbus.device.events import Notice, Refusal, Reply, SessionEvent
 from xbus.device.ports import Port, find_ports
 from xbus.device.recording import Recording
 from xbus.device.sample import Sample
-from xbus.device.session import Event, Notice, Refusal, Reply, Session
+from xbus.device.session import Session
 from xbus.device.settings import Applied, ApplyError, Change, Settings
 from xbus.device.stats import LiveStats
 from xbus.wire.link import Link
@@ -16,7 +18,6 @@ __all__ = [
     "Change",
     "Commands",
     "Device",
-    "Event",
     "Link",
     "LiveStats",
     "Notice",
@@ -26,6 +27,7 @@ __all__ = [
     "Reply",
     "Sample",
     "Session",
+    "SessionEvent",
     "Settings",
     "connect",
     "find_ports",

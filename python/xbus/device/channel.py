@@ -11,8 +11,9 @@ from dataclasses import replace
 from functools import partial
 from typing import Any, NoReturn
 
+from xbus.device.events import Notice, Refusal, Reply, SessionEvent
 from xbus.device.sample import Sample
-from xbus.device.session import PROBE, Event, Notice, Refusal, Reply, Session
+from xbus.device.session import PROBE, Session
 from xbus.device.timing import Timing
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.protocol.tables import MESSAGES
@@ -136,7 +137,7 @@ class Channel:
         except OSError as error:
             self._lose(error, command)
 
-    def _keep(self, events: Iterable[Event], arrival: float | None = None) -> None:
+    def _keep(self, events: Iterable[SessionEvent], arrival: float | None = None) -> None:
         for event in events:
             if isinstance(event, Sample):
                 event.arrival, event.timing = arrival, self.timing

@@ -1,4 +1,4 @@
-"""A device: a session, the link to it, and a clock."""
+"""A device: typed commands, settings, samples, blocks and recordings over a link."""
 
 from __future__ import annotations
 
@@ -6,86 +6,64 @@ import asyncio
 import contextlib
 import os
 from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
-from dataclasses import replace
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import serial
-
+from xbus.device.baudrate import DEFAULT_BAUDRATE, change_baudrate
 from xbus.device.blocks import Blocks
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
-from xbus.device.link import open_link
+from xbus.device.events import Notice, Reply
 from xbus.device.output_configuration import (
     OutputConfiguration,
     check_outputs_fit,
     parse_output_configuration,
 )
-from xbus.device.ports import find_ports
-from xbus.device.recording import Recording, configuration_frame
+from xbus.device.recording import Recording, recording_head
 from xbus.device.sample import Sample
-from xbus.device.session import Notice, Reply, Session
+from xbus.device.session import Session
 from xbus.device.settings import Applied, Settings, apply_plan, plan_settings, read_settings
 from xbus.device.stats import LiveStats, by_name, live_stats
-from xbus.device.string_output import BARE, check_strings_fit, plan_strings
-from xbus.errors import DeviceError, StateError, XbusError, XbusTimeout
+from xbus.device.string_output import check_strings_fit, plan_strings
+from xbus.errors import DeviceError, XbusError, XbusTimeout
 from xbus.protocol.configuration import Firmware
-from xbus.protocol.ids import MessageId
 from xbus.protocol.keys import Key
 from xbus.protocol.products import Support, product_of_code, support
 from xbus.protocol.tables import Product
-from xbus.protocol.values import (
-    ErrorCode,
-    HardwareVersion,
-    Output,
-    PortConfig,
-    PortProtocol,
-    State,
-    StringType,
-    baud_code,
-)
+from xbus.protocol.values import ErrorCode, HardwareVersion, Output, State, StringType
 from xbus.rtk.forward import Forwarder
-from xbus.wire.codec import encode_frame
 from xbus.wire.link import Link
-from xbus.wire.strings import String, mask_of
+from xbus.wire.strings import String
 
-if TYPE_CHECKING:
-    from xbus.sim.device import SimulatedDevice
+__all__ = ["Device"]
 
-__all__ = ["Device", "connect", "restore_communication"]
-
-#: The order in which the vendor's software tries baud rates.
-BAUDRATES = (115_200, 2_000_000, 921_600, 460_800, 230_400, 57_600, 38_400, 19_200, 9_600)
-#: The rate of a restored device (section 7.2).
-DEFAULT_BAUDRATE = 115_200
-
-#: How long a device that measures may be silent, in seconds: the slowest rate is 1 Hz.
-SILENCE = 5.0
-#: Rates are told over so many seconds at least.
+#: Seconds without a sample after which reading gives up. The slowest output rate is 1 Hz.
+SAMPLE_TIMEOUT = 5.0
+#: Seconds until WakeUp after a reset. A USB port disappears meanwhile.
+WAKE_UP_TIMEOUT = 5.0
+#: Minimum time over which rates are calculated, in seconds.
 RATE_SPAN = 0.5
-#: Bytes a second at 4 Mbaud, and the longest queue at that, in seconds: a gigabyte.
-FASTEST, LONGEST_QUEUE = 400_000, 2500
-#: How long a restart may take, until WakeUp. A USB port has to appear again.
-RESTART = 5.0
+#: Pause between two bytes of the restore procedure, in seconds; the manual allows 0.1 to 0.5 ms.
+RESTORE_PAUSE = 0.0003
 
 
 class Device:
     """A device behind a port; made by `connect`.
 
-    Iterating gives its samples as they come. Samples that come while a command waits for its answer are
-    kept and given later.
+    Iterating yields samples. Samples that arrive while a command waits for its answer are kept for later.
 
     Attributes:
-        device_id: Device identifier; None until identity has been read, which the first `configure` does.
+        commands: The raw commands of the manual, one method per message.
+        device_id: Device identifier; None until the first `configure` reads the identity.
         product_code: Product code, or None.
         firmware: Firmware revision, or None.
-        hardware_version: Version of the hardware, or None.
-        output_configuration: Output configuration in effect as last acknowledged, or None.
+        hardware_version: Hardware version, or None.
+        output_configuration: Output configuration that the device acknowledged last, or None.
 
     >>> import xbus
     >>> with xbus.connect("sim:MTi-630") as device:
     ...     with device.configure() as cfg:
-    ...         _ = cfg.set_output_configuration({"sample_time_fine": None, "acceleration": 100})
+    ...         outputs = cfg.set_output_configuration({"sample_time_fine": None, "acceleration": 100})
     ...     sample = next(iter(device))
     >>> list(sample), device.product.name
     (['sample_time_fine', 'acceleration'], 'MTi-630')
@@ -101,16 +79,17 @@ class Device:
         self.firmware: Firmware | None = None
         self.hardware_version: HardwareVersion | None = None
         self.output_configuration: tuple[Output, ...] | None = None
+        #: Samples of earlier measurements that were not read.
         self._outdated = 0
-        #: When packets and strings were counted for the rates, and how many there were; and the rates.
+        #: Time and counts at the last calculation of rates.
         self._counted: tuple[float, dict[str, int]] = (link.clock(), {})
         self._rates: dict[str, float] = {}
 
-    # What is known
+    # Connection and state
 
     @property
     def link(self) -> Link:
-        """What carries the bytes."""
+        """The port, or what else carries the bytes."""
         return self._channel.link
 
     @link.setter
@@ -119,60 +98,82 @@ class Device:
 
     @property
     def session(self) -> Session:
-        """What is known of the device."""
+        """The protocol state, without port, clock or thread."""
         return self._channel.session
 
     @property
-    def notices(self) -> Sequence[Notice]:
-        """Messages that nobody asked for, the latest 100: errors and warnings among them."""
-        return self._channel.notices
+    def state(self) -> State:
+        """The state of the device, if it is known."""
+        return self.session.state
 
     @property
-    def lost_samples(self) -> int:
-        """Samples that nobody read before a million others came, or before a new measurement began."""
-        return self._channel.lost_samples + self._outdated
+    def support(self) -> Support | None:
+        """What the product supports; None until the identity is read."""
+        return self.session.support
 
-    def find(self, baudrates: Iterable[int]) -> None:
-        """Listens and asks at one baud rate after the other, and stays at the first where something is heard.
+    @property
+    def product(self) -> Product | None:
+        """The product; None until the identity is read, and for a product that is not in the manual."""
+        return self.session.support.product if self.session.support else None
+
+    @property
+    def notices(self) -> Sequence[Notice]:
+        """The latest 100 messages that answer no command, errors and warnings among them."""
+        return self._channel.notices
+
+    def find_baudrate(self, baudrates: Iterable[int]) -> None:
+        """Tries one baud rate after the other, and keeps the first at which it hears the device.
+
+        Args:
+            baudrates: The rates to try, in bits per second.
 
         Raises:
             XbusTimeout: Nothing was heard at any of them.
         """
         self._channel.find(baudrates)
 
-    @property
-    def state(self) -> State:
-        """State of the device, as far as it is known."""
-        return self.session.state
+    def try_reconnect(self) -> bool:
+        """Tries once to reach a device that was lost, and restores the state that it had.
 
-    @property
-    def support(self) -> Support | None:
-        """What its product supports; None until identity has been read."""
-        return self.session.support
+        For programs that do not use ``reconnect`` of `connect`. An attempt takes 0.1 s, or longer if
+        something is there that does not answer. A device with another identifier is left as it is.
 
-    @property
-    def product(self) -> Product | None:
-        """The product; None until identity has been read, and where the manual does not describe it."""
-        return self.session.support.product if self.session.support else None
+        Returns:
+            Whether the device is back; `notices` then has the length of the gap.
+        """
+        return self._channel.come_back()
+
+    def close(self) -> None:
+        """Closes the port. The device stays in its state."""
+        self.link.close()
+
+    def __enter__(self) -> Device:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
 
     def __repr__(self) -> str:
         name = self.product_code or (self.product.name if self.product else "product not read yet")
         return f"<Device {self.link.name} at {self.link.baudrate} baud, {name}, {self.state}>"
 
-    # Commands
-
     def command(self, name: str, value: Any = None) -> Reply:
-        """Sends a command by the manual's name and waits for its answer.
+        """Sends a command by the manual's name and returns its answer.
 
         Args:
             name: Name of the message, as in `xbus.protocol.tables.MESSAGES`.
-            value: What it says, of the type of its layout; None where it carries nothing.
+            value: The content of the message, as `xbus.protocol.encode` takes it; None if it has none.
 
         Raises:
-            StateError: Asked too early, or of the wrong product; nothing was sent.
-            ValueError: No such command, or a value that does not fit; nothing was sent.
+            StateError: The state or the product does not accept the command; nothing was sent.
+            ValueError: There is no such command, or the value does not fit; nothing was sent.
             DeviceError: The device answered Error.
-            DecodeError: Its answer cannot be read.
+            DecodeError: The answer cannot be decoded.
             XbusTimeout: No answer came.
             Disconnected: The port is gone.
 
@@ -184,8 +185,6 @@ class Device:
         """
         return self._channel.command(name, value)
 
-    # State
-
     @contextlib.contextmanager
     def configure(
         self,
@@ -193,13 +192,21 @@ class Device:
         *,
         check_baudrate: bool = True,
     ) -> Iterator[Device]:
-        """Config State for the length of a ``with`` block; then the state that the device was found in.
+        """Enters Config State for a ``with`` block, then restores the state in which the device was found.
 
-        The first time the identity of the device is read, too.
+        The block receives the device itself: in ``with device.configure() as cfg``, `cfg` is a short name for
+        `device`. The first call also reads the identity of the device.
 
         Args:
-            output_configuration: Output configuration to set, as `set_output_configuration` takes it.
-            check_baudrate: See there.
+            output_configuration: Outputs to set, as `set_output_configuration` takes them.
+            check_baudrate: As for `set_output_configuration`.
+
+        >>> import xbus
+        >>> device = xbus.connect("sim:MTi-630")
+        >>> with device.configure({"acceleration": 100}) as cfg:
+        ...     cfg.commands.set_location_id(7)
+        >>> device.product_code
+        'MTi-630-8A1G6'
         """
         if self.state == State.UNKNOWN:
             self._channel.find_state()
@@ -212,7 +219,7 @@ class Device:
                 self.set_output_configuration(output_configuration, check_baudrate=check_baudrate)
             yield self
         except BaseException:
-            # What went wrong inside matters more than that the way back is barred as well.
+            # The error of the block matters more than a failure to restore the state.
             with contextlib.suppress(XbusError):
                 self._restore(found)
             raise
@@ -225,7 +232,7 @@ class Device:
             self.go_to_measurement()
 
     def _identify(self) -> None:
-        """Reads who it is, once. Very old firmware does not know all of these requests."""
+        """Reads the identity, once. Very old firmware does not know all of these requests."""
         if self.session.support is not None or self.state != State.CONFIG:
             return
         self._channel.device_id = self.device_id = self.commands.req_did()
@@ -248,7 +255,7 @@ class Device:
         self.command("GoToConfig")
 
     def go_to_measurement(self) -> None:
-        """GoToMeasurement (0x10): enters Measurement State; what was measured before and not read is gone."""
+        """GoToMeasurement (0x10): enters Measurement State. Samples that were not read before are dropped."""
         channel = self._channel
         self._outdated += len(channel.samples)
         channel.lost_strings += len(channel.strings)
@@ -257,20 +264,23 @@ class Device:
         self.command("GoToMeasurement")
 
     def reset(self, *, config: bool = False) -> None:
-        """Reset (0x40): starts the device anew. It wakes up, and goes to Measurement State by itself.
+        """Reset (0x40): restarts the device. It wakes up, and goes to Measurement State by itself.
 
         Args:
-            config: Whether to wait for WakeUp and lead it to Config State instead.
+            config: Whether to wait for WakeUp and enter Config State instead.
         """
         self.command("Reset")
         if config:
             self.wake_up()
 
-    def wake_up(self, timeout: float = RESTART) -> None:
-        """Waits for WakeUp (0x3E) and answers it with WakeUpAck: the device goes to Config State (section 4).
+    def wake_up(self, timeout: float = WAKE_UP_TIMEOUT) -> None:
+        """Waits for WakeUp (0x3E) and answers it with WakeUpAck: the device enters Config State (section 4).
+
+        Args:
+            timeout: Seconds to wait.
 
         Raises:
-            XbusTimeout: It did not come.
+            XbusTimeout: The message did not come.
         """
         if not self._channel.wait_for(self._is_waking, timeout, "WakeUpAck", reopen=True):
             raise XbusTimeout(
@@ -281,42 +291,86 @@ class Device:
     def _is_waking(self) -> bool:
         return self.state == State.WAKEUP
 
-    # Output
+    def set_baudrate(self, baudrate: int) -> None:
+        """Changes the baud rate of the device and of the port: sets it, resets the device, and follows it.
+
+        The device is in Config State afterwards. On the 600-series, which has SetPortConfig for it, the
+        rate of each port that speaks Xbus is set; on the others SetBaudrate.
+
+        Args:
+            baudrate: Bits per second.
+
+        Raises:
+            ValueError: The product does not have the rate.
+            XbusTimeout: The device did not come back; the message says whether it still uses the old rate.
+        """
+        self.session.check_state("SetBaudrate")
+        self._identify()
+        change_baudrate(self, baudrate)
+
+    def restore_communication(self, timeout: float = 30.0) -> None:
+        """Recovers a device that answers at no baud rate, with the procedure of section 7.2.
+
+        Call it, and power the device off and on while it runs. Output configuration, baud rate (115200) and
+        synchronization then have their defaults (Table 41), and the device is in Config State. The
+        procedure does not work over the USB port of the device itself; there, plug it in again.
+
+        Args:
+            timeout: Seconds to wait for the device.
+
+        Raises:
+            XbusTimeout: No device woke up.
+        """
+        self.session.forget()
+        self.link.baudrate = DEFAULT_BAUDRATE
+        until = self.link.clock() + timeout
+        while self.state != State.WAKEUP:
+            if self.link.clock() > until:
+                raise XbusTimeout(
+                    f"no device woke up within {timeout:g} s; power it off and on during the procedure",
+                    "restore_communication",
+                    timeout,
+                )
+            self._channel.send(b"\xde", "restore_communication")
+            self._channel.receive(RESTORE_PAUSE, "restore_communication")
+        self.command("WakeUpAck")
+
+    # Outputs
 
     def set_output_configuration(
         self, output_configuration: OutputConfiguration, *, check_baudrate: bool = True
     ) -> tuple[Output, ...]:
-        """SetOutputConfiguration (0xC0): what is measured, and how often.
+        """SetOutputConfiguration (0xC0): sets the outputs and their rates.
 
-        String output, which would overrule it, is switched off first.
+        Strings, which would replace the outputs, are switched off first.
 
         Args:
             output_configuration: Rates in Hz by quantity, such as
                 ``{"acceleration": 400, ("quaternion", "NED", "Fp1632"): 100}``, with None for the highest
                 rate or, for time stamps and status, every message; or a list of `Output`.
-            check_baudrate: Whether the baud rate has to carry it; False where the port is no serial line.
+            check_baudrate: Whether the baud rate must carry the outputs; False if the port is no serial line.
 
         Returns:
-            The lines in effect, as the device acknowledges them, which `Device.output_configuration` keeps.
+            The outputs in effect, as the device acknowledges them; also in `output_configuration`.
 
         Raises:
-            ValueError: More than 32 lines, a rate that the product cannot do, or more than the baud rate
-                carries.
+            ValueError: More than 32 outputs, a rate that the product does not have, or more data than the
+                baud rate carries.
         """
-        lines = parse_output_configuration(output_configuration)
+        outputs = parse_output_configuration(output_configuration)
         self.session.check_state("SetOutputConfiguration")
         self._identify()
         if (known := self.session.support) is not None:
-            self.session.validate("SetOutputConfiguration", lines)
+            self.session.validate("SetOutputConfiguration", outputs)
             if check_baudrate and self.link.is_line:
-                check_outputs_fit(lines, known, self.link.baudrate)
-            if known.string_types and self._strings_on():
+                check_outputs_fit(outputs, known, self.link.baudrate)
+            if known.string_types and self._enabled_strings():
                 self.set_strings(())
-        self.output_configuration = tuple(self.command("SetOutputConfiguration", lines).value)
+        self.output_configuration = tuple(self.command("SetOutputConfiguration", outputs).value)
         return self.output_configuration
 
-    def _strings_on(self) -> StringType:
-        """The strings that are on; firmware that does not know the question has none."""
+    def _enabled_strings(self) -> StringType:
+        """The strings that the device sends; firmware that does not know the request sends none."""
         try:
             return self.commands.req_string_output_type().types
         except DeviceError as error:
@@ -331,22 +385,23 @@ class Device:
         *,
         check_baudrate: bool = True,
     ) -> float | None:
-        """Switches to string outputs, which take the place of MTData2; or, with none of them, back.
+        """Switches to strings, which replace MTData2; or back, without any.
 
-        On the 10- and 100-series SetPeriod and SetOutputSkipFactor make the rate, 115200 / (period (skip
-        factor + 1)) with a period from 225 to 1152 (Tables 18 and 19); on the 600-series it goes with the
-        types.
+        On the 10- and 100-series, SetPeriod and SetOutputSkipFactor define the rate: 115200 / (period (skip
+        factor + 1)), with a period from 225 to 1152 (Tables 18 and 19). On the 600-series the message with
+        the types has the rate.
 
         Args:
-            strings: Names, or `StringType` flags: ``["HEHDT", "GPGGA"]``.
-            frequency: Hz; None: only when they are asked for, by `req_data`, which the 600-series cannot.
-            check_baudrate: Whether the baud rate has to carry it; False where the port is no serial line.
+            strings: Names or `StringType` flags: ``["HEHDT", "GPGGA"]``.
+            frequency: Rate in Hz. None: strings come only on request, by `commands.req_data`, which the
+                600-series does not support.
+            check_baudrate: Whether the baud rate must carry the strings; False if the port is no serial line.
 
         Returns:
-            The rate in Hz; None where they come when they are asked for, or never.
+            The rate in Hz; None if strings come on request, or never.
 
         Raises:
-            ValueError: A string or rate that the product cannot do, or more than the baud rate carries;
+            ValueError: The product does not have the string or rate, or the baud rate does not carry it;
                 nothing was sent.
 
         >>> import xbus
@@ -372,9 +427,9 @@ class Device:
     # Settings
 
     def settings(self) -> Settings:
-        """All settings, read in Config State; the state is restored.
+        """Returns all settings, read in Config State; the state is restored.
 
-        What the product or its firmware does not have is None.
+        A setting that the product or its firmware does not have is None.
 
         >>> import xbus
         >>> xbus.connect("sim:MTi-3").settings().filter_profile
@@ -386,22 +441,22 @@ class Device:
     def apply(
         self, settings: Settings, *, dry_run: bool = False, check_baudrate: bool = True
     ) -> Applied:
-        """Sets what differs, each setting checked before anything is sent, and read back.
+        """Sets the settings that differ. All are checked before anything is sent, and each is read back.
 
-        What is None stays as it is. Ports come last and, like the CAN transceiver, take effect at the
-        next reset. The state is restored.
+        A setting that is None stays as it is. Ports come last and, like the CAN transceiver, take effect at
+        the next reset. The state is restored.
 
         Args:
-            settings: What the device is to have.
-            dry_run: Whether to say only what would be set.
-            check_baudrate: See `set_output_configuration`.
+            settings: The settings that the device should have.
+            dry_run: Whether to return what would be set, and set nothing.
+            check_baudrate: As for `set_output_configuration`.
 
         Returns:
-            What was set, and what the device has made of it where that is something else.
+            What was set, and the settings for which the device took another value.
 
         Raises:
-            ValueError: Something cannot be applied: a line for each, with key and reason. Nothing was sent.
-            ApplyError: The device refused one, or is gone: what was applied and what not.
+            ValueError: Something cannot be applied: one line each, with key and reason. Nothing was sent.
+            ApplyError: The device refused a setting, or is gone: what was applied and what not.
 
         >>> import xbus
         >>> device = xbus.connect("sim:MTi-630")
@@ -416,111 +471,37 @@ class Device:
                 raise ValueError("\n".join(plan.problems))
             return Applied(plan.changes) if dry_run else apply_plan(self, plan)
 
-    # Corrections
-
     def forward_gnss(self, chunks: Iterable[bytes]) -> Forwarder:
-        """Hands RTCM 3 corrections to the GNSS receiver with ForwardGnssData (0xE2), until there are no more.
+        """Sends RTCM 3 corrections to the GNSS receiver with ForwardGnssData (0xE2), until `chunks` ends.
 
         Read samples meanwhile: in another thread, or in the generator that makes the chunks.
 
         Args:
-            chunks: Bytes, in pieces of any size; what is no RTCM 3 frame is not sent. A
-                `xbus.device.Caster` gives them until it is closed.
+            chunks: Bytes, in pieces of any size, such as an open `xbus.rtk.Caster`. Bytes outside RTCM 3
+                frames are not sent.
 
         Returns:
-            What counted the messages and bytes; see `Forwarder.forward` for what it raises.
+            The counts of messages and bytes.
+
+        Raises:
+            XbusError: As `xbus.rtk.Forwarder.forward` does.
         """
         forwarder = Forwarder(self)
         forwarder.forward(chunks)
         return forwarder
 
-    # Baud rate
+    # Data
 
-    def set_baudrate(self, baudrate: int) -> None:
-        """Changes the baud rate of both sides: sets it, resets the device, and follows it to the new rate.
-
-        The device is in Config State afterwards. On the 600-series, which has SetPortConfig for it, the
-        rate of each port that speaks Xbus is set; on the others SetBaudrate.
-
-        Raises:
-            ValueError: The product cannot talk at that rate.
-            XbusTimeout: It did not come back; the message says whether it still talks at the old rate.
-        """
-        code = baud_code(baudrate)
-        self.session.check_state("SetBaudrate")
-        self._identify()
-        self.session.validate("SetBaudrate", code)
-        old = self.link.baudrate
-        if self.support is not None and "SetPortConfig" in self.support.messages:
-            ports = self.commands.req_port_config()
-            self.commands.set_port_config(_at(it, code) for it in ports)
-        else:
-            self.command("SetBaudrate", code)
-        self.command("Reset")
-        self.link.baudrate = baudrate
-        try:
-            self.wake_up()
-            self.commands.req_did()
-        except XbusTimeout as timeout:
-            self.link.baudrate = old
-            if self._channel.find_state():
-                text = f"the device did not change to {baudrate} baud: it still talks at {old}"
-            else:
-                self.link.baudrate = baudrate
-                text = f"the device came back neither at {baudrate} nor at {old} baud; power it off and on"
-            raise XbusTimeout(text, "SetBaudrate", timeout.waited) from timeout
-
-    def restore_communication(self, timeout: float = 30.0) -> None:
-        """Brings back a device that nobody can talk to, by the procedure of section 7.2.
-
-        Call it, and power the device off and on while it runs. Output configuration, baud rate (115200) and
-        synchronization have their defaults then (Table 41), and the device is in Config State. It does
-        not work over the USB port of the device itself, where plugging in anew is enough.
-
-        Args:
-            timeout: Seconds to wait for the device.
-
-        Raises:
-            XbusTimeout: It did not wake up.
-        """
-        self.session.forget()
-        self.link.baudrate = DEFAULT_BAUDRATE
-        until = self.link.clock() + timeout
-        while self.state != State.WAKEUP:
-            if self.link.clock() > until:
-                raise XbusTimeout(
-                    f"no device woke up within {timeout:g} s; it must be powered off and on meanwhile",
-                    "restore_communication",
-                    timeout,
-                )
-            # 0.1 to 0.5 ms between two bytes, which is the time that this waits for an answer.
-            self._channel.send(b"\xde", "restore_communication")
-            self._channel.receive(0.0003, "restore_communication")
-        self.command("WakeUpAck")
-
-    def come_back(self) -> bool:
-        """Tries once whether a device that was lost is there again, and brings it into the state it had then.
-
-        For programs that go on without `connect`'s ``reconnect``. It takes a tenth of a second, and longer
-        where something is there that does not answer; another device than before is left as it is.
-
-        Returns:
-            Whether it is there. `Device.notices` has the gap then.
-        """
-        return self._channel.come_back()
-
-    # Samples
-
-    def read_sample(self, timeout: float = SILENCE) -> Sample:
-        """The next sample.
+    def read_sample(self, timeout: float = SAMPLE_TIMEOUT) -> Sample:
+        """Returns the next sample.
 
         Args:
             timeout: Seconds to wait for it.
 
         Raises:
-            StateError: The device is in Config State, where it sends none.
-            XbusTimeout: None came.
-            Disconnected: The port is gone; what had come was given before.
+            StateError: The device is in Config State, in which it sends no samples.
+            XbusTimeout: No sample came.
+            Disconnected: The port is gone, and all samples from before are read.
         """
         self._channel.wait_for_samples(1, timeout)
         return self._channel.samples.popleft()
@@ -529,18 +510,26 @@ class Device:
         while True:
             yield self.read_sample()
 
-    def read_string(self, timeout: float = SILENCE) -> String:
-        """The next string output: see `set_strings`.
+    async def __aiter__(self) -> AsyncIterator[Sample]:
+        waiting = self._channel.samples
+        while True:
+            if not waiting:
+                await asyncio.to_thread(self._channel.wait_for_samples, 1, SAMPLE_TIMEOUT)
+            while waiting:  # a thread for each would cost more than the samples
+                yield waiting.popleft()
 
-        Samples and strings that come between each other are kept, and given each by its own call.
+    def read_string(self, timeout: float = SAMPLE_TIMEOUT) -> String:
+        """Returns the next string: see `set_strings`.
+
+        Samples and strings have separate queues: reading one leaves the other.
 
         Args:
             timeout: Seconds to wait for it.
 
         Raises:
-            StateError: The device is in Config State, where it sends none.
-            XbusTimeout: None came.
-            Disconnected: The port is gone; what had come was given before.
+            StateError: The device is in Config State, in which it sends no strings.
+            XbusTimeout: No string came.
+            Disconnected: The port is gone, and all strings from before are read.
 
         >>> import xbus
         >>> device = xbus.connect("sim:MTi-30")
@@ -552,41 +541,28 @@ class Device:
         self._channel.wait_for_strings(timeout)
         return self._channel.strings.popleft()
 
-    @property
-    def lost_strings(self) -> int:
-        """Strings that nobody read before 100,000 others came, or before a new measurement began."""
-        return self._channel.lost_strings
-
-    async def __aiter__(self) -> AsyncIterator[Sample]:
-        waiting = self._channel.samples
-        while True:
-            if not waiting:
-                await asyncio.to_thread(self._channel.wait_for_samples, 1, SILENCE)
-            while waiting:  # a thread for each would cost more than the samples
-                yield waiting.popleft()
-
     def blocks(
         self,
         *,
         seconds: float | None = None,
         samples: int | None = None,
         quantities: Iterable[Key] | None = None,
-        timeout: float = SILENCE,
+        timeout: float = SAMPLE_TIMEOUT,
     ) -> Blocks:
-        """Samples as they come, in blocks: each is a `Log` whose columns are arrays. Also for ``async for``.
+        """Returns an iterator over blocks of samples: each is a `Log` with columns. Also for ``async for``.
 
-        Times and counters go on from block to block, and `Log.host_time` is there; `Column.sample` and
-        `Log.first_sample` count from the beginning of the first.
+        Times and counters continue from block to block. `Column.sample` and `Log.first_sample` count from the
+        first block. `Log.host_time` is set.
 
         Args:
-            seconds: What comes in so many seconds is a block; or
-            samples: so many samples are one.
-            quantities: Names of the quantities to keep, or (name, coordinates); all of them if None.
+            seconds: Length of a block in seconds. Give either this or `samples`.
+            samples: Length of a block in samples.
+            quantities: Names of the quantities to keep, or (name, coordinates); None keeps all.
             timeout: Seconds to wait for a sample.
 
         Raises:
-            TypeError: Neither or both of seconds and samples.
-            ValueError: A block of nothing, or a quantity that does not exist.
+            TypeError: Neither or both of `seconds` and `samples` are given.
+            ValueError: A block would be empty, or there is no such quantity.
             XbusTimeout: Nothing came.
             Disconnected: The port is gone.
 
@@ -606,8 +582,18 @@ class Device:
         )
 
     @property
+    def lost_samples(self) -> int:
+        """Samples dropped unread: after a million newer ones, or at `go_to_measurement`."""
+        return self._channel.lost_samples + self._outdated
+
+    @property
+    def lost_strings(self) -> int:
+        """Strings dropped unread: after 100,000 newer ones, or at `go_to_measurement`."""
+        return self._channel.lost_strings
+
+    @property
     def stats(self) -> LiveStats:
-        """What was counted of the stream since the port was opened; asking costs microseconds."""
+        """The counts of the stream since the port was opened. Takes microseconds."""
         counted = self.link.acquisition.stats()
         now, counts = self.link.clock(), by_name(counted["quantities"]) | counted["strings"]
         then, before = self._counted
@@ -631,29 +617,29 @@ class Device:
         times: bool = True,
         overwrite: bool = False,
     ) -> Recording:
-        """Begins to record every byte that comes, until the recording is stopped.
+        """Starts to record every received byte, until the recording is stopped.
 
-        A thread writes, whatever the program does meanwhile. The file begins with Configuration, with
-        date and time filled in, and EmtsData, as MT Manager's files do; a device that measures is in
-        Config State for a moment to give them. After a crash it is readable up to the last flush. Where the
-        port is lost and comes back, as with ``reconnect``, it goes on.
+        A separate thread writes. The file starts with the device's Configuration, with date and time filled
+        in, and EmtsData, as MT Manager's recordings do; a measuring device enters Config State for a moment
+        to send them. After a crash the file is readable up to the last flush. The recording continues when a
+        lost port comes back, as with ``reconnect``.
 
         Args:
-            path: The first file; where it is rotated, ``log.mtb`` is followed by ``log-0001.mtb``, or by the
-                next number that is free.
-            flush: Most seconds until what has come is written.
-            fsync: Whether the disk must have it each time, so that it survives a power cut.
-            rotate_bytes: Begin another file when one has so many bytes.
-            rotate_seconds: The same by time.
-            times: Whether to write ``path + ".times"`` beside it, with the times at which the bytes came.
-            overwrite: Whether a file that is there and not empty may be replaced.
+            path: The first file. With rotation, ``log-0001.mtb`` follows ``log.mtb``; a number that is in use
+                is skipped.
+            flush: Maximum seconds until received bytes are written.
+            fsync: Whether to wait for the disk at each flush, so that a power cut loses nothing before it.
+            rotate_bytes: Size in bytes at which the next file begins.
+            rotate_seconds: Duration in seconds after which the next file begins.
+            times: Whether to write ``path + ".times"`` with the arrival times of the bytes.
+            overwrite: Whether to replace an existing file that is not empty.
 
         Raises:
-            FileExistsError: It is there, and may not be overwritten.
-            OSError: The file cannot be made.
-            RuntimeError: A recording is under way.
-            ValueError: A number makes no sense.
-            XbusError: The device did not give what the file begins with.
+            FileExistsError: The file exists, and `overwrite` is False.
+            OSError: The file cannot be created.
+            RuntimeError: The device is already being recorded.
+            ValueError: A number is out of range.
+            XbusError: The device did not send its Configuration.
 
         >>> import xbus, tempfile
         >>> device = xbus.connect("sim:MTi-630")
@@ -665,17 +651,9 @@ class Device:
         (True, 'MTi-630-8A1G6')
         """
         with self.configure():
-            head = configuration_frame(self.command("ReqConfiguration").payload)
-            # Not every device gives them, and files are readable without.
-            with contextlib.suppress(DeviceError, StateError, XbusTimeout):
-                strings = self.command("ReqStringOutputType")
-                if strings.value.types & BARE:  # it tells them from noise, whoever reads the file
-                    head += encode_frame(MessageId.ReqStringOutputTypeAck, strings.payload)
-            with contextlib.suppress(DeviceError, StateError, XbusTimeout):
-                head += encode_frame(MessageId.EmtsData, self.commands.req_emts())
             self.link.acquisition.record(
                 path,
-                head,
+                recording_head(self),
                 flush,
                 fsync,
                 rotate_bytes,
@@ -684,108 +662,3 @@ class Device:
                 overwrite=overwrite,
             )
         return Recording(self.link.acquisition)
-
-    # End
-
-    def close(self) -> None:
-        """Closes the port; the device is left in the state that it is in."""
-        self.link.close()
-
-    def __enter__(self) -> Device:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self.close()
-
-
-def connect(
-    port: str | serial.SerialBase | SimulatedDevice | None = None,
-    baudrate: int | None = None,
-    *,
-    bid: int = 0xFF,
-    reconnect: bool = False,
-    queue_seconds: float = 60.0,
-    strings: Iterable[StringType | str] = (),
-) -> Device:
-    """Opens the port of a device, and finds out in which state it is without changing it.
-
-    It listens first, and asks only if nothing is heard.
-
-    Args:
-        port: Name of a serial port, a pyserial URL (``socket://host:port``, ``rfc2217://...``), a
-            pyserial object, ``"sim:MTi-630"`` or a `SimulatedDevice`; None: the one port of this machine
-            that says Xsens.
-        baudrate: Bits per second; None: the rates that devices use are tried one after the other.
-        bid: Bus identifier of the device; 0xFF and 1 are the same one.
-        reconnect: Whether a device that is unplugged while its samples are read is waited for, and
-            brought back into Measurement State; `Device.notices` has the gap then. It is known by its
-            identifier once that has been read. Otherwise `Disconnected` is raised at once.
-        queue_seconds: How long a program may read nothing and lose nothing, at 4 Mbaud; at a slower rate
-            it is longer. What is older than that is dropped and counted then.
-        strings: Strings to look for that nothing but their length tells from noise: ``["EM1000"]``. All
-            others are found, and EM1000 too once the device was asked whether it is on.
-
-    Raises:
-        XbusTimeout: Nothing was heard.
-        OSError: The port cannot be opened.
-        ValueError: No port was named, and not just one says Xsens; or no string has that name.
-
-    >>> import xbus
-    >>> xbus.connect("sim:MTi-680G")
-    <Device sim:MTi-680G at 115200 baud, product not read yet, measurement>
-    """
-    if not 0 < queue_seconds <= LONGEST_QUEUE:
-        raise ValueError(f"queue_seconds must be from 0 to {LONGEST_QUEUE}, not {queue_seconds}")
-    bound, mask = int(queue_seconds * FASTEST), mask_of(strings)
-    port = _only_port() if port is None else port
-    link = open_link(port, baudrate or DEFAULT_BAUDRATE, bound, mask)
-    device = Device(link, bid=bid, reconnect=reconnect, strings=mask)
-    rates = BAUDRATES if link.is_line else (link.baudrate,)
-    try:
-        device.find((baudrate,) if baudrate else rates)
-    except BaseException:
-        device.close()
-        raise
-    return device
-
-
-def restore_communication(
-    port: str | serial.SerialBase | SimulatedDevice, timeout: float = 30.0, *, bid: int = 0xFF
-) -> Device:
-    """Opens the port of a device that does not answer, and restores it: see `Device.restore_communication`.
-
-    Args:
-        port: As for `connect`.
-        timeout: Seconds to wait until somebody has powered the device off and on.
-        bid: As for `connect`.
-
-    Raises:
-        XbusTimeout: It did not wake up.
-        OSError: The port cannot be opened.
-    """
-    device = Device(open_link(port, DEFAULT_BAUDRATE), bid=bid)
-    try:
-        device.restore_communication(timeout)
-    except BaseException:
-        device.close()
-        raise
-    return device
-
-
-def _only_port() -> str:
-    ports = find_ports()
-    likely = [it.device for it in ports if it.likely]
-    if len(likely) == 1:
-        return likely[0]
-    names = ", ".join(likely or [it.device for it in ports]) or "none"
-    which = "several ports say Xsens" if likely else "no port says Xsens"
-    raise ValueError(f"{which}; name one of: {names} (a virtual device is at 'sim:MTi-630')")
-
-
-def _at(port: PortConfig, code: int) -> PortConfig:
-    return replace(port, baud_code=code) if port.protocol == PortProtocol.XBUS else port

@@ -1,22 +1,48 @@
-"""Recordings: every byte that comes, in files laid out as MT Manager's are."""
+"""Recordings: every received byte, in files with the layout of MT Manager's."""
 
 from __future__ import annotations
 
+import contextlib
 import time
 from types import TracebackType
+from typing import TYPE_CHECKING
 
 from xbus import _core
+from xbus.device.string_output import UNFRAMED_STRINGS
+from xbus.errors import DeviceError, StateError, XbusTimeout
 from xbus.protocol.ids import MessageId
 from xbus.wire.codec import encode_frame
 
-__all__ = ["Recording", "configuration_frame"]
+if TYPE_CHECKING:
+    from xbus.device.device import Device
 
-#: Where the Configuration message has the date and the time of the host (Tables 13 and 14).
+__all__ = ["Recording", "recording_head"]
+
+#: Bytes of the Configuration message with the date and time of the host (Tables 13 and 14).
 _DATE_AND_TIME = slice(16, 32)
 
 
-def configuration_frame(payload: bytes) -> bytes:
-    """Configuration for the head of a file: with date and local time, as the vendor's software has it."""
+def recording_head(device: Device) -> bytes:
+    """Returns the frames that start a file, read from a device in Config State.
+
+    Args:
+        device: The device. Configuration is required; not every device has the other messages, and files are
+            readable without.
+    """
+    head = _configuration_frame(device.command("ReqConfiguration").payload)
+    with contextlib.suppress(DeviceError, StateError, XbusTimeout):
+        strings = device.command("ReqStringOutputType")
+        if (
+            strings.value.types & UNFRAMED_STRINGS
+        ):  # with this message, a reader of the file finds them
+            head += encode_frame(MessageId.ReqStringOutputTypeAck, strings.payload)
+    with contextlib.suppress(DeviceError, StateError, XbusTimeout):
+        head += encode_frame(MessageId.EmtsData, device.commands.req_emts())
+    return head
+
+
+def _configuration_frame(payload: bytes) -> bytes:
+    """Returns a Configuration message with date and local time, as the vendor's software writes it."""
     now = time.time()
     stamp = time.strftime("%Y%m%d%H%M%S", time.localtime(now)) + f"{int(now % 1 * 100):02}"
     filled = bytearray(payload)
@@ -25,10 +51,9 @@ def configuration_frame(payload: bytes) -> bytes:
 
 
 class Recording:
-    """A recording that `Device.record` has begun; a context manager that stops it.
+    """A recording started by `Device.record`; a context manager that stops it.
 
-    It goes on by itself, whatever the program does meanwhile, until it is stopped, the device is closed, or
-    `error` says why not.
+    It runs until it is stopped, the device is closed, or an `error` ends it.
     """
 
     def __init__(self, acquisition: _core.Acquisition) -> None:
@@ -42,47 +67,47 @@ class Recording:
 
     @property
     def files(self) -> list[str]:
-        """The files, the one that is being written last."""
+        """Paths of the files; the last one is being written."""
         files = self._facts().get("files", [])
         assert isinstance(files, list)  # noqa: S101 - see `_core.Acquisition.recording`
         return files
 
     @property
     def bytes(self) -> int:
-        """Bytes received that are in the files."""
+        """Received bytes in the files."""
         return int(str(self._facts().get("bytes", 0)))
 
     @property
     def frames(self) -> int:
-        """Frames received that are in the files."""
+        """Received frames in the files."""
         return int(str(self._facts().get("frames", 0)))
 
     @property
     def queued_bytes(self) -> int:
-        """Bytes received that wait for the disk."""
+        """Received bytes that are not written yet."""
         return int(str(self._facts().get("queued_bytes", 0)))
 
     @property
     def error(self) -> str | None:
-        """Why it ended by itself, or None. The files are good to their end in any case."""
+        """Why the recording ended early, or None. The files are valid up to their end in any case."""
         error = self._facts().get("error")
         return None if error is None else str(error)
 
     @property
     def is_active(self) -> bool:
-        """Whether it goes on."""
+        """Whether the recording is running."""
         return bool(self._facts().get("active", False)) and self._ended is None
 
     def stop(self) -> None:
-        """Writes what has come, and closes the file.
+        """Writes the remaining bytes, and closes the file.
 
         Raises:
-            OSError: It had ended by itself: a full disk, for example.
+            OSError: The recording ended early, for example because the disk was full.
         """
         if self._ended is None:
             self._ended = self._acquisition.stop_recording() or {}
             if self.error is not None:
-                raise OSError(f"the recording ended too early: {self.error}")
+                raise OSError(f"the recording ended early: {self.error}")
 
     def __enter__(self) -> Recording:
         return self

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 from xbus import _core
 from xbus.device.checks import check
+from xbus.device.events import Notice, Refusal, Reply, SessionEvent
 from xbus.device.sample import Sample
 from xbus.errors import DecodeError, DeviceError, StateError
 from xbus.protocol.ids import MessageId
@@ -17,7 +17,7 @@ from xbus.protocol.values import DeviceErrorInfo, State
 from xbus.wire.codec import LONGEST_LIVE, encode_frame
 from xbus.wire.strings import String, type_at
 
-__all__ = ["Event", "Notice", "Refusal", "Reply", "Session"]
+__all__ = ["Session"]
 
 #: What a message of the device says about its state. Samples still come between GoToConfig and its
 #: answer, so they prove a state only where none is known.
@@ -33,57 +33,6 @@ ALWAYS = ("GoToConfig", "Reset")
 PROBE = "ReqDID"
 #: Errors about the stream or the device as a whole, which come unasked and answer no command (Table 5).
 UNASKED = frozenset({30, 35, 36, 37, 41, 42, 43, 44, 45, 46, 47, 48, 54, 55})
-
-
-@dataclass(frozen=True)
-class Reply:
-    """The answer to a command.
-
-    Attributes:
-        command: Name of the command.
-        value: What it says, of the type of its layout; None where it carries nothing.
-        payload: Its bytes. Some firmware answers a setting with the new value, some with nothing.
-    """
-
-    command: str
-    value: Any
-    payload: bytes
-
-
-@dataclass(frozen=True)
-class Refusal:
-    """A command that failed: the device answered Error, or something that cannot be read.
-
-    Attributes:
-        command: Name of the command.
-        error: The exception to raise.
-    """
-
-    command: str
-    error: DeviceError | DecodeError
-
-
-@dataclass(frozen=True)
-class Notice:
-    """A message that nobody asked for: WakeUp, Configuration, Error, Warning, ...
-
-    Attributes:
-        name: The manual's name, or the MID in hex where it has none.
-        value: What it says; its bytes where that cannot be told.
-        payload: Its bytes.
-        bid: Its bus identifier.
-        mid: Its message identifier. None for what is no message: "Reconnected", the device was lost and is
-            there again, ``value`` seconds later; "Port", ``value`` says what is wrong with it, and the cure.
-    """
-
-    name: str
-    value: Any
-    payload: bytes
-    bid: int
-    mid: int | None
-
-
-Event = Sample | String | Reply | Refusal | Notice
 
 
 class Session:
@@ -211,18 +160,18 @@ class Session:
 
     # What comes
 
-    def receive(self, data: bytes) -> list[Event]:
+    def receive(self, data: bytes) -> list[SessionEvent]:
         """The events that can be told with these bytes, in order."""
         return self._events(self._scanner.feed(data, last=False))
 
-    def quiet(self) -> list[Event]:
+    def quiet(self) -> list[SessionEvent]:
         """The events that can be told because the line has gone quiet; what is incomplete then is damage."""
         return self._events(self._scanner.feed(b"", last=True))
 
     def _events(
         self, items: list[_core.ScannedFrame | _core.ScannedString | _core.ScannedDamage]
-    ) -> list[Event]:
-        events: list[Event] = []
+    ) -> list[SessionEvent]:
+        events: list[SessionEvent] = []
         for item in items:
             match item:
                 case _core.ScannedFrame(offset=offset, bid=bid, mid=mid, payload=payload):
@@ -243,7 +192,7 @@ class Session:
         """Whether the addressed device may have sent it: what comes unasked has FF, or its own."""
         return self.bid == 0xFF or bid in (self.bid, 0xFF)
 
-    def _event(self, offset: int, bid: int, mid: int, payload: bytes) -> Event:
+    def _event(self, offset: int, bid: int, mid: int, payload: bytes) -> SessionEvent:
         if mid == MessageId.MTData2:
             if self.state in (State.UNKNOWN, State.WAKEUP):
                 self.state = State.MEASUREMENT

@@ -13,7 +13,7 @@ from xbus.protocol.values import ON_DEMAND, PERIOD_TICKS, PERIODS, StringOutput,
 from xbus.wire.strings import string_types
 
 __all__ = [
-    "BARE",
+    "UNFRAMED_STRINGS",
     "StringPlan",
     "check_strings_fit",
     "frequency_of",
@@ -22,7 +22,7 @@ __all__ = [
 ]
 
 #: The strings that have neither checksum nor end of line.
-BARE = StringType.EM1000
+UNFRAMED_STRINGS = StringType.EM1000
 
 
 @dataclass(frozen=True)

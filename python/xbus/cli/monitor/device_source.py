@@ -20,8 +20,8 @@ from xbus.wire.message import Message
 
 if TYPE_CHECKING:
     from xbus.device import Device
+    from xbus.device.events import Notice
     from xbus.device.recording import Recording
-    from xbus.device.session import Notice
 
 __all__ = ["DeviceSource"]
 
@@ -77,7 +77,7 @@ class DeviceSource:
         device = self._device
         try:
             if self._lost_at is not None:
-                device.find((device.link.baudrate,))
+                device.find_baudrate((device.link.baudrate,))
                 away = device.link.clock() - self._lost_at
                 self._lost_at = None
                 model.add_event(f"the port is back after {away:.0f} s", is_bad=False)

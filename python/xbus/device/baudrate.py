@@ -1,0 +1,46 @@
+"""The baud rate of a device, changed together with that of its port."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from xbus.errors import XbusTimeout
+from xbus.protocol.values import PortProtocol, baud_code
+
+if TYPE_CHECKING:
+    from xbus.device.device import Device
+
+__all__ = ["DEFAULT_BAUDRATE", "change_baudrate"]
+
+#: The baud rate of a device with factory settings, and after the restore procedure (section 7.2).
+DEFAULT_BAUDRATE = 115_200
+
+
+def change_baudrate(device: Device, baudrate: int) -> None:
+    """Sets the baud rate of a device in Config State, resets it, and follows; see `Device.set_baudrate`."""
+    code = baud_code(baudrate)
+    device.session.validate("SetBaudrate", code)
+    old = device.link.baudrate
+    if device.support is not None and "SetPortConfig" in device.support.messages:
+        device.commands.set_port_config(
+            replace(port, baud_code=code) if port.protocol == PortProtocol.XBUS else port
+            for port in device.commands.req_port_config()
+        )
+    else:
+        device.command("SetBaudrate", code)
+    device.command("Reset")
+    device.link.baudrate = baudrate
+    try:
+        device.wake_up()
+        device.commands.req_did()
+    except XbusTimeout as timeout:
+        try:
+            device.find_baudrate((old,))
+            problem = f"the device did not change to {baudrate} baud: it still uses {old}"
+        except XbusTimeout:
+            device.link.baudrate = baudrate
+            problem = (
+                f"the device answers neither at {baudrate} nor at {old} baud; power it off and on"
+            )
+        raise XbusTimeout(problem, "SetBaudrate", timeout.waited) from timeout
