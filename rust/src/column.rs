@@ -2,8 +2,8 @@
 
 use std::slice::ChunksExactMut;
 
+use crate::huge_pages;
 use crate::packet::{Coordinates, Form, Precision, Reading, record_size};
-use crate::pages;
 use crate::real;
 use crate::table::{Field, Kind, Quantity, Wire};
 
@@ -244,7 +244,7 @@ impl Column {
 
 fn widened<T: Copy, U: From<T>>(narrow: &[T], progress: Progress) -> Vec<U> {
     let mut wide = Vec::new();
-    pages::make_room(&mut wide, narrow.len(), progress);
+    huge_pages::make_room(&mut wide, narrow.len(), progress);
     wide.extend(narrow.iter().copied().map(U::from));
     wide
 }
@@ -276,7 +276,7 @@ impl<'a> Packets<'a> {
         progress: Progress,
         read: impl Fn([u8; SIZE]) -> T + Copy,
     ) {
-        pages::make_room(out, n * self.starts.len(), progress);
+        huge_pages::make_room(out, n * self.starts.len(), progress);
         match n {
             1 => self.rows::<SIZE, 1, 1, T>(out, read),
             2 => self.rows::<SIZE, 2, 2, T>(out, read),
@@ -324,7 +324,7 @@ impl<'a> Packets<'a> {
     #[inline(always)]
     fn records(self, out: &mut Vec<u8>, fields: &[Field], progress: Progress) {
         let (old, size) = (out.len(), record_size(fields));
-        pages::make_room(out, size * self.starts.len(), progress);
+        huge_pages::make_room(out, size * self.starts.len(), progress);
         out.resize(old + size * self.starts.len(), 0);
         let mut at = 0;
         let mut fields = fields;

@@ -16,12 +16,12 @@ pub mod device;
 pub mod error;
 pub mod frame;
 pub mod hostclock;
+mod huge_pages;
 pub mod input;
 pub mod layout;
 pub mod live;
 pub mod log;
 pub mod packet;
-mod pages;
 #[cfg(feature = "python")]
 mod py;
 pub mod real;

@@ -14,11 +14,11 @@ use crate::clock::{Clocks, Losses, Stamps};
 use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
 use crate::device;
 use crate::error::{Fault, ReadError};
-use crate::frame::Frame;
+use crate::frame::{Frame, HEADER_SIZE, MAX_PAYLOAD};
+use crate::huge_pages;
 use crate::input::{PushBuffer, Stream};
-use crate::layout::{Batch, Layout, Layouts, Move};
+use crate::layout::{Batch, Layout, Layouts, Slot};
 use crate::packet::{Coordinates, PACKET_HEADER, packets};
-use crate::pages;
 use crate::scan::{Damage, Scanner, Step, Window, is_bid};
 use crate::table::{self, Quantity, data_id};
 
@@ -44,7 +44,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { limit: u16::MAX.into(), strict: false, strings: 0, wanted: None, fast: true }
+        Self { limit: MAX_PAYLOAD, strict: false, strings: 0, wanted: None, fast: true }
     }
 }
 
@@ -173,7 +173,7 @@ impl Part {
     #[must_use]
     #[allow(clippy::cast_possible_wrap)]
     pub fn samples_of(&self, column: &Column) -> Vec<i64> {
-        let mut samples = pages::with_room(column.rows);
+        let mut samples = huge_pages::with_room(column.rows);
         if self.is_dense(column) {
             samples.extend((self.first as i64..).take(column.rows));
             return samples;
@@ -201,7 +201,7 @@ impl Part {
     }
 
     fn per_sample<T>(&self, values: impl Iterator<Item = T>) -> Vec<T> {
-        let mut all = pages::with_room(self.len());
+        let mut all = huge_pages::with_room(self.len());
         all.extend(values);
         all
     }
@@ -218,7 +218,7 @@ impl Part {
             if let Some(&(_, offset)) = jumps.next_if(|&&(jump, _)| jump == sample) {
                 next = offset;
             }
-            let length = self.layouts[usize::from(layout) - 1].frame as u64;
+            let length = self.layouts[usize::from(layout) - 1].frame_length as u64;
             next += length;
             (next - length, length)
         })
@@ -244,7 +244,7 @@ impl Part {
         let mut gnss = GNSS.map(|id| self.track(id));
         let mut changes = self.changes.iter().peekable();
         let mut losses = Losses::default();
-        let (mut times, mut counters) = (pages::with_room(self.len()), pages::with_room(self.len()));
+        let (mut times, mut counters) = (huge_pages::with_room(self.len()), huge_pages::with_room(self.len()));
         for ((&layout, bid), sample) in self.layout.iter().zip(self.bids()).zip(self.first..) {
             while let Some((_, bid, change)) = changes.next_if(|change| change.0 <= sample) {
                 change.apply(*bid, clocks);
@@ -305,9 +305,9 @@ impl<'a> Track<'a> {
     fn new(part: &Part, column: Option<&'a Column>) -> Self {
         let mut fed = [false; 256];
         if let Some(column) = column {
-            let is = |it: &Move| std::ptr::eq(Arc::as_ptr(&part.columns[it.column]), column);
+            let feeds = |slot: &Slot| std::ptr::eq(Arc::as_ptr(&part.columns[slot.column]), column);
             for (fed, layout) in fed[1..].iter_mut().zip(&part.layouts) {
-                *fed = layout.moves.iter().any(is);
+                *fed = layout.slots.iter().any(feeds);
             }
         }
         Self { column, fed, single: column.map_or(&[], |it| &it.single), row: 0 }
@@ -359,7 +359,7 @@ pub struct Reader {
     columns: Vec<Column>,
     places: FxHashMap<Key, usize>,
     /// The packets of the sample at hand; kept for its room.
-    moves: Vec<Move>,
+    slots: Vec<Slot>,
     part: Part,
     /// Where the part began in the input, and how many bytes of input it will take, as far as that is known.
     began: u64,
@@ -391,7 +391,7 @@ impl Reader {
             batch: Batch::default(),
             columns: vec![],
             places: FxHashMap::default(),
-            moves: vec![],
+            slots: vec![],
             part: Part::default(),
             began: 0,
             part_bytes,
@@ -453,7 +453,7 @@ impl Reader {
             let known = |at| {
                 // Where the frames of known layout end that wait in the batch, there is no other one.
                 let is_refused = waiting > 0 && window.offset + at as u64 == self.end;
-                if is_refused { at } else { self.layouts.run(window.bytes, at, stop, &mut self.batch) }
+                if is_refused { at } else { self.layouts.recognize(window.bytes, at, stop, &mut self.batch) }
             };
             match self.scanner.step_with(window, known) {
                 Step::More => break,
@@ -478,7 +478,7 @@ impl Reader {
                     let (from, sample) = (window.offset + at as u64, self.next_sample() + waiting as u64);
                     if from != self.end {
                         let progress = self.progress(from);
-                        pages::make_room(&mut self.part.jumps, 1, progress);
+                        huge_pages::make_room(&mut self.part.jumps, 1, progress);
                         self.part.jumps.push((sample, from));
                     }
                     self.end = from + length as u64;
@@ -508,7 +508,7 @@ impl Reader {
         }
         let progress = self.progress(window.offset + self.batch.starts()[self.batch.len() - 1] as u64);
         self.layouts.gather(window.bytes, &self.batch, &mut self.columns, progress);
-        pages::make_room(&mut self.part.layout, self.batch.len(), progress);
+        huge_pages::make_room(&mut self.part.layout, self.batch.len(), progress);
         self.part.layout.extend(self.batch.layouts().iter().map(|layout| layout + 1));
         self.batch.truncate(0);
     }
@@ -520,7 +520,7 @@ impl Reader {
     fn damage(&mut self, damage: Option<Damage>) -> Result<(), Fault> {
         let Some(damage) = damage else { return Ok(()) };
         let progress = self.progress(damage.offset + damage.length);
-        pages::make_room(&mut self.part.damage, 1, progress);
+        huge_pages::make_room(&mut self.part.damage, 1, progress);
         self.part.damage.push(damage);
         self.part.stats.skipped_bytes += damage.length;
         if self.options.strict {
@@ -551,7 +551,7 @@ impl Reader {
     fn sample(&mut self, bytes: &[u8], frame: Frame<'_>, offset: u64) -> Result<(), Fault> {
         let sample = self.next_sample();
         let header = bytes.len() - frame.payload.len() - 1;
-        let mut moves = std::mem::take(&mut self.moves);
+        let mut slots = std::mem::take(&mut self.slots);
         let mut fault = Ok(());
         let mut is_sound = true;
         let progress = self.progress(offset);
@@ -574,7 +574,7 @@ impl Reader {
                 columns.len() - 1
             });
             let form = reading.as_ref().map(|it| it.form);
-            moves.push(Move { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, form });
+            slots.push(Slot { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, form });
             let column = &mut self.columns[column];
             column.admit(packet.id, reading.as_ref(), progress);
             let start = packet.at + PACKET_HEADER;
@@ -585,11 +585,11 @@ impl Reader {
         #[allow(clippy::cast_possible_truncation)] // at most 65535 and a header
         self.part.singles.push(Single { offset, length: bytes.len() as u32, bid: frame.bid });
         self.end = u64::MAX;
-        if self.options.fast && is_sound && header == 4 && is_bid(frame.bid) {
-            self.layouts.learn(bytes, &moves);
+        if self.options.fast && is_sound && header == HEADER_SIZE && is_bid(frame.bid) {
+            self.layouts.learn(bytes, &slots);
         }
-        moves.clear();
-        self.moves = moves;
+        slots.clear();
+        self.slots = slots;
         fault
     }
 

@@ -1,25 +1,25 @@
 //! Bytes to frames.
 //!
-//! The checksum has 8 bits: one candidate in 256 passes it by chance. So a frame counts when its checksum holds and
+//! The checksum has 8 bits: one candidate in 256 passes it by chance. So a frame is accepted if its checksum holds and
 //!
-//! - it is **plausible**: bus identifier FF or 1 to 31; a message that a device sends, with a length that its row of the
-//!   table allows; an MTData2 payload tiled exactly by packets with sizes that their identifiers allow; or
-//! - it is **in step on both sides**: it begins where an accepted frame ended (or the input begins) and ends where another
-//!   frame with a good checksum begins (or the input ends). That keeps what the manual never mentions.
+//! - it is **plausible**: its bus identifier is FF or 1 to 31; a device sends this message, with a length that its row of
+//!   the table allows; an MTData2 payload is filled exactly by packets with sizes that their identifiers allow; or
+//! - it is **in step on both sides**: it begins where an accepted frame ended (or where the input begins), and another
+//!   frame with a good checksum follows (or the input ends). So messages that the manual does not list are kept.
 //!
-//! A refused candidate costs one byte: the search goes on behind its preamble. How the input is cut into pieces does not
-//! matter, because a candidate that is not complete waits. [`plain`] says the same without any of the care for speed.
+//! A refused candidate costs one byte: the search continues after its preamble. How the input is cut into pieces does not
+//! matter, because an incomplete candidate waits for more bytes. [`plain`] implements the same rules without any
+//! optimization.
 //!
-//! Where no frame is, a string may be: see [`strings`]. It is a neighbour as good as a frame: what begins behind it is in
-//! step.
+//! Between frames there may be strings: see [`strings`]. What begins where a string ends is in step, too.
 //!
-//! Cost is linear in the input, whatever the input. Four things see to it: frames in standard form are short; longer
-//! stretches are summed by differences of one running sum; the packets of extended candidates are walked on credit,
-//! which every byte passed pays in; and strings are short, and hold no byte that begins another one.
+//! The cost is linear for any input, for four reasons: frames in standard form are short; longer stretches are summed as
+//! differences of one running sum; the packets of extended candidates are walked on credit, which each byte that the
+//! scanner passes pays in; and strings are short and contain no byte that begins another string.
 
 pub mod plain;
 
-use crate::frame::{self, EXTENDED, Frame, Header, PREAMBLE};
+use crate::frame::{self, EXTENDED, EXTENDED_FROM, Frame, HEADER_SIZE, Header, MAX_PAYLOAD, PREAMBLE, field};
 use crate::packet::{PACKET_HEADER, Packet};
 use crate::strings::{self, Found};
 use crate::table::{self, BARE_STRINGS};
@@ -28,15 +28,15 @@ use crate::table::{self, BARE_STRINGS};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Reason {
-    /// There is no preamble.
+    /// No preamble.
     NoPreamble,
-    /// The header claims more than the limit.
+    /// The length in the header exceeds the limit.
     TooLong,
-    /// The header claims more than the input has.
+    /// The length in the header exceeds the input.
     Truncated,
     /// The checksum does not hold.
     Checksum,
-    /// The checksum holds, but the frame is neither plausible nor followed by another.
+    /// The checksum holds, but the frame is neither plausible nor in step on both sides.
     Implausible,
 }
 
@@ -44,7 +44,7 @@ impl Reason {
     /// All of them, in the order of their numbers.
     pub const ALL: [Self; 5] = [Self::NoPreamble, Self::TooLong, Self::Truncated, Self::Checksum, Self::Implausible];
 
-    /// The word for it in reports.
+    /// Its name in reports.
     #[must_use]
     pub const fn name(self) -> &'static str {
         ["no preamble", "too long", "truncated", "checksum", "implausible"][self as usize]
@@ -82,7 +82,7 @@ pub enum Step {
         at: usize,
         /// Its bytes.
         length: usize,
-        /// The damage that it ends.
+        /// The damage before it.
         damage: Option<Damage>,
     },
     /// A string output, and the damage before it.
@@ -93,12 +93,12 @@ pub enum Step {
         length: usize,
         /// Its place in [`table::STRINGS`], if the manual lists it.
         place: Option<u8>,
-        /// The damage that it ends.
+        /// The damage before it.
         damage: Option<Damage>,
     },
-    /// Nothing more can be decided without more bytes.
+    /// More bytes are needed.
     More,
-    /// The input is used up; damage at its end.
+    /// The input has ended, with the damage at its end.
     End(Option<Damage>),
 }
 
@@ -142,7 +142,7 @@ pub struct Frames<'a> {
 /// ```
 #[must_use]
 pub fn frames(bytes: &[u8]) -> Frames<'_> {
-    Frames { scanner: Scanner::new(u16::MAX.into()), bytes }
+    Frames { scanner: Scanner::new(MAX_PAYLOAD), bytes }
 }
 
 impl<'a> Iterator for Frames<'a> {
@@ -165,17 +165,17 @@ pub struct Scanner {
     limit: usize,
     at: u64,
     damage: Option<(u64, Reason)>,
-    /// Strings to look for that nothing but their length tells from noise, as bits of `SetStringOutputType`: those that
-    /// the caller names, and those that the device said are on.
+    /// Strings without a checksum to look for, as bits of `SetStringOutputType`: those that the caller names, and those
+    /// that are enabled according to the device.
     named: u32,
-    told: u32,
+    enabled: u32,
     walk: Walk,
     sums: Sums,
     /// Candidates refused by their checksum where a frame was due.
     pub checksum_errors: u64,
 }
 
-/// What becomes of a candidate.
+/// The decision about a candidate.
 enum Verdict {
     Frame(usize),
     String(usize, Option<u8>),
@@ -192,38 +192,38 @@ impl Scanner {
             at: 0,
             damage: None,
             named: 0,
-            told: 0,
+            enabled: 0,
             walk: Walk::default(),
             sums: Sums::default(),
             checksum_errors: 0,
         }
     }
 
-    /// Looks also for these strings, bits of `SetStringOutputType`, that have neither checksum nor end of line. Those that
-    /// a `StringOutputType` of the device names are looked for in any case.
+    /// Looks also for these strings, bits of `SetStringOutputType`. Only strings with neither checksum nor line end need
+    /// this, and only if no `StringOutputType` of the device in the input says that they are enabled.
     pub fn expect(&mut self, strings: u32) {
         self.named |= strings & BARE_STRINGS;
     }
 
-    /// The strings that are looked for though nothing but their length tells them from noise.
+    /// The strings with neither checksum nor line end that the scanner looks for, as bits.
     #[must_use]
     pub const fn expected(&self) -> u32 {
-        self.named | self.told
+        self.named | self.enabled
     }
 
-    /// Where in the input the next byte to judge is. Nothing before it is needed any more.
+    /// Position in the input of the next byte to judge. The bytes before it are not needed any more.
     #[must_use]
     pub const fn at(&self) -> u64 {
         self.at
     }
 
-    /// Bytes that have been refused since the last frame or string, and are not reported yet.
+    /// Bytes refused since the last frame or string, which no step has reported yet.
     #[must_use]
     pub fn refused(&self) -> u64 {
         self.damage.map_or(0, |(offset, _)| self.at - offset)
     }
 
-    /// The next frame, if the window is enough to find it.
+    /// The next frame or string, if the bytes in the window suffice to find it.
     pub fn step(&mut self, window: Window<'_>) -> Step {
         self.step_with(window, |at| at)
     }
@@ -252,9 +252,9 @@ impl Scanner {
         }
     }
 
-    /// The same, with somebody at hand who knows many frames at first sight. `known` is asked at each preamble that is
-    /// judged and says where the intact, plausible frames end that it knows from there on; the step then takes them as
-    /// one.
+    /// Like [`Self::step`], with a faster way to recognize frames. `known` is called with the position of each preamble, and
+    /// returns where the intact, plausible frames end that it recognizes from there on, or the position. The step returns
+    /// them as one frame.
     pub fn step_with(&mut self, window: Window<'_>, mut known: impl FnMut(usize) -> usize) -> Step {
         loop {
             #[allow(clippy::cast_possible_truncation)] // a position inside the window
@@ -294,10 +294,13 @@ impl Scanner {
         }
     }
 
-    /// Takes note of the strings that are on, if that is what the frames say; several frames are never of that kind.
+    /// Learns from a `StringOutputType` frame which strings are enabled. Several frames, taken as one, are never of that
+    /// kind.
     fn learn(&mut self, frame: &[u8]) {
-        if frame[2] == table::STRING_OUTPUT_TYPE {
-            self.told = strings::types_told(Frame::of(frame).payload).map_or(self.told, |it| it & BARE_STRINGS);
+        if frame[field::MID] == table::STRING_OUTPUT_TYPE
+            && let Some(enabled) = strings::enabled_strings(Frame::of(frame).payload)
+        {
+            self.enabled = enabled & BARE_STRINGS;
         }
     }
 
@@ -312,16 +315,16 @@ impl Scanner {
         }
     }
 
-    /// Where in `bytes`, which begin at the present position, the next candidate is that could be plausible as far as its
-    /// first bytes say: the only kind that counts behind damage. From `at` on.
+    /// Where in `bytes`, which begin at the current position, the next candidate is, from `at` on, whose first bytes do not
+    /// rule out that it is plausible. After damage only plausible frames are accepted.
     ///
-    /// This loop is what hostile input meets most. It says nothing that [`Self::judge`] would not say as well.
+    /// This loop only saves time: [`Self::judge`] would refuse what it skips. Hostile input spends most of its time here.
     fn to_candidate(&self, bytes: &[u8], mut at: usize) -> usize {
-        const NEAR: usize = 8; // so far a plain loop is faster than a search
+        const NEAR: usize = 8; // up to here a plain loop is faster than a search
         let expected = self.expected();
         let next = |bytes: &[u8]| match expected {
             0 => memchr::memchr3(PREAMBLE, b'$', b':', bytes),
-            _ => bytes.iter().position(|it| *it == PREAMBLE || strings::can_begin(*it, expected)),
+            _ => bytes.iter().position(|byte| *byte == PREAMBLE || strings::can_begin(*byte, expected)),
         };
         while at < bytes.len() {
             let near = &bytes[at..bytes.len().min(at + NEAR)];
@@ -352,7 +355,7 @@ impl Scanner {
         self.at = to;
     }
 
-    /// The first refusal after a frame opens a stretch of damage and gives it its reason.
+    /// Notes a refusal. The first one after a frame or string starts a stretch of damage, and gives it its reason.
     fn refuse(&mut self, reason: Reason) {
         if self.damage.is_none() {
             self.damage = Some((self.at, reason));
@@ -364,7 +367,7 @@ impl Scanner {
         self.damage.take().map(|(offset, reason)| Damage { offset, length: self.at - offset, reason })
     }
 
-    /// Judges the candidate at `at`. Whatever is decided here holds for any window that has the bytes to decide it.
+    /// Judges the candidate at `at`. The decision is the same for any window that has the bytes to make it.
     fn judge(&mut self, window: Window<'_>, at: usize) -> Verdict {
         let bytes = &window.bytes[at..];
         let cut = if window.last { Verdict::Refused(Reason::Truncated) } else { Verdict::Wait };
@@ -376,7 +379,7 @@ impl Scanner {
         let is_data = header.mid == table::MTDATA2;
         let mut plausible = is_plausible(&header);
         if !in_step {
-            // Only plausibility can save it, so it need not wait for the bytes that it claims.
+            // It must be plausible, which is often ruled out before all of its bytes have been received.
             if !plausible {
                 return Verdict::Refused(Reason::Implausible);
             }
@@ -389,7 +392,7 @@ impl Scanner {
             }
         }
         let Some(candidate) = bytes.get(..header.frame()) else { return cut };
-        if self.sum(window, at + 1, at + candidate.len()) != 0 {
+        if self.sum(window, at + field::BID, at + candidate.len()) != 0 {
             return Verdict::Refused(Reason::Checksum);
         }
         if in_step && plausible && is_data {
@@ -405,8 +408,8 @@ impl Scanner {
         }
     }
 
-    /// Whether a frame with a good checksum or a string begins at `at`, or the input ends there; `None` if that cannot be
-    /// said yet.
+    /// Whether a frame with a good checksum or a string begins at `at`, or the input ends there; `None` if more bytes are
+    /// needed.
     fn begins(&mut self, window: Window<'_>, at: usize) -> Option<bool> {
         let bytes = &window.bytes[at..];
         let cut = if window.last { Some(bytes.is_empty()) } else { None };
@@ -427,22 +430,22 @@ impl Scanner {
         if bytes.len() < header.frame() {
             return cut;
         }
-        Some(self.sum(window, at + 1, at + header.frame()) == 0)
+        Some(self.sum(window, at + field::BID, at + header.frame()) == 0)
     }
 
     fn sum(&mut self, window: Window<'_>, from: usize, to: usize) -> u8 {
-        // A frame in standard form is summed where it stands: at most 258 bytes.
-        const SHORT: usize = EXTENDED as usize + 4;
+        // A frame in standard form is short enough to be summed directly.
+        const SHORT: usize = HEADER_SIZE + EXTENDED_FROM;
         if to - from <= SHORT { frame::sum(&window.bytes[from..to]) } else { self.sums.between(window, from, to) }
     }
 }
 
-/// Whether devices use this bus identifier.
+/// Whether a device can have this bus identifier.
 pub(crate) const fn is_bid(bid: u8) -> bool {
     matches!(bid, frame::MASTER | 1..=31)
 }
 
-/// What the header alone says for a frame.
+/// Whether the header is that of a plausible frame.
 fn is_plausible(header: &Header) -> bool {
     is_bid(header.bid) && table::device_sends(header.mid, header.payload)
 }
@@ -453,12 +456,12 @@ enum Tiling {
     Cut,
 }
 
-/// Walks the packets of an MTData2 candidate, and goes on where it stood when more bytes come.
+/// Walks the packets of an MTData2 candidate; when more bytes have been received it continues where it stopped.
 ///
-/// A candidate in extended form can claim thousands of packets, and hostile input a candidate every six bytes. So their
-/// packets are walked on credit: a packet costs 16, about what one of a true message pays back, since each byte that the
-/// scanner passes pays 1. Only an extended MTData2 right behind a long stretch of such input can be refused for want of
-/// credit.
+/// A candidate in extended form can have thousands of packets, and hostile input can have a candidate every six bytes. So
+/// these packets are walked on credit: each costs 16, and each byte that the scanner passes pays 1, so a packet of a real
+/// message pays about what it costs. Only an extended MTData2 right after a long stretch of such input can be refused for
+/// lack of credit.
 #[derive(Debug)]
 struct Walk {
     candidate: u64,
@@ -466,29 +469,30 @@ struct Walk {
     credit: u64,
 }
 
-/// What a packet of an extended candidate costs, and the most that can be saved up: the packets of several messages.
+/// Cost of a packet of an extended candidate.
 const PACKET_COST: u64 = 16;
-const MOST_CREDIT: u64 = PACKET_COST << 16;
+/// Largest credit: enough for the packets of several messages.
+const MAX_CREDIT: u64 = PACKET_COST << 16;
 
 impl Default for Walk {
     fn default() -> Self {
-        Self { candidate: 0, at: 0, credit: MOST_CREDIT }
+        Self { candidate: 0, at: 0, credit: MAX_CREDIT }
     }
 }
 
 impl Walk {
     fn pay(&mut self, bytes: u64) {
-        self.credit = (self.credit + bytes).min(MOST_CREDIT);
+        self.credit = (self.credit + bytes).min(MAX_CREDIT);
     }
 
-    /// Whether there is credit for a packet after so many bytes more.
+    /// Whether there is credit for a packet after `more` bytes.
     fn can_afford(&self, more: u64) -> bool {
         self.credit + more >= PACKET_COST
     }
 
     fn tiles(&mut self, candidate: u64, bytes: &[u8], header: &Header) -> Tiling {
         let payload = &bytes[header.size..bytes.len().min(header.size + header.payload)];
-        let cost = if header.size > 4 { PACKET_COST } else { 0 };
+        let cost = if header.size > HEADER_SIZE { PACKET_COST } else { 0 };
         let resumed = self.candidate == candidate;
         let mut at = if resumed { self.at } else { 0 };
         let tiling = loop {
@@ -516,13 +520,15 @@ impl Walk {
     }
 }
 
-/// The running sum of the input, remembered as far as two of the longest frames reach: the sum of any stretch is a
-/// difference of two entries, and no byte is added twice.
+/// The running sum of the input over the length of two of the longest frames. The sum of a stretch is the difference of two
+/// entries, and no byte is added twice.
 #[derive(Debug, Default)]
 struct Sums {
     /// At `i % RING`: the sum of the bytes from `from` to `i`.
     ring: Vec<u8>,
+    /// Position where the sum begins.
     from: u64,
+    /// Position up to which it is known.
     upto: u64,
 }
 

@@ -267,7 +267,7 @@ class Session:
         except ValueError as error:
             text = f"the device answered {command} with an Error that cannot be read: {error}"
             return Refusal(command, DecodeError(text, offset, command=command))
-        meaning = RESULT_CODES.get(info.code, "a code that no source explains")
+        meaning = RESULT_CODES.get(info.code, "an undocumented code")
         more = f" (and {info.extra.hex(' ')})" if info.extra else ""
         text = f"the device answered {command} with Error {info.code}{more}: {meaning}"
         return Refusal(command, DeviceError(text, info.code, command))

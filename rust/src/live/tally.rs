@@ -1,17 +1,17 @@
-//! What has come, counted as it comes. Nothing is decoded but what the counts need.
+//! Counts of what has been received. Only what the counts need is decoded.
 
 use std::collections::BTreeMap;
 
 use crate::clock::{Clocks, Losses, Stamps};
 use crate::frame::Frame;
-use crate::packet::packets;
-use crate::scan::{Damage, Scanner, Step, Window};
+use crate::input::PushBuffer;
+use crate::scan::{Damage, Scanner, Step};
 use crate::table::{self, data_id};
 
-/// What was counted.
+/// The counts.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Counts {
-    /// Bytes that came.
+    /// Bytes received.
     pub bytes: u64,
     /// Accepted frames.
     pub frames: u64,
@@ -19,19 +19,19 @@ pub struct Counts {
     pub samples: u64,
     /// Other messages, malformed ones included.
     pub messages: u64,
-    /// MTData2 messages that their packets do not tile, and empty ones.
+    /// MTData2 messages that are empty or that their packets do not fill.
     pub malformed: u64,
-    /// String outputs by name; one that the manual does not list has none.
+    /// String outputs by name; the name of those that the manual does not list is empty.
     pub strings: BTreeMap<&'static str, u64>,
-    /// Packets by data identifier, its format bits zero.
+    /// Packets by data identifier without format bits.
     pub quantities: BTreeMap<u16, u64>,
-    /// What the packet counters say was lost.
+    /// Losses according to the packet counters.
     pub losses: Losses,
     /// Candidates refused by their checksum where a frame was due.
     pub checksum_errors: u64,
     /// Bytes that belong to neither frame nor string.
     pub skipped_bytes: u64,
-    /// Error messages (0x42), those that answer a command included.
+    /// Error messages (0x42), including replies to commands.
     pub errors: u64,
     /// Warnings (0x43).
     pub warnings: u64,
@@ -39,12 +39,11 @@ pub struct Counts {
     pub last_error: Option<String>,
 }
 
-/// Counts what comes in pieces.
+/// Counts a stream that is received in pieces.
 #[derive(Debug)]
 pub struct Tally {
     scanner: Scanner,
-    /// The bytes that are not decided yet.
-    undecided: Vec<u8>,
+    undecided: PushBuffer,
     clocks: Clocks,
     counts: Counts,
 }
@@ -55,7 +54,7 @@ impl Default for Tally {
     fn default() -> Self {
         Self {
             scanner: Scanner::new(table::LONGEST_PAYLOAD),
-            undecided: vec![],
+            undecided: PushBuffer::default(),
             clocks: Clocks::default(),
             counts: Counts::default(),
         }
@@ -63,25 +62,25 @@ impl Default for Tally {
 }
 
 impl Tally {
-    /// What was counted so far.
+    /// The counts so far.
     #[must_use]
     pub const fn counts(&self) -> &Counts {
         &self.counts
     }
 
-    /// Bytes that belong to neither frame nor string, those included that nothing has followed yet.
+    /// Bytes that belong to neither frame nor string, including those that no frame or string has followed yet.
     #[must_use]
     pub fn skipped_bytes(&self) -> u64 {
         self.counts.skipped_bytes + self.scanner.refused()
     }
 
-    /// The bytes that came last and are not decided yet: they begin with the frame that is under way.
+    /// The last bytes, which are not decided yet. They begin with the frame that is incomplete.
     #[must_use]
     pub fn undecided(&self) -> &[u8] {
-        &self.undecided
+        self.undecided.window(false).bytes
     }
 
-    /// The strings that are looked for though nothing but their length tells them from noise.
+    /// The strings that the scanner expects: see [`Scanner::expected`].
     #[must_use]
     pub const fn expected(&self) -> u32 {
         self.scanner.expected()
@@ -95,19 +94,18 @@ impl Tally {
     /// Counts a piece.
     pub fn feed(&mut self, piece: &[u8]) {
         self.counts.bytes += piece.len() as u64;
-        self.undecided.extend_from_slice(piece);
+        self.undecided.push(piece);
         self.decide(false);
     }
 
-    /// Nothing follows, or nothing that these bytes are part of.
+    /// Decides the last bytes: the stream has ended or was interrupted.
     pub fn finish(&mut self) {
         self.decide(true);
     }
 
     fn decide(&mut self, last: bool) {
-        let offset = self.scanner.at();
+        let window = self.undecided.window(last);
         loop {
-            let window = Window { bytes: &self.undecided, offset, last };
             match self.scanner.step(window) {
                 Step::More => break,
                 Step::End(damage) => {
@@ -116,30 +114,29 @@ impl Tally {
                 }
                 Step::String { place, damage, .. } => {
                     self.counts.skip(damage);
-                    let name = place.map_or("", |it| table::STRINGS[usize::from(it)].name);
+                    let name = place.map_or("", |place| table::STRINGS[usize::from(place)].name);
                     *self.counts.strings.entry(name).or_default() += 1;
                 }
                 Step::Frame { at, length, damage } => {
                     self.counts.skip(damage);
-                    self.counts.frame(Frame::of(&self.undecided[at..at + length]), &mut self.clocks);
+                    self.counts.frame(Frame::of(&window.bytes[at..at + length]), &mut self.clocks);
                 }
             }
         }
         self.counts.checksum_errors = self.scanner.checksum_errors;
-        #[allow(clippy::cast_possible_truncation)] // a position in what is undecided
-        self.undecided.drain(..(self.scanner.at() - offset) as usize);
+        self.undecided.release(self.scanner.at());
     }
 }
 
 impl Counts {
     fn skip(&mut self, damage: Option<Damage>) {
-        self.skipped_bytes += damage.map_or(0, |it| it.length);
+        self.skipped_bytes += damage.map_or(0, |damage| damage.length);
     }
 
     fn frame(&mut self, frame: Frame<'_>, clocks: &mut Clocks) {
         self.frames += 1;
         if frame.mid == table::MTDATA2 {
-            if !frame.payload.is_empty() && packets(frame.payload).all(|it| it.is_ok()) {
+            if !frame.payload.is_empty() && frame.packets().all(|packet| packet.is_ok()) {
                 return self.sample(frame, clocks);
             }
             self.malformed += 1;
@@ -164,7 +161,7 @@ impl Counts {
     fn sample(&mut self, frame: Frame<'_>, clocks: &mut Clocks) {
         self.samples += 1;
         let mut stamps = Stamps::default();
-        for packet in packets(frame.payload).flatten() {
+        for packet in frame.packets().flatten() {
             let id = packet.id & !0xF;
             *self.quantities.entry(id).or_default() += 1;
             if let (PACKET_COUNTER, &[high, low]) = (id, packet.data) {
@@ -176,5 +173,5 @@ impl Counts {
 }
 
 fn in_words(message: &str, code: u32) -> String {
-    format!("{message} {code}: {}", table::result_text(code).unwrap_or("a code that no source explains"))
+    format!("{message} {code}: {}", table::result_text(code).unwrap_or("an undocumented code"))
 }

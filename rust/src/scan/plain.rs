@@ -1,22 +1,22 @@
-//! The rules of the scanner, once more and with nothing else in mind: whole input, no memory, no speed.
+//! The rules of the scanner in their simplest form: for input that is in memory, without state and without optimization.
 //!
-//! The oracle of the tests and fuzz targets. It may look at a byte as often as it likes, so do not feed it much.
+//! It is the reference for tests and fuzz targets. It may look at a byte many times, so it suits short inputs only.
 
 use super::{Damage, Reason};
 use crate::frame::{self, Frame, Header, PREAMBLE};
 use crate::packet::packets;
 use crate::table::{self, End, STRINGS};
 
-/// What was found in an input.
+/// The result of a scan.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Scan {
     /// The frames as (offset, length).
     pub frames: Vec<(usize, usize)>,
     /// The strings as (offset, length, place in the table or none).
     pub strings: Vec<(usize, usize, Option<u8>)>,
-    /// What is neither.
+    /// Stretches that are neither.
     pub damage: Vec<Damage>,
-    /// How many candidates their checksum refused where a frame was due.
+    /// Number of candidates refused by their checksum where a frame was due.
     pub checksum_errors: u64,
 }
 
@@ -24,7 +24,7 @@ pub struct Scan {
 #[must_use]
 pub fn scan(input: &[u8], limit: usize, named: u32) -> Scan {
     let mut scan = Scan::default();
-    let mut told = 0; // strings that the device said are on
+    let mut enabled = 0; // strings that are enabled according to the device
     let mut due = 0; // where the last accepted frame or string ended
     let mut refused = None; // what was wrong there
     let mut at = 0;
@@ -33,14 +33,14 @@ pub fn scan(input: &[u8], limit: usize, named: u32) -> Scan {
         let mut verdict = candidate(input, at, limit);
         if let Ok(length) = verdict {
             let frame = &input[at..at + length];
-            if is_plausible(frame) || (in_step && is_followed(input, at + length, limit, named | told)) {
-                told = types_told(frame).unwrap_or(told);
+            if is_plausible(frame) || (in_step && is_followed(input, at + length, limit, named | enabled)) {
+                enabled = enabled_strings(frame).unwrap_or(enabled);
                 scan.frames.push((at, length));
             } else {
                 verdict = Err(Reason::Implausible);
             }
         } else if input[at] != PREAMBLE {
-            verdict = string(input, at, named | told, in_step).map(|(length, place)| {
+            verdict = string(input, at, named | enabled, in_step).map(|(length, place)| {
                 scan.strings.push((at, length, place));
                 length
             });
@@ -86,7 +86,8 @@ fn is_plausible(bytes: &[u8]) -> bool {
     let frame = Frame::of(bytes);
     (frame.bid == 0xFF || (1..=31).contains(&frame.bid))
         && if frame.mid == table::MTDATA2 {
-            !frame.payload.is_empty() && packets(frame.payload).all(|packet| packet.is_ok_and(|it| it.is_sound()))
+            !frame.payload.is_empty()
+                && packets(frame.payload).all(|packet| packet.is_ok_and(|packet| packet.is_sound()))
         } else {
             table::device_sends(frame.mid, frame.payload.len())
         }
@@ -96,7 +97,7 @@ fn is_followed(input: &[u8], at: usize, limit: usize, expected: u32) -> bool {
     at == input.len() || candidate(input, at, limit).is_ok() || string(input, at, expected, true).is_ok()
 }
 
-fn types_told(frame: &[u8]) -> Option<u32> {
+fn enabled_strings(frame: &[u8]) -> Option<u32> {
     let frame = Frame::of(frame);
     match (frame.mid, frame.payload) {
         (0x8F, [a, b]) => Some(u32::from_be_bytes([0, 0, *a, *b])),
@@ -128,7 +129,7 @@ fn string(input: &[u8], at: usize, expected: u32, in_step: bool) -> Result<(usiz
         _ => None,
     });
     if let Some((place, mask)) = masked {
-        // Every character has its place, and is judged as soon as it is there.
+        // Each character is judged as soon as it is available.
         for (byte, mask) in bytes[1..].iter().zip(mask) {
             let allowed: &[u8] = match mask {
                 b'D' => b"0123456789 ",
@@ -142,10 +143,10 @@ fn string(input: &[u8], at: usize, expected: u32, in_step: bool) -> Result<(usiz
         let Some(rest) = bytes.get(1 + mask.len()..) else { return Err(Reason::Truncated) };
         return Ok((1 + mask.len() + line_end(rest)?, Some(place)));
     }
-    // A sentence: text up to the end of its line, which is near.
+    // A sentence: text up to the end of its line.
     let near = &bytes[..bytes.len().min(255)];
     let is_text = |byte: &u8| (b' '..=b'~').contains(byte) && *byte != b'$';
-    let end = (1..near.len()).find(|it| !is_text(&near[*it])).unwrap_or(near.len());
+    let end = (1..near.len()).find(|&at| !is_text(&near[at])).unwrap_or(near.len());
     let text = String::from_utf8_lossy(&near[1..end]).into_owned();
     let length = match line_end(&near[end..]) {
         Ok(size) => end + size,
@@ -155,19 +156,19 @@ fn string(input: &[u8], at: usize, expected: u32, in_step: bool) -> Result<(usiz
     let name_is = |row: &table::StringOutput| text.split(',').next() == Some(row.name) && text.contains(',');
     if text.len() >= 3 && text.as_bytes()[text.len() - 3] == b'*' {
         let (body, sum) = (&text[..text.len() - 3], &text[text.len() - 2..]);
-        if !sum.chars().all(|it| it.is_ascii_hexdigit()) {
+        if !sum.chars().all(|digit| digit.is_ascii_hexdigit()) {
             return Err(Reason::NoPreamble);
         }
-        let expected = format!("{:02X}", body.bytes().fold(0, |sum, it| sum ^ it));
+        let expected = format!("{:02X}", body.bytes().fold(0, |sum, byte| sum ^ byte));
         if !sum.eq_ignore_ascii_case(&expected) {
             return Err(Reason::Checksum);
         }
-        return Ok((length, STRINGS.iter().zip(0_u8..).find(|(row, _)| name_is(row)).map(|it| it.1)));
+        return Ok((length, STRINGS.iter().zip(0_u8..).find(|(row, _)| name_is(row)).map(|(_, place)| place)));
     }
     let is_number = |field: &str| {
         let field = field.trim_matches(' ');
         field.is_empty()
-            || (field.trim_start_matches(['+', '-']).chars().all(|it| it.is_ascii_digit() || it == '.')
+            || (field.trim_start_matches(['+', '-']).chars().all(|digit| digit.is_ascii_digit() || digit == '.')
                 && field.parse::<f64>().is_ok())
     };
     for (row, place) in STRINGS.iter().zip(0_u8..) {
@@ -198,13 +199,13 @@ fn line_end(bytes: &[u8]) -> Result<usize, Reason> {
     }
 }
 
-/// EM1000: roll, pitch, heave and heading, and what can come next.
+/// EM1000: roll, pitch, heave and heading, and what may follow.
 fn bare(bytes: &[u8], length: usize, in_step: bool, expected: u32) -> Result<(), Reason> {
     let words = bytes.get(2..length).ok_or(Reason::Truncated)?;
     let word = |at: usize| i32::from(words[at]) | i32::from(words[at + 1]) << 8;
     let signed = |at: usize| if word(at) < 0x8000 { word(at) } else { word(at) - 0x1_0000 };
     let in_range = signed(0).abs() <= 18_000 && signed(2).abs() <= 9_000 && word(6) <= 36_000;
     let next = bytes.get(length);
-    let is_followed = in_step || next.is_none_or(|it| *it == PREAMBLE || can_begin(*it, expected));
+    let is_followed = in_step || next.is_none_or(|byte| *byte == PREAMBLE || can_begin(*byte, expected));
     if in_range && is_followed { Ok(()) } else { Err(Reason::Implausible) }
 }
