@@ -241,7 +241,7 @@ def test_what_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "text").write_text("no frame")
     assert "nowhere.mtb: No such file" in sentence(run(*product, "--replay", "nowhere.mtb"))
     assert "no Xbus frame in" in sentence(run(*product, "--replay", str(tmp_path / "text")))
-    assert "text: it is there and is no link" in sentence(
+    assert "text: the path exists and is not a symbolic link" in sentence(
         run(*product, "--link", str(tmp_path / "text"))
     )
     assert "no/mti" in sentence(run(*product, "--link", str(tmp_path / "no" / "mti")))

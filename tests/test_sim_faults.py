@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from xbus import Device, Sample, SimulatedDevice
-from xbus.sim.faults import BUFFER, Faults, FaultyLine
+from xbus.sim.faults import STALL_BUFFER, Faults, FaultyLine
 from xbus.sim.link import SimLink
 
 DATA = np.random.default_rng(1).integers(0, 256, 20_000, np.uint8).tobytes()
@@ -105,24 +105,24 @@ def test_when_bytes_come(faults: Faults, sent: list[float], came: dict[str, floa
 
 def test_a_stall_holds_only_so_much() -> None:
     line = FaultyLine(Faults(stall=(1, 1)))
-    line.feed(b"a" * (BUFFER - 1), 1.0)
+    line.feed(b"a" * (STALL_BUFFER - 1), 1.0)
     line.feed(b"bc", 1.5)
     line.feed(b"d", 1.6)
     line.feed(b"e", 2.0)
     assert line.take(1.9) == b""
-    assert line.take(2.0) == b"a" * (BUFFER - 1) + b"be"
+    assert line.take(2.0) == b"a" * (STALL_BUFFER - 1) + b"be"
 
 
 def test_the_plug() -> None:
     line = FaultyLine(Faults(unplug=(5, 2)))
-    assert [line.plugged(it) for it in (0.0, 4.9, 5.0, 6.9, 7.0)] == [
+    assert [line.is_plugged(time) for time in (0.0, 4.9, 5.0, 6.9, 7.0)] == [
         True,
         True,
         False,
         False,
         True,
     ]
-    assert not FaultyLine(Faults(unplug=(5, None))).plugged(1e9)
+    assert not FaultyLine(Faults(unplug=(5, None))).is_plugged(1e9)
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import serial
 
-from xbus.sim.serve import QUEUE, PtyServer, Server, TcpServer, serve
+from xbus.sim.serve import QUEUE_SIZE, PtyServer, Server, TcpServer, serve
 
 
 class Fake:
@@ -110,7 +110,7 @@ def test_who_opens_the_port_finds_no_old_bytes(server: Server) -> None:
         assert exchange(server, client, b"first") == b"first"
         device.says = b"while the first one was leaving"
         server.step(0)
-    step_until(server, lambda: not server.is_used)
+    step_until(server, lambda: not server.has_client)
     device.says = b"while nobody was there"
     server.step(0)
     with open_port(server) as client:
@@ -133,7 +133,7 @@ def test_who_does_not_read_loses_whole_steps(server: Server) -> None:
             server.step(0)
         received += client.read(50_000 * numbers - server.lost - len(received))
     words = received.split()
-    assert len(received) > QUEUE
+    assert len(received) > QUEUE_SIZE
     assert words == [b"%d" % it for it in range(len(words) // 5000) for _ in range(5000)]
 
 
@@ -195,9 +195,9 @@ def test_the_terminal_is_raw_whatever_a_client_did() -> None:
             assert not settings[3] & (termios.ECHO | termios.ICANON | termios.ISIG)
             settings[3] |= termios.ECHO | termios.ICANON
             termios.tcsetattr(terminal, termios.TCSANOW, settings)
-            step_until(server, lambda: server.is_used)
+            step_until(server, lambda: server.has_client)
             os.close(terminal)
-            step_until(server, lambda: not server.is_used)
+            step_until(server, lambda: not server.has_client)
 
 
 @pytest.mark.parametrize("rate", [4800, 76_800, 115_200, 921_600, 2_000_000, 3_500_000, 4_000_000])
@@ -282,7 +282,7 @@ def test_nobody_on_a_terminal_costs_no_time() -> None:
     with on_pty(Fake()) as server, open_port(server) as client:
         assert exchange(server, client, b"here") == b"here"
         client.close()
-        step_until(server, lambda: not server.is_used)
+        step_until(server, lambda: not server.has_client)
         # A terminal that has hung up is always ready: it must not be waited for.
         assert isinstance(server._selector, selectors.BaseSelector)
         assert not server._selector.get_map()
@@ -310,7 +310,7 @@ def test_who_connects_and_leaves_at_once_does_no_harm() -> None:
         for _ in range(3):
             socket.create_connection(address, timeout=5).close()
             server.step(5)
-        step_until(server, lambda: not server.is_used)
+        step_until(server, lambda: not server.has_client)
         with open_port(server) as client:
             assert exchange(server, client, b"next") == b"next"
 
@@ -320,7 +320,7 @@ def test_a_pulled_plug_on_tcp() -> None:
     with on_tcp(device) as server, open_port(server) as client:
         assert exchange(server, client, b"here") == b"here"
         device.plugged = False
-        step_until(server, lambda: not server.is_used)
+        step_until(server, lambda: not server.has_client)
         with pytest.raises(serial.SerialException):
             client.read(1)
         with socket.create_connection(server._listener.getsockname(), timeout=5) as other:

@@ -19,17 +19,30 @@ from xbus.protocol.values import (
     BAUD_CODES,
     EVERY,
     AvailableProfile,
+    GnssReceiver,
+    GnssReceiverSettings,
     HardwareVersion,
     OptionFlag,
     Output,
     Polarity,
+    PortConfig,
+    PortProtocol,
+    Selftest,
     StringType,
     SyncFunction,
     SyncLine,
     SyncSetting,
+    baud_code,
 )
 
-__all__ = ["Identity", "Support", "find_product", "product_of_code", "support"]
+__all__ = [
+    "DEFAULT_BAUDRATE",
+    "FactoryIdentity",
+    "Support",
+    "find_product",
+    "product_of_code",
+    "support",
+]
 
 # Rates (Table 16, Tables 23 and 24)
 
@@ -282,9 +295,42 @@ _DEFAULT_SYNC: dict[int, tuple[SyncSetting, ...]] = {
 }
 
 
+#: Default baud rate (section 7.2.1).
+DEFAULT_BAUDRATE = 115_200
+_HOST_PORT = PortConfig(PortProtocol.XBUS, baud_code(DEFAULT_BAUDRATE))
+_NO_PORT = PortConfig(PortProtocol.NONE, 0)
+# The rate of the port for corrections is that of published settings.
+_RTCM_PORT = PortConfig(PortProtocol.RTCM, baud_code(38_400))
+
+
+def _default_ports(product: Product) -> tuple[PortConfig, ...]:
+    """The three ports of the 600-series (Table 22); none on other products."""
+    if product.series != _SIX:
+        return ()
+    if product.number == 680:
+        return (_HOST_PORT, _NO_PORT, _RTCM_PORT)
+    return (_HOST_PORT, _HOST_PORT, _NO_PORT)
+
+
+_NO_RECEIVER = GnssReceiverSettings(GnssReceiver.NONE, baud_code(DEFAULT_BAUDRATE), 0)
+#: Default settings of the GNSS receiver, as published. An MTi-670 takes a receiver that is not part of it.
+_DEFAULT_RECEIVERS = {
+    7: GnssReceiverSettings(GnssReceiver.MAX_M8Q, baud_code(115_200), 4),
+    670: GnssReceiverSettings(GnssReceiver.MAX_M8Q, baud_code(115_200), 4),
+    680: GnssReceiverSettings(GnssReceiver.ZED_F9P, baud_code(230_400), 4),
+}
+
+#: Bits of a passed self-test: nine sensors, and on an MTi-7 barometer and GNSS receiver.
+_SELFTEST = Selftest((Selftest.MAG_Z << 1) - 1)
+_SELFTEST_7 = _SELFTEST | Selftest.BARO | Selftest.GNSS
+
+#: Letter and version of the filter in Configuration, as published; the manual does not list them.
+_FILTER_VERSIONS = {30: ("I", (5, 1)), 300: ("I", (5, 1)), 710: ("7", (4, 1))}
+
+
 @dataclass(frozen=True)
-class Identity:
-    """What a virtual device of this product calls itself: where a real one was published, like that."""
+class FactoryIdentity:
+    """Identity of a virtual device of a product: that of a real device where one is published."""
 
     device_id: int
     product_code: str
@@ -294,8 +340,8 @@ class Identity:
 
 def _identity(
     device_id: int, code: str, firmware: tuple[int, ...], hardware: tuple[int, int]
-) -> Identity:
-    return Identity(device_id, code, Firmware(*firmware), HardwareVersion(*hardware))
+) -> FactoryIdentity:
+    return FactoryIdentity(device_id, code, Firmware(*firmware), HardwareVersion(*hardware))
 
 
 _IDENTITIES = {
@@ -345,7 +391,11 @@ class Support:
         output_configuration: Default output configuration.
         sync_settings: Synchronization at first.
         filter_profile: Filter profile at first: a number, from the 600-series on names; None on an IMU.
-        identity: What a virtual device of this product calls itself.
+        port_config: Default ports of the 600-series; empty on other products.
+        gnss_receiver_settings: Default settings of the GNSS receiver.
+        selftest: The result of a self-test in which all parts pass.
+        filter_version: Letter of the filter in Configuration (None: not listed) and its version.
+        identity: Identity of a virtual device of this product.
     """
 
     product: Product
@@ -360,7 +410,21 @@ class Support:
     output_configuration: tuple[Output, ...]
     sync_settings: tuple[SyncSetting, ...]
     filter_profile: int | str | None
-    identity: Identity
+    port_config: tuple[PortConfig, ...]
+    gnss_receiver_settings: GnssReceiverSettings
+    selftest: Selftest
+    filter_version: tuple[str | None, tuple[int, int]]
+    identity: FactoryIdentity
+
+    @property
+    def base_rate(self) -> int:
+        """The rate in Hz at which the device computes samples; all output rates but HR divide it."""
+        return self.rates["acceleration"]
+
+    @property
+    def strings_have_rate(self) -> bool:
+        """Whether StringOutputType carries the rate; other products use Period and OutputSkipFactor."""
+        return self.product.series == _SIX
 
     def rates_of(self, quantity: str) -> tuple[int, ...]:
         """The rates at which a quantity can be had, Hz, the highest first; none where it cannot be had.
@@ -410,6 +474,10 @@ def _support(number: int, hardware: HardwareVersion | None) -> Support:
         output_configuration=_default_outputs(product),
         sync_settings=_DEFAULT_SYNC.get(number, ()),
         filter_profile=_DEFAULT_PROFILES.get(number),
+        port_config=_default_ports(product),
+        gnss_receiver_settings=_DEFAULT_RECEIVERS.get(number, _NO_RECEIVER),
+        selftest=_SELFTEST_7 if number == 7 else _SELFTEST,
+        filter_version=_FILTER_VERSIONS.get(number, (None, (0, 0))),
         identity=_IDENTITIES[number],
     )
 

@@ -1,4 +1,4 @@
-"""Time of a virtual device, and what is to happen when."""
+"""The clock of a virtual device, and its scheduled actions."""
 
 from __future__ import annotations
 
@@ -8,39 +8,41 @@ from collections.abc import Callable
 
 __all__ = ["SECOND", "Clock"]
 
-#: Nanoseconds.
+#: Nanoseconds in a second.
 SECOND = 10**9
 
 
 class Clock:
-    """Counts nanoseconds, as integers so that it does not matter how time is cut.
+    """Counts nanoseconds and runs scheduled actions.
+
+    Time is an integer, so the size of the steps in which it advances has no effect.
 
     Attributes:
-        now: Nanoseconds since the device was made.
+        now: Nanoseconds since the device was created.
     """
 
     def __init__(self) -> None:
         self.now = 0
         self._order = itertools.count()
-        self._plans: list[tuple[int, int, Callable[[], None]]] = []
+        self._schedule: list[tuple[int, int, Callable[[], None]]] = []
 
     def after(self, seconds: float, action: Callable[[], None]) -> None:
-        """Plans what is to happen so many seconds from now."""
+        """Schedules an action after a delay in seconds."""
         self.at(self.now + round(seconds * SECOND), action)
 
     def at(self, time: int, action: Callable[[], None]) -> None:
-        """Plans what is to happen at a time."""
-        heapq.heappush(self._plans, (time, next(self._order), action))
+        """Schedules an action at a time in nanoseconds."""
+        heapq.heappush(self._schedule, (time, next(self._order), action))
 
-    def next(self) -> int | None:
-        """When the next thing happens."""
-        return self._plans[0][0] if self._plans else None
+    def next_time(self) -> int | None:
+        """Returns the time of the next action in nanoseconds, or None if nothing is scheduled."""
+        return self._schedule[0][0] if self._schedule else None
 
-    def run(self) -> None:
-        """Does what is next."""
-        _, _, action = heapq.heappop(self._plans)
+    def run_next(self) -> None:
+        """Runs the next action."""
+        _, _, action = heapq.heappop(self._schedule)
         action()
 
-    def forget(self) -> None:
-        """Gives all plans up."""
-        self._plans.clear()
+    def clear(self) -> None:
+        """Cancels all scheduled actions."""
+        self._schedule.clear()

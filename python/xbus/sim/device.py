@@ -1,4 +1,4 @@
-"""A virtual MTi: what a host sees of it."""
+"""A virtual MTi, as a host sees it."""
 
 from __future__ import annotations
 
@@ -14,7 +14,13 @@ from xbus import _core
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import encode
-from xbus.protocol.products import Identity, find_product, product_of_code, support
+from xbus.protocol.products import (
+    DEFAULT_BAUDRATE,
+    FactoryIdentity,
+    find_product,
+    product_of_code,
+    support,
+)
 from xbus.protocol.tables import Product
 from xbus.protocol.values import (
     DeviceErrorInfo,
@@ -28,7 +34,7 @@ from xbus.sim.clock import SECOND, Clock
 from xbus.sim.faults import Faults
 from xbus.sim.framing import Framer, Request
 from xbus.sim.line import Line
-from xbus.sim.memory import DEFAULT_BAUDRATE, UnitSettings, factory_settings
+from xbus.sim.memory import UnitSettings, factory_settings
 from xbus.sim.motion import Trajectory
 from xbus.sim.replay import Replay
 from xbus.sim.sensors import UTC
@@ -37,13 +43,13 @@ from xbus.sim.unit import Unit, World
 
 __all__ = ["SimulatedDevice"]
 
-#: Seconds from power-up to WakeUp, and from there until the device goes on by itself (section 4).
+#: Seconds from power-up to WakeUp, and from WakeUp to the next state if the host sends nothing (section 4).
 BOOT_TIME, WAKE_UP_TIME = 0.06, 0.5
-#: The byte of "restore communication" (7.2), and how many of them it takes while the device boots.
+#: The byte of "restore communication" (section 7.2), and the number of them that the booting device needs.
 RESTORE, RESTORE_COUNT = 0xDE, 8
-#: Seconds without another byte until a frame that has begun is given up.
-PATIENCE = 0.1
-#: Seconds at least between two Error messages about lost samples.
+#: Seconds without another byte after which an incomplete frame is dropped.
+FRAME_TIMEOUT = 0.1
+#: Shortest time in seconds between two Error messages about lost samples.
 ERROR_PAUSE = 1.0
 
 
@@ -54,7 +60,7 @@ _R = TypeVar("_R")
 def _locked(
     method: Callable[Concatenate[SimulatedDevice, _P], _R],
 ) -> Callable[Concatenate[SimulatedDevice, _P], _R]:
-    """Makes a method wait while another thread, such as that of a server, is in one."""
+    """Makes a method thread-safe, because a server and its user call the device in different threads."""
 
     @functools.wraps(method)
     def locked(self: SimulatedDevice, /, *args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -65,56 +71,59 @@ def _locked(
 
 
 class SimulatedDevice:
-    """A virtual MTi, for programs that talk to one and have none.
+    """A virtual MTi: develops and tests programs without hardware.
 
-    It takes bytes and gives bytes. Its time goes on by `advance` alone, so the same calls always give the
-    same bytes; nothing sleeps, and no thread runs. Time begins with power-up: 60 ms later it sends WakeUp,
-    and half a second after that it measures, if nobody wants anything else (section 4).
+    The device accepts bytes with `write` and returns bytes with `read`. Its time advances only with
+    `advance`, so equal calls return equal bytes. It does not sleep and has no threads. Time starts at
+    power-up. After 60 ms the device sends WakeUp, and half a second later it starts to measure, unless the
+    host requests Config (section 4).
 
-    It answers every message that the product knows, in the states in which the manual allows it, and else
-    with an Error: code 4 for a message or state, 33 for a value, 32 for a baud rate, 3 for a period. Settings
-    last as the manual says: over `Reset` and power cycles, but not longer than the object.
+    The device answers every message of its product in the states that the manual allows. Otherwise it
+    replies with an Error: code 4 for a message or state, 33 for a value, 32 for a baud rate, 3 for a period.
+    Settings persist as in the manual: through `Reset` and power cycles, for the lifetime of the object.
 
     All methods may be called from any thread, also while a server runs the device.
 
     Args:
-        product: Which one: ``"MTi-680G"``, 680, or a row of `xbus.protocol.tables.PRODUCTS`.
-        trajectory: How it moves: still, turn, tumble, walk, drive, fly, sail; or what has ``origin`` and
-            ``at(time)``, such as `xbus.sim.motion.SampledTrajectory`. It goes on over resets.
-        seed: Of all that is left to chance.
-        noise: Of the sensors: 1 is about that of a data sheet.
-        baudrate: Bits per second of a serial line: the host must talk at the same rate, and what does not
-            fit through is lost. None: as USB, at any rate and all at once.
-        faults: What is wrong with the line.
-        device_id: Device identifier, of 4 bytes, on the 600-series 8.
+        product: ``"MTi-680G"``, 680, or a row of `xbus.protocol.tables.PRODUCTS`.
+        trajectory: The motion: still, turn, tumble, walk, drive, fly, sail; or a `xbus.sim.Trajectory` such
+            as `xbus.sim.SampledTrajectory`. It continues through resets.
+        seed: Seed of everything random.
+        noise: Strength of the sensor noise: 0 is none, 1 is about that of a data sheet.
+        baudrate: Bits per second of a serial line. The host must use the same rate, and samples that exceed
+            it are lost. None: like USB, any rate works and bytes arrive at once.
+        faults: Faults of the line.
+        device_id: Device identifier: 4 bytes, on the 600-series 8 bytes.
         product_code: Product code.
         firmware: Firmware revision.
-        hardware: Hardware version, on which high rates depend (Tables 23 and 24). By default it is one
-            that was seen, and the rates are the manual's.
-        utc: UTC when the device is made: what its calendar says at each power-up, and the receiver later.
+        hardware: Hardware version, which determines the highest rates (Tables 23 and 24). None: a published
+            version, with the rates of the manual.
+        utc: UTC when the device is created: the calendar starts with it at each power-up, and the GNSS
+            receiver delivers it later.
         time_to_fix: Seconds from power-up to the first GNSS fix.
-        bus_id: The bus identifier that the option flag EnableConfigurableBusId turns on.
-        replay: A recording, to send instead of samples of its own.
+        bus_id: Bus identifier in effect with the option flag EnableConfigurableBusId.
+        replay: A recording to send instead of computed samples. Its identity is used if its product matches.
         strict_outputs: Whether one unsupported data identifier makes the device refuse a whole output
             configuration. If False, the device accepts the supported ones and drops the others; the
             acknowledgement lists what is in effect.
 
     Attributes:
-        product: Which one it is.
-        sent: How many messages it has sent.
-        lost: How many samples were lost because the line was too slow.
+        product: The product.
+        sent: Number of messages sent.
+        lost: Number of samples lost because the line was too slow.
 
     Raises:
-        ValueError: No such product or trajectory, or it cannot talk at that rate.
+        ValueError: The product or trajectory does not exist, or the product does not support the baud rate.
 
-    >>> import xbus
-    >>> device = xbus.SimulatedDevice("MTi-630", trajectory="still")
-    >>> device.advance(0.1)
-    >>> device.read().hex(" ").upper()
-    'FA FF 3E 00 C3'
-    >>> device.write(xbus.encode_frame(xbus.MessageId.GoToConfig))
-    >>> device.read().hex(" ").upper(), device.state.value
-    ('FA FF 31 00 D0', 'config')
+    Example:
+        >>> import xbus
+        >>> device = xbus.SimulatedDevice("MTi-630", trajectory="still")
+        >>> device.advance(0.1)
+        >>> device.read().hex(" ").upper()
+        'FA FF 3E 00 C3'
+        >>> device.write(xbus.encode_frame(xbus.MessageId.GoToConfig))
+        >>> device.read().hex(" ").upper(), device.state.value
+        ('FA FF 31 00 D0', 'config')
     """
 
     def __init__(
@@ -141,9 +150,9 @@ class SimulatedDevice:
         settings = factory_settings(supported)
         if baudrate is not None:
             if baudrate not in supported.baudrates:
-                rates = ", ".join(f"{it:,}" for it in supported.baudrates)
+                rates = ", ".join(f"{rate:,}" for rate in supported.baudrates)
                 raise ValueError(
-                    f"the {self.product.name} does not talk at {baudrate:,} baud; it does at {rates}"
+                    f"the {self.product.name} does not support {baudrate:,} baud; use one of {rates}"
                 )
             settings = settings.with_baud_code(baud_code(baudrate))
         identity = supported.identity
@@ -151,13 +160,13 @@ class SimulatedDevice:
             replay is not None
             and product_of_code(replay.identity.product_code or "") == self.product
         ):
-            identity = _told(
+            identity = _with_known(
                 identity,
                 device_id=replay.identity.device_id,
                 product_code=replay.identity.product_code,
                 firmware=replay.identity.firmware,
             )
-        identity = _told(
+        identity = _with_known(
             identity,
             device_id=device_id,
             product_code=product_code,
@@ -165,7 +174,7 @@ class SimulatedDevice:
             hardware=hardware,
         )
         self.sent = self.lost = 0
-        self._gives_up_at = 0
+        self._frame_timeout_at = 0
         self._lock = threading.RLock()
         self._clock = Clock()
         self._line = Line(baudrate, faults, seed)
@@ -185,21 +194,21 @@ class SimulatedDevice:
         )
         self._start()
 
-    # What it is
+    # State
 
     @property
-    def identity(self) -> Identity:
-        """What it calls itself."""
+    def identity(self) -> FactoryIdentity:
+        """Device identifier, product code, firmware and hardware version."""
         return self._unit.identity
 
     @property
     def time(self) -> float:
-        """Seconds since it was made."""
+        """Seconds since the device was created."""
         return self._clock.now / SECOND
 
     @property
     def state(self) -> State:
-        """The state in which it is (section 4)."""
+        """The current state (section 4)."""
         return self._unit.state
 
     @property
@@ -209,12 +218,12 @@ class SimulatedDevice:
 
     @property
     def is_serial(self) -> bool:
-        """Whether baud rates mean something."""
+        """Whether the device has a serial line, on which the host must use the device's baud rate."""
         return self._line.rate is not None
 
     @property
     def baudrate(self) -> int:
-        """Bits per second at which it talks; on USB what a serial port would be set to."""
+        """Bits per second of the line; on USB the baud rate setting."""
         return self._line.rate or self.settings.baudrate
 
     @property
@@ -226,17 +235,18 @@ class SimulatedDevice:
     def faults(self) -> Faults | None:
         """The faults of the line, or None.
 
-        Assign others at any time, also while a server runs the device. Times in them are those of `time`.
-        Bytes that the old faults held back arrive at once.
+        They can be replaced at any time, also while a server runs the device. Their times are those of
+        `time`. Bytes that the old faults held back arrive at once.
 
-        >>> import xbus
-        >>> device = xbus.SimulatedDevice("MTi-630", baudrate=115200)
-        >>> device.faults = xbus.Faults(stall=(device.time, 2))
-        >>> device.advance(1)
-        >>> waiting = device.read()
-        >>> device.faults = None
-        >>> waiting, len(device.read()) > 0
-        (b'', True)
+        Example:
+            >>> import xbus
+            >>> device = xbus.SimulatedDevice("MTi-630", baudrate=115200)
+            >>> device.faults = xbus.Faults(stall=(device.time, 2))
+            >>> device.advance(1)
+            >>> waiting = device.read()
+            >>> device.faults = None
+            >>> waiting, len(device.read()) > 0
+            (b'', True)
         """
         return self._line.faults
 
@@ -245,112 +255,116 @@ class SimulatedDevice:
     def faults(self, faults: Faults | None) -> None:
         self._line.change_faults(faults, self._clock.now)
 
-    # What a host does
+    # The host's side
 
     @_locked
     def write(self, data: bytes, baudrate: int | None = None) -> None:
-        """Takes bytes from the host.
+        """Sends bytes from the host to the device.
 
         Args:
-            data: Any piece of what it sends. Nothing gets through while the plug is out.
-            baudrate: The rate that the host's port is set to; None: the right one. At another one than the
-                device's it hears noise, on a serial line.
+            data: Bytes, cut anywhere. While the plug is out they are lost.
+            baudrate: The rate of the host's port; None: the device's rate. On a serial line with another
+                rate the device receives noise.
         """
         if not self.plugged:
             return
-        # The boot loader listens at the rate that all can find.
+        # The boot loader uses the default rate, whatever the settings.
         own = DEFAULT_BAUDRATE if self._is_booting and self.is_serial else self._line.rate
-        data = self._line.heard(data, baudrate, own) if self.is_serial else data
+        data = self._line.receive(data, baudrate, own) if self.is_serial else data
         if self._is_booting:
             self._restores += data.count(RESTORE)
             return
         for request in self._framer.feed(data):
             self._answer(request)
-        until = self._clock.now + round(PATIENCE * SECOND)
-        if self._framer.is_waiting and until != self._gives_up_at:
-            self._gives_up_at = until
-            self._clock.at(until, self._lose_patience)
+        until = self._clock.now + round(FRAME_TIMEOUT * SECOND)
+        if self._framer.is_waiting and until != self._frame_timeout_at:
+            self._frame_timeout_at = until
+            self._clock.at(until, self._drop_incomplete_frame)
 
     @_locked
     def read(self, baudrate: int | None = None) -> bytes:
-        """All bytes that have come to the host and were not read.
+        """Returns the bytes that have arrived at the host since the last call.
 
         Args:
-            baudrate: The rate that the host's port is set to; None: the right one. At another one than the
-                device's it hears noise, on a serial line.
+            baudrate: The rate of the host's port; None: the device's rate. On a serial line with another
+                rate the host receives noise.
         """
         self._line.collect(self._clock.now)
         if not self.plugged:
-            self._line.lose()
+            self._line.discard()
         return self._line.read(baudrate)
 
     @_locked
     def advance(self, dt: float) -> None:
-        """Moves time on.
+        """Advances the device's time.
 
         Args:
-            dt: Seconds, counted in whole nanoseconds; how time is cut into calls changes nothing.
+            dt: Seconds, rounded to nanoseconds. The number of calls for a duration has no effect.
 
         Raises:
-            ValueError: Time cannot go back.
+            ValueError: ``dt`` is negative.
         """
         if dt < 0:
-            raise ValueError(f"time goes on, and not by {dt} s")
+            raise ValueError(f"dt must be 0 seconds or more, not {dt}")
         end = self._clock.now + round(dt * SECOND)
-        while (due := self._clock.next()) is not None and due <= end:
+        while (due := self._clock.next_time()) is not None and due <= end:
             self._measure(due)
-            self._clock.run()
+            self._clock.run_next()
         self._measure(end)
         self._line.collect(end)
         if not self.plugged:
-            self._line.lose()
+            self._line.discard()
 
-    # What hands do
+    # The hardware
 
     @_locked
     def trigger(self, line: SyncLine | int, *, rising: bool = True) -> None:
-        """An edge at a sync input.
+        """Creates an edge at a sync input.
 
         Args:
-            line: Which one (Table 12).
-            rising: Which edge.
+            line: The line (Table 12).
+            rising: Whether the edge is rising or falling.
         """
         if self._unit.measurement is not None:
             self._unit.measurement.edge(line, rising=rising)
 
     @_locked
     def connect_antenna(self, connected: bool) -> None:
-        """Takes the GNSS antenna off, or puts it on: the fix is lost, or comes again after a while.
+        """Connects or disconnects the GNSS antenna.
 
-        For a minute after the loss the filter mode says that it is coasting (Table 27).
+        Without the antenna the fix is lost, and the filter mode is coasting for a minute (Table 27). With the
+        antenna there is a fix again after ``time_to_fix``.
+
+        Args:
+            connected: Whether the antenna is connected.
         """
         if self.product.kind == "GNSS/INS":
             self._unit.receiver.connect_antenna(connected)
 
     @_locked
     def power_cycle(self) -> None:
-        """Takes power away, and gives it back: settings that are not stored are lost."""
+        """Switches the power off and on: settings that are not stored are lost."""
         self._start()
 
     @_locked
     def unplug(self) -> None:
-        """Pulls the plug of the data line: nothing gets through, and what nobody has read is lost.
+        """Pulls the plug of the data line: bytes in both directions, and bytes not yet read, are lost.
 
-        Power comes from elsewhere; for a device that is fed by its plug call `power_cycle` as well.
+        The device keeps its power. For a device with power from the plug, call `power_cycle` as well.
         """
         self._has_plug = False
-        self._line.lose()
+        self._line.discard()
 
     @_locked
     def plug(self) -> None:
-        """Puts the plug in."""
+        """Inserts the plug of the data line."""
         self._has_plug = True
 
-    # What happens inside
+    # The device's side
 
     def _start(self) -> None:
-        """Power-up."""
-        self._clock.forget()
+        """Powers up."""
+        self._clock.clear()
         self._line.restart(self._line.rate, self._clock.now)
         self._unit.power_up()
         self._framer = Framer()
@@ -364,7 +378,7 @@ class SimulatedDevice:
         if self._restores >= RESTORE_COUNT:
             self._unit.restore_communication()
         self._line.restart(self.settings.baudrate if self.is_serial else None, self._clock.now)
-        self._unit.say(MessageId.WakeUp)
+        self._unit.send_message(MessageId.WakeUp)
         self._clock.after(WAKE_UP_TIME, self._unit.leave_wake_up)
 
     def _restart(self) -> None:
@@ -377,12 +391,12 @@ class SimulatedDevice:
         if (reply := self._unit.answer(request)) is not None:
             self._send(_core.encode_frame(bid, *reply))
         if self._is_restarting:
-            # The reply has to get out at the old rate.
+            # The reply leaves at the old rate before the restart.
             self._clock.at(max(self._line.idle_at, self._clock.now), self._start)
 
-    def _lose_patience(self) -> None:
-        """Gives up what has begun like a frame and does not go on: it must not swallow the next request."""
-        if self._clock.now < self._gives_up_at:
+    def _drop_incomplete_frame(self) -> None:
+        """Drops an incomplete frame, so that the next request is not taken for the rest of it."""
+        if self._clock.now < self._frame_timeout_at:
             return
         for request in self._framer.flush():
             self._answer(request)
@@ -392,12 +406,12 @@ class SimulatedDevice:
         self._line.send(frame, self._clock.now)
 
     def _measure(self, until: int) -> None:
-        """Moves the clock on, with what is sent meanwhile."""
+        """Advances the clock, and sends the samples that are due meanwhile."""
         measurement = self._unit.measurement
         frames = measurement.take(until) if measurement is not None else []
-        if self._line.is_simple:
+        if self._line.is_immediate:
             self.sent += len(frames)
-            self._line.send(b"".join([it for _, it in frames]), until)
+            self._line.send(b"".join([frame for _, frame in frames]), until)
         else:
             for time, frame in frames:
                 self._clock.now = round(time * SECOND)
@@ -405,7 +419,7 @@ class SimulatedDevice:
         self._clock.now = until
 
     def _send_sample(self, frame: bytes) -> None:
-        """Sends a sample if the line can take it; else it is lost, and its number is missing."""
+        """Sends a sample if the line has room for it; otherwise it is lost, but counted by the counter."""
         now = self._clock.now
         if self._line.has_room(len(frame), now):
             self._send(frame)
@@ -413,11 +427,12 @@ class SimulatedDevice:
         self.lost += 1
         if self._error_at is None or now - self._error_at >= ERROR_PAUSE * SECOND:
             self._error_at = now
-            self._unit.say(
+            self._unit.send_message(
                 MessageId.Error, encode("Error", DeviceErrorInfo(ErrorCode.DATA_OVERFLOW))
             )
 
 
-def _told(identity: Identity, **told: Any) -> Identity:
-    """The identity, with what is told otherwise."""
-    return replace(identity, **{name: it for name, it in told.items() if it is not None})
+def _with_known(identity: FactoryIdentity, **fields: Any) -> FactoryIdentity:
+    """Returns a copy of the identity with the fields that are not None."""
+    known = {name: value for name, value in fields.items() if value is not None}
+    return replace(identity, **known)

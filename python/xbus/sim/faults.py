@@ -1,4 +1,4 @@
-"""What can go wrong on the way from a device to its host, on demand and always in the same way."""
+"""Faults of the line from a device to its host, reproducible by their seed."""
 
 from __future__ import annotations
 
@@ -10,36 +10,39 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["BUFFER", "Faults", "FaultyLine"]
+__all__ = ["STALL_BUFFER", "Faults", "FaultyLine"]
 
-#: Bytes that wait during a stall; what comes while they do not fit is lost.
-BUFFER = 1 << 16
-#: How many accidents are drawn at a time.
+#: Bytes that are buffered during a stall; further bytes are lost.
+STALL_BUFFER = 1 << 16
+#: Number of random positions that are drawn at a time.
 BATCH = 256
-#: No gap between two accidents is longer than this many bits, so that sums of gaps stay integers.
-LONGEST_GAP = 1 << 48
+#: Upper limit of the gap between two random positions, so that sums of gaps fit into int64.
+MOST_GAP = 1 << 48
 
 
 @dataclass(frozen=True)
 class Faults:
-    """What is wrong with a line. Times are in seconds on the clock of the virtual device.
+    """The faults of a line from a virtual device to its host.
 
-    Attributes:
-        flip: Probability that a bit is turned over.
-        drop: Probability that a byte is lost.
-        burst: Bytes come only at multiples of so many seconds, all at once; 0.016 is what a
-            USB-serial adapter does with its timer as delivered. 0 is at once.
-        stall: From when on and for how long nothing comes. It comes late, the first 64 KiB of it: the
-            rest is lost.
-        unplug: From when on and for how long the plug is pulled (None: for good). What is sent
-            meanwhile or was still on its way is lost.
-        seed: Of what happens by chance.
+    Times are in seconds on the clock of the virtual device.
+
+    Args:
+        flip: Probability that a bit is inverted, 0 to 1.
+        drop: Probability that a byte is lost, 0 to 1.
+        burst: Bytes arrive together at multiples of this period in seconds. A USB-serial adapter with
+            default settings has 0.016. 0 delivers bytes at once.
+        stall: Start and duration of a stall. Bytes sent during a stall arrive at its end: the first 64 KiB
+            of them, the rest is lost.
+        unplug: When the plug is pulled, and for how long (None: until the end). Bytes that are sent or in
+            transit meanwhile are lost.
+        seed: Seed of everything random.
 
     Raises:
-        ValueError: A probability outside 0 to 1, a time or duration that is none.
+        ValueError: A probability outside 0 to 1, or a time or duration that is negative or not finite.
 
-    >>> Faults(flip=1e-4, stall=(5.0, 2.0))
-    Faults(flip=0.0001, drop=0.0, burst=0.0, stall=(5.0, 2.0), unplug=None, seed=0)
+    Example:
+        >>> Faults(flip=1e-4, stall=(5.0, 2.0))
+        Faults(flip=0.0001, drop=0.0, burst=0.0, stall=(5.0, 2.0), unplug=None, seed=0)
     """
 
     flip: float = 0.0
@@ -61,26 +64,27 @@ class Faults:
 
     @classmethod
     def parse(cls, texts: Iterable[str], seed: int = 0) -> Faults:
-        """Faults as the command line names them.
+        """Parses faults as the command line names them.
 
         Args:
             texts: ``flip=P``, ``drop=P``, ``burst=SECONDS``, ``stall=AT:SECONDS``, ``unplug=AT:SECONDS``
                 or ``unplug=AT``, each at most once.
-            seed: Of what happens by chance.
+            seed: Seed of everything random.
 
         Raises:
-            ValueError: A text that is none of these.
+            ValueError: A text with another form, or the same fault twice.
 
-        >>> Faults.parse(["burst=0.016", "unplug=10:3"])
-        Faults(flip=0.0, drop=0.0, burst=0.016, stall=None, unplug=(10.0, 3.0), seed=0)
+        Example:
+            >>> Faults.parse(["burst=0.016", "unplug=10:3"])
+            Faults(flip=0.0, drop=0.0, burst=0.016, stall=None, unplug=(10.0, 3.0), seed=0)
         """
         found: dict[str, object] = {}
         for text in texts:
             name, _, value = text.partition("=")
             if name in found:
-                raise ValueError(f"{name} is there twice")
+                raise ValueError(f"{name} is given twice")
             try:
-                numbers = [float(it) for it in value.split(":")]
+                numbers = [float(number) for number in value.split(":")]
             except ValueError:
                 numbers = []
             match name, numbers:
@@ -92,25 +96,25 @@ class Faults:
                     found[name] = at, None
                 case _:
                     raise ValueError(
-                        f"{text!r} is none of flip=P, drop=P, burst=SECONDS, stall=AT:SECONDS, "
-                        "unplug=AT:SECONDS, unplug=AT"
+                        f"{text!r} is not a fault: use flip=P, drop=P, burst=SECONDS, "
+                        "stall=AT:SECONDS, unplug=AT:SECONDS or unplug=AT"
                     )
         return cls(**found, seed=seed)  # type: ignore[arg-type]
 
 
-def _check_seconds(what: str, value: float) -> None:
+def _check_seconds(name: str, value: float) -> None:
     if not 0 <= value < math.inf:
-        raise ValueError(f"{what} is in seconds, 0 or more, not {value}")
+        raise ValueError(f"{name} must be 0 seconds or more, not {value}")
 
 
 class FaultyLine:
-    """A line with faults: bytes go in when the device sends them, and come out when the host has them.
+    """A line with faults: `feed` takes bytes when the device sends them, `take` returns what has arrived.
 
-    What happens to a byte depends on the seed, on how many bytes went before it and on when it was
-    sent; not on how calls cut the bytes. Times must not fall.
+    The fate of a byte depends on the seed, its position and the time at which it is sent; not on the calls
+    that it is passed in. Times must not decrease.
 
     Args:
-        faults: What is wrong with it.
+        faults: The faults.
 
     >>> line = FaultyLine(Faults(burst=0.016))
     >>> line.feed(b"abc", 0.010)
@@ -121,13 +125,13 @@ class FaultyLine:
     def __init__(self, faults: Faults) -> None:
         self.faults = faults
         self._sent = 0
-        self._flips = _Accidents(faults.flip, [faults.seed, 0])
-        self._drops = _Accidents(faults.drop, [faults.seed, 1])
-        self._waiting: deque[tuple[float, bytes]] = deque()
+        self._flips = _RandomPositions(faults.flip, [faults.seed, 0])
+        self._drops = _RandomPositions(faults.drop, [faults.seed, 1])
+        self._in_transit: deque[tuple[float, bytes]] = deque()
         self._stalled = 0
 
     def feed(self, data: bytes, time: float) -> None:
-        """Bytes that the device sends, and when."""
+        """Adds bytes that the device sends at a time in seconds."""
         start = self._sent
         self._sent += len(data)
         damaged = self._damaged(data, start)
@@ -135,35 +139,35 @@ class FaultyLine:
         if self.faults.stall is not None:
             at, seconds = self.faults.stall
             if at <= time < at + seconds:
-                damaged = damaged[: BUFFER - self._stalled]
+                damaged = damaged[: STALL_BUFFER - self._stalled]
                 self._stalled += len(damaged)
                 due = at + seconds
         if self.faults.burst:
             due = math.ceil(due / self.faults.burst) * self.faults.burst
         if damaged and self._arrives(time, due):
-            self._waiting.append((due, damaged))
+            self._in_transit.append((due, damaged))
 
     def take(self, time: float) -> bytes:
-        """The bytes that have come by this time and were not taken yet."""
+        """Returns the bytes that have arrived by a time, once."""
         pieces = []
-        while self._waiting and self._waiting[0][0] <= time:
-            pieces.append(self._waiting.popleft()[1])
+        while self._in_transit and self._in_transit[0][0] <= time:
+            pieces.append(self._in_transit.popleft()[1])
         return b"".join(pieces)
 
-    def plugged(self, time: float) -> bool:
-        """Whether the plug is in at this time."""
+    def is_plugged(self, time: float) -> bool:
+        """Whether the plug is in at a time."""
         if self.faults.unplug is None:
             return True
         at, seconds = self.faults.unplug
         return time < at or (seconds is not None and time >= at + seconds)
 
     def _arrives(self, time: float, due: float) -> bool:
-        """Whether the plug is in at one time, and stays in until the other."""
+        """Whether the plug is in from one time to another."""
         is_pulled = self.faults.unplug is not None and time < self.faults.unplug[0] <= due
-        return self.plugged(time) and not is_pulled
+        return self.is_plugged(time) and not is_pulled
 
     def _damaged(self, data: bytes, start: int) -> bytes:
-        """The bytes from position ``start`` of all that was sent, after flips and drops."""
+        """Returns the bytes after flips and drops; ``start`` is their position among all bytes sent."""
         end = start + len(data)
         bits, bytes_ = self._flips.before(8 * end), self._drops.before(end)
         if not len(bits) and not len(bytes_):
@@ -173,8 +177,8 @@ class FaultyLine:
         return np.delete(values, bytes_ - start).tobytes()
 
 
-class _Accidents:
-    """Where something happens that has the same probability at every position, in rising order."""
+class _RandomPositions:
+    """Random positions in rising order; every position has the same probability."""
 
     def __init__(self, probability: float, seed: list[int]) -> None:
         self._probability = probability
@@ -185,14 +189,14 @@ class _Accidents:
             self._draw(-1)
 
     def _draw(self, last: int) -> None:
-        """Draws more of them, after ``last``."""
-        # Between two accidents lies a geometric number of positions: the work is in proportion to them.
-        gaps = np.minimum(self._rng.geometric(self._probability, BATCH), LONGEST_GAP)
+        """Draws more positions after ``last``."""
+        # Gaps have a geometric distribution: drawing them costs time per hit, not per position.
+        gaps = np.minimum(self._rng.geometric(self._probability, BATCH), MOST_GAP)
         self._ahead = np.concatenate([self._ahead, last + np.cumsum(gaps)])
         self._next = int(self._ahead[0])
 
     def before(self, end: int) -> npt.NDArray[np.int64]:
-        """The next ones, as far as they lie before ``end``."""
+        """Returns the next positions before ``end``, once."""
         if self._next >= end:
             return np.empty(0, np.int64)
         while self._ahead[-1] < end:

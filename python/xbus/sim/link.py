@@ -11,14 +11,21 @@ __all__ = ["SimLink"]
 
 
 class SimLink:
-    """A virtual device in this process, whose time moves while one waits for it."""
+    """A `xbus.wire.link.Link` to a virtual device in this process.
 
-    #: Seconds of device time between two looks at what it has sent.
-    STEP = 0.005
-    #: Seconds that pass at least, so that a wait comes to its end whatever rounding leaves of it.
-    LEAST = 1e-6
+    The device's time advances while the host waits for it.
+
+    Args:
+        device: The device, or its product as in ``sim:MTi-630``.
+        strings: Bits of the string types without a checksum to look for.
+    """
+
+    #: Seconds of device time between two checks for new bytes.
+    POLL_TIME = 0.005
+    #: The shortest advance in seconds: a wait ends in spite of rounding.
+    SHORTEST_ADVANCE = 1e-6
     is_line = True
-    #: Its clock begins in 1970, so that what is measured is the same every time.
+    #: The device's clock starts in 1970, so the times of samples are reproducible.
     epoch = 0
     trouble = None
 
@@ -31,23 +38,23 @@ class SimLink:
         self.acquisition = _core.Acquisition(None, strings=strings)
 
     def read(self, timeout: float) -> Received:
-        """What has come."""
-        until = self.device.time + max(timeout, self.LEAST)
+        """Returns what has arrived; waits for it at most ``timeout`` seconds of device time."""
+        until = self.device.time + max(timeout, self.SHORTEST_ADVANCE)
         while True:
             self._check()
             if data := self.device.read(self.baudrate):
                 self.acquisition.push(data)
-                self.acquisition.read(
-                    0
-                )  # it counts and records them; nobody has to wait for them here
+                # The acquisition counts and records the bytes. They are returned from here, so its queue
+                # is emptied.
+                self.acquisition.read(0)
                 return Received.at(data, self.device.time)
             left = until - self.device.time
-            if left < self.LEAST / 2:
+            if left < self.SHORTEST_ADVANCE / 2:
                 return NOTHING_RECEIVED
-            self.device.advance(min(self.STEP, left))
+            self.device.advance(min(self.POLL_TIME, left))
 
     def write(self, data: bytes) -> None:
-        """Sends."""
+        """Sends bytes to the device."""
         self._check()
         self.device.write(data, self.baudrate)
 
@@ -56,17 +63,17 @@ class SimLink:
             raise ConnectionResetError(f"{self.name} was unplugged")
 
     def clock(self) -> float:
-        """Seconds."""
+        """Returns the device's time in seconds."""
         return self.device.time
 
     def pause(self, seconds: float) -> None:
-        """Lets time pass."""
+        """Advances the device's time."""
         self.device.advance(seconds)
 
     def reopen(self) -> None:
-        """Looks whether the plug is in again."""
+        """Raises ConnectionResetError while the plug is out."""
         self._check()
 
     def close(self) -> None:
-        """Leaves the device as it is."""
+        """Stops the acquisition; the device remains in its state."""
         self.acquisition.close()

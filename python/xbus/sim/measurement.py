@@ -1,4 +1,4 @@
-"""What a virtual device does while it measures."""
+"""The Measurement State of a virtual device."""
 
 from __future__ import annotations
 
@@ -33,31 +33,33 @@ if TYPE_CHECKING:
 
 __all__ = ["Measurement", "status_word"]
 
-#: Momentary flags are looked at so often, in ns: no two messages with a status word are nearer.
-STEP = SECOND // 2000
+#: Shortest time in ns between two messages with a status word: a momentary flag is in one of them only.
+SHORTEST_INTERVAL = SECOND // 2000
 #: A tick of SampleTimeFine, in ns.
 TICK = SECOND // 10_000
-#: The no-rotation update in the status word.
-NO_ROTATION_FINE, NO_ROTATION_FAILED, NO_ROTATION_RUNS = 0, 2, 3
-#: The lines whose events come as data, on the 600-series.
+#: States of the no-rotation update in the status word.
+NO_ROTATION_DONE, NO_ROTATION_FAILED, NO_ROTATION_RUNNING = 0, 2, 3
+#: The lines whose events are sent as data, on the 600-series.
 TRIGGERS = {SyncLine.IN1: DataId.TriggerIn1, SyncLine.IN2: DataId.TriggerIn2}
+#: Quantities that carry status flags.
+STATUS_QUANTITIES = ("status_word", "status_byte")
 
-_STATUS_BITS = {it.name: it.bit for it in STATUS_FLAGS}
+_STATUS_BITS = {flag.name: flag.bit for flag in STATUS_FLAGS}
 
 
 def status_word(**fields: int) -> int:
-    """A status word with these fields (Table 27)."""
+    """Returns the status word with these fields (Table 27)."""
     return sum(int(value) << _STATUS_BITS[name] for name, value in fields.items())
 
 
 class Source(Protocol):
-    """Where samples come from: a `Stream`, strings, or a recording."""
+    """A source of samples: a `Stream`, strings, or a recording."""
 
     def take(self, until: float, status: int) -> list[tuple[float, bytes]]:
-        """The frames sent since the last call, and when."""
+        """Returns the frames sent since the last call, each with its time."""
 
     def latest(self, now: float, status: int) -> list[bytes]:
-        """The newest sample, or strings."""
+        """Returns the newest sample, or strings."""
 
 
 class Measurement:
@@ -68,8 +70,8 @@ class Measurement:
 
     Attributes:
         rot_sensor: RotSensor in effect; orientation resets change it.
-        rot_local: RotLocal in effect.
-        icc_since: When the representative motion began, in ns; None where there is none.
+        rot_local: RotLocal in effect; orientation resets change it.
+        icc_since: Start of the representative motion in ns; None outside a representative motion.
     """
 
     def __init__(self, unit: Unit) -> None:
@@ -79,32 +81,33 @@ class Measurement:
         self.icc_since: int | None = None
         self._updating_since: int | None = None
         self._unit = unit
-        self._is_asked = any(
-            it.function == SyncFunction.SEND_LATEST for it in settings.sync_settings
+        #: Whether samples are sent on request only.
+        self._on_request = any(
+            setting.function == SyncFunction.SEND_LATEST for setting in settings.sync_settings
         )
         self._source = self._make_source()
         self._taken = unit.clock.now
+        #: Flags that are set in the next status word only.
         self._momentary = 0
-        #: How a packet begins that tells the flags.
-        self._marks = [
-            struct.pack(">HB", it.data_id, QUANTITIES[it.quantity].size)
-            for it in settings.output_configuration
-            if it.quantity in ("status_word", "status_byte")
-            and not settings.string_output_type.types
+        #: Headers of the packets that carry status flags.
+        self._status_headers = [
+            struct.pack(">HB", output.data_id, QUANTITIES[output.quantity].size)
+            for output in settings.output_configuration
+            if output.quantity in STATUS_QUANTITIES and not settings.string_output_type.types
         ]
-        self.mark("filter_input_start")
+        self.set_momentary_flag("filter_input_start")
 
     def _make_source(self) -> Source:
         unit, now = self._unit, self._unit.clock.now / SECOND
         if unit.settings.string_output_type.types:
-            # Strings overrule MTData2.
+            # Strings replace MTData2.
             return self._make_strings(now)
         if unit.world.replay is not None:
             return unit.world.replay.play(now)
         return Stream(
             unit.settings.output_configuration,
             sensors=unit.sensors(),
-            base_rate=unit.support.rates["acceleration"],
+            base_rate=unit.support.base_rate,
             synchronous_hr=unit.product.series in ("10-series", "100-series"),
             fine_wrap=unit.product.fine_wrap,
             fine_start=-(unit.powered_at // TICK),
@@ -123,67 +126,69 @@ class Measurement:
             rate = None
         else:
             rate = Fraction(PERIOD_TICKS, settings.period * (settings.output_skip_factor + 1))
-        self._is_asked = self._is_asked or rate is None
+        self._on_request = self._on_request or rate is None
         return StringStream(settings.string_output_type.types, rate, unit.sensors(), now)
 
     # Samples
 
     def take(self, until: int) -> list[tuple[float, bytes]]:
-        """The frames that are sent on their own up to a time in ns, and when, in seconds."""
-        if self._is_asked:
+        """Returns the frames sent without request up to a time in ns, each with its time in seconds."""
+        if self._on_request:
             return []
         frames: list[tuple[float, bytes]] = []
         while self._momentary and self._taken < until:
-            self._taken = min((self._taken // STEP + 1) * STEP, until)
+            interval = self._taken // SHORTEST_INTERVAL + 1
+            self._taken = min(interval * SHORTEST_INTERVAL, until)
             status = self._unit.status() | self._momentary
             frames += (new := self._source.take(self._taken / SECOND, status))
-            self._told([frame for _, frame in new])
+            self._clear_sent_flags([frame for _, frame in new])
         if self._taken < until:
             self._taken = until
             frames += self._source.take(until / SECOND, self._unit.status())
         return frames
 
     def send_latest(self) -> None:
-        """Sends the newest sample, if samples are sent when they are asked for."""
-        if not self._is_asked:
+        """Sends the newest sample, if samples are sent on request only."""
+        if not self._on_request:
             return
         status = self._unit.status() | self._momentary
         frames = self._source.latest(self._unit.clock.now / SECOND, status)
-        self._told(frames)
+        self._clear_sent_flags(frames)
         for frame in frames:
             self._unit.send(frame)
 
-    def mark(self, flag: str) -> None:
-        """Sets a flag of the status word in the next message that tells it."""
-        if self._marks:
-            self._momentary |= status_word(**{flag: 1})
+    def set_momentary_flag(self, name: str) -> None:
+        """Sets a flag of the status word in the next message that carries it."""
+        if self._status_headers:
+            self._momentary |= status_word(**{name: 1})
 
-    def _told(self, frames: list[bytes]) -> None:
-        if any(mark in frame for mark in self._marks for frame in frames):
+    def _clear_sent_flags(self, frames: list[bytes]) -> None:
+        """Clears the momentary flags if a frame carried them."""
+        if any(header in frame for header in self._status_headers for frame in frames):
             self._momentary = 0
 
     def sensors_changed(self) -> None:
-        """What is measured from now on is something else."""
+        """Replaces the sensors, after a change of settings, fix or RTK status."""
         if isinstance(self._source, Stream | StringStream):
             self._source.sensors = self._unit.sensors()
 
     # Edges at the sync inputs
 
     def edge(self, line: int, *, rising: bool) -> None:
-        """An edge at a line; each setting for which it counts acts after its delay."""
+        """Handles an edge at a line: each setting that it triggers acts after its delay."""
         for setting in self._unit.sync_inputs.edge(line, rising=rising):
             match setting.function:
                 case SyncFunction.CLOCK_BIAS_ESTIMATION:
                     self._unit.sync_inputs.reference(setting, self._unit.clock.now)
-                    # The flag falls where the next one is missed.
-                    self._plan(2 * reference_period(setting), lambda: None)
+                    # Without another pulse until then, the status changes at this time.
+                    self._after(2 * reference_period(setting), lambda: None)
                 case SyncFunction.SEND_LATEST:
-                    self._plan(delay_of(setting), self.send_latest)
+                    self._after(delay_of(setting), self.send_latest)
                 case SyncFunction.TRIGGER_INDICATION:
-                    self._plan(delay_of(setting), partial(self._indicate, line, rising=rising))
+                    self._after(delay_of(setting), partial(self._indicate, line, rising=rising))
 
-    def _plan(self, delay: int, action: Callable[[], None]) -> None:
-        """Does something after a delay in ns, if this measurement lasts so long."""
+    def _after(self, delay: int, action: Callable[[], None]) -> None:
+        """Schedules an action after a delay in ns; it does not run if this measurement ends before."""
 
         def act() -> None:
             if self._unit.measurement is self:
@@ -193,10 +198,10 @@ class Measurement:
 
     def _indicate(self, line: int, *, rising: bool) -> None:
         if self._unit.product.series != "600-series":
-            self.mark("sync_in_marker")
+            self.set_momentary_flag("sync_in_marker")
             return
         data_id = TRIGGERS[SyncLine(line)]
-        if data_id in (it.data_id for it in self._unit.settings.output_configuration):
+        if data_id in (output.data_id for output in self._unit.settings.output_configuration):
             microseconds = (self._unit.clock.now - self._unit.powered_at) // 1000
             trigger = {
                 "line": line,
@@ -204,7 +209,7 @@ class Measurement:
                 "timestamp": microseconds % 2**32,
                 "frame": 0,
             }
-            # Without a packet counter, which does not count it either.
+            # The message has no packet counter, and the counter does not count it.
             self._unit.send(encode_sample({int(data_id): trigger}, bid=self._unit.bid))
 
     # Procedures
@@ -217,21 +222,21 @@ class Measurement:
         self.sensors_changed()
 
     def update_no_rotation(self, seconds: int) -> None:
-        """Begins a no-rotation update; it ends well if the device stands still."""
+        """Starts a no-rotation update, which fails if the device moves."""
         start = self._unit.clock.now
         self._updating_since = start
-        self._unit.no_rotation = NO_ROTATION_RUNS
+        self._unit.no_rotation = NO_ROTATION_RUNNING
 
         def end() -> None:
             if self._updating_since == start:
                 still = is_still(self._unit.world.trajectory, start, self._unit.clock.now)
-                self._unit.no_rotation = NO_ROTATION_FINE if still else NO_ROTATION_FAILED
+                self._unit.no_rotation = NO_ROTATION_DONE if still else NO_ROTATION_FAILED
                 self._updating_since = None
 
-        self._plan(seconds * SECOND, end)
+        self._after(seconds * SECOND, end)
 
     def icc(self, command: IccCommand) -> IccReply | None:
-        """Does a command of in-run compass calibration (Table 36); None where it makes no sense now."""
+        """Runs a command of in-run compass calibration (Table 36); returns None if it is not possible now."""
         now = self._unit.clock.now
         match command:
             case IccCommand.START:
@@ -245,6 +250,6 @@ class Measurement:
         return None
 
     def end(self) -> None:
-        """Leaves off."""
+        """Ends the measurement."""
         if self._updating_since is not None:
             self._unit.no_rotation = NO_ROTATION_FAILED

@@ -1,11 +1,11 @@
-"""What a virtual device is set to, and what of it lasts."""
+"""Settings of a virtual device, and their storage."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from typing import Any
 
-from xbus.protocol.products import Support
+from xbus.protocol.products import DEFAULT_BAUDRATE, Support
 from xbus.protocol.values import (
     PERIODS,
     TRANSMIT_DELAYS,
@@ -16,7 +16,6 @@ from xbus.protocol.values import (
     ExtOutputMode,
     GnssLeverArm,
     GnssPlatform,
-    GnssReceiver,
     GnssReceiverSettings,
     LatLonAlt,
     OptionFlag,
@@ -32,32 +31,23 @@ from xbus.protocol.values import (
 
 __all__ = ["NO_ROTATION", "Memory", "UnitSettings", "factory_settings", "restored"]
 
+#: The identity quaternion, q0 first.
 NO_ROTATION = (1.0, 0.0, 0.0, 0.0)
-#: Default of 7.2.1.
-DEFAULT_BAUDRATE = 115_200
-#: The place that devices come with (seen in published settings).
+#: Factory setting of latitude, longitude and altitude (seen in published settings).
 FACTORY_PLACE = LatLonAlt(52.24049169408207, 6.838216771186439, 0.0)
-#: Table 41.
+#: Default error mode (Table 41).
 DEFAULT_ERROR_MODE = 1
-
-#: Receivers that come with the products, as in published settings; an MTi-670 has none of its own.
-_RECEIVERS = {
-    7: GnssReceiverSettings(GnssReceiver.MAX_M8Q, baud_code(115_200), 4),
-    670: GnssReceiverSettings(GnssReceiver.MAX_M8Q, baud_code(115_200), 4),
-    680: GnssReceiverSettings(GnssReceiver.ZED_F9P, baud_code(230_400), 4),
-}
-_NO_PORT = PortConfig(PortProtocol.NONE, 0)
 
 
 @dataclass(frozen=True)
 class UnitSettings:
-    """All settings of a device, as the messages carry them; those that a product lacks mean nothing there.
+    """All settings of a device, as the messages carry them. Settings that a product lacks have no effect.
 
     Attributes:
         output_configuration: Output configuration, with the rates in effect.
-        string_output_type: Strings to send instead of MTData2, if any.
-        period: Of the strings, in 1/115200 s.
-        output_skip_factor: Of the strings.
+        string_output_type: String outputs; if there are any, the device sends them instead of MTData2.
+        period: Sampling period of the string outputs, in 1/115200 s.
+        output_skip_factor: Number of sampling periods to skip between string outputs.
         sync_settings: Synchronization settings.
         option_flags: Option flags.
         location_id: Location identifier.
@@ -68,14 +58,14 @@ class UnitSettings:
         rot_sensor: RotSensor.
         rot_local: RotLocal.
         ext_output_mode: Extended output mode.
-        transmit_delay: In ticks of 1/29.4912 MHz.
+        transmit_delay: Transmit delay, in ticks of 1/29.4912 MHz.
         error_mode: Error mode.
         lat_lon_alt: Stored latitude, longitude and altitude.
-        filter_profile: Number, on the 600-series names; None on an IMU.
+        filter_profile: Number of the filter profile, on the 600-series its names; None on an IMU.
         gnss_platform: GNSS platform.
         gnss_lever_arm: GNSS lever arm.
         gnss_receiver_settings: GNSS receiver.
-        initial_heading: Degrees.
+        initial_heading: Initial heading in degrees.
     """
 
     output_configuration: tuple[Output, ...]
@@ -103,45 +93,36 @@ class UnitSettings:
 
     @property
     def host_baud_code(self) -> int:
-        """Code of the rate of the port to the host: on the 600-series the first one that speaks Xbus."""
-        speaking = (it.baud_code for it in self.port_config if it.protocol == PortProtocol.XBUS)
-        return next(speaking, self.baud_code)
+        """Baud code of the port to the host: on the 600-series the first port with the Xbus protocol."""
+        codes = (port.baud_code for port in self.port_config if port.protocol == PortProtocol.XBUS)
+        return next(codes, self.baud_code)
 
     @property
     def baudrate(self) -> int:
-        """Bits per second of the port to the host, from the next start on."""
+        """Bits per second of the port to the host, in effect after the next start."""
         return baudrate(self.host_baud_code) or DEFAULT_BAUDRATE
 
     def with_baud_code(self, code: int) -> UnitSettings:
-        """The same with another rate of the ports to the host."""
+        """Returns a copy with another rate of the ports to the host."""
         ports = tuple(
-            replace(it, baud_code=code) if it.protocol == PortProtocol.XBUS else it
-            for it in self.port_config
+            replace(port, baud_code=code) if port.protocol == PortProtocol.XBUS else port
+            for port in self.port_config
         )
         return replace(self, baud_code=code, port_config=ports)
 
 
 def factory_settings(support: Support) -> UnitSettings:
-    """How a product comes from the factory (Tables 2, 40 and 41)."""
-    code, number = baud_code(DEFAULT_BAUDRATE), support.product.number
-    host = PortConfig(PortProtocol.XBUS, code)
-    ports: tuple[PortConfig, ...] = ()
-    strings = StringOutput(StringType(0))
-    if support.product.series == "600-series":
-        # Table 22; the rate of the corrections is that of published settings.
-        rtcm = PortConfig(PortProtocol.RTCM, baud_code(38_400))
-        ports = (host, _NO_PORT, rtcm) if number == 680 else (host, host, _NO_PORT)
-        strings = StringOutput(StringType(0), 0)
+    """Returns the factory settings of a product (Tables 2, 40 and 41)."""
     return UnitSettings(
         output_configuration=support.output_configuration,
-        string_output_type=strings,
+        string_output_type=StringOutput(StringType(0), 0 if support.strings_have_rate else None),
         period=PERIODS[-1],
         output_skip_factor=0,
         sync_settings=support.sync_settings,
         option_flags=OptionFlag(0),
         location_id=0,
-        baud_code=code,
-        port_config=ports,
+        baud_code=baud_code(DEFAULT_BAUDRATE),
+        port_config=support.port_config,
         can_config=CanConfig(0, enabled=False),
         can_output_config=(),
         rot_sensor=AlignmentRotation(Alignment.ROT_SENSOR, NO_ROTATION),
@@ -153,15 +134,13 @@ def factory_settings(support: Support) -> UnitSettings:
         filter_profile=support.filter_profile,
         gnss_platform=GnssPlatform.PORTABLE,
         gnss_lever_arm=GnssLeverArm(0.0, 0.0, 0.0),
-        gnss_receiver_settings=_RECEIVERS.get(
-            number, GnssReceiverSettings(GnssReceiver.NONE, code, 0)
-        ),
+        gnss_receiver_settings=support.gnss_receiver_settings,
         initial_heading=0.0,
     )
 
 
 def restored(settings: UnitSettings, support: Support) -> UnitSettings:
-    """The same after "restore communication": what Table 41 lists is as it came."""
+    """Returns the settings after "restore communication": those of Table 41 have their factory values."""
     factory = factory_settings(support)
     return replace(
         settings,
@@ -176,21 +155,21 @@ def restored(settings: UnitSettings, support: Support) -> UnitSettings:
 
 
 class Memory:
-    """Settings in use, and the ones that are there again after a start.
+    """The settings in use, and the stored settings that a start loads.
 
     Attributes:
-        settings: In use.
-        stored: In flash.
+        settings: Settings in use.
+        stored: Settings in flash.
     """
 
     def __init__(self, settings: UnitSettings) -> None:
         self.settings = self.stored = settings
 
     def change(self, **changes: Any) -> None:
-        """Changes settings, at once and for good; unless DisableAutoStore is set, then until the next start.
+        """Changes settings in use, and stores the changes unless DisableAutoStore is set.
 
-        The flags themselves always last: the manual's example sets DisableAutoStore and clears
-        DisableAutoMeasurement in one message, and the device then starts to measure at the next start.
+        Option flags are always stored: the manual's example sets DisableAutoStore and clears
+        DisableAutoMeasurement in one message, and the device then measures after its next start.
         """
         self.settings = replace(self.settings, **changes)
         if (
@@ -200,9 +179,9 @@ class Memory:
             self.stored = replace(self.stored, **changes)
 
     def overwrite(self, settings: UnitSettings) -> None:
-        """Replaces all of it."""
+        """Replaces all settings, in use and stored."""
         self.settings = self.stored = settings
 
     def load(self) -> None:
-        """What a start does."""
+        """Loads the stored settings, at a start."""
         self.settings = self.stored

@@ -1,7 +1,7 @@
-"""How a virtual device moves: one trajectory, from which everything that it measures follows.
+"""Trajectories: the motion of a virtual device, from which all its measurements are computed.
 
-A trajectory answers for any time with pose and derivatives that belong together exactly: velocity is
-the derivative of position, acceleration that of velocity, rate of turn that of orientation.
+A trajectory gives pose and derivatives at any time. They are exactly consistent: velocity is the derivative
+of position, acceleration that of velocity, and rate of turn that of orientation.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
 __all__ = ["Motion", "SampledTrajectory", "Trajectory"]
 
-#: Seconds in which a sampled trajectory comes to rest after its last row, and starts before its first.
+#: Seconds in which a sampled trajectory starts before its first row, and comes to rest after its last row.
 COASTING = 1.0
-#: Seconds at least between the positions of a log that are used. A filter's estimate steps by centimetres
-#: when a fix arrives; taken within one sample at 100 Hz, such a step would be hundreds of m/s2.
+#: Seconds between the positions of a log that are used, at least. A filter's estimate steps by centimetres
+#: when a fix arrives. Within one sample at 100 Hz, such a step is an acceleration of hundreds of m/s2.
 FIX_PERIOD = 0.2
-#: Turns what is given in other local frames into ENU: NED = (y, x, -z), NWU = (y, -x, z).
+#: Rotations from other local coordinates to ENU, q0 first: NED = (y, x, -z), NWU = (y, -x, z).
 TO_ENU = {
     "ENU": np.array([1.0, 0.0, 0.0, 0.0]),
     "NED": np.array([0.0, np.sqrt(0.5), np.sqrt(0.5), 0.0]),
@@ -37,15 +37,23 @@ TO_ENU = {
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A trajectory at n instants. All arrays are float64.
+    """The motion at n instants. All arrays are float64.
 
-    Attributes:
-        time: Seconds, (n,).
-        orientation: Unit quaternions (n, 4), q0 first, from the sensor to ENU; their sign is continuous.
-        rate_of_turn: rad/s in the sensor frame, (n, 3).
-        acceleration: m/s2 in ENU, (n, 3): the derivative of velocity, so without gravity.
-        velocity: m/s in ENU, (n, 3).
-        position: Metres east, north and up of the trajectory's origin, (n, 3).
+    Args:
+        time: Seconds since the device was created, ``(n,)``.
+        orientation: Unit quaternions ``(n, 4)``, q0 first, from sensor coordinates to ENU, with a
+            continuous sign.
+        rate_of_turn: rad/s in sensor coordinates, ``(n, 3)``.
+        acceleration: m/s2 in ENU, ``(n, 3)``: the derivative of velocity, without gravity.
+        velocity: m/s in ENU, ``(n, 3)``.
+        position: Metres east, north and up of the trajectory's origin, ``(n, 3)``.
+
+    Example:
+        >>> import numpy as np
+        >>> from xbus.sim.trajectories import trajectory
+        >>> motion = trajectory("turn").at(np.array([0.0, 3.0]))
+        >>> motion.orientation.round(3).tolist()
+        [[1.0, 0.0, 0.0, 0.0], [0.707, 0.0, 0.0, 0.707]]
     """
 
     time: FloatArray
@@ -58,25 +66,44 @@ class Motion:
 
 @runtime_checkable
 class Trajectory(Protocol):
-    """A motion that can be asked for at any time.
+    """The motion of a virtual device. Any object with these two members is a trajectory.
 
-    Attributes:
-        origin: Where position is zero: degrees, and metres above the ellipsoid. Its axes are the local frame.
+    Example:
+        >>> import numpy as np
+        >>> import xbus
+        >>> from xbus.sim import Motion
+        >>> from xbus.protocol import LatLonAlt
+        >>> class Lift:
+        ...     '''Goes up with 2 m/s, level, x to the east.'''
+        ...     origin = LatLonAlt(52.24, 6.84, 40.0)
+        ...     def at(self, time):
+        ...         still = np.zeros((len(time), 3))
+        ...         level, up = np.array([1.0, 0.0, 0.0, 0.0]), np.array([0.0, 0.0, 2.0])
+        ...         return Motion(time, still[:, :1] + level, still, still, still + up, np.outer(time, up))
+        >>> device = xbus.SimulatedDevice("MTi-680G", trajectory=Lift(), time_to_fix=0.0)
+        >>> device.advance(10.0)
+        >>> log = xbus.read_log(device.read())
+        >>> log["altitude_ellipsoid"].values[-1].round(2).item()
+        60.0
     """
 
     @property
-    def origin(self) -> LatLonAlt: ...  # noqa: D102 - above
+    def origin(self) -> LatLonAlt:
+        """The place at position zero: degrees, degrees, metres above the ellipsoid.
+
+        Position and velocity are along the east, north and up axes of this place.
+        """
 
     def at(self, time: FloatArray) -> Motion:
-        """The motion at each of these times, in seconds, (n,)."""
+        """Returns the motion at times in seconds, ``(n,)`` float64."""
         ...
 
 
 class _Spline:
-    """A natural cubic spline through rows (n, k) at given times, that comes to rest beyond its ends.
+    """A natural cubic spline through rows (n, k) at given times, which comes to rest beyond its ends.
 
-    With its second derivative zero at the ends it can go on smoothly: its speed there fades within
-    `COASTING` seconds, after which it holds. All of it has two continuous derivatives.
+    Its second derivative is zero at the ends. Beyond them the speed fades to zero within `COASTING` seconds,
+    and then the value is constant. Two derivatives are continuous everywhere.
     """
 
     def __init__(self, time: FloatArray, rows: FloatArray) -> None:
@@ -85,14 +112,14 @@ class _Spline:
         slope = np.diff(rows, axis=0) / step
         self.bend = np.zeros_like(rows)
         left, right = step[:-1], step[1:]
-        # The diagonal is twice the sum of its neighbours, so each sweep (Jacobi's) halves the error at least:
-        # 60 of them leave nothing that float64 can hold.
+        # The diagonal is twice the sum of its neighbours, so each sweep of Jacobi's method halves the
+        # error or better: after 60 sweeps it is below the precision of float64.
         for _ in range(60):
             rest = 6 * np.diff(slope, axis=0) - left * self.bend[:-2] - right * self.bend[2:]
             self.bend[1:-1] = rest / (2 * (left + right))
 
     def at(self, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Value, first and second derivative, each (n, k)."""
+        """Returns value, first and second derivative, each (n, k)."""
         inside = np.clip(time, self.time[0], self.time[-1])
         i = np.clip(np.searchsorted(self.time, inside, "right") - 1, 0, len(self.time) - 2)
         step = (self.time[i + 1] - self.time[i])[:, np.newaxis]
@@ -112,28 +139,30 @@ class _Spline:
 
 
 class SampledTrajectory:
-    """A trajectory through the user's own rows.
+    """A trajectory through given orientations and positions.
 
-    Between the rows position follows a cubic spline, and orientation one through the components of the
-    quaternions, normalised; so velocity, acceleration and rate of turn are their exact derivatives and
-    have no steps. Rows of noise make noisy derivatives. After the last time the motion comes to rest
-    within a second and stays; before the first it starts in the same way.
+    Positions are interpolated with a cubic spline. Orientations are interpolated with a cubic spline through
+    the components of the quaternions, normalised. Velocity, acceleration and rate of turn are the exact
+    derivatives, without steps; noisy rows have noisy derivatives. The motion starts from rest in the second
+    before the first row, and comes to rest in the second after the last row.
 
     Args:
-        time: Seconds, strictly increasing, (n,), at least two; zero is when the device is made.
-        orientation: Quaternions (n, 4), q0 first, from the sensor to ENU, of any length but zero and
-            either sign; between two rows the shorter way round is taken.
-        position: Metres east, north and up of `origin`, (n, 3); at rest there if None.
-        origin: Degrees, and metres above the ellipsoid.
+        time: Seconds since the device is created, strictly increasing, ``(n,)`` with n of at least 2.
+        orientation: Quaternions ``(n, 4)``, q0 first, from sensor coordinates to ENU. Any norm except zero
+            and either sign are valid; the interpolation turns the shorter way.
+        position: Metres east, north and up of ``origin``, ``(n, 3)``; None for a position at the origin.
+        origin: Latitude and longitude in degrees, altitude in metres above the ellipsoid.
 
     Raises:
-        ValueError: Arrays of other shapes, times that do not increase, a number that is not finite, or
-            a quaternion of zeros.
+        ValueError: An array has another shape, times do not increase, a number is not finite, or a
+            quaternion is zero.
 
-    >>> import numpy as np
-    >>> path = SampledTrajectory([0, 1, 2], [[1, 0, 0, 0]] * 3, [[0, 0, 0], [3, 0, 0], [6, 0, 0]])
-    >>> path.at(np.array([0.5, 60.0])).position.tolist()
-    [[1.5, 0.0, 0.0], [7.5, 0.0, 0.0]]
+    Example:
+        >>> import numpy as np
+        >>> from xbus.sim import SampledTrajectory
+        >>> path = SampledTrajectory([0, 1, 2], [[1, 0, 0, 0]] * 3, [[0, 0, 0], [3, 0, 0], [6, 0, 0]])
+        >>> path.at(np.array([0.5, 60.0])).position.tolist()
+        [[1.5, 0.0, 0.0], [7.5, 0.0, 0.0]]
     """
 
     def __init__(
@@ -147,20 +176,20 @@ class SampledTrajectory:
         self.origin = origin
         times = np.asarray(time, np.float64)
         if times.ndim != 1 or len(times) < 2:
-            raise ValueError(f"time must be (n,) with at least 2 rows, not {times.shape}")
+            raise ValueError(f"time must have the shape (n,) with n >= 2, not {times.shape}")
         if not np.isfinite(times).all() or not (np.diff(times) > 0).all():
             raise ValueError("time must be finite and strictly increasing")
         q = _rows("orientation", orientation, (len(times), 4))
         norm = np.linalg.norm(q, axis=1, keepdims=True)
         if not norm.all():
-            raise ValueError(f"orientation is zero in row {int(np.argmin(norm))}")
+            raise ValueError(f"the quaternion in row {int(np.argmin(norm))} of orientation is zero")
         self._orientation = _Spline(times, quaternion.continuous(q / norm))
         self._position = None
         if position is not None:
             self._position = _Spline(times, _rows("position", position, (len(times), 3)))
 
     def at(self, time: FloatArray) -> Motion:
-        """The motion at each of these times, in seconds, (n,)."""
+        """Returns the motion at times in seconds, ``(n,)``."""
         time = np.asarray(time, np.float64)
         q, derivative, _ = self._orientation.at(time)
         if self._position is None:
@@ -178,21 +207,26 @@ class SampledTrajectory:
 
     @classmethod
     def from_log(cls, log: Log) -> SampledTrajectory:
-        """The motion in a recording, its first orientation at time zero.
+        """Returns the motion of a recording, with its first orientation at time zero.
 
-        Orientation is its `quaternion`, `rotation_matrix` or `euler_angles`, the first of these that it
-        has, in any coordinates. Position is its `lat_lon` with `altitude_ellipsoid`, or `position_ecef`,
-        thinned to five rows a second, as a filter's position steps when a fix arrives: what is quicker
-        than that shows in orientation alone. Where the log has neither, it is at rest. Rows without a
-        time, out of order, or not finite are left out.
+        Orientation is that of `quaternion`, `rotation_matrix` or `euler_angles`, the first that the log has,
+        in any coordinates. Position is that of `lat_lon` and `altitude_ellipsoid`, or of `position_ecef`,
+        and zero without either. Positions are thinned to five per second, because a filter's position steps
+        when a fix arrives; faster motion is visible in the orientation only. Rows that have no time, are out
+        of order, or are not finite are skipped.
+
+        Args:
+            log: The recording.
 
         Raises:
             ValueError: The log has no orientation, or fewer than two rows of it with times.
 
-        >>> import numpy as np, xbus
-        >>> path = SampledTrajectory.from_log(xbus.read_log("tests/captures/walk.mtb"))
-        >>> path.at(np.array([5.0])).velocity.round(1).tolist()[0][:2]
-        [0.3, 1.3]
+        Example:
+            >>> import numpy as np, xbus
+            >>> from xbus.sim import SampledTrajectory
+            >>> path = SampledTrajectory.from_log(xbus.read_log("tests/captures/walk.mtb"))
+            >>> path.at(np.array([5.0])).velocity.round(1).tolist()[0][:2]
+            [0.3, 1.3]
         """
         time, orientation = _orientations(log)
         start = time[0]
@@ -208,16 +242,17 @@ class SampledTrajectory:
 def _rows(name: str, values: npt.ArrayLike, shape: tuple[int, int]) -> FloatArray:
     rows = np.asarray(values, np.float64)
     if rows.shape != shape:
-        raise ValueError(f"{name} must be {shape}, one row for each time, not {rows.shape}")
-    if not np.isfinite(rows).all():
         raise ValueError(
-            f"{name} is not finite in row {int(np.argmin(np.isfinite(rows).all(axis=1)))}"
+            f"{name} must have the shape {shape}, one row for each time, not {rows.shape}"
         )
+    if not np.isfinite(rows).all():
+        row = int(np.argmin(np.isfinite(rows).all(axis=1)))
+        raise ValueError(f"row {row} of {name} is not finite")
     return rows
 
 
 def _usable(column: Column, values: npt.NDArray[Any]) -> tuple[FloatArray, FloatArray]:
-    """Times and rows, finite, each later than all before."""
+    """Returns times and rows that are finite, each later than all before."""
     time, rows = column.time, np.asarray(values, np.float64)
     finite = np.isfinite(time) & np.isfinite(rows).all(axis=1)
     time, rows = time[finite], rows[finite]
@@ -239,13 +274,17 @@ def _orientations(log: Log) -> tuple[FloatArray, FloatArray]:
         values = quaternion.multiply(TO_ENU[column.coordinates or "ENU"], values)
         time, rows = _usable(column, values)
         if len(time) < 2:
-            raise ValueError(f"the log has {len(time)} rows of {name} with times; two are needed")
+            raise ValueError(
+                f"the log has {len(time)} rows of {name} with times; a trajectory needs two or more"
+            )
         return time, rows
-    raise ValueError("the log has no quaternion, rotation_matrix or euler_angles to move by")
+    raise ValueError(
+        "the log has no orientation: a trajectory needs quaternion, rotation_matrix or euler_angles"
+    )
 
 
 def _positions(log: Log) -> tuple[FloatArray, FloatArray] | None:
-    """Times and ECEF metres, `FIX_PERIOD` apart at least; None for fewer than two."""
+    """Returns times and ECEF metres, at least `FIX_PERIOD` apart; None for fewer than two."""
     if "lat_lon" in log and "altitude_ellipsoid" in log:
         time, lat_lon = _usable(log["lat_lon"], log["lat_lon"].values)
         height = log["altitude_ellipsoid"]
@@ -265,5 +304,5 @@ def _positions(log: Log) -> tuple[FloatArray, FloatArray] | None:
         following = int(np.searchsorted(time, time[following] + FIX_PERIOD))
     if len(kept) < 2:
         return None
-    kept[-1] = len(time) - 1  # the motion is known up to the last row
+    kept[-1] = len(time) - 1  # the motion ends at the last row
     return time[kept], ecef[kept]

@@ -1,4 +1,4 @@
-"""Procedures that a device does while it measures, as functions of its motion. Times are in ns."""
+"""Procedures of the Measurement State, as functions of the motion. Times are in ns."""
 
 from __future__ import annotations
 
@@ -18,31 +18,31 @@ __all__ = ["Rotation", "icc_result", "is_still", "reset"]
 #: A quaternion, q0 first.
 Rotation: TypeAlias = tuple[float, float, float, float]
 
-#: rad/s from which on a device does not stand still.
+#: Rate of turn in rad/s from which on a device moves.
 MOVING = np.radians(0.5)
-#: Seconds between two looks at the motion, and how many looks at most.
-LOOK, MOST_LOOKS = 0.02, 100_000
-#: A representative motion takes at least a full turn (rad); with so much tilt it says something of all axes.
+#: Seconds between two evaluations of the motion, and the most evaluations of an interval.
+INTERVAL, MOST_INTERVALS = 0.02, 100_000
+#: A representative motion has at least a full turn (rad). With this much tilt it covers all three axes.
 ENOUGH_TURN = 2 * np.pi
 TILT_3D = np.radians(30.0)
-#: Ratio of disturbance and noise that a motion without end comes to.
+#: The ddt (ratio of disturbance and noise) of an endless motion.
 HIGHEST_DDT = 8.0
 
 
 def reset(
     code: ResetCode, orientation: FloatArray, rot_sensor: Rotation, rot_local: Rotation
 ) -> tuple[Rotation, Rotation]:
-    """What an orientation reset (Table 33) makes of the alignment rotations.
+    """Returns the alignment rotations after an orientation reset (Table 33).
 
     Args:
-        code: Which one.
-        orientation: Of the housing, (4,).
+        code: The reset.
+        orientation: Orientation of the housing, a unit quaternion ``(4,)``, q0 first.
         rot_sensor: RotSensor before.
         rot_local: RotLocal before.
 
     Returns:
-        RotSensor and RotLocal. The output, ``rot_local * orientation * rot_sensor``, is level after a reset
-        of the inclination, with the heading that it had, and has a heading of zero after one of the heading.
+        RotSensor and RotLocal. The output is ``rot_local * orientation * rot_sensor``. An inclination reset
+        makes it level and keeps the heading. A heading reset makes the heading zero.
     """
     match code:
         case ResetCode.DEFAULT_HEADING:
@@ -73,21 +73,21 @@ def _rotation(q: FloatArray) -> Rotation:
 
 
 def _motion(trajectory: Trajectory, start: int, end: int) -> Motion:
-    """How it moved between two times in ns."""
-    looks = min(round((end - start) / SECOND / LOOK), MOST_LOOKS) + 2
-    return trajectory.at(np.linspace(start / SECOND, end / SECOND, looks))
+    """Returns the motion between two times in ns."""
+    intervals = min(round((end - start) / SECOND / INTERVAL), MOST_INTERVALS)
+    return trajectory.at(np.linspace(start / SECOND, end / SECOND, intervals + 2))
 
 
 def is_still(trajectory: Trajectory, start: int, end: int) -> bool:
-    """Whether it did not turn between two times in ns."""
+    """Whether the trajectory does not turn between two times in ns."""
     rates = np.linalg.norm(_motion(trajectory, start, end).rate_of_turn, axis=1)
     return bool(rates.max() < MOVING)
 
 
 def icc_result(trajectory: Trajectory, start: int, end: int) -> IccResult:
-    """What a representative motion between two times in ns gives (Table 39).
+    """Returns the result of in-run compass calibration with the motion between two times in ns (Table 39).
 
-    The field is undisturbed, so the worst that can happen is that it was too little of a motion.
+    The magnetic field is undisturbed, so the only possible failure is too little motion.
     """
     motion = _motion(trajectory, start, end)
     turn = np.linalg.norm(motion.rate_of_turn, axis=1).mean() * (end - start) / SECOND

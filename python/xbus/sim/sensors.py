@@ -1,6 +1,6 @@
-"""What the sensors of a virtual device read, for any time and exactly, from one trajectory.
+"""The sensors of a virtual device: measurements at any time, computed from one trajectory.
 
-Nothing is estimated: where a device has a filter, the virtual one says the truth.
+Nothing is estimated: the quantities of the orientation and position filters are the true values plus noise.
 """
 
 from __future__ import annotations
@@ -16,56 +16,73 @@ import numpy.typing as npt
 
 from xbus.geometry import earth, quaternion
 from xbus.geometry.earth import FloatArray
-from xbus.protocol.tables import QUANTITIES, Product
+from xbus.protocol.tables import QUANTITIES, UTC_VALID, Product
+from xbus.sim.clock import SECOND
 from xbus.sim.motion import TO_ENU, Motion, Trajectory
 
 __all__ = ["Sensors", "Ticks", "nanoseconds"]
 
 IntArray: TypeAlias = npt.NDArray[np.int64]
 
-#: Of noise at full strength. The densities of the inertial sensors are those of data sheets: (m/s2)/√Hz and
-#: (rad/s)/√Hz. The others are standard deviations of each sample.
+#: Noise at strength 1. The inertial sensors have the noise densities of data sheets, in (m/s2)/√Hz and
+#: (rad/s)/√Hz. The others have standard deviations per sample.
 NOISE_DENSITY = {"acceleration": 60e-6 * 9.81, "rate_of_turn": np.radians(0.007)}
 NOISE = {
     "magnetic_field": 1e-3,  # a.u.
     "orientation": np.radians(0.2),  # about each axis
-    "position": 0.3,  # m, of what the filter says
+    "position": 0.3,  # m, after the filter
     "velocity": 0.02,  # m/s
     "baro_pressure": 3.0,  # Pa
     "temperature": 0.02,  # degC
 }
-#: Noise is drawn for so many ticks at a time, each time from a generator of its own.
+#: Number of ticks that share a noise generator.
 NOISE_BLOCK = 256
 
-#: Counts of the converters for one m/s2, rad/s and a.u.; zero is half their range.
+#: Raw counts per m/s2, rad/s and a.u., and the raw value of zero.
 RAW_GAINS = np.repeat([300.0, 1800.0, 8000.0], 3)
 RAW_ZERO = 32768
 
-#: GPS time began here, and is ahead of UTC by the leap seconds since.
+#: Origin of GPS time in ns since 1970; GPS time minus UTC in s; and milliseconds in a week.
 GPS_EPOCH = np.datetime64("1980-01-06", "ns").astype(np.int64)
 LEAP_SECONDS = 18
 WEEK_MS = 7 * 86_400_000
 
-#: What the calendar says at power-up, unless told otherwise.
+#: UTC of the device's calendar at power-up, by default.
 UTC = np.datetime64("2020-01-01", "ns")
 
-#: Accuracies that the receiver states, by RTK status: horizontal and vertical in mm, speed in mm/s.
+#: Accuracies that the receiver reports, by RTK status: horizontal and vertical in mm, speed in mm/s.
 ACCURACIES = ((1200, 1900, 120), (250, 400, 80), (14, 20, 40))
-NOT_PROVIDED = 0xFFFF_FFFF
-#: Geometric, position, time, vertical, horizontal, northing, easting, in hundredths; and without a fix.
-DOPS = (165, 144, 80, 120, 79, 60, 52)
+#: Accuracy of time with a fix, in ns.
+TIME_ACCURACY = 20
+#: Dilutions of precision with a fix, in hundredths; and the value of all of them without a fix.
+DOPS = {"gdop": 165, "pdop": 144, "tdop": 80, "vdop": 120, "hdop": 79, "ndop": 60, "edop": 52}
 NO_DOP = 9999
-#: Satellites in view by their system: GPS, Galileo, GLONASS; and how many numbers each system has.
+#: The fields of `gnss_pvt_data`, and counts per unit of each field.
+PVT_FIELDS = {field.name: field for field in QUANTITIES["gnss_pvt_data"].fields}
+PVT_COUNTS = {name: round(1 / field.scale) for name, field in PVT_FIELDS.items()}
+#: Values and flags of Table 25: a 3D fix; the fix is valid, corrections are applied, bit of the RTK status.
+FIX_3D = 3
+FIX_VALID, CORRECTIONS_BIT, RTK_BIT = 0x01, 1, 6
+#: Satellites in view by GNSS identifier (GPS, Galileo, GLONASS), each with the number of satellite numbers.
 SATELLITES = {0: (9, 32), 2: (6, 36), 6: (5, 24)}
-#: dBHz from which a satellite is used.
+#: Carrier to noise ratio in dBHz from which on a satellite is used.
 USED_FROM = 28
+#: Signal quality and flag bits of a satellite (Table 26).
+SEARCHING, UNUSABLE, LOCKED = 1, 3, 7
+USED_BIT, HEALTHY_BIT, CORRECTED_BIT = 3, 4, 6
+#: Fields of `gnss_sat_info` before its satellites.
+SAT_INFO_HEAD = [field.name for field in QUANTITIES["gnss_sat_info"].fields]
+#: A tick of the phases, in ns and per second: the resolution of SampleTimeFine.
+PHASE_TICK = SECOND // 10_000
+PHASE_RATE = 10_000
 
 
 def nanoseconds(numbers: IntArray, rate: int | Fraction, phase: int) -> IntArray:
-    """When these ticks are, in ns since power-up, rounded down, (n,) int64; see `Ticks`."""
-    # In two parts, which do not overflow.
-    ticks, a_second = numbers * rate.denominator, rate.numerator
-    return ticks // a_second * 10**9 + ticks % a_second * 10**9 // a_second + phase * 10**5
+    """Returns the times of ticks in ns since power-up, rounded down, ``(n,)`` int64; see `Ticks`."""
+    # Whole seconds and the rest are computed apart: the product would overflow.
+    ticks, per_second = numbers * rate.denominator, rate.numerator
+    seconds, rest = ticks // per_second, ticks % per_second
+    return seconds * SECOND + rest * SECOND // per_second + phase * PHASE_TICK
 
 
 @dataclass(frozen=True)
@@ -73,10 +90,10 @@ class Ticks:
     """Evenly spaced instants on the clock of a device.
 
     Attributes:
-        first: Number of the first; 0 is at power-up.
-        count: How many.
+        first: Number of the first tick; tick 0 is at power-up.
+        count: Number of ticks.
         rate: Hz.
-        phase: By how much each is later than its number says, in 0.1 ms.
+        phase: Delay of all ticks, in 0.1 ms.
     """
 
     first: int
@@ -86,14 +103,14 @@ class Ticks:
 
     @property
     def nanoseconds(self) -> IntArray:
-        """Since power-up, rounded down, (n,) int64."""
+        """Nanoseconds since power-up, rounded down, ``(n,)`` int64."""
         return nanoseconds(self._numbers, self.rate, self.phase)
 
     @property
     def time(self) -> FloatArray:
-        """Seconds since power-up, (n,) float64."""
+        """Seconds since power-up, ``(n,)`` float64."""
         numbers = self._numbers * self.rate.denominator
-        return np.asarray(numbers / self.rate.numerator + self.phase / 10_000)
+        return np.asarray(numbers / self.rate.numerator + self.phase / PHASE_RATE)
 
     @property
     def _numbers(self) -> IntArray:
@@ -105,16 +122,16 @@ class Sensors:
     """The sensors of one virtual device.
 
     Attributes:
-        trajectory: How it moves.
-        product: Which product it is.
-        rot_sensor: RotSensor of SetAlignmentRotation, q0 first: from the frame in which vectors are given to
-            that of the housing, whose orientation the trajectory names.
-        rot_local: RotLocal, q0 first: turns orientation and `free_acceleration` in the local frame.
-        noise: Strength of white noise: 0 none, 1 about that of a data sheet.
-        seed: Of noise and of the satellites in view, from 0 to 2**64 - 1.
-        utc: What the device's calendar says at power-up.
+        trajectory: Motion of the housing.
+        product: The product.
+        rot_sensor: RotSensor of SetAlignmentRotation, q0 first: the rotation from sensor coordinates, in
+            which vectors are reported, to the housing.
+        rot_local: RotLocal, q0 first: rotates orientation and `free_acceleration` in local coordinates.
+        noise: Strength of the white noise: 0 is none, 1 is about that of a data sheet.
+        seed: Seed of the noise and of the satellites in view, from 0 to 2**64 - 1.
+        utc: UTC of the device's calendar at power-up.
         time_to_fix: Seconds from power-up to the first GNSS fix.
-        rtk: Carrier phases of the receiver: 0 none, 1 floating, 2 fixed.
+        rtk: RTK status of the receiver: 0 none, 1 float, 2 fixed.
 
     >>> from xbus.sim.trajectories import trajectory
     >>> from xbus.protocol.tables import PRODUCTS
@@ -132,28 +149,28 @@ class Sensors:
     utc: np.datetime64 = UTC
     time_to_fix: float = 0.0
     rtk: int = 0
-    #: What was asked for last, by ticks: the quantities of one message share it.
+    #: Cache of the last motions: the quantities of one message share them.
     _motions: dict[Ticks, Motion] = field(default_factory=dict, init=False, repr=False)
 
     def read(self, name: str, ticks: Ticks, coordinates: str = "ENU") -> npt.NDArray[Any]:
-        """The numbers of a quantity in the order of the wire, a row for each tick.
+        """Returns the numbers of a quantity in the order of the wire, one row per tick.
 
-        Vectors of the sensors are given in the frame after RotSensor, orientation as
-        ``rot_local * q * rot_sensor``. `delta_q` and `delta_v` are of the interval since the tick before:
-        ``conj(q(t - dt)) * q(t)`` with q0 not negative, and ``v(t) - v(t - dt) + g dt``, g pointing up, in
-        the sensor frame as it was when the interval began. Velocity and position are geographic whatever
-        RotLocal. Raw values are in the frame of the housing.
+        Vectors are in the sensor coordinates that RotSensor defines. Orientation is
+        ``rot_local * q * rot_sensor``. `delta_q` and `delta_v` are increments since the previous tick:
+        ``conj(q(t - dt)) * q(t)`` with q0 >= 0, and ``v(t) - v(t - dt) + g dt`` with g pointing up, in sensor
+        coordinates at the start of the interval. Velocity and position are geographic and do not depend on
+        RotLocal. Raw values are in the coordinates of the housing.
 
         Args:
-            name: Name of a quantity of Table 16 that is measured: neither of group Timestamp nor Status.
-            ticks: When.
-            coordinates: Of orientation and velocity.
+            name: Name of a measured quantity of Table 16, not one of group Timestamp or Status.
+            ticks: The times.
+            coordinates: Coordinate system of orientation and velocity.
 
         Returns:
-            float64 for reals, int64 for integers and for records, ``(n,)`` for scalars, else ``(n, k)``.
+            float64 for reals, int64 for integers and records, ``(n,)`` for scalars, otherwise ``(n, k)``.
 
         Raises:
-            ValueError: The product does not measure it.
+            ValueError: The product does not measure the quantity.
         """
         if self.product.number not in QUANTITIES[name].products:
             raise ValueError(f"{self.product.name} does not measure {name}")
@@ -207,12 +224,16 @@ class Sensors:
         raise ValueError(f"{name} is not measured")
 
     def utc_time(self, nanoseconds: IntArray) -> IntArray:
-        """The fields of `utc_time`, (n, 8) int64, at times since power-up: valid from the first fix on."""
+        """Returns the fields of `utc_time`, ``(n, 8)`` int64, valid from the first fix on.
+
+        Args:
+            nanoseconds: Times in ns since power-up, ``(n,)`` int64.
+        """
         utc = self.utc.astype("M8[ns]").astype(np.int64) + nanoseconds
         valid = np.zeros_like(utc)
         if self._has_gnss:
-            valid[nanoseconds >= self.time_to_fix * 1e9] = 0x07
-        return np.column_stack([utc % 10**9, *_calendar(utc), valid])
+            valid[nanoseconds >= self.time_to_fix * SECOND] = UTC_VALID
+        return np.column_stack([utc % SECOND, *_calendar(utc), valid])
 
     @property
     def _has_gnss(self) -> bool:
@@ -228,12 +249,12 @@ class Sensors:
 
     @cached_property
     def _gravity(self) -> FloatArray:
-        """What an accelerometer at rest measures, in ENU."""
+        """The acceleration that an accelerometer at rest measures, in ENU."""
         origin = self.trajectory.origin
         return np.array([0.0, 0.0, float(earth.gravity(origin.lat, origin.alt))])
 
     def _motion(self, ticks: Ticks) -> Motion:
-        """The motion at the tick before the first and at all ticks: (n + 1)."""
+        """Returns the motion at the tick before the first and at all ticks: n + 1 rows."""
         if (motion := self._motions.get(ticks)) is None:
             longer = replace(ticks, first=ticks.first - 1, count=ticks.count + 1)
             motion = self.trajectory.at(longer.time)
@@ -243,21 +264,21 @@ class Sensors:
         return motion
 
     def _noise(self, sensor: str, ticks: Ticks, columns: int = 3) -> FloatArray:
-        """White noise of a sensor, (n, columns): a function of seed, sensor, rate and tick alone."""
+        """Returns white noise of a sensor, (n, columns): a function of seed, sensor, rate and tick only."""
         if not self.noise:
             return np.zeros((ticks.count, columns))
         first, last = ticks.first // NOISE_BLOCK, (ticks.first + ticks.count - 1) // NOISE_BLOCK
         key = np.array([self.seed, zlib.crc32(sensor.encode())], np.uint64)
         blocks = []
         for block in range(first, last + 1):
-            # The generator counts in the first word; the others keep blocks and rates apart.
+            # The generator counts in the first word. The other words separate blocks and rates.
             rate = ticks.rate.numerator
             counter = np.array([0, block % 2**64, rate, ticks.phase], np.uint64)
             generator = np.random.Philox(key=key, counter=counter)
             blocks.append(np.random.Generator(generator).standard_normal((NOISE_BLOCK, columns)))
-        at = ticks.first - first * NOISE_BLOCK
-        rows = np.concatenate(blocks)[at : at + ticks.count]
-        # The band of a sampled signal ends at half its rate.
+        start = ticks.first - first * NOISE_BLOCK
+        rows = np.concatenate(blocks)[start : start + ticks.count]
+        # The bandwidth of a sampled signal is half its rate.
         density = NOISE_DENSITY.get(sensor)
         sigma = NOISE[sensor] if density is None else density * np.sqrt(float(ticks.rate / 2))
         return np.asarray(self.noise * sigma * rows)
@@ -313,52 +334,73 @@ class Sensors:
         return np.stack(place, axis=1)
 
     def _temperature(self, ticks: Ticks) -> FloatArray:
-        """The electronics warm themselves by 12 degrees, most of it in ten minutes."""
+        """Returns the temperature: the electronics warm up by 12 degrees, with a time constant of 600 s."""
         warm = 25.0 + 12.0 * -np.expm1(-np.maximum(ticks.time, 0.0) / 600.0)
         return np.asarray(warm + self._noise("temperature", ticks, 1)[:, 0])
 
     def _raw(self, ticks: Ticks) -> IntArray:
-        readings = (self._specific_force, self._rate_of_turn, self._magnetic_field)
-        counts = RAW_ZERO + RAW_GAINS * np.concatenate([it(ticks) for it in readings], axis=1)
+        vectors = [
+            self._specific_force(ticks),
+            self._rate_of_turn(ticks),
+            self._magnetic_field(ticks),
+        ]
+        counts = RAW_ZERO + RAW_GAINS * np.concatenate(vectors, axis=1)
         temperature = 256 * self._temperature(ticks)[:, np.newaxis]
         rows = np.hstack([counts.clip(0, 0xFFFF), temperature])
         return np.asarray(np.rint(rows), np.int64)
 
     def _epochs(self, ticks: Ticks) -> tuple[IntArray, IntArray, npt.NDArray[np.bool_]]:
-        """UTC in ns, GPS time of week in ms, and whether there is a fix."""
+        """Returns UTC in ns, GPS time of week in ms, and whether there is a fix, each (n,)."""
         utc = self.utc.astype("M8[ns]").astype(np.int64) + ticks.nanoseconds
         itow = ((utc - GPS_EPOCH) // 10**6 + LEAP_SECONDS * 1000) % WEEK_MS
         return utc, itow, ticks.time >= self.time_to_fix
 
     def _pvt(self, ticks: Ticks) -> IntArray:
-        """The fields of Table 25, (n, 35)."""
-        utc, itow, fix = self._epochs(ticks)
-        accuracy = ACCURACIES[self.rtk]
-        east, north, up = (1000 * self._velocity(ticks)).T
+        """Returns the fields of Table 25, (n, 35)."""
+        utc, itow, has_fix = self._epochs(ticks)
+        horizontal, vertical, speed_accuracy = ACCURACIES[self.rtk]
+        east, north, up = (PVT_COUNTS["gSpeed"] * self._velocity(ticks)).T
         speed = np.hypot(east, north)
-        course = np.degrees(np.arctan2(east, north)) % 360
+        course = PVT_COUNTS["headMot"] * (np.degrees(np.arctan2(east, north)) % 360)
         lat, lon, height = self._geodetic(ticks).T
-        doubt = np.degrees(np.arctan2(accuracy[2], speed))
-
-        def fixed(value: npt.ArrayLike, otherwise: int = 0) -> IntArray:
-            return np.asarray(np.where(fix, np.rint(value), otherwise), np.int64)
-
-        columns = [itow, *_calendar(utc), fixed(0x07), fixed(20, NOT_PROVIDED), utc % 10**9]
-        # Fix type 3D; flags: fix, and for RTK differential corrections and the state of the carrier phases.
-        flags = 0x01 | (self.rtk > 0) << 1 | self.rtk << 6
-        columns += [fixed(3), fixed(flags), fixed(self._sky(ticks)[1].sum(axis=1)), fixed(0)]
-        columns += [fixed(lon * 1e7), fixed(lat * 1e7), fixed(height * 1e3)]
-        columns += [fixed((height - earth.GEOID_SEPARATION) * 1e3)]
-        columns += [fixed(it, NOT_PROVIDED) for it in accuracy[:2]]
-        columns += [fixed(north), fixed(east), fixed(-up), fixed(speed), fixed(course * 1e5)]
-        # The heading of the vehicle is not the receiver's to know: it repeats the course and sets no flag.
-        columns += [fixed(accuracy[2], NOT_PROVIDED), fixed(doubt * 1e5, NOT_PROVIDED)]
-        columns += [fixed(course * 1e5), *(fixed(it, NO_DOP) for it in DOPS)]
-        return np.column_stack(columns)
+        corrections = (self.rtk > 0) << CORRECTIONS_BIT | self.rtk << RTK_BIT
+        values: dict[str, npt.ArrayLike] = {
+            "valid": UTC_VALID,
+            "tAcc": TIME_ACCURACY,
+            "fixtype": FIX_3D,
+            "flags": FIX_VALID | corrections,
+            "numSV": self._sky(ticks)[1].sum(axis=1),
+            "Reserved1": 0,
+            "lon": lon * PVT_COUNTS["lon"],
+            "lat": lat * PVT_COUNTS["lat"],
+            "height": height * PVT_COUNTS["height"],
+            "hMSL": (height - earth.GEOID_SEPARATION) * PVT_COUNTS["hMSL"],
+            "hAcc": horizontal,
+            "vAcc": vertical,
+            "velN": north,
+            "velE": east,
+            "velD": -up,
+            "gSpeed": speed,
+            "headMot": course,
+            "sAcc": speed_accuracy,
+            "headAcc": np.degrees(np.arctan2(speed_accuracy, speed)) * PVT_COUNTS["headAcc"],
+            # The receiver does not know the heading of the vehicle: it repeats the course, without the flag.
+            "headVeh": course,
+            **DOPS,
+        }
+        columns = dict(
+            zip(("year", "month", "day", "hour", "min", "sec"), _calendar(utc), strict=True)
+        )
+        columns |= {"itow": itow, "nano": utc % SECOND}
+        for name, value in values.items():
+            without_fix = NO_DOP if name in DOPS else PVT_FIELDS[name].missing or 0
+            counts = np.where(has_fix, np.rint(value), without_fix)
+            columns[name] = np.asarray(counts, np.int64)
+        return np.column_stack([columns[name] for name in PVT_FIELDS])
 
     @cached_property
     def _constellation(self) -> dict[str, npt.NDArray[Any]]:
-        """What is in view: system, number, and how strong it is, when."""
+        """The satellites in view: system, number, and the amplitude, period and phase of their signals."""
         random = np.random.default_rng([self.seed, zlib.crc32(b"satellites")])
         systems = np.repeat(list(SATELLITES), [count for count, _ in SATELLITES.values()])
         numbers = [random.choice(of, count, replace=False) + 1 for count, of in SATELLITES.values()]
@@ -372,7 +414,7 @@ class Sensors:
         }
 
     def _sky(self, ticks: Ticks) -> tuple[IntArray, npt.NDArray[np.bool_]]:
-        """Carrier to noise in dBHz and whether it is used, each (n, satellites): nothing before the fix."""
+        """Returns carrier to noise ratio in dBHz and use, each (n, satellites): zero before the fix."""
         sky = self._constellation
         angle = 2 * np.pi * ticks.time[:, np.newaxis] / sky["period"] + sky["phase"]
         strength = np.rint(sky["strength"] + 3.0 * np.sin(angle)).astype(np.int64)
@@ -380,19 +422,20 @@ class Sensors:
         return strength, strength >= USED_FROM
 
     def _sat_info(self, ticks: Ticks) -> IntArray:
-        """The head of Table 26 and its satellites, (n, 5 + 4 * satellites)."""
+        """Returns the head of Table 26 and its satellites, (n, 5 + 4 * satellites)."""
         _, itow, _ = self._epochs(ticks)
         strength, used = self._sky(ticks)
         system, number = self._constellation["system"], self._constellation["number"]
-        # Searching, detected but unusable, or locked and synchronised; then used for navigation, and healthy.
-        quality = np.where(used, 7, np.where(strength > 0, 3, 1))
-        flags = quality | used << 3 | (strength > 0) << 4
+        is_received = strength > 0
+        quality = np.where(used, LOCKED, np.where(is_received, UNUSABLE, SEARCHING))
+        flags = quality | used << USED_BIT | is_received << HEALTHY_BIT
         if self.rtk:
-            flags |= used << 6  # differential corrections
-        blocks = np.broadcast_arrays(system, number, strength, flags)
-        head = np.zeros((ticks.count, 5), np.int64)
-        head[:, 0], head[:, 1] = itow, len(system)
-        return np.hstack([head, np.stack(blocks, axis=2).reshape(ticks.count, -1)])
+            flags |= used << CORRECTED_BIT
+        entries = np.broadcast_arrays(system, number, strength, flags)
+        head = np.zeros((ticks.count, len(SAT_INFO_HEAD)), np.int64)
+        head[:, SAT_INFO_HEAD.index("itow")] = itow
+        head[:, SAT_INFO_HEAD.index("numSvs")] = len(system)
+        return np.hstack([head, np.stack(entries, axis=2).reshape(ticks.count, -1)])
 
 
 def _unit(q: npt.ArrayLike) -> FloatArray:
@@ -400,10 +443,10 @@ def _unit(q: npt.ArrayLike) -> FloatArray:
 
 
 def _calendar(utc: IntArray) -> list[IntArray]:
-    """Year, month, day, hour, minute and second of ns since 1970."""
+    """Returns year, month, day, hour, minute and second of ns since 1970."""
     stamp = utc.view("M8[ns]")
-    year, month, day = (stamp.astype(f"M8[{it}]") for it in "YMD")
-    second = utc // 10**9
+    year, month, day = (stamp.astype(f"M8[{unit}]") for unit in "YMD")
+    second = utc // SECOND
     return [
         year.astype(np.int64) + 1970,
         (month - year.astype(month.dtype)).astype(np.int64) + 1,

@@ -1,4 +1,4 @@
-"""Virtual devices in real time, for any program: on a pseudo-terminal, or on TCP."""
+"""Servers: virtual devices in real time for other programs, on a pseudo-terminal or TCP."""
 
 from __future__ import annotations
 
@@ -22,34 +22,34 @@ if TYPE_CHECKING:
 
 __all__ = ["PtyServer", "Server", "TcpServer", "serve", "serving"]
 
-#: Seconds between two looks at the clock, where no bytes come earlier.
-STEP = 0.01
-#: Seconds that are made up for at most. After a longer pause the device has missed the rest of it.
+#: Seconds to wait for bytes before the device's time advances.
+STEP_TIME = 0.01
+#: The most seconds by which a step advances the device's time. The rest of a longer pause is skipped.
 CATCH_UP = 1.0
-#: Bytes read at a time, and how many in a step at most.
+#: Bytes of one read, and the most bytes to read in a step.
 PIECE, MOST = 1 << 12, 1 << 16
-#: Bytes that wait for a client who does not read. While more wait, what the device sends is lost.
-QUEUE = 1 << 16
-#: Linux' request for a terminal's settings with the speeds as numbers, and how many bytes these are.
+#: Bytes queued for a client that does not read, from which on output is dropped.
+QUEUE_SIZE = 1 << 16
+#: Linux: the ioctl request for terminal settings with numeric speeds, and the size of these settings.
 TCGETS2, TERMIOS2_SIZE = 0x802C542A, 44
 
 
 class Server(ABC):
-    """Serves a virtual device to one client at a time, without a thread of its own.
+    """Serves a virtual device to one client at a time, in the thread that calls `step`.
 
-    While nobody is there, what the device sends is thrown away, as on a UART: a client never finds old
-    bytes. A client who is there and does not read loses whole steps of output, once 64 KiB wait.
+    Output without a client is dropped, as on a UART, so a client never receives old bytes. If a client does
+    not read, output is dropped once 64 KiB are queued for it.
 
     Args:
-        device: The virtual device. Its time goes with the clock; a pause of more than a second, as when
-            the process was stopped, counts as one second.
-        clock: Seconds, from any beginning.
+        device: The virtual device. Its time follows the clock. A pause between steps that is longer than a
+            second, for example while the process is stopped, counts as one second.
+        clock: Returns the time in seconds, from any origin.
         speed: Seconds of device time per second of the clock.
 
     Attributes:
         device: The virtual device.
-        is_used: Whether a client is there.
-        lost: How many bytes were lost because the client did not read.
+        has_client: Whether a client is connected.
+        lost: Bytes that were dropped because the client did not read.
     """
 
     def __init__(
@@ -60,39 +60,42 @@ class Server(ABC):
         speed: float = 1.0,
     ) -> None:
         if not 0 < speed < math.inf:
-            raise ValueError(f"speed is a factor above 0, not {speed}")
+            raise ValueError(f"speed must be a factor above 0, not {speed}")
         self.device = device
         self._speed = speed
-        self.is_used = False
+        self.has_client = False
         self.lost = 0
         self._clock = clock
-        self._then = clock()
+        self._last_step = clock()
         self._queue = bytearray()
         self._selector = selectors.DefaultSelector()
 
     @property
     @abstractmethod
     def port(self) -> str | None:
-        """What a client opens; None while the plug is pulled and the port does not exist."""
+        """The port that a client opens; None while the plug is out."""
 
-    def step(self, timeout: float = STEP) -> None:
-        """Waits for bytes from the client, at most ``timeout`` seconds, and moves device and bytes on.
+    def step(self, timeout: float = STEP_TIME) -> None:
+        """Waits for bytes from the client, advances the device's time, and exchanges bytes.
 
-        Call it at least every 10 ms or so: the device sends nothing in between.
+        The device sends nothing between two steps, so call it about every 10 ms.
+
+        Args:
+            timeout: The longest wait in seconds.
         """
         self._selector.select(timeout)
         data = self._receive()
         now = self._clock()
-        self.device.advance(min(now - self._then, CATCH_UP) * self._speed)
-        self._then = now
+        self.device.advance(min(now - self._last_step, CATCH_UP) * self._speed)
+        self._last_step = now
         rate = self._baudrate()
         if data and self.device.plugged:
             self.device.write(data, baudrate=rate)
         self._send(self.device.read(baudrate=rate))
 
     def close(self) -> None:
-        """Hangs up and frees the port."""
-        self._set_used(False)
+        """Disconnects the client and releases the port."""
+        self._set_client(False)
         self._selector.close()
 
     def __enter__(self) -> Self:
@@ -107,21 +110,21 @@ class Server(ABC):
             try:
                 piece = self._read()
             except BlockingIOError:
-                self._set_used(True)
+                self._set_client(True)
                 return received
             except OSError:
                 piece = b""
             if not piece:
-                self._set_used(False)
+                self._set_client(False)
                 return received
-            self._set_used(True)
+            self._set_client(True)
             received += piece
         return received
 
     def _send(self, data: bytes) -> None:
-        if not self.is_used:
+        if not self.has_client:
             return
-        if len(self._queue) > QUEUE:
+        if len(self._queue) > QUEUE_SIZE:
             self.lost += len(data)
         else:
             self._queue += data
@@ -131,63 +134,74 @@ class Server(ABC):
         except BlockingIOError:
             pass
         except OSError:
-            self._set_used(False)
+            self._set_client(False)
 
-    def _set_used(self, used: bool) -> None:
-        if used != self.is_used:
-            self.is_used = used
+    def _set_client(self, has_client: bool) -> None:
+        if has_client != self.has_client:
+            self.has_client = has_client
             self._queue.clear()
-            if used:
-                self._enter()
+            if has_client:
+                self._connected()
             else:
-                self._leave()
+                self._disconnect()
 
     def _baudrate(self) -> int | None:
-        """The rate that the client has set, where it means something."""
+        """Returns the baud rate of the client's port; None if any rate works."""
         return None
 
     @abstractmethod
     def _read(self) -> bytes:
-        """Bytes from the client; none, or an OSError, where nobody is there.
+        """Returns bytes from the client; without a client, returns none or raises an OSError.
 
         Raises:
-            BlockingIOError: A client is there, and nothing has come.
+            BlockingIOError: A client is connected and has sent nothing.
         """
 
     @abstractmethod
     def _write(self, data: bytearray) -> int:
-        """How many bytes went to the client.
+        """Writes to the client, and returns the number of bytes written.
 
         Raises:
-            BlockingIOError: None did, for now.
+            BlockingIOError: Nothing can be written now.
         """
 
     @abstractmethod
-    def _enter(self) -> None:
-        """A client has come."""
+    def _connected(self) -> None:
+        """Prepares the port for a new client."""
 
     @abstractmethod
-    def _leave(self) -> None:
-        """The client has gone, or has to go."""
+    def _disconnect(self) -> None:
+        """Cleans up after the client has left, or disconnects it."""
 
 
 class PtyServer(Server):
     """Serves a virtual device on a pseudo-terminal, which programs open like a serial port.
 
-    The terminal is raw before anybody knows its name, and again when a client has left. Where the device
-    `is_serial`, the speed that the client sets counts; else any does, as on USB. While the device's plug is
-    pulled there is no port, and clients see it hang up; then there is a new one.
+    The terminal is in raw mode when it appears, and again after each client. A device with a baud rate
+    (`SimulatedDevice.is_serial`) understands a client only at its own rate; another device works at any
+    rate, as on USB. While the device's plug is out the port does not exist: clients see it hang up. A new
+    port appears when the plug is in again.
 
     Args:
         device: The virtual device.
-        link: A name that always leads to the port: a symbolic link, replaced where it is there.
-        clock: Seconds, from any beginning.
+        link: Path of a symbolic link to the current port. An existing link is replaced.
+        clock: Returns the time in seconds, from any origin.
         speed: Seconds of device time per second of the clock.
 
     Raises:
-        NotImplementedError: The system has no pseudo-terminals, as Windows.
-        FileExistsError: ``link`` is a file, not a link.
-        OSError: No pseudo-terminal or no link can be made.
+        NotImplementedError: The system has no pseudo-terminals, for example Windows.
+        FileExistsError: ``link`` exists and is not a symbolic link.
+        OSError: The pseudo-terminal or the link cannot be created.
+
+    Example:
+        >>> import serial, xbus
+        >>> from xbus.sim import PtyServer
+        >>> with PtyServer(xbus.SimulatedDevice("MTi-630")) as server:
+        ...     port = serial.Serial(server.port, timeout=0)
+        ...     while not (received := port.read(5)):
+        ...         server.step()
+        >>> received.hex(" ")
+        'fa ff 3e 00 c3'
     """
 
     def __init__(
@@ -211,11 +225,15 @@ class PtyServer(Server):
 
     @property
     def port(self) -> str | None:
-        """The path of the port, or the link to it; None while the plug is pulled."""
+        """The path of the port, or of the link to it; None while the plug is out."""
         return None if self._master is None else str(self._link or self._path)
 
-    def step(self, timeout: float = STEP) -> None:
-        """Waits for bytes from the client, at most ``timeout`` seconds, and moves device and bytes on."""
+    def step(self, timeout: float = STEP_TIME) -> None:
+        """Waits for bytes from the client, advances the device's time, and exchanges bytes.
+
+        Args:
+            timeout: The longest wait in seconds.
+        """
         super().step(timeout)
         if self.device.plugged and self._master is None:
             self._plug_in()
@@ -223,7 +241,7 @@ class PtyServer(Server):
             self._unplug()
 
     def close(self) -> None:
-        """Hangs up and removes the port."""
+        """Disconnects the client and removes the port."""
         self._unplug()
         super().close()
 
@@ -235,7 +253,8 @@ class PtyServer(Server):
             tty.setraw(slave)
             self._path = os.ttyname(slave)
         finally:
-            # Only then is it seen when nobody has it open. The settings stay: they belong to the pair.
+            # While this end is open, the other end cannot detect that a client has left. The settings belong
+            # to the pair, and remain.
             os.close(slave)
         os.set_blocking(self._master, False)
         if self._link is not None:
@@ -244,7 +263,7 @@ class PtyServer(Server):
     def _unplug(self) -> None:
         if self._master is None:
             return
-        self._set_used(False)
+        self._set_client(False)
         link = self._link
         if link is not None and link.is_symlink() and link.readlink() == Path(self._path):
             link.unlink()
@@ -257,34 +276,34 @@ class PtyServer(Server):
         return _speed(self._master)
 
     def _read(self) -> bytes:
-        # Fails while nobody has the port open: EIO on Linux, nothing on macOS.
+        # Without a client this raises EIO on Linux, and returns nothing on macOS.
         return b"" if self._master is None else os.read(self._master, PIECE)
 
     def _write(self, data: bytearray) -> int:
-        assert self._master is not None  # noqa: S101 - nobody is there without a port
+        assert self._master is not None  # noqa: S101 - a client has opened it
         return os.write(self._master, data)
 
-    def _enter(self) -> None:
-        assert self._master is not None  # noqa: S101 - nobody comes without a port
-        # Not before: a terminal that nobody has open is always ready, to say so.
+    def _connected(self) -> None:
+        assert self._master is not None  # noqa: S101 - a client has opened it
+        # The terminal is registered only while a client has it open: without one it is always ready.
         self._selector.register(self._master, selectors.EVENT_READ)
 
-    def _leave(self) -> None:
+    def _disconnect(self) -> None:
         import termios
         import tty
 
-        assert self._master is not None  # noqa: S101 - somebody was there
+        assert self._master is not None  # noqa: S101 - a client had opened it
         self._selector.unregister(self._master)
         termios.tcflush(self._master, termios.TCOFLUSH)
         tty.setraw(self._master, termios.TCSANOW)
 
 
 def _speed(terminal: int) -> int:
-    """The baud rate that is set on a terminal."""
+    """Returns the baud rate that is set on a terminal."""
     if sys.platform == "linux":
         import fcntl
 
-        # Python's own function does not tell rates that have no constant, such as 76800.
+        # termios.tcgetattr has no value for rates without a constant, such as 76800.
         settings = fcntl.ioctl(terminal, TCGETS2, bytes(TERMIOS2_SIZE))
         return int(struct.unpack("=I", settings[-4:])[0])
     import termios
@@ -294,29 +313,40 @@ def _speed(terminal: int) -> int:
 
 def _make_link(link: Path, target: str) -> None:
     if link.exists() and not link.is_symlink():
-        raise FileExistsError(errno.EEXIST, "it is there and is no link", str(link))
-    # Never missing in between: it is made under another name and moved.
+        raise FileExistsError(errno.EEXIST, "the path exists and is not a symbolic link", str(link))
+    # The link is created under another name and moved, so that the path exists at all times.
     new = link.with_name(f".{link.name}.{os.getpid()}")
     new.symlink_to(target)
     new.replace(link)
 
 
 class TcpServer(Server):
-    """Serves a virtual device on TCP, to one client at a time; another one is turned away.
+    """Serves a virtual device on TCP, to one client at a time.
 
-    Baud rates mean nothing here. While the device's plug is pulled, all are turned away.
+    Further connections are closed, and all connections while the device's plug is out. Baud rates have no
+    effect.
 
     Args:
         device: The virtual device.
         host: Address or name to listen on.
-        port: Number to listen on; 0 picks one that is free.
-        clock: Seconds, from any beginning.
+        port: TCP port to listen on; 0 chooses a free port.
+        clock: Returns the time in seconds, from any origin.
         speed: Seconds of device time per second of the clock.
-        idle_timeout: Seconds after which the server disconnects a client that neither sends nor takes a
-            byte; None: never. A client that has lost its network would keep all others out.
+        idle_timeout: Seconds after which the server disconnects a client that neither sends nor accepts a
+            byte; None: never. A client that has lost its network blocks the port for others.
 
     Raises:
-        OSError: The address cannot be used, or the port is taken.
+        OSError: The address cannot be used, or the port is in use.
+
+    Example:
+        >>> import serial, xbus
+        >>> from xbus.sim import TcpServer
+        >>> with TcpServer(xbus.SimulatedDevice("MTi-630")) as server:
+        ...     port = serial.serial_for_url(server.port, timeout=0)
+        ...     while not (received := port.read(5)):
+        ...         server.step()
+        >>> received.hex(" ")
+        'fa ff 3e 00 c3'
     """
 
     def __init__(
@@ -342,40 +372,44 @@ class TcpServer(Server):
 
     @property
     def port(self) -> str:
-        """The URL for pyserial: ``socket://HOST:PORT``."""
+        """The URL that `xbus.connect` and pyserial accept: ``socket://HOST:PORT``."""
         return self._port
 
-    def step(self, timeout: float = STEP) -> None:
-        """Waits for bytes from the client, at most ``timeout`` seconds, and moves device and bytes on."""
+    def step(self, timeout: float = STEP_TIME) -> None:
+        """Waits for bytes from the client, advances the device's time, and exchanges bytes.
+
+        Args:
+            timeout: The longest wait in seconds.
+        """
         super().step(timeout)
         if self._clock() - self._active_at > self._idle_timeout:
-            self._set_used(False)
+            self._set_client(False)
 
     def close(self) -> None:
-        """Hangs up and stops listening."""
+        """Disconnects the client and stops listening."""
         super().close()
         self._listener.close()
 
     def _read(self) -> bytes:
         if not self.device.plugged:
-            self._turn_away()
+            self._reject_connections()
             return b""
         if self._client is None:
             try:
                 self._client, _ = self._listener.accept()
             except BlockingIOError:
                 return b""
-            self._set_used(True)
+            self._set_client(True)
         try:
             data = self._client.recv(PIECE)
         except BlockingIOError:
-            self._turn_away()
+            self._reject_connections()
             raise
         self._active_at = self._clock()
         return data
 
-    def _turn_away(self) -> None:
-        """Hangs up on whoever waits to be let in."""
+    def _reject_connections(self) -> None:
+        """Closes all connections that wait to be accepted."""
         while True:
             try:
                 self._listener.accept()[0].close()
@@ -383,22 +417,22 @@ class TcpServer(Server):
                 return
 
     def _write(self, data: bytearray) -> int:
-        assert self._client is not None  # noqa: S101 - a client is there
+        assert self._client is not None  # noqa: S101 - a client is connected
         sent = self._client.send(data)
         self._active_at = self._clock()
         return sent
 
-    def _enter(self) -> None:
-        assert self._client is not None  # noqa: S101 - a client has come
+    def _connected(self) -> None:
+        assert self._client is not None  # noqa: S101 - a client is connected
         self._client.setblocking(False)
         self._client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        # Who has lost the network would keep all others out.
+        # A client that has lost the network must not block the port for others.
         self._client.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         self._selector.register(self._client, selectors.EVENT_READ)
         self._active_at = self._clock()
 
-    def _leave(self) -> None:
-        assert self._client is not None  # noqa: S101 - a client was there
+    def _disconnect(self) -> None:
+        assert self._client is not None  # noqa: S101 - a client was connected
         self._selector.unregister(self._client)
         self._client.close()
         self._client = None
@@ -412,58 +446,73 @@ def serving(
     link: str | os.PathLike[str] | None = None,
     speed: float = 1.0,
 ) -> Iterator[str]:
-    """Serves a virtual device in a thread, for the length of a ``with`` block.
+    """Serves a virtual device in a thread, for the duration of a ``with`` block.
 
     Args:
-        device: The virtual device. Do not call `advance` and `read` meanwhile: the server does.
-        tcp: Whether on TCP, on this machine, and not on a pseudo-terminal.
-        link: Path of a symbolic link that always leads to the pseudo-terminal.
+        device: The virtual device. Do not call `SimulatedDevice.advance` and `SimulatedDevice.read`
+            meanwhile: the server calls them.
+        tcp: Serves on TCP at 127.0.0.1 instead of a pseudo-terminal.
+        link: Path of a symbolic link to the pseudo-terminal.
         speed: Seconds of device time per second of real time.
 
     Yields:
-        The port, as `xbus.connect` and pyserial take it.
+        The port, a path or URL that `xbus.connect` and pyserial accept.
 
-    >>> import xbus
-    >>> from xbus.sim import serving
-    >>> with serving(xbus.SimulatedDevice("MTi-630")) as port, xbus.connect(port) as device:
-    ...     "quaternion" in device.read_sample()
-    True
+    Raises:
+        NotImplementedError: The system has no pseudo-terminals, for example Windows: use ``tcp=True``.
+        OSError: The pseudo-terminal or socket cannot be created.
+
+    Example:
+        >>> import xbus
+        >>> from xbus.sim import serving
+        >>> with serving(xbus.SimulatedDevice("MTi-630")) as port, xbus.connect(port) as device:
+        ...     "quaternion" in device.read_sample()
+        True
     """
     if tcp and link is not None:
-        raise ValueError("a link leads to a pseudo-terminal; with tcp there is none")
-    made: Server = (
+        raise ValueError("link needs a pseudo-terminal: leave out link or tcp")
+    server: Server = (
         TcpServer(device, speed=speed) if tcp else PtyServer(device, link=link, speed=speed)
     )
-    with made as server:
-        done = threading.Event()
-        thread = threading.Thread(target=serve, args=(server, done.is_set))
+    with server:
+        stop = threading.Event()
+        thread = threading.Thread(target=serve, args=(server, stop.is_set))
         port = server.port
         thread.start()
         try:
             yield str(port)
         finally:
-            done.set()
+            stop.set()
             thread.join()
 
 
 def serve(
     server: Server,
     until: Callable[[], bool],
-    tell: Callable[[str], object] = lambda port: None,  # noqa: ARG005 - nobody wants to know
+    on_port: Callable[[str], object] | None = None,
 ) -> None:
-    """Serves in real time.
+    """Runs a server in real time, in the calling thread.
 
     Args:
-        server: What serves; it stays open.
-        until: Called about every 10 ms: whether that is all.
-        tell: Called with the port, at once and each time there is a new one.
+        server: The server; it remains open.
+        until: Called about every 10 ms; serving ends when it returns True.
+        on_port: Called with the port at the start, and again whenever the port changes.
+
+    Example:
+        >>> import xbus
+        >>> from xbus.sim import TcpServer, serve
+        >>> device = xbus.SimulatedDevice("MTi-630")
+        >>> with TcpServer(device) as server:
+        ...     serve(server, until=lambda: device.time >= 0.1)
+        >>> device.state.value
+        'wakeup'
     """
     port = None
     while True:
         if server.port != port:
             port = server.port
-            if port is not None:
-                tell(port)
+            if port is not None and on_port is not None:
+                on_port(port)
         if until():
             return
         server.step()

@@ -1,4 +1,4 @@
-"""The strings that a virtual device sends, from the same trajectory as its samples."""
+"""The string outputs of a virtual device, computed from the same trajectory as its samples."""
 
 from __future__ import annotations
 
@@ -15,73 +15,76 @@ from xbus.geometry import earth
 from xbus.geometry.earth import FloatArray
 from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import StringType
-from xbus.sim.sensors import IntArray, Sensors, Ticks
+from xbus.sim.sensors import FIX_3D, IntArray, Sensors, Ticks
 from xbus.wire.strings import encode_string
 
 __all__ = ["StringStream"]
 
-#: How many instants are worked out at a time.
-BLOCK = 32
-#: Below this speed, in m/s, there is no course (section 5.3.5, note 12).
+#: Number of instants that are computed at a time.
+BLOCK_INSTANTS = 32
+#: Speed in m/s below which the course is unknown (section 5.3.5, note 12).
 LEAST_SPEED = 0.2
 #: A knot in m/s.
 KNOT = 1852 / 3600
-#: The fields of `gnss_pvt_data`, and its type of fix in three dimensions.
-_PVT = [it.name for it in QUANTITIES["gnss_pvt_data"].fields]
-FIX_3D = 3
+#: The columns of `gnss_pvt_data`.
+_PVT_COLUMN = {field.name: i for i, field in enumerate(QUANTITIES["gnss_pvt_data"].fields)}
+#: The columns of `utc_time`.
+_UTC_COLUMNS = [field.name for field in QUANTITIES["utc_time"].fields]
 
 
 class StringStream:
     """The string outputs of the Measurement State.
 
-    Instant k is at ``k / rate`` seconds after power-up; all strings that are on are sent then, in the
-    order of their bits. What a product does not compute, or has no fix for, is an empty field.
+    Instant k is at ``k / rate`` seconds after power-up. At each instant all enabled strings are sent, in the
+    order of their bits. A field is empty if the product does not compute it, or if it needs a fix and there
+    is none.
 
-    Roll and pitch are positive where port and bow are up; bow is the x axis of the sensor, port is y. That
-    is what the manual says for PHTRO and PRDID, and taken for the others; no published bytes of a device
-    tell it. Magnetic north is true north here, so deviation and variation are zero.
+    Roll is positive with port up, pitch with bow up; bow is the x axis of the sensor, port is y. This is the
+    manual's definition for PHTRO and PRDID. It is assumed for the other strings: no published bytes of a
+    device confirm it. Magnetic north is true north here, so deviation and variation are zero.
 
     Args:
-        types: Which.
-        rate: Hz; None where they come only when they are asked for.
-        sensors: What is measured.
-        start: Seconds since power-up; the first instant after it is the first to send.
+        types: The enabled strings.
+        rate: Hz; None if strings are sent on request only.
+        sensors: The sensors.
+        start: Seconds since power-up; the first instant after this time is the first to be sent.
 
     Attributes:
-        sensors: What is measured; may be replaced while measuring.
+        sensors: The sensors; they can be replaced during the measurement.
     """
 
-    #: Hz of what is sent on demand: the default sampling period (Table 18).
-    DEMAND_RATE = Fraction(100)
+    #: Hz of the instants of strings on request: the default sampling period (Table 18).
+    REQUEST_RATE = Fraction(100)
 
     def __init__(
         self, types: StringType, rate: Fraction | None, sensors: Sensors, start: float
     ) -> None:
         self.sensors = sensors
-        self._types = [it for it in StringType if it in types]
-        self._is_asked = rate is None
-        self._rate = rate or self.DEMAND_RATE
+        self._types = [kind for kind in StringType if kind in types]
+        self._on_request = rate is None
+        self._rate = rate or self.REQUEST_RATE
         self._next = self._last(start) + 1
         self._cached: tuple[Sensors, int, list[bytes]] | None = None
 
-    def take(self, until: float, status: int) -> list[tuple[float, bytes]]:  # noqa: ARG002 - samples have it
-        """The strings sent since the last call, up to and at a time, and when."""
-        if self._is_asked:
+    def take(self, until: float, status: int) -> list[tuple[float, bytes]]:  # noqa: ARG002 - for samples only
+        """Returns the strings sent since the last call, up to and including a time, each with its time."""
+        if self._on_request:
             return []
         first, self._next = self._next, max(self._next, self._last(until) + 1)
-        return [(self._time(k), it) for k in range(first, self._next) for it in self._strings(k)]
+        instants = range(first, self._next)
+        return [(self._time(k), string) for k in instants for string in self._strings(k)]
 
     def latest(self, now: float, status: int) -> list[bytes]:  # noqa: ARG002
-        """The strings of the newest instant."""
+        """Returns the strings of the newest instant."""
         return self._strings(self._last(now))
 
     def _time(self, k: int) -> float:
         return float(k / self._rate)
 
     def _last(self, time: float) -> int:
-        """The last instant up to and at a time."""
+        """Returns the last instant up to and including a time."""
         k = int(Fraction(time) * self._rate)
-        # A time is a rounded one.
+        # Times are rounded, so the instant can be one off.
         while self._time(k + 1) <= time:
             k += 1
         while self._time(k) > time:
@@ -89,33 +92,33 @@ class StringStream:
         return k
 
     def _strings(self, k: int) -> list[bytes]:
-        # Always the same instants together: then nothing depends on how calls cut time.
-        block, many = k // BLOCK, len(self._types)
+        # Blocks are fixed, so results do not depend on the times of the calls.
+        block, count = k // BLOCK_INSTANTS, len(self._types)
         if self._cached is None or self._cached[:2] != (self.sensors, block):
-            self._cached = (
-                self.sensors,
-                block,
-                self._encode(Ticks(block * BLOCK, BLOCK, self._rate)),
-            )
-        at = (k - block * BLOCK) * many
-        return self._cached[2][at : at + many]
+            ticks = Ticks(block * BLOCK_INSTANTS, BLOCK_INSTANTS, self._rate)
+            self._cached = self.sensors, block, self._encode(ticks)
+        first = (k - block * BLOCK_INSTANTS) * count
+        return self._cached[2][first : first + count]
 
     def _encode(self, ticks: Ticks) -> list[bytes]:
-        """The strings of these instants, one instant after the other."""
+        """Returns the strings of these instants, one instant after another."""
         readings = _Readings(self.sensors, ticks)
-        columns = [
-            {name: np.broadcast_to(it, ticks.count).tolist() for name, it in said(readings).items()}
-            for said in (SAID[it] for it in self._types)
+        tables = [
+            {
+                name: np.broadcast_to(values, ticks.count).tolist()
+                for name, values in STRING_FIELDS[kind](readings).items()
+            }
+            for kind in self._types
         ]
         return [
-            encode_string(kind, {name: values[k] for name, values in column.items()})
+            encode_string(kind, {name: values[k] for name, values in table.items()})
             for k in range(ticks.count)
-            for kind, column in zip(self._types, columns, strict=True)
+            for kind, table in zip(self._types, tables, strict=True)
         ]
 
 
 class _Readings:
-    """What is known at some instants: arrays of a row each, NaN where a device knows nothing."""
+    """Measurements at several instants: arrays with one row each, NaN if the device has no value."""
 
     def __init__(self, sensors: Sensors, ticks: Ticks) -> None:
         self._sensors, self._ticks = sensors, ticks
@@ -139,11 +142,11 @@ class _Readings:
 
     @property
     def pitch(self) -> FloatArray:
-        # A turn about y, which points to port, takes the bow down.
+        # A positive turn about y, which points to port, lowers the bow.
         return -self._euler[:, 1]
 
     def heading(self, decimals: int) -> FloatArray:
-        """Degrees from north, clockwise; yaw goes from east to north. There is no 360.00."""
+        """Returns degrees clockwise from north, below 360 after rounding. Yaw is from east to north."""
         return np.asarray(np.round(90.0 - self._euler[:, 2], decimals) % 360.0)
 
     @cached_property
@@ -182,15 +185,15 @@ class _Readings:
         return self._read("velocity_xyz", 3)
 
     def _pvt(self, name: str) -> FloatArray:
-        return self._pvt_data[:, _PVT.index(name)]
+        return self._pvt_data[:, _PVT_COLUMN[name]]
 
     @cached_property
     def _pvt_data(self) -> FloatArray:
-        return self._read("gnss_pvt_data", len(_PVT))
+        return self._read("gnss_pvt_data", len(_PVT_COLUMN))
 
     @property
     def quality(self) -> IntArray:
-        # The manual knows 0 invalid, 1 GPS and 2 differential, and nothing for carrier phases.
+        # The manual lists 0 invalid, 1 GPS and 2 differential, and no value for RTK.
         return np.where(self.fix, 1 + (self._sensors.rtk > 0), 0)
 
     @property
@@ -203,93 +206,128 @@ class _Readings:
 
     @property
     def time(self) -> list[datetime.time]:
-        return [datetime.time(it[4], it[5], it[6], it[0] // 1000) for it in self._utc]
+        return [
+            datetime.time(utc["hour"], utc["minute"], utc["second"], utc["ns"] // 1000)
+            for utc in self._utc
+        ]
 
     @property
     def date(self) -> list[datetime.date]:
-        return [datetime.date(it[1], it[2], it[3]) for it in self._utc]
+        return [datetime.date(utc["year"], utc["month"], utc["day"]) for utc in self._utc]
 
     @cached_property
-    def _utc(self) -> list[list[int]]:
-        """The fields of `utc_time`: nanosecond, year, month, day, hour, minute, second, validity."""
-        rows: list[list[int]] = self._sensors.utc_time(self._ticks.nanoseconds).tolist()
-        return rows
+    def _utc(self) -> list[dict[str, int]]:
+        """The fields of `utc_time` at each instant."""
+        rows = self._sensors.utc_time(self._ticks.nanoseconds).tolist()
+        return [dict(zip(_UTC_COLUMNS, row, strict=True)) for row in rows]
 
 
 def _vector(stem: str, values: FloatArray, names: str = "xyz") -> dict[str, Any]:
-    return {stem + name: it for name, it in zip(names, values.T, strict=True)}
+    return {stem + name: column for name, column in zip(names, values.T, strict=True)}
 
 
-def _attitude(it: _Readings, decimals: int = 2) -> dict[str, Any]:
-    return {"heading": it.heading(decimals), "roll": it.roll, "pitch": it.pitch}
+def _heading(readings: _Readings) -> dict[str, Any]:
+    return {"heading": readings.heading(2)}
 
 
-def _psoncms(it: _Readings) -> dict[str, Any]:
+def _hchdg(readings: _Readings) -> dict[str, Any]:
+    return {"heading": readings.heading(1), "deviation": 0.0, "variation": 0.0}
+
+
+def _attitude(readings: _Readings, decimals: int = 2) -> dict[str, Any]:
     return {
-        **_vector("quaternion_q", it.quaternion, "0123"),
-        **_vector("acceleration_", it.acceleration),
-        **_vector("rate_of_turn_", it.rate_of_turn),
-        **_vector("magnetic_field_", it.magnetic_field),
-        "temperature": it.temperature,
+        "heading": readings.heading(decimals),
+        "roll": readings.roll,
+        "pitch": readings.pitch,
     }
 
 
-def _gpgga(it: _Readings) -> dict[str, Any]:
-    lat, lon = it.lat_lon.T
+def _phtro(readings: _Readings) -> dict[str, Any]:
+    return {"pitch": readings.pitch, "roll": readings.roll}
+
+
+def _psoncms(readings: _Readings) -> dict[str, Any]:
     return {
-        "time": it.time,
-        "lat": it.where_fixed(lat),
-        "lon": it.where_fixed(lon),
-        "quality": it.quality,
-        "satellites": it.satellites,
-        "hdop": it.hdop,
-        "height_msl": it.where_fixed(it.height_msl),
-        "geoid_separation": it.where_fixed(np.full(len(lat), earth.GEOID_SEPARATION)),
+        **_vector("quaternion_q", readings.quaternion, "0123"),
+        **_vector("acceleration_", readings.acceleration),
+        **_vector("rate_of_turn_", readings.rate_of_turn),
+        **_vector("magnetic_field_", readings.magnetic_field),
+        "temperature": readings.temperature,
     }
 
 
-def _ptcf(it: _Readings) -> dict[str, Any]:
-    rates = np.degrees(it.rate_of_turn)
-    return {**_attitude(it, 1), "roll_rate": rates[:, 0], "pitch_rate": -rates[:, 1]}
+def _hcmtw(readings: _Readings) -> dict[str, Any]:
+    return {"temperature": readings.temperature}
 
 
-def _gprmc(it: _Readings) -> dict[str, Any]:
-    (lat, lon), (east, north, _) = it.lat_lon.T, it.velocity.T
+def _herot(readings: _Readings) -> dict[str, Any]:
+    # The z axis points up. A positive turn about it takes the bow to port, which the string counts negative.
+    return {"rate_of_turn": -60 * np.degrees(readings.rate_of_turn[:, 2])}
+
+
+def _gpgga(readings: _Readings) -> dict[str, Any]:
+    lat, lon = readings.lat_lon.T
+    return {
+        "time": readings.time,
+        "lat": readings.where_fixed(lat),
+        "lon": readings.where_fixed(lon),
+        "quality": readings.quality,
+        "satellites": readings.satellites,
+        "hdop": readings.hdop,
+        "height_msl": readings.where_fixed(readings.height_msl),
+        "geoid_separation": readings.where_fixed(np.full(len(lat), earth.GEOID_SEPARATION)),
+    }
+
+
+def _ptcf(readings: _Readings) -> dict[str, Any]:
+    rates = np.degrees(readings.rate_of_turn)
+    return {**_attitude(readings, 1), "roll_rate": rates[:, 0], "pitch_rate": -rates[:, 1]}
+
+
+def _xsvel(readings: _Readings) -> dict[str, Any]:
+    return _vector("velocity_", readings.velocity)
+
+
+def _gpzda(readings: _Readings) -> dict[str, Any]:
+    return {
+        "time": readings.time,
+        "date": readings.date,
+        "zone_hours": 0.0,
+        "zone_minutes": 0.0,
+    }
+
+
+def _gprmc(readings: _Readings) -> dict[str, Any]:
+    (lat, lon), (east, north, _) = readings.lat_lon.T, readings.velocity.T
     speed = np.hypot(east, north)
     course = np.round(np.degrees(np.arctan2(east, north)), 1) % 360.0
     return {
-        "time": it.time,
-        "status": np.where(it.fix, "A", "V"),
-        "lat": it.where_fixed(lat),
-        "lon": it.where_fixed(lon),
-        "speed": it.where_fixed(speed / KNOT),
-        "course": it.where_fixed(np.where(speed >= LEAST_SPEED, course, np.nan)),
-        "date": it.date,
-        "variation": it.where_fixed(np.zeros(len(lat))),
+        "time": readings.time,
+        "status": np.where(readings.fix, "A", "V"),
+        "lat": readings.where_fixed(lat),
+        "lon": readings.where_fixed(lon),
+        "speed": readings.where_fixed(speed / KNOT),
+        "course": readings.where_fixed(np.where(speed >= LEAST_SPEED, course, np.nan)),
+        "date": readings.date,
+        "variation": readings.where_fixed(np.zeros(len(lat))),
     }
 
 
-#: What each string says.
-SAID: dict[StringType, Callable[[_Readings], dict[str, Any]]] = {
-    StringType.HCHDM: lambda it: {"heading": it.heading(2)},
-    StringType.HCHDG: lambda it: {"heading": it.heading(1), "deviation": 0.0, "variation": 0.0},
+#: The fields of each string, by the names of `xbus.protocol.strings`.
+STRING_FIELDS: dict[StringType, Callable[[_Readings], dict[str, Any]]] = {
+    StringType.HCHDM: _heading,
+    StringType.HCHDG: _hchdg,
     StringType.TSS2: _attitude,
-    StringType.PHTRO: lambda it: {"pitch": it.pitch, "roll": it.roll},
+    StringType.PHTRO: _phtro,
     StringType.PRDID: _attitude,
     StringType.EM1000: _attitude,
     StringType.PSONCMS: _psoncms,
-    StringType.HCMTW: lambda it: {"temperature": it.temperature},
-    StringType.HEHDT: lambda it: {"heading": it.heading(2)},
-    # Upwards is the z axis, about which a positive turn takes the bow to port.
-    StringType.HEROT: lambda it: {"rate_of_turn": -60 * np.degrees(it.rate_of_turn[:, 2])},
+    StringType.HCMTW: _hcmtw,
+    StringType.HEHDT: _heading,
+    StringType.HEROT: _herot,
     StringType.GPGGA: _gpgga,
     StringType.PTCF: _ptcf,
-    StringType.XSVEL: lambda it: _vector("velocity_", it.velocity),
-    StringType.GPZDA: lambda it: {
-        "time": it.time,
-        "date": it.date,
-        "zone_hours": 0.0,
-        "zone_minutes": 0.0,
-    },
+    StringType.XSVEL: _xsvel,
+    StringType.GPZDA: _gpzda,
     StringType.GPRMC: _gprmc,
 }

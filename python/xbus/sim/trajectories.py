@@ -1,4 +1,4 @@
-"""The built-in trajectories, smooth for all time and without growth: they go round and round."""
+"""The built-in trajectories: smooth, periodic or nearly so, and bounded for all time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["TRAJECTORIES", "trajectory"]
 
 @dataclass(frozen=True)
 class _Smooth:
-    """A function of time with its first and second derivative, carried through sums and products."""
+    """A function of time with its first and second derivative, which sums and products propagate."""
 
     value: FloatArray
     first: FloatArray
@@ -52,12 +52,14 @@ class _Smooth:
 
 #: East, north and up in metres, then roll, pitch and yaw in degrees.
 Pose: TypeAlias = tuple[_Smooth, _Smooth, _Smooth, _Smooth, _Smooth, _Smooth]
-TURN = 2 * np.pi
-DEGREES = 180 / np.pi
+#: A full turn in rad, and a radian in degrees.
+TURN, DEGREES = 2 * np.pi, 180 / np.pi
+#: Gravity in m/s2, close enough for a bank angle.
+G = 9.81
 
 
-class _Path:
-    """A trajectory by formula."""
+class _Formula:
+    """A trajectory that a formula gives."""
 
     origin = ORIGIN
 
@@ -69,21 +71,22 @@ class _Path:
         clock = _Smooth(time, np.ones_like(time), np.zeros_like(time))
         east, north, up, *angles = self._pose(clock)
         place = (east, north, up)
-        euler = np.stack([it.value for it in angles], axis=1)
+        euler = np.stack([angle.value for angle in angles], axis=1)
+        rates = [np.radians(angle.first) for angle in angles]
         return Motion(
             time=time,
             orientation=quaternion.from_euler(euler),
-            rate_of_turn=_euler_to_body_rate(euler, *(np.radians(it.first) for it in angles)),
-            acceleration=np.stack([it.second for it in place], axis=1),
-            velocity=np.stack([it.first for it in place], axis=1),
-            position=np.stack([it.value for it in place], axis=1),
+            rate_of_turn=_euler_to_body_rate(euler, *rates),
+            acceleration=np.stack([axis.second for axis in place], axis=1),
+            velocity=np.stack([axis.first for axis in place], axis=1),
+            position=np.stack([axis.value for axis in place], axis=1),
         )
 
 
 def _euler_to_body_rate(
     euler: FloatArray, roll_rate: FloatArray, pitch_rate: FloatArray, yaw_rate: FloatArray
 ) -> FloatArray:
-    """Rate of turn in the sensor frame, of Euler angles in degrees and their rates in rad/s."""
+    """Returns the rate of turn in sensor coordinates, of Euler angles in degrees and their rates in rad/s."""
     roll, pitch, _ = np.radians(euler.T)
     level = yaw_rate * np.cos(pitch)
     x = roll_rate - yaw_rate * np.sin(pitch)
@@ -93,14 +96,14 @@ def _euler_to_body_rate(
 
 
 def _wave(clock: _Smooth, amplitude: float, period: float, phase: float = 0.0) -> _Smooth:
-    """A sine of time, with its phase as a part of the period."""
+    """Returns a sine of time; the phase is a fraction of the period."""
     return amplitude * (clock * (TURN / period) + TURN * phase).sin()
 
 
 def _course(
     clock: _Smooth, radius: float, lap: float, sway: _Smooth | float = 0.0
 ) -> tuple[_Smooth, _Smooth, _Smooth]:
-    """East, north and heading (degrees) on a circle to the left that starts at the origin, to the north."""
+    """Returns east, north and heading (degrees) on a circle to the left, from the origin to the north."""
     angle = clock * (TURN / lap)
     outward = clock * 0.0 + sway + radius
     return outward * angle.cos() + -radius, outward * angle.sin(), angle * DEGREES + 90.0
@@ -128,7 +131,7 @@ def _tumble(clock: _Smooth) -> Pose:
 
 
 def _walk(clock: _Smooth) -> Pose:
-    """On somebody's belt, 1.4 m/s round a circle of 50 m: a step every 0.55 s, swaying with every second."""
+    """On a walker's belt, 1.4 m/s round a circle of 50 m: a step every 0.55 s, swaying every two steps."""
     step = 0.55
     east, north, heading = _course(clock, 25.0, 112.0, sway=_wave(clock, 0.02, 2 * step))
     up = _wave(clock, 0.03, step)
@@ -137,13 +140,13 @@ def _walk(clock: _Smooth) -> Pose:
 
 
 def _drive(clock: _Smooth) -> Pose:
-    """In a car, on a figure of eight, 300 m long, in 80 s: slower and faster, x along the velocity."""
+    """In a car, on a figure of eight, 300 m long, in 80 s, with changing speed, x along the velocity."""
     surge = 23.0
     along = clock * (TURN / 80.0) + _wave(clock, 0.1, surge)
     east, north = 150.0 * along.sin(), 75.0 * (along * 2.0).sin()
     # The direction of travel: never due north, so the angle from due south has no seam.
     heading = _arctan2(along.cos(), -1.0 * (along * 2.0).cos()) * DEGREES + -90.0
-    # The body leans out of curves, and noses down where it slows.
+    # The body leans out of curves, and pitches down when it brakes.
     roll, pitch = -3.0 * along.sin(), _wave(clock, 1.0, surge)
     return east, north, clock * 0.0, roll, pitch, heading
 
@@ -161,8 +164,8 @@ def _fly(clock: _Smooth) -> Pose:
     radius, lap, climb = 400.0, 62.8, 90.0
     east, north, heading = _course(clock, radius, lap)
     up = 50.0 + _wave(clock, 50.0, climb, -0.25)
-    # Banked as the turn asks for, but for gusts; the nose follows the climb (up is negative pitch).
-    bank = np.degrees(np.arctan(radius * (TURN / lap) ** 2 / 9.81))
+    # A coordinated turn with gusts; the nose follows the climb (up is negative pitch).
+    bank = np.degrees(np.arctan(radius * (TURN / lap) ** 2 / G))
     nose = np.degrees(50.0 * TURN / climb) / 40.0
     roll = _wave(clock, 1.0, 3.1) + -bank
     return east, north, up, roll, _wave(clock, -nose, climb), heading
@@ -177,24 +180,24 @@ def _sail(clock: _Smooth) -> Pose:
     return east, north, up, roll, pitch, heading + _wave(clock, 3.0, 9.0)
 
 
-#: The built-in trajectories by name: call one to get it.
+#: The built-in trajectories: a factory by name.
 TRAJECTORIES: dict[str, Callable[[], Trajectory]] = {
-    "still": lambda: _Path(_still),
-    "turn": lambda: _Path(_turn),
-    "tumble": lambda: _Path(_tumble),
-    "walk": lambda: _Path(_walk),
-    "drive": lambda: _Path(_drive),
-    "fly": lambda: _Path(_fly),
-    "sail": lambda: _Path(_sail),
+    "still": lambda: _Formula(_still),
+    "turn": lambda: _Formula(_turn),
+    "tumble": lambda: _Formula(_tumble),
+    "walk": lambda: _Formula(_walk),
+    "drive": lambda: _Formula(_drive),
+    "fly": lambda: _Formula(_fly),
+    "sail": lambda: _Formula(_sail),
 }
 
 
 def trajectory(which: str | Trajectory) -> Trajectory:
-    """The built-in trajectory of this name, or what is one already.
+    """Returns the built-in trajectory of a name; returns a trajectory unchanged.
 
     Raises:
         ValueError: No trajectory has this name.
-        TypeError: Neither a name nor a trajectory.
+        TypeError: The argument is neither a name nor a trajectory.
 
     >>> import numpy as np
     >>> trajectory("turn").at(np.array([0.0, 1.0])).rate_of_turn.round(3).tolist()
@@ -202,10 +205,12 @@ def trajectory(which: str | Trajectory) -> Trajectory:
     """
     if isinstance(which, str):
         if which not in TRAJECTORIES:
-            raise ValueError(f"no trajectory {which!r}; there are {', '.join(TRAJECTORIES)}")
+            raise ValueError(
+                f"no trajectory is called {which!r}; use one of {', '.join(TRAJECTORIES)}"
+            )
         return TRAJECTORIES[which]()
     if not isinstance(which, Trajectory):
         raise TypeError(
-            f"a trajectory is a name or has origin and at(time); {type(which).__name__} is neither"
+            f"a trajectory is a name, or an object with origin and at(time), not {type(which).__name__}"
         )
     return which

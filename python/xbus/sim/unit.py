@@ -1,4 +1,4 @@
-"""The works of a virtual device: states, settings, and what requests and time do to them."""
+"""The inside of a virtual device: states, settings, and the effects of requests and time."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from xbus import _core
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import decode, encode
-from xbus.protocol.products import Identity, Support
-from xbus.protocol.tables import MESSAGES, MessageRow
+from xbus.protocol.products import FactoryIdentity, Support
+from xbus.protocol.tables import MASTER, MESSAGES, STANDALONE, MessageRow
 from xbus.protocol.values import (
     DeviceErrorInfo,
     ErrorCode,
@@ -24,7 +24,7 @@ from xbus.protocol.values import (
     UtcTime,
 )
 from xbus.sim.clock import SECOND, Clock
-from xbus.sim.commands import COMMANDS, Refused
+from xbus.sim.commands import COMMANDS
 from xbus.sim.framing import Request
 from xbus.sim.measurement import Measurement, status_word
 from xbus.sim.memory import Memory, UnitSettings, restored
@@ -33,17 +33,13 @@ from xbus.sim.procedures import Rotation
 from xbus.sim.receiver import Receiver
 from xbus.sim.replay import Replay
 from xbus.sim.sensors import Sensors
+from xbus.sim.setting_commands import Refused
 from xbus.sim.sync import SyncInputs
 
-__all__ = ["MASTER", "Unit", "World"]
+__all__ = ["Unit", "World"]
 
-#: The bus identifier of a device by itself; the other one is for the first device of a bus (section 5.1).
-MASTER, FIRST = 0xFF, 0x01
-#: Bytes of EmtsData; an MTi-300 sends so many.
+#: Bytes of EmtsData, as on an MTi-300.
 EMTS_SIZE = 1320
-#: What the products say in Configuration beyond the manual: letter and version of the filter, as published.
-_FILTERS = {30: ("I", (5, 1)), 300: ("I", (5, 1)), 710: ("7", (4, 1))}
-
 #: Filter modes of the status word.
 WITHOUT_GNSS, COASTING, WITH_GNSS = 0, 1, 3
 
@@ -56,15 +52,15 @@ for _row in MESSAGES.values():
 
 @dataclass(frozen=True)
 class World:
-    """What is around a virtual device, and does not depend on what it is set to.
+    """The surroundings of a virtual device, which do not depend on its settings.
 
     Attributes:
-        trajectory: How it moves.
-        noise: Strength of noise.
-        seed: Of noise.
-        utc: UTC when the device is made.
+        trajectory: The motion.
+        noise: Strength of the noise.
+        seed: Seed of the noise.
+        utc: UTC when the device is created.
         time_to_fix: Seconds from power-up to the first GNSS fix.
-        replay: A recording to send instead.
+        replay: A recording to send instead of computed samples.
     """
 
     trajectory: Trajectory
@@ -76,33 +72,30 @@ class World:
 
 
 class Unit:
-    """A device behind its port; `power_up` comes first.
+    """A device without its line. Call `power_up` first.
 
     Args:
-        clock: Its clock.
-        world: What is around it.
-        support: What it can do.
-        identity: What it calls itself.
-        settings: What it is set to at first.
-        bus_id: Its bus identifier, with ConfigurableBusId.
-        strict_outputs: See below.
-        send: See below.
-        restart: See below.
+        clock: The device's clock.
+        world: The surroundings.
+        support: The abilities of the product.
+        identity: The identity.
+        settings: The settings at first.
+        bus_id: Bus identifier in effect with EnableConfigurableBusId.
+        strict_outputs: Whether one unsupported data identifier makes the device refuse a configuration.
+        send: Called with each frame to the host.
+        restart: Called to restart the device after its reply has been sent.
 
     Attributes:
-        state: State.
-        memory: Settings.
-        measurement: What it does in Measurement; None in other states.
+        state: The current state.
+        memory: The settings.
+        measurement: The current measurement; None outside Measurement.
         receiver: GNSS receiver.
-        calendar: UTC by the device's calendar when its clock was at zero.
-        powered_at: When power came, in ns on the clock.
-        no_rotation: The no-rotation update in the status word.
+        calendar: UTC of the device's calendar at time zero of the clock.
+        powered_at: Time of power-up, in ns on the clock.
+        no_rotation: State of the no-rotation update in the status word.
         reset_rotations: RotSensor and RotLocal after the orientation resets of the last Measurement, which
-            can be stored in Config; None where there were none.
-        sync_inputs: Counts of edges.
-        strict_outputs: Whether an unsupported data identifier makes it refuse a whole configuration.
-        send: Takes frames to the host.
-        restart: Starts the device anew, once what it has said is out.
+            can be stored in Config; None without such resets.
+        sync_inputs: Counters of edges.
     """
 
     def __init__(
@@ -110,7 +103,7 @@ class Unit:
         clock: Clock,
         world: World,
         support: Support,
-        identity: Identity,
+        identity: FactoryIdentity,
         settings: UnitSettings,
         *,
         bus_id: int,
@@ -120,7 +113,7 @@ class Unit:
     ) -> None:
         self.clock, self.world = clock, world
         self.support, self.product = support, support.product
-        self.identity: Identity = identity
+        self.identity = identity
         self.memory = Memory(settings)
         self.send, self.restart = send, restart
         self.receiver = Receiver(clock, world.time_to_fix, self._receiver_changed)
@@ -136,56 +129,57 @@ class Unit:
 
     @property
     def bid(self) -> int:
-        """The bus identifier of what is not a reply."""
+        """The bus identifier of messages other than replies."""
         return self._bus_id if self._has_bus_id else MASTER
 
     def replies_as(self, bid: int) -> int | None:
-        """The bus identifier of a reply; None where the message is for others.
+        """Returns the bus identifier of a reply; None if the message is for another device.
 
-        A stand-alone device answers to two of them. That 0 would be a broadcast is nowhere in the manual.
+        A stand-alone device answers to two bus identifiers. The manual does not define 0 as a broadcast.
         """
         if self._has_bus_id:
             return self._bus_id if bid in (self._bus_id, MASTER) else None
-        return bid if bid in (MASTER, FIRST) else None
+        return bid if bid in (MASTER, STANDALONE) else None
 
     @property
     def _has_bus_id(self) -> bool:
         return bool(self.settings.option_flags & OptionFlag.ENABLE_CONFIGURABLE_BUS_ID)
 
-    def say(self, mid: int, payload: bytes = b"") -> None:
-        """Sends a message unasked."""
+    def send_message(self, mid: int, payload: bytes = b"") -> None:
+        """Sends a message that is not a reply."""
         self.send(_core.encode_frame(self.bid, mid, payload))
 
     # Requests
 
     def answer(self, request: Request) -> tuple[int, bytes] | None:
-        """Does what is asked; MID and payload of the reply, or None where there is none."""
+        """Handles a request; returns MID and payload of the reply, or None without a reply."""
         try:
             row = self._row(request)
             if row is None:
                 return None
-            # What says nothing may carry anything: the vendor's software sends ReqConfiguration with two
-            # bytes, and GoToConfig with thirty to get through whatever a device waits for.
+            # The payload of an empty message is ignored: the vendor's software sends ReqConfiguration with
+            # two bytes, and GoToConfig with thirty, which complete a frame that the device may wait for.
             payload = b"" if row.lengths == (0,) else request.payload
             try:
                 value = decode(row.name, payload)
             except ValueError:
                 raise Refused(ErrorCode.PARAMETER) from None
-            answer = COMMANDS[row.name](self, value)
+            reply = COMMANDS[row.name](self, value)
         except Refused as refused:
             return MessageId.Error, encode("Error", DeviceErrorInfo(refused.code))
-        return None if row.reply is None else (row.reply, answer)
+        return None if row.reply is None else (row.reply, reply)
 
     def _row(self, request: Request) -> MessageRow | None:
-        """The message that a request is; None for one to pass over."""
-        rows = [it for it in _REQUESTS.get(request.mid, ()) if it.name in self.support.messages]
+        """Returns the row of a request in the table of messages; None for a request to ignore."""
+        known = _REQUESTS.get(request.mid, ())
+        rows = [row for row in known if row.name in self.support.messages]
         if not rows:
             raise Refused(ErrorCode.MESSAGE)
-        # All messages with one MID are valid in the same states. The manual has no code for another state;
-        # "message sent is invalid" comes next to it.
-        if self.state not in rows[0].states and not self._is_taken_anyway(request.mid):
+        # All messages with one MID are valid in the same states. The manual has no error code for a wrong
+        # state; "message sent is invalid" is the closest.
+        if self.state not in rows[0].states and not self._is_always_accepted(request.mid):
             if request.mid == MessageId.WakeUpAck:
-                return None  # too late, and never answered
+                return None  # too late, and without a reply
             raise Refused(ErrorCode.MESSAGE)
         length = len(request.payload)
         for row in rows:
@@ -193,19 +187,19 @@ class Unit:
                 return row
         if len(rows) == 1 and rows[0].lengths == (0,):
             return rows[0]
-        # MT Manager sends 65 bytes: the text, spaces, and more behind them.
+        # MT Manager sends 65 bytes: the text, spaces, and further bytes.
         if rows[-1].name == "SetFilterProfileModern":
             return rows[-1]
         raise Refused(ErrorCode.PARAMETER)
 
-    def _is_taken_anyway(self, mid: int) -> bool:
-        """Whoever missed WakeUp sends GoToConfig until it is answered."""
+    def _is_always_accepted(self, mid: int) -> bool:
+        """Whether a message is valid in WakeUp too: a host that missed WakeUp repeats GoToConfig."""
         return self.state is State.WAKEUP and mid == MessageId.GoToConfig
 
     # States
 
     def power_up(self) -> None:
-        """Starts anew with the stored settings."""
+        """Starts with the stored settings."""
         self.state = State.WAKEUP
         self.measurement: Measurement | None = None
         self.memory.load()
@@ -213,34 +207,34 @@ class Unit:
         self.reset_rotations: tuple[Rotation, Rotation] | None = None
         self.sync_inputs = SyncInputs(self.settings.sync_settings)
         self.powered_at = self.clock.now
-        # Nothing keeps the time without power: the calendar starts where it did the first time.
+        # Without power the time is lost: the calendar starts with the same time at each power-up.
         self.calendar = self.world.utc - _ns(self.clock.now)
         self.receiver.start()
 
     def restore_communication(self) -> None:
-        """Sets what Table 41 lists to what it was at first."""
+        """Restores the factory values of the settings in Table 41."""
         self.memory.overwrite(restored(self.memory.stored, self.support))
         self.sync_inputs = SyncInputs(self.settings.sync_settings)
 
     def leave_wake_up(self) -> None:
-        """What happens when nobody has answered WakeUp."""
+        """Leaves the WakeUp State if the host has not done so."""
         if self.state is not State.WAKEUP:
             return
         flags = self.settings.option_flags
         if flags & OptionFlag.DISABLE_AUTO_MEASUREMENT:
             self.go_to_config()
             return
-        asked = flags & OptionFlag.ENABLE_CONFIG_MESSAGE_AT_STARTUP
-        if asked or self.product.series != "1-series":
-            self.say(MessageId.Configuration, self.configuration())
-            self.say(MessageId.EmtsData, self.emts)
+        is_enabled = flags & OptionFlag.ENABLE_CONFIG_MESSAGE_AT_STARTUP
+        if is_enabled or self.product.series != "1-series":
+            self.send_message(MessageId.Configuration, self.configuration())
+            self.send_message(MessageId.EmtsData, self.emts)
         self.go_to_measurement()
 
     def go_to_config(self) -> None:
-        """Enters Config, or stays there."""
+        """Enters Config, or remains in Config."""
         if self.measurement is not None:
             self.measurement.end()
-            # They can be stored until Measurement begins anew.
+            # The rotations can be stored until the next Measurement.
             self.reset_rotations = self.measurement.rot_sensor, self.measurement.rot_local
         self.state, self.measurement = State.CONFIG, None
 
@@ -249,13 +243,13 @@ class Unit:
         self.reset_rotations = None
         self.state, self.measurement = State.MEASUREMENT, Measurement(self)
 
-    # What it knows
+    # Information
 
     def configuration(self) -> bytes:
-        """The payload of Configuration (Tables 13 and 14)."""
+        """Returns the payload of Configuration (Tables 13 and 14)."""
         settings, series = self.settings, self.product.series
         profile = settings.filter_profile
-        letter, version = _FILTERS.get(self.product.number, (None, (0, 0)))
+        letter, version = self.support.filter_version
         is_old = series in ("10-series", "100-series")
         return encode(
             "Configuration",
@@ -278,26 +272,26 @@ class Unit:
 
     @cached_property
     def emts(self) -> bytes:
-        """The payload of EmtsData: nobody outside knows what it says."""
+        """The payload of EmtsData. Its content is not documented, so it is random."""
         return random.Random(self.identity.device_id).randbytes(EMTS_SIZE)  # noqa: S311
 
     def utc_time(self) -> UtcTime:
-        """What the calendar says."""
+        """Returns the time of the calendar as the fields of UTCTime."""
         row = self.sensors().utc_time(np.array([self.clock.now]))[0]
         return UtcTime(*row.tolist())
 
     @property
     def utc(self) -> np.datetime64:
-        """The calendar's time."""
+        """The time of the calendar."""
         return self.calendar + _ns(self.clock.now)
 
     def set_utc(self, utc: np.datetime64) -> None:
-        """Sets the calendar; one that goes by GNSS stays right."""
+        """Sets the calendar; with a fix it follows GNSS and does not change."""
         if not self._has_fix:
             self.calendar = utc - _ns(self.clock.now)
 
     def sensors(self) -> Sensors:
-        """What is measured now; its time is that of the clock."""
+        """Returns the sensors with the current alignment rotations, calendar and fix."""
         measurement, settings = self.measurement, self.settings
         return Sensors(
             self.world.trajectory,
@@ -316,12 +310,12 @@ class Unit:
         return self.product.kind == "GNSS/INS" and self.receiver.has_fix
 
     def status(self) -> int:
-        """The lasting part of the status word (Table 27)."""
+        """Returns the status word (Table 27) without its momentary flags."""
         has_fix, is_coasting = self._has_fix, self.receiver.is_coasting
         kind, measurement = self.product.kind, self.measurement
         return status_word(
             selftest=self.product.series != "600-series",
-            # An IMU has no filter, and the one of a GNSS/INS needs a position.
+            # An IMU has no filter, and the filter of a GNSS/INS needs a position.
             filter_valid=has_fix or is_coasting if kind == "GNSS/INS" else kind != "IMU",
             gnss_fix=has_fix,
             no_rotation_update_status=self.no_rotation,
@@ -334,9 +328,9 @@ class Unit:
 
     @property
     def _is_clock_synced(self) -> bool:
-        """Whether the clock bias is estimated: by pulses of the receiver, which needs no wire here."""
+        """Whether the clock bias is estimated. With a fix the pulses of the receiver are the reference."""
         if self._has_fix:
-            functions = [it.function for it in self.settings.sync_settings]
+            functions = [setting.function for setting in self.settings.sync_settings]
             return SyncFunction.CLOCK_BIAS_ESTIMATION in functions
         return self.sync_inputs.is_clock_synced(self.clock.now)
 
