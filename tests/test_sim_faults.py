@@ -142,18 +142,18 @@ def test_parse(text: str, faults: Faults) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("flop=1", "'flop=1' is none of flip=P, "),
-        ("seed=1", "'seed=1' is none of "),
-        ("flip", "'flip' is none of "),
-        ("flip=much", "'flip=much' is none of "),
-        ("stall=5", "'stall=5' is none of "),
-        ("unplug=1:2:3", "'unplug=1:2:3' is none of "),
-        ("flip=0.1 flip=0.1", "flip is there twice"),
+        ("flop=1", "'flop=1' is not a fault: use flip=P, "),
+        ("seed=1", "'seed=1' is not a fault: use "),
+        ("flip", "'flip' is not a fault: use "),
+        ("flip=much", "'flip=much' is not a fault: use "),
+        ("stall=5", "'stall=5' is not a fault: use "),
+        ("unplug=1:2:3", "'unplug=1:2:3' is not a fault: use "),
+        ("flip=0.1 flip=0.1", "flip is given twice"),
         ("drop=1.5", "drop is a probability, from 0 to 1, not 1.5"),
         ("flip=nan", "flip is a probability, from 0 to 1, not nan"),
-        ("burst=-1", "burst is in seconds, 0 or more, not -1.0"),
-        ("stall=inf:1", "the time of stall is in seconds, 0 or more, not inf"),
-        ("unplug=1:-1", "the duration of unplug is in seconds, 0 or more, not -1.0"),
+        ("burst=-1", "burst must be 0 seconds or more, not -1.0"),
+        ("stall=inf:1", "the time of stall must be 0 seconds or more, not inf"),
+        ("unplug=1:-1", "the duration of unplug must be 0 seconds or more, not -1.0"),
     ],
 )
 def test_parse_refuses(text: str, said: str) -> None:

@@ -175,10 +175,10 @@ def test_heading_is_the_direction_of_travel(name: str, bound: float) -> None:
 def test_a_trajectory_by_name_or_as_it_is() -> None:
     path = sampled()
     assert trajectory(path) is path
-    names = "there are still, turn, tumble, walk, drive, fly, sail"
-    with pytest.raises(ValueError, match=f"no trajectory 'swim'; {names}"):
+    names = "use one of still, turn, tumble, walk, drive, fly, sail"
+    with pytest.raises(ValueError, match=f"no trajectory is called 'swim'; {names}"):
         trajectory("swim")
-    with pytest.raises(TypeError, match="int is neither"):
+    with pytest.raises(TypeError, match="not int"):
         trajectory(3)  # type: ignore[arg-type]
 
 
@@ -240,18 +240,38 @@ LEVEL = [[1.0, 0, 0, 0]] * 3
 @pytest.mark.parametrize(
     ("time", "orientation", "position", "message"),
     [
-        ([0], LEVEL[:1], None, "time must be (n,) with at least 2 rows, not (1,)"),
-        ([[0, 1, 2]], LEVEL, None, "time must be (n,) with at least 2 rows, not (1, 3)"),
+        ([0], LEVEL[:1], None, "time must have the shape (n,) with n >= 2, not (1,)"),
+        ([[0, 1, 2]], LEVEL, None, "time must have the shape (n,) with n >= 2, not (1, 3)"),
         ([0, 1, 1], LEVEL, None, "time must be finite and strictly increasing"),
         ([0, 2, 1], LEVEL, None, "time must be finite and strictly increasing"),
         ([0, 1, np.nan], LEVEL, None, "time must be finite and strictly increasing"),
         ([0, 1, np.inf], LEVEL, None, "time must be finite and strictly increasing"),
-        ([0, 1], LEVEL, None, "orientation must be (2, 4), one row for each time, not (3, 4)"),
-        ([0, 1], np.eye(3), None, "orientation must be (2, 4), one row for each time, not (3, 3)"),
-        ([0, 1], [[1, 0, 0, 0], [0, 0, 0, 0]], None, "orientation is zero in row 1"),
-        ([0, 1], [[1, 0, 0, 0], [0, np.nan, 0, 0]], None, "orientation is not finite in row 1"),
-        ([0, 1, 2], LEVEL, [0, 0, 0], "position must be (3, 3), one row for each time, not (3,)"),
-        ([0, 1, 2], LEVEL, [[0, 0, np.inf]] * 3, "position is not finite in row 0"),
+        (
+            [0, 1],
+            LEVEL,
+            None,
+            "orientation must have the shape (2, 4), one row for each time, not (3, 4)",
+        ),
+        (
+            [0, 1],
+            np.eye(3),
+            None,
+            "orientation must have the shape (2, 4), one row for each time, not (3, 3)",
+        ),
+        (
+            [0, 1],
+            [[1, 0, 0, 0], [0, 0, 0, 0]],
+            None,
+            "the quaternion in row 1 of orientation is zero",
+        ),
+        ([0, 1], [[1, 0, 0, 0], [0, np.nan, 0, 0]], None, "row 1 of orientation is not finite"),
+        (
+            [0, 1, 2],
+            LEVEL,
+            [0, 0, 0],
+            "position must have the shape (3, 3), one row for each time, not (3,)",
+        ),
+        ([0, 1, 2], LEVEL, [[0, 0, np.inf]] * 3, "row 0 of position is not finite"),
     ],
 )
 def test_rows_that_are_no_motion(time: Any, orientation: Any, position: Any, message: str) -> None:
@@ -343,9 +363,15 @@ def test_rows_out_of_order_or_not_finite_are_left_out() -> None:
 @pytest.mark.parametrize(
     ("rows", "message"),
     [
-        ([], "the log has no quaternion, rotation_matrix or euler_angles to move by"),
-        ([{"acceleration": [0, 0, 9.81]}], "the log has no quaternion, rotation_matrix or euler_"),
-        ([{"quaternion": [1, 0, 0, 0]}], "the log has 1 rows of quaternion with times; two are"),
+        (
+            [],
+            "the log has no orientation: a trajectory needs quaternion, rotation_matrix or euler_angles",
+        ),
+        ([{"acceleration": [0, 0, 9.81]}], "the log has no orientation: a trajectory needs"),
+        (
+            [{"quaternion": [1, 0, 0, 0]}],
+            "the log has 1 rows of quaternion with times; a trajectory needs two",
+        ),
     ],
 )
 def test_logs_that_are_no_motion(rows: list[dict[Any, Any]], message: str) -> None:

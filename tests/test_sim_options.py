@@ -61,9 +61,9 @@ def test_every_option_reaches_the_device() -> None:
         ("strict_outputs=no", "strict_outputs must be true or false"),
         ("utc=1990-01-01", "utc must be a date and time from 1999"),
         ("utc=noon", "utc must be a date and time"),
-        ("trajectory=loop", "no trajectory 'loop'"),
-        ("baudrate=12345", "does not talk at 12,345 baud"),
-        ("fault=flop=1", "'flop=1' is none of"),
+        ("trajectory=loop", "no trajectory is called 'loop'"),
+        ("baudrate=12345", "does not support 12,345 baud"),
+        ("fault=flop=1", "'flop=1' is not a fault"),
     ],
 )
 def test_what_is_wrong_is_named(query: str, message: str) -> None:
@@ -218,7 +218,7 @@ def test_device_time_may_run_faster(on: Callable[..., Server]) -> None:
 
 @pytest.mark.parametrize("speed", [0, -1, float("nan"), float("inf")])
 def test_no_speed(speed: float) -> None:
-    with pytest.raises(ValueError, match="speed is a factor above 0"):
+    with pytest.raises(ValueError, match="speed must be a factor above 0"):
         on_pty(Fake(), speed=speed)
 
 
@@ -252,10 +252,10 @@ def test_an_idle_client_is_disconnected_and_the_next_one_gets_in() -> None:
             assert exchange(server, client, b"still") == b"still"
             clock.now += 9
             server.step(0)
-            assert server.is_used
+            assert server.has_client
             clock.now += 2
             server.step(0)
-            assert not server.is_used
+            assert not server.has_client
             with pytest.raises(serial.SerialException):
                 client.read(1)
         with open_port(server) as client:
@@ -272,7 +272,7 @@ def test_a_client_who_only_reads_is_not_idle() -> None:
             device.says = b"sample"
             server.step(0)
             assert client.read(6) == b"sample"
-        assert server.is_used
+        assert server.has_client
 
 
 def test_a_client_who_never_reads_is_idle() -> None:
@@ -284,7 +284,7 @@ def test_a_client_who_never_reads_is_idle() -> None:
         def send() -> bool:
             clock.now += 1
             device.says = bytes(1 << 20)
-            return not server.is_used
+            return not server.has_client
 
         step_until(server, send)
 

@@ -112,8 +112,10 @@ class Unit:
         restart: Callable[[], None],
     ) -> None:
         self.clock, self.world = clock, world
-        self.support, self.product = support, support.product
-        self.identity = identity
+        # Annotated for mypy: the modules import each other.
+        self.support: Support = support
+        self.product = support.product
+        self.identity: FactoryIdentity = identity
         self.memory = Memory(settings)
         self.send, self.restart = send, restart
         self.receiver = Receiver(clock, world.time_to_fix, self._receiver_changed)
