@@ -237,7 +237,7 @@ def test_a_link_leads_to_the_served_port(tmp_path: Path) -> None:
         assert port == str(link)
         assert link.is_symlink()
     with (
-        pytest.raises(ValueError, match="with tcp there is none"),
+        pytest.raises(ValueError, match="link needs a pseudo-terminal"),
         serving(SimulatedDevice("MTi-3"), tcp=True, link=link),
     ):
         pass

@@ -1,4 +1,4 @@
-"""Virtual devices: how they move, what they measure, how they answer, and where other programs find them."""
+"""Virtual devices: their motion, measurements and replies, and servers that other programs connect to."""
 
 from xbus.sim.device import SimulatedDevice
 from xbus.sim.faults import Faults
