@@ -125,7 +125,7 @@ def test_names_of_the_package_are_there_when_asked_for() -> None:
         (["decode", WALK, "-o", "walk.xlsx"], "'walk.xlsx' must end in one of .parquet, .csv"),
         (["decode", WALK, "-o", "walk"], "'walk' must end in one of .parquet, .csv"),
         (["decode", WALK, "-o", "x.csv", "--quantity", "accel"], "did you mean acceleration?"),
-        (["decode", WALK, "-o", "x.csv", "--quantity", "x" * 9], "xbus items lists them"),
+        (["decode", WALK, "-o", "x.csv", "--quantity", "x" * 9], "xbus quantities lists them"),
         (["decode", WALK, "-o", "x.csv", "--quantity", "quaternion:ABC"], "ENU, NED, NWU"),
         (["decode", WALK, "-o", "x.csv", "--quantity", "acceleration:NED"], "has no coordinates"),
         (["report", WALK], "Missing option '-o'"),
@@ -227,8 +227,8 @@ def test_names_that_no_terminal_can_show(tmp_path: Path) -> None:
 OUTPUTS = [
     ["info", FIELD],
     ["dump", FIELD],
-    ["items"],
-    ["items", "gnss"],
+    ["quantities"],
+    ["quantities", "gnss"],
     ["messages", "--json"],
     ["monitor", WALK, "--once", "1"],
     ["--help"],
@@ -344,7 +344,7 @@ def test_a_signal_that_is_ignored_stays_ignored() -> None:
     """As under nohup."""
     handler = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
-        assert run("items", "--help").exit_code == 0
+        assert run("quantities", "--help").exit_code == 0
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
         signal.signal(signal.SIGHUP, handler)

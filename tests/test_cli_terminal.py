@@ -198,7 +198,7 @@ def test_headings_are_bold_on_a_terminal_only() -> None:
 def test_tables_fit_the_terminal(columns: int) -> None:
     """No name is cut; a narrow terminal is told what it does not show."""
     for command, names, spare in (
-        ("items", list(QUANTITIES), "manual, products, source"),
+        ("quantities", list(QUANTITIES), "manual, products, source"),
         ("messages", [it.name for it in MESSAGES.values()], "states, products, status"),
     ):
         text = plain(printed(command, columns=columns))
@@ -210,14 +210,14 @@ def test_tables_fit_the_terminal(columns: int) -> None:
 
 
 def test_items() -> None:
-    head, *rows = run("items").stdout.splitlines()
+    head, *rows = run("quantities").stdout.splitlines()
     assert head.split() == [
         *["id", "name", "manual", "layout", "unit", "coordinates", "products", "source"]
     ]
     assert [it.split()[:3] for it in rows] == [
         [f"0x{it.id:04X}", it.name, it.manual] for it in QUANTITIES.values()
     ]
-    (row,) = run("items", "0x5040").stdout.splitlines()[1:]
+    (row,) = run("quantities", "0x5040").stdout.splitlines()[1:]
     assert re.split(r"  +", row) == [
         *["0x5040", "lat_lon", "LatLon", "2 real", "deg", "7 710 670 680", "5.3.6"]
     ]
@@ -229,7 +229,7 @@ def test_items() -> None:
 
 
 def test_layouts() -> None:
-    rows = run("items").stdout.splitlines()
+    rows = run("quantities").stdout.splitlines()
     at = rows[0].index("layout"), rows[0].index("unit")
     layouts = {it.split()[1]: it[slice(*at)].strip() for it in rows}
     expected = {
@@ -265,7 +265,7 @@ def test_messages() -> None:
 
 def test_products_by_series() -> None:
     def products(name: str) -> str:
-        (row,) = [it for it in run("items").stdout.splitlines() if it.split()[1] == name]
+        (row,) = [it for it in run("quantities").stdout.splitlines() if it.split()[1] == name]
         return re.split(r"  +", row)[-2]
 
     assert products("acceleration") == "all"
@@ -277,21 +277,21 @@ def test_products_by_series() -> None:
 
 @pytest.mark.parametrize("text", ["GNSS", "gnss", "Gnss"])
 def test_text_filters_in_whichever_case(text: str) -> None:
-    names = [it.split()[1] for it in run("items", text).stdout.splitlines()[1:]]
+    names = [it.split()[1] for it in run("quantities", text).stdout.splitlines()[1:]]
     assert names[:2] == ["gnss_age", "gnss_pvt_data"]
     assert all("gnss" in it for it in names)
-    names = [it["name"] for it in json.loads(run("items", text, "--json").stdout)]
+    names = [it["name"] for it in json.loads(run("quantities", text, "--json").stdout)]
     assert "gnss_sat_info" in names
     assert "acceleration" not in names
 
 
-@pytest.mark.parametrize("command", ["items", "messages"])
+@pytest.mark.parametrize("command", ["quantities", "messages"])
 def test_text_that_is_nowhere(command: str) -> None:
     assert "'accccc'" in sentence(run(command, "accccc"))
 
 
 def test_tables_for_programs() -> None:
-    said = run("items", "--json").stdout
+    said = run("quantities", "--json").stdout
     assert len(said.splitlines()) == len(QUANTITIES)
     found = json.loads(said)
     for it, row in zip(found, QUANTITIES.values(), strict=True):

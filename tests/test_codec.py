@@ -350,7 +350,7 @@ def test_accepted(key: Any, values: Any, wire: bytes) -> None:
 @pytest.mark.parametrize(
     ("key", "values", "text"),
     [
-        ("accelleration", 1, "no quantity is called 'accelleration'; xbus items lists them"),
+        ("accelleration", 1, "no quantity is called 'accelleration'; xbus quantities lists them"),
         (("accelleration", "NED"), 1, "no quantity is called 'accelleration'"),
         (0x7770, 1, "no quantity has the data identifier 0x7770"),
         (("acceleration", "NED"), [1, 2, 3], "acceleration has no coordinate system in the manual"),

@@ -30,7 +30,7 @@ from sphinx.util.docutils import SphinxDirective
 
 from xbus import Coordinates, Device, Precision, encode_packet
 from xbus.cli import main
-from xbus.cli.tables import _layout, _lengths, _products  # the words of ``xbus items``
+from xbus.describe.table_text import describe_layout, describe_lengths, describe_products
 from xbus.describe.text import value_text
 from xbus.device.commands import Commands
 from xbus.protocol import EVERY, HardwareVersion, OptionFlag, Output, StringType
@@ -95,11 +95,11 @@ def quantities() -> list[nodes.Node]:
         (
             code(f"{it.id:04X}"),
             names(it),
-            _layout(it),
+            describe_layout(it),
             code(" ".join(it.components)),
             it.unit,
             "yes" if it.coordinates else "",
-            _products(it.products),
+            describe_products(it.products),
             it.source,
         )
         for it in QUANTITIES.values()
@@ -159,9 +159,9 @@ def messages() -> list[nodes.Node]:
             it.direction,
             ", ".join(it.states),
             it.payload,
-            _lengths(it.lengths),
+            describe_lengths(it.lengths),
             code("" if it.reply is None else f"{it.reply:02X}"),
-            _products(it.products),
+            describe_products(it.products),
             it.status,
         )
         for it in MESSAGES.values()
@@ -194,7 +194,7 @@ def products() -> list[nodes.Node]:
 
 def who(has: Callable[[Support], bool]) -> str:
     """The products of which something is true."""
-    return _products([it for it in PRODUCTS if has(support(it))])
+    return describe_products([it for it in PRODUCTS if has(support(it))])
 
 
 def rate(supported: Support, quantity: str) -> str:
@@ -231,7 +231,10 @@ def hardware_rates() -> list[nodes.Node]:
                 differing.setdefault((quantity, *row), []).append(number)
     header = ("quantity", "products", "not known", "1", "2", "3")
     return [
-        table(header, ((code(it[0]), _products(who), *it[1:]) for it, who in differing.items()))
+        table(
+            header,
+            ((code(it[0]), describe_products(who), *it[1:]) for it, who in differing.items()),
+        )
     ]
 
 
@@ -242,7 +245,12 @@ def sync() -> list[nodes.Node]:
             key = (int(function), function.name, " ".join(it.name for it in lines))
             found.setdefault(key, []).append(number)
     rows = (
-        (str(number), code(function), code(lines), _products(found[number, function, lines]))
+        (
+            str(number),
+            code(function),
+            code(lines),
+            describe_products(found[number, function, lines]),
+        )
         for number, function, lines in sorted(found)
     )
     return [table(("number", "function", "lines", "products"), rows)]
@@ -284,7 +292,9 @@ def filter_profiles() -> list[nodes.Node]:
     for number in PRODUCTS:
         for it in support(number).filter_profiles:
             found.setdefault((it.type, it.label), []).append(number)
-    rows = ((str(kind), code(label), _products(found[kind, label])) for kind, label in found)
+    rows = (
+        (str(kind), code(label), describe_products(found[kind, label])) for kind, label in found
+    )
     return [table(("number", "profile", "products"), rows)]
 
 
@@ -309,7 +319,7 @@ def defaults() -> list[nodes.Node]:
         )
         found.setdefault(row, []).append(number)
     rows = (
-        (_products(who), out, code(profile), code(sync))
+        (describe_products(who), out, code(profile), code(sync))
         for (out, profile, sync), who in found.items()
     )
     return [table(("products", "output configuration", "filter profile", "synchronization"), rows)]
@@ -384,7 +394,13 @@ def variants(row: MessageRow) -> list[MessageRow]:
 def others() -> list[nodes.Node]:
     have = {row.name for it in sections().values() for name in it if (row := request_of(name))}
     rows = (
-        (code(f"{it.mid:02X}"), code(it.name), it.payload, _products(it.products), it.status)
+        (
+            code(f"{it.mid:02X}"),
+            code(it.name),
+            it.payload,
+            describe_products(it.products),
+            it.status,
+        )
         for it in MESSAGES.values()
         if it.direction != "to host" and it.name.removesuffix("Modern") not in have
     )
@@ -452,7 +468,7 @@ class CommandTable(SphinxDirective):
             code(row.name),
             code(f"{row.mid:02X}"),
             ", ".join(row.states),
-            _products(sorted(numbers)),
+            describe_products(sorted(numbers)),
             code("" if gives == "None" else gives.replace("v.", "")),
             self.text(what_it_does(method)),
         )

@@ -21,7 +21,7 @@ COMMANDS = {
     "decode": "decode",
     "report": "report",
     "dump": "dump",
-    "items": "tables",
+    "quantities": "tables",
     "messages": "tables",
     "ports": "ports",
     "send": "send",

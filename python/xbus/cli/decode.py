@@ -56,7 +56,7 @@ def _key(
         return value
     if name not in QUANTITIES:
         raise click.BadParameter(
-            f"no quantity is called {name!r}; {hint(name, QUANTITIES, 'items')}"
+            f"no quantity is called {name!r}; {hint(name, QUANTITIES, 'quantities')}"
         )
     if not colon:
         return name
@@ -106,7 +106,7 @@ def decode(
     Several FILEs are one recording that was split, joined in the given order; - is standard input.
 
     The table has a row for each sample and the columns sample, time in seconds on the device clock,
-    and acceleration_x and so on, in the units that xbus items lists. What a sample lacks is null.
+    and acceleration_x and so on, in the units that xbus quantities lists. What a sample lacks is null.
     Satellites are a table of their own: --quantity gnss_sat_info; so are the strings of each type.
 
     An .npz holds an array for each quantity instead, with NAME.sample and NAME.time beside it; with

@@ -82,7 +82,7 @@ def _put_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
     if identify:
         head.append("device")
         cells = [[*row, _device(it)] for row, it in zip(cells, rows, strict=True)]
-    print_table(head, cells, spare=["serial number"])
+    print_table(head, cells, optional=["serial number"])
 
 
 def _device(facts: dict[str, Any]) -> str:

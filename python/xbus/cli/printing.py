@@ -93,11 +93,11 @@ def find_name(text: str, names: Iterable[str], what: str, command: str) -> str:
 
 
 def print_table(
-    head: Sequence[str], rows: Sequence[Sequence[str]], *, spare: Sequence[str]
+    head: Sequence[str], rows: Sequence[Sequence[str]], *, optional: Sequence[str]
 ) -> None:
     """Prints a table: folded to the width of a terminal, a line a row for everything else.
 
-    The first two columns are never folded; a narrow terminal does without the ``spare`` ones.
+    The first two columns are never folded; a narrow terminal does without the ``optional`` ones.
     """
     if not is_terminal():
         print_line("\n".join(align([head, *rows])))
@@ -108,7 +108,7 @@ def print_table(
 
     console = Console(markup=False, highlight=False)
     narrow = console.width < WIDE
-    shown = [at for at, name in enumerate(head) if not (narrow and name in spare)]
+    shown = [at for at, name in enumerate(head) if not (narrow and name in optional)]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for at in shown:
         table.add_column(head[at], no_wrap=at < 2, overflow="fold")
@@ -116,4 +116,4 @@ def print_table(
         table.add_row(*(row[at] for at in shown))
     console.print(table)
     if narrow:
-        console.print(f"A wider terminal or a pipe shows {', '.join(spare)} too.")
+        console.print(f"A wider terminal or a pipe shows {', '.join(optional)} too.")

@@ -24,9 +24,7 @@ def _out(ctx: click.Context, param: click.Parameter, value: str) -> str:  # noqa
 @click.argument(
     "files", type=click.Path(readable=False), metavar="FILE...", nargs=-1, required=True
 )
-@click.option(
-    "-o", "out", callback=_out, metavar="OUT", required=True, help="HTML file to write."
-)
+@click.option("-o", "out", callback=_out, metavar="OUT", required=True, help="HTML file to write.")
 @click.option("--title", metavar="TEXT", help="Title of the page. Default: the names of the files.")
 @strings_option
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")

@@ -1,4 +1,4 @@
-"""``xbus items`` and ``xbus messages``: the protocol's tables."""
+"""``xbus quantities`` and ``xbus messages``: the protocol tables."""
 
 from __future__ import annotations
 
@@ -11,49 +11,66 @@ from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_table
 
 if TYPE_CHECKING:
-    from xbus.protocol.tables import Field, MessageRow, Quantity
+    from xbus.protocol.tables import MessageRow, Quantity
 
     Row = TypeVar("Row", Quantity, MessageRow)
 
-__all__ = ["items", "messages"]
+__all__ = ["messages", "quantities"]
 
 
-@click.command(epilog="Example: xbus items gnss")
+@click.command(epilog="Example: xbus quantities gnss")
 @click.argument("text", required=False, default="")
-@click.option("--json", "as_json", is_flag=True, help="A JSON list, with the fields of structs.")
-def items(text: str, as_json: bool) -> None:
-    """The data identifiers, each a quantity.
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print a JSON list with the fields of structs."
+)
+def quantities(text: str, as_json: bool) -> None:
+    """Lists the quantities and their data identifiers.
 
-    With TEXT, those that have it in some cell. The last digit of each is 0 here; a device puts the
-    precision and the coordinates there.
+    TEXT selects the rows that contain it. The last digit of an identifier is 0 here; a device uses it for
+    precision and coordinates.
     """
+    from xbus.describe.table_text import describe_layout, describe_products
     from xbus.protocol.tables import QUANTITIES
 
-    def cells(it: Quantity) -> list[str]:
-        systems = "ENU NED NWU" if it.coordinates else ""
-        about = [_layout(it), it.unit, systems, _products(it.products), it.source]
-        return [f"0x{it.id:04X}", it.name, it.manual, *about]
+    def cells(row: Quantity) -> list[str]:
+        systems = "ENU NED NWU" if row.coordinates else ""
+        about = [
+            describe_layout(row),
+            row.unit,
+            systems,
+            describe_products(row.products),
+            row.source,
+        ]
+        return [f"0x{row.id:04X}", row.name, row.manual, *about]
 
     head = ["id", "name", "manual", "layout", "unit", "coordinates", "products", "source"]
-    spare = ["manual", "products", "source"]
-    _show(head, QUANTITIES.values(), cells, text, spare, as_json=as_json)
+    optional = ["manual", "products", "source"]
+    _print_rows(head, QUANTITIES.values(), cells, text, optional, as_json=as_json)
 
 
 @click.command(epilog="Example: xbus messages baud")
 @click.argument("text", required=False, default="")
-@click.option("--json", "as_json", is_flag=True, help="A JSON list, with all lengths and products.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print a JSON list with all lengths and products."
+)
 def messages(text: str, as_json: bool) -> None:
-    """The messages and their identifiers.
+    """Lists the messages and their identifiers (MID).
 
-    With TEXT, those that have it in some cell. The length is in bytes of payload; a reply is the MID
-    that answers.
+    TEXT selects the rows that contain it. The length is the payload size in bytes; the reply is the MID of
+    the answer.
     """
+    from xbus.describe.table_text import describe_lengths, describe_products
     from xbus.protocol.tables import MESSAGES
 
-    def cells(it: MessageRow) -> list[str]:
-        reply = "" if it.reply is None else f"0x{it.reply:02X}"
-        about = [_lengths(it.lengths), it.payload, _products(it.products), it.status]
-        return [f"0x{it.mid:02X}", it.name, it.direction, " ".join(it.states), reply, *about]
+    def cells(row: MessageRow) -> list[str]:
+        reply = "" if row.reply is None else f"0x{row.reply:02X}"
+        about = [
+            describe_lengths(row.lengths),
+            row.payload,
+            describe_products(row.products),
+            row.status,
+        ]
+        return [f"0x{row.mid:02X}", row.name, row.direction, " ".join(row.states), reply, *about]
 
     head = [
         "mid",
@@ -66,75 +83,31 @@ def messages(text: str, as_json: bool) -> None:
         "products",
         "status",
     ]
-    spare = ["states", "products", "status"]
-    _show(head, MESSAGES.values(), cells, text, spare, as_json=as_json)
+    optional = ["states", "products", "status"]
+    _print_rows(head, MESSAGES.values(), cells, text, optional, as_json=as_json)
 
 
-def _show(
+def _print_rows(
     head: Sequence[str],
     rows: Iterable[Row],
     cells: Callable[[Row], list[str]],
     text: str,
-    spare: Sequence[str],
+    optional: Sequence[str],
     *,
     as_json: bool,
 ) -> None:
-    """Prints the rows that have the text in some cell, in whichever case."""
-    shown = [it for it in rows if any(text.lower() in cell.lower() for cell in cells(it))]
-    if not shown:
-        raise Failure(
-            f"nothing in the table has {text!r} in it; leave it out to see the whole table"
-        )
+    """Prints the rows with ``text`` in a cell, ignoring case."""
+    found = [row for row in rows if any(text.lower() in cell.lower() for cell in cells(row))]
+    if not found:
+        raise Failure(f"no row of the table contains {text!r}; without it the table is complete")
     if as_json:
-        print_json_rows([_plain(it) for it in shown])
+        print_json_rows([_plain(row) for row in found])
     else:
-        print_table(head, [cells(it) for it in shown], spare=spare)
+        print_table(head, [cells(row) for row in found], optional=optional)
 
 
 def _plain(value: Any) -> Any:
-    """Rows as dicts, in any depth."""
+    """Converts rows at any depth to dicts."""
     if hasattr(value, "_asdict"):
-        return {key: _plain(it) for key, it in value._asdict().items()}
-    return [_plain(it) for it in value] if isinstance(value, tuple | list) else value
-
-
-def _layout(row: Quantity) -> str:
-    """What a packet holds, in words."""
-    match row.kind:
-        case "struct":
-            return f"{len(row.fields)} fields, {row.size} bytes"
-        case "list":
-            return f"{_bytes(row.fields)} bytes and {_bytes(row.entry)} each"
-        case "id":
-            return "u4 or u8"
-    return f"{row.numbers} {row.kind}" if row.numbers > 1 else row.kind
-
-
-def _bytes(fields: Iterable[Field]) -> int:
-    return sum(int(it.type[1:]) for it in fields)
-
-
-def _lengths(lengths: Sequence[int] | None) -> str:
-    if lengths is None:
-        return "any"
-    if len(lengths) < 4:
-        return ", ".join(map(str, lengths))
-    step = lengths[1] - lengths[0]
-    steps = f" by {step}" if step > 1 else ""
-    return f"{lengths[0]} to {lengths[-1]}{steps}"
-
-
-def _products(numbers: Sequence[int]) -> str:
-    """The products with these numbers, by series where all of it is among them."""
-    from xbus.protocol.tables import PRODUCTS
-
-    if len(numbers) == len(PRODUCTS):
-        return "all"
-    series: dict[str, list[int]] = {}
-    for it in PRODUCTS.values():
-        series.setdefault(it.series, []).append(it.number)
-    parts: list[str] = []
-    for name, members in series.items():
-        those = [it for it in members if it in numbers]
-        parts += [name] if those == members else [str(it) for it in those]
-    return " ".join(parts)
+        return {name: _plain(field) for name, field in value._asdict().items()}
+    return [_plain(entry) for entry in value] if isinstance(value, tuple | list) else value

@@ -185,7 +185,7 @@ def _split(key: PacketKey) -> tuple[Quantity, str | None, str | None]:
         return quantity, precision, Coordinates(key & 0xC).name if quantity.coordinates else None
     name, *formats = (key,) if isinstance(key, str) else key
     if name not in QUANTITIES:
-        raise ValueError(f"no quantity is called {name!r}; xbus items lists them")
+        raise ValueError(f"no quantity is called {name!r}; xbus quantities lists them")
     precision = next((it for it in formats if it in Precision.__members__), None)
     coordinates = next((it for it in formats if it in Coordinates.__members__), None)
     if sorted(formats) != sorted(it for it in (precision, coordinates) if it):

@@ -50,7 +50,7 @@ pub fn os_error(error: &io::Error, path: Option<PathBuf>) -> PyErr {
 /// The quantity of this name.
 pub fn quantity(name: &str) -> PyResult<&'static Quantity> {
     table::quantity_named(name)
-        .ok_or_else(|| PyValueError::new_err(format!("no quantity is called {name:?}; xbus items lists them")))
+        .ok_or_else(|| PyValueError::new_err(format!("no quantity is called {name:?}; xbus quantities lists them")))
 }
 
 /// Finds an enum's variant by its name.
