@@ -169,7 +169,7 @@ def _print_mountpoints(url: str, user: str | None, password: str | None, *, as_j
         for row in table
     ]
     cells = [[printable(cell.encode()) for cell in row] for row in cells]
-    print_table(HEAD, cells, spare=["systems", "place"])
+    print_table(HEAD, cells, optional=["systems", "place"])
 
 
 def _check(device: Device, *, with_position: bool) -> None:
