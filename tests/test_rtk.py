@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import islice
 from queue import Queue
 from typing import Any
 
@@ -35,7 +36,8 @@ from xbus.rtk import (
     Position,
     read_source_table,
 )
-from xbus.rtk.forward import UNANSWERED, rtcm_frames
+from xbus.rtk.forward import MAX_UNANSWERED
+from xbus.rtk.rtcm import rtcm_frames
 from xbus.sim import serving
 from xbus.sim.link import SimLink
 from xbus.wire.link import Received
@@ -216,13 +218,13 @@ def test_what_the_device_refuses_is_raised() -> None:
 
 def test_lost_answers_are_counted_and_silence_is_raised() -> None:
     device, link = opened()
-    link.instead = [*[b""] * (UNANSWERED - 1), None, *[b""] * (UNANSWERED - 1)]
-    forwarder = device.forward_gnss([STATION] * (2 * UNANSWERED))
-    assert forwarder.messages == 2 * UNANSWERED
-    assert forwarder.unanswered == 2 * (UNANSWERED - 1)
-    link.instead = [b""] * UNANSWERED
+    link.instead = [*[b""] * (MAX_UNANSWERED - 1), None, *[b""] * (MAX_UNANSWERED - 1)]
+    forwarder = device.forward_gnss([STATION] * (2 * MAX_UNANSWERED))
+    assert forwarder.messages == 2 * MAX_UNANSWERED
+    assert forwarder.unanswered == 2 * (MAX_UNANSWERED - 1)
+    link.instead = [b""] * MAX_UNANSWERED
     with pytest.raises(XbusTimeout):
-        forwarder.forward([STATION] * UNANSWERED)
+        forwarder.forward([STATION] * MAX_UNANSWERED)
 
 
 # Status
@@ -256,6 +258,25 @@ def test_the_receiver_tells_more_than_the_status_word() -> None:
     assert at.sep == pytest.approx(xbus.geometry.earth.GEOID_SEPARATION, abs=0.01)
     assert at.satellites
     assert at.hdop
+
+
+def test_a_position_is_that_of_the_scaled_column() -> None:
+    device = connect(SimulatedDevice("MTi-680G"))
+    with device.configure({"gnss_pvt_data": None, "acceleration": 100}):
+        pass
+    fix, found, frames = Fix(), [], b""
+    for received in islice(device, 4000):
+        frames += received.frame
+        if "gnss_pvt_data" in received:
+            fix.update(received)
+            if fix.position is not None:
+                found.append(fix.position)
+    scaled = xbus.read_log(frames)["gnss_pvt_data"].scaled[-len(found) :]
+    assert len(found) > 40
+    assert [position.lat for position in found] == scaled["lat"].tolist()
+    assert [position.lon for position in found] == scaled["lon"].tolist()
+    assert [position.alt for position in found] == scaled["hMSL"].tolist()
+    assert [position.hdop for position in found] == scaled["hdop"].tolist()
 
 
 def test_without_the_receiver_the_filter_tells_the_position() -> None:
@@ -556,7 +577,7 @@ def test_a_lost_connection_is_made_again(
 def test_a_silent_connection_is_made_again(
     local: LocalCaster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("xbus.rtk.caster.PATIENCE", 0.1)
+    monkeypatch.setattr("xbus.rtk.caster.TIMEOUT", 0.1)
     monkeypatch.setattr("xbus.rtk.caster.FIRST_PAUSE", 0.01)
     local.sends = []
     with Caster(local.address, "BASE") as caster:
@@ -586,7 +607,7 @@ def test_pauses_get_longer(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_junk_forever_is_silence(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.rtk.caster.LONG_PATIENCE", 0.5)
+    monkeypatch.setattr("xbus.rtk.caster.NO_CORRECTION_TIMEOUT", 0.5)
     local.sends = [b"noise" * 20]
     with Caster(local.address, "BASE") as caster:
         while caster.state != "lost":

@@ -14,24 +14,24 @@ from typing import Any
 from xbus.errors import XbusError
 from xbus.extras import require
 from xbus.rtk.address import Address, check_texts, parse_address
-from xbus.rtk.forward import Position
+from xbus.rtk.fix import Position
 
 __all__ = ["Caster", "CasterError"]
 
-#: Seconds without a correction after which a connection counts as lost.
-PATIENCE = 10
-#: The same where it keeps the line busy with something else.
-LONG_PATIENCE = 2 * PATIENCE
-#: Seconds until the first new try, twice as many until each further one, and at most so many.
-FIRST_PAUSE, LONGEST_PAUSE = 1.0, 60.0
-#: Seconds between two looks at whether there is a position.
-LOOK = 0.1
-#: How many messages may wait to be read.
-WAITING = 1000
-#: How many mountpoints an error names.
-NAMED = 10
-#: How pygnssutils reports that the connection was closed before a status line came, and that nothing came.
-NO_STATUS, SILENCE = "KeyError('code')", "TimeoutError"
+#: Seconds without data after which a connection counts as lost.
+TIMEOUT = 10
+#: Seconds without a correction after which a connection counts as lost that sends other data.
+NO_CORRECTION_TIMEOUT = 2 * TIMEOUT
+#: Seconds until the first new attempt, doubled for each further one, and their maximum.
+FIRST_PAUSE, MAX_PAUSE = 1.0, 60.0
+#: Seconds between two checks whether there is a position.
+POSITION_INTERVAL = 0.1
+#: Maximum number of messages that wait to be read.
+QUEUE_SIZE = 1000
+#: Maximum number of mountpoints in an error message.
+MAX_NAMED = 10
+#: How pygnssutils reports that the connection was closed before a status line, and that no data came.
+NO_STATUS, TIMED_OUT = "KeyError('code')", "TimeoutError"
 
 
 class CasterError(XbusError):
@@ -123,7 +123,7 @@ class Caster:
     def __iter__(self) -> Iterator[bytes]:
         """The frames until it is closed, which another thread may do; waits for each."""
         while not self._closed.is_set():
-            if frame := self.read(PATIENCE):
+            if frame := self.read(TIMEOUT):
                 yield frame
 
     def close(self) -> None:
@@ -146,8 +146,8 @@ class Caster:
         try:
             raw, told = connection.queue.get(timeout=max(until - time.monotonic(), 0))
         except Empty:
-            if time.monotonic() - self._heard_at > LONG_PATIENCE:
-                self._ended(connection, SILENCE)
+            if time.monotonic() - self._heard_at > NO_CORRECTION_TIMEOUT:
+                self._ended(connection, TIMED_OUT)
             return b""
         if isinstance(raw, list):
             connection.mountpoints = [it[0] for it in raw]
@@ -168,7 +168,7 @@ class Caster:
         """Makes a connection, if it is time; waits for that, but not longer than ``until``."""
         wait = self._again_at - time.monotonic()
         if wait <= 0 and self._request["ggainterval"] != -1 and self._position() is None:
-            self.state, wait = "no position", LOOK
+            self.state, wait = "no position", POSITION_INTERVAL
         if wait > 0:
             self._closed.wait(max(min(wait, until - time.monotonic()), 0))
             return None
@@ -189,7 +189,7 @@ class Caster:
         self._was_accepted = True
         self.state = "lost"
         self._again_at = time.monotonic() + self._pause
-        self._pause = min(2 * self._pause, LONGEST_PAUSE)
+        self._pause = min(2 * self._pause, MAX_PAUSE)
 
     def _why(self, connection: _Connection, told: str | None) -> str:
         """Why a connection has ended, in a sentence."""
@@ -205,12 +205,12 @@ class Caster:
                 " corrections; the base station may be off, or the account may not include it"
             )
         if connection.is_sourcetable or code == 404:
-            some = ", ".join(names[:NAMED]) + (", ..." if len(names) > NAMED else "")
+            some = ", ".join(names[:MAX_NAMED]) + (", ..." if len(names) > MAX_NAMED else "")
             more = f"; it has {some}" if some else "; xbus ntrip --list prints those that it has"
             return f"{self.host} has no mountpoint {mountpoint}{more}"
         if code is not None and code != 200:
             return f"{self.host} refused: {(told or str(code)).removeprefix('Connection failed ')}"
-        if code == 200 and told.startswith(SILENCE):
+        if code == 200 and told.startswith(TIMED_OUT):
             return f"{self.host} is connected, but sends no corrections"
         if code == 200:
             before = "" if connection.has_streamed else " before the first correction"
@@ -246,7 +246,7 @@ class _Connection:
     def __init__(self, request: dict[str, Any], position: Callable[[], Position | None]) -> None:
         pygnssutils = require("pygnssutils", "rtk", "to get corrections from a caster")
         #: What came: a frame or GGA, and its parsed form; or nothing, and why it ended or None.
-        self.queue: Queue[tuple[Any, Any]] = Queue(WAITING)
+        self.queue: Queue[tuple[Any, Any]] = Queue(QUEUE_SIZE)
         self.mountpoints: list[str] = []
         self.has_streamed = False
         self._position = position
@@ -256,7 +256,7 @@ class _Connection:
         loggers = [logging.getLogger(it) for it in ("pyrtcm", "pyspartn")]
         before = [list(it.handlers) for it in loggers]
         # Tries once: when to try again is decided above.
-        self._client = _client_class(pygnssutils)(app=self, retries=0, timeout=PATIENCE)
+        self._client = _client_class(pygnssutils)(app=self, retries=0, timeout=TIMEOUT)
         for logger, handlers in zip(loggers, before, strict=True):
             logger.handlers[:] = handlers
         self._client.run(**request, output=self.queue, stopevent=self._stop)
@@ -278,7 +278,7 @@ class _Connection:
         return self.code == 200 and not self.is_sourcetable
 
     def close(self) -> None:
-        """Ends it; the thread follows when it wakes up, within ``PATIENCE``."""
+        """Ends it; the thread follows when it wakes up, within ``TIMEOUT``."""
         self._client.stop()
         # It may wait for room, or, when the caster has hung up, fill it with nothing as fast as it can.
         with contextlib.suppress(Empty):

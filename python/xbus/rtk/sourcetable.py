@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 from xbus._core import __version__
 from xbus.rtk.address import Address, check_texts, parse_address
-from xbus.rtk.caster import PATIENCE, CasterError, no_access, no_answer, no_caster
+from xbus.rtk.caster import TIMEOUT, CasterError, no_access, no_answer, no_caster
 
 __all__ = ["Mountpoint", "read_source_table"]
 
 #: The last line of a table. Some casters keep the connection open after it.
 END = b"ENDSOURCETABLE"
 #: Bytes of a source table at most; that of the largest caster has 0.2 MB.
-LONGEST = 1 << 24
+MAX_TABLE = 1 << 24
 
 
 class Mountpoint(NamedTuple):
@@ -94,12 +94,12 @@ def read_source_table(
 
 def _ask(address: Address, request: bytes) -> bytes:
     """What the caster answers, up to the end of its table."""
-    until = time.monotonic() + PATIENCE
+    until = time.monotonic() + TIMEOUT
     answer = bytearray()
     try:
         with contextlib.ExitStack() as stack:
             connection = stack.enter_context(
-                socket.create_connection((address.host, address.port), timeout=PATIENCE)
+                socket.create_connection((address.host, address.port), timeout=TIMEOUT)
             )
             if address.https:
                 context = ssl.create_default_context()
@@ -107,7 +107,7 @@ def _ask(address: Address, request: bytes) -> bytes:
                     context.wrap_socket(connection, server_hostname=address.host)
                 )
             connection.sendall(request)
-            while END not in answer[-4096:] and len(answer) < LONGEST:
+            while END not in answer[-4096:] and len(answer) < MAX_TABLE:
                 connection.settimeout(max(until - time.monotonic(), 0.001))
                 if not (piece := connection.recv(2048)):
                     break

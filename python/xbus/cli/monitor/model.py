@@ -13,7 +13,7 @@ from xbus.log.log import Log
 from xbus.protocol.keys import Key
 from xbus.protocol.tables import RECEIVER
 from xbus.protocol.values import State
-from xbus.rtk.forward import Fix
+from xbus.rtk.fix import Fix
 
 __all__ = ["Counts", "Model", "MonitorEvent", "QuantityState", "RecordingState"]
 

@@ -1,0 +1,120 @@
+"""The position of a device, and the kind of its fix."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+from xbus.protocol.keys import Key
+from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
+
+__all__ = ["Fix", "Position"]
+
+#: Fix types of the receiver (Table 25).
+FIX_TYPES = ("none", "dead reckoning", "2D", "3D", "GNSS and dead reckoning", "time only")
+#: Those with a position.
+WITH_POSITION = ("2D", "3D", "GNSS and dead reckoning")
+RTK = ("none", "float", "fixed")
+_FLAGS = {flag.name: flag for flag in STATUS_FLAGS}
+_PVT = {field.name: field for field in QUANTITIES["gnss_pvt_data"].fields}
+
+
+class Position(NamedTuple):
+    """The position of a device.
+
+    Attributes:
+        lat: Latitude in degrees.
+        lon: Longitude in degrees.
+        alt: Height above mean sea level in m; above the ellipsoid if ``sep`` is 0.
+        sep: Height of mean sea level above the ellipsoid in m; 0 if the device does not send it.
+        satellites: Satellites in use; None if the device does not send it.
+        hdop: Horizontal dilution of precision; None if the device does not send it.
+    """
+
+    lat: float
+    lon: float
+    alt: float
+    sep: float = 0.0
+    satellites: int | None = None
+    hdop: float | None = None
+
+
+class Fix:
+    """The fix and position that the latest samples of a device report.
+
+    The source is ``gnss_pvt_data`` and ``status_word``; without the former, ``lat_lon`` and
+    ``altitude_ellipsoid``.
+
+    Attributes:
+        type: ``"none"``, ``"2D"``, ``"3D"``, ... (Table 25), or ``"yes"`` if only the status word reports a
+            fix; None before the first report.
+        rtk: ``"none"``, ``"float"`` or ``"fixed"``, from bits 27 and 28 of the status word, or else from the
+            flags of the receiver; None before the first report.
+        position: The last known position, or None.
+
+    >>> import xbus
+    >>> fix = Fix()
+    >>> with xbus.connect("sim:MTi-680G") as device:
+    ...     while fix.position is None:
+    ...         fix.update(device.read_sample())
+    >>> fix.type, fix.rtk, round(fix.position.lat, 2)
+    ('yes', 'none', 52.24)
+    """
+
+    def __init__(self) -> None:
+        self.type: str | None = None
+        self.rtk: str | None = None
+        self.position: Position | None = None
+        self._has_pvt = self._has_status = False
+
+    def update(self, sample: Mapping[Key, Any]) -> None:
+        """Updates the fix from a sample, or from a mapping with the same keys and values."""
+        if (word := sample.get("status_word")) is not None:
+            self._has_status = True
+            self.rtk = _rtk_name(_flag(word, "rtk_status"))
+            if not self._has_pvt:
+                self.type = "yes" if _flag(word, "gnss_fix") else "none"
+        if (pvt := sample.get("gnss_pvt_data")) is not None:
+            self._update_from_pvt(pvt)
+        elif not self._has_pvt and "lat_lon" in sample and self.type != "none":
+            lat, lon = map(float, sample["lat_lon"])
+            alt = float(sample.get("altitude_ellipsoid", 0.0))
+            if math.isfinite(lat + lon + alt):
+                self.position = Position(lat, lon, alt)
+
+    def _update_from_pvt(self, pvt: Mapping[str, int]) -> None:
+        self._has_pvt = True
+        kind = pvt["fixtype"]
+        self.type = FIX_TYPES[kind] if kind < len(FIX_TYPES) else str(kind)
+        if not self._has_status:
+            # The manual does not describe these two bits; they are those of u-blox, whose message this is.
+            self.rtk = _rtk_name(pvt["flags"] >> 6 & 3)
+        if self.type in WITH_POSITION:
+            self.position = Position(
+                _scaled("lat", pvt["lat"]),
+                _scaled("lon", pvt["lon"]),
+                _scaled("hMSL", pvt["hMSL"]),
+                _scaled("height", pvt["height"] - pvt["hMSL"]),
+                pvt["numSV"],
+                _scaled("hdop", pvt["hdop"]),
+            )
+
+    def __repr__(self) -> str:
+        where = f", {self.position.lat:.5f}, {self.position.lon:.5f}" if self.position else ""
+        return f"<Fix {self.type}, RTK {self.rtk}{where}>"
+
+
+def _scaled(name: str, count: int) -> float:
+    """Returns a field of gnss_pvt_data in its unit."""
+    # A power of ten is exact as a divisor, and not as a factor.
+    return count / round(1 / _PVT[name].scale)
+
+
+def _flag(word: Any, name: str) -> int:
+    flag = _FLAGS[name]
+    return int(word) >> flag.bit & ((1 << flag.width) - 1)
+
+
+def _rtk_name(status: int) -> str:
+    return RTK[status] if status < len(RTK) else str(status)
