@@ -24,9 +24,7 @@ exclude_patterns = ["_build"]
 default_role = "py:obj"
 napoleon_use_ivar = True
 autodoc_member_order = "bysource"
-autodoc_type_aliases = {
-    name: name for name in ("Source", "Key", "PacketKey", "OutputConfiguration")
-}
+autodoc_type_aliases = {name: name for name in ("Source", "Key", "OutputConfiguration")}
 python_use_unqualified_type_names = True
 myst_enable_extensions = ["deflist"]
 myst_heading_anchors = 2

@@ -203,8 +203,8 @@ def test_several_devices(tmp_path: Path) -> None:
     data, pieces = recording(samples, 1)
     log = xbus.read_log(written(tmp_path, data, HEAD + records(*pieces)))
     assert np.diff(log.host_time).min() > 0
-    assert sorted(log._hosts.clocks) == [1, 2]
-    assert all(it.fits == 1 for it in log._hosts.clocks.values())
+    assert sorted(log._host_times.clocks) == [1, 2]
+    assert all(it.fits == 1 for it in log._host_times.clocks.values())
 
 
 def test_only_some_quantities(tmp_path: Path) -> None:

@@ -260,9 +260,10 @@ def test_parts_make_no_difference(data: bytes, block: int) -> None:
     assert {key: count for key, (count, _) in parts.unknown.items()} == {
         key: len(it) for key, it in log.unknown.items()
     }
-    assert [(it.name, it.coordinates) for it in parts.quantities] == list(log._columns)
-    for known in parts.quantities:
-        column = log._columns[known.name, known.coordinates]
+    assert [(it.name, it.coordinates) for it in parts.quantities] == [
+        (it.name, it.coordinates) for it in log.values()
+    ]
+    for known, column in zip(parts.quantities, log.values(), strict=True):
         assert known.rows == len(column)
         assert (known.precision, known.data_id) == (column.precision, column.data_id)
         assert (

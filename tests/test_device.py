@@ -182,7 +182,7 @@ def test_strings_are_switched_off_first() -> None:
     [
         ({"nothing": 100}, "no quantity is called 'nothing'"),
         ({"acceleration": 99.5}, "whole number of Hz"),
-        ({("packet_counter", "Fp1632"): None}, "one format only"),
+        ({("packet_counter", "Fp1632"): None}, "packet_counter has no precision"),
         ([Output(0x4020, 100), Output(0x4020, 50)], "acceleration is asked for twice"),
         ({"acceleration": 300}, "cannot do acceleration at 300 Hz; the nearest is 200 and 400 Hz"),
         ({"lat_lon": 100}, "the MTi-630 has no output lat_lon"),

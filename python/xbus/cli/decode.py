@@ -18,7 +18,7 @@ from xbus.describe.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.log.log import Log
-    from xbus.protocol.keys import Key
+    from xbus.protocol.keys import EntryKey
 
 __all__ = ["decode"]
 
@@ -43,7 +43,7 @@ def _key(
     ctx: click.Context,  # noqa: ARG001 - click's signature
     param: click.Parameter,  # noqa: ARG001
     value: str | None,
-) -> Key | None:
+) -> EntryKey | None:
     """A quantity by name, or by name and coordinates, as a log takes it; or a string output by name."""
     if value is None:
         return None
@@ -95,7 +95,7 @@ def _key(
 def decode(
     files: tuple[str, ...],
     out: str,
-    key: Key | None,
+    key: EntryKey | None,
     strings: tuple[str, ...],
     strict: bool,
     quiet: bool,
@@ -135,7 +135,7 @@ def _suffix(path: str) -> str:
 
 def _read(
     files: Sequence[str],
-    key: Key | None,
+    key: EntryKey | None,
     *,
     strings: Sequence[str],
     strict: bool,
@@ -158,7 +158,7 @@ def _read(
     return log
 
 
-def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
+def _write(log: Log, table: Any, key: EntryKey | None, out: str) -> tuple[int, int]:
     """Writes OUT; its rows and columns, of an npz samples and quantities."""
     writer = WRITERS[_suffix(out)]
     if writer is None and isinstance(key, str) and _is_string(key):
@@ -184,7 +184,7 @@ def _write(log: Log, table: Any, key: Key | None, out: str) -> tuple[int, int]:
     return rows, columns
 
 
-def _table(log: Log, key: Key | None, names: str, *, is_npz: bool) -> Any:
+def _table(log: Log, key: EntryKey | None, names: str, *, is_npz: bool) -> Any:
     """What is written: the log, the column of a quantity, or the table of a type of string."""
     if key is None:
         if not len(log) and not is_npz and log.strings.counts:
@@ -206,14 +206,14 @@ def _table(log: Log, key: Key | None, names: str, *, is_npz: bool) -> Any:
     return log[key]
 
 
-def _is_string(key: Key) -> bool:
+def _is_string(key: EntryKey) -> bool:
     from xbus.protocol.values import StringType
 
     return key in StringType.__members__
 
 
 def _facts(
-    files: Sequence[str], out: str, key: Key | None, log: Log, rows: int, columns: int
+    files: Sequence[str], out: str, key: EntryKey | None, log: Log, rows: int, columns: int
 ) -> dict[str, Any]:
     """The summary for programs."""
     stats = log.stats

@@ -15,7 +15,7 @@ from xbus.device.sample import Sample
 from xbus.log.arrivals import Arrivals, HostTimes
 from xbus.log.hostclock import HostClock
 from xbus.log.log import Log
-from xbus.log.source import wishes
+from xbus.log.source import quantity_filter
 from xbus.protocol.ids import MessageId
 from xbus.protocol.keys import Key
 from xbus.protocol.messages import encode
@@ -45,9 +45,9 @@ class Blocks:
             raise ValueError(f"a block must have more than {seconds or samples or 0}")
         self._channel, self._seconds, self._samples = channel, seconds, samples
         self._timeout = timeout
-        self._wanted = wishes(quantities)
+        self._filter = quantity_filter(quantities)
         # What comes here as a string is one.
-        self._decoder = _core.Decoder(LONGEST_LIVE, self._wanted, mask_of(StringType))
+        self._decoder = _core.Decoder(LONGEST_LIVE, self._filter, mask_of(StringType))
         self._clocks: dict[int, HostClock] = {}
         #: Bytes that the decoder was fed.
         self._end = 0
@@ -88,9 +88,9 @@ class Blocks:
         epoch = channel.link.epoch
         seconds = np.array([it.arrival or 0.0 for it in taken])
         arrivals = Arrivals(ends, np.rint(seconds * 1e9).astype(np.int64) + epoch)
-        hosts = HostTimes(self._decoder.take(), arrivals, self._clocks)
-        self._clocks = hosts.clocks
-        return Log(hosts.part, wanted=self._wanted, hosts=hosts)
+        host_times = HostTimes(self._decoder.take(), arrivals, self._clocks)
+        self._clocks = host_times.clocks
+        return Log(host_times.part, quantities=self._filter, host_times=host_times)
 
     def __aiter__(self) -> Blocks:
         return self

@@ -6,10 +6,11 @@ from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Any
 
+from xbus.protocol.keys import Key
 from xbus.protocol.products import Support
 from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import EVERY, Output
-from xbus.wire.codec import PacketKey, data_id_of
+from xbus.wire.codec import data_id_of
 
 __all__ = [
     "BITS_PER_BYTE",
@@ -60,7 +61,7 @@ def parse_output_configuration(outputs: OutputConfiguration) -> tuple[Output, ..
     return lines
 
 
-def _rate(key: PacketKey, rate: float) -> int:
+def _rate(key: Key, rate: float) -> int:
     if rate != int(rate) or not 0 <= rate <= EVERY:
         raise ValueError(f"{key!r}: a rate is a whole number of Hz, not {rate}")
     return int(rate)

@@ -1,4 +1,4 @@
-"""A sample that has just come: one MTData2 message, read when it is asked."""
+"""A sample that has just arrived: one MTData2 message, decoded on access."""
 
 from __future__ import annotations
 
@@ -12,34 +12,36 @@ import numpy as np
 from xbus import _core
 from xbus.device.timing import Timing
 from xbus.protocol.ids import MessageId
-from xbus.protocol.keys import Key
+from xbus.protocol.keys import ByQuantity, EntryKey, Key, QuantityKey
 from xbus.protocol.tables import QUANTITIES
 from xbus.wire.codec import encode_frame
+from xbus.wire.struct import struct_of
 
 __all__ = ["Sample"]
 
-#: Reals have in numpy what loses nothing; integers their own type.
+#: The numpy type that holds each precision exactly; integers have their own type.
 _REALS = {"Float32": np.float32, "Fp1220": np.float64, "Fp1632": np.float64, "Float64": np.float64}
 
 
-class Sample(Mapping[Key, Any]):
-    """One MTData2 message: quantities by name, in the order in which they stand in it.
+class Sample(Mapping[EntryKey, Any]):
+    """One MTData2 message: a mapping from quantity to value, in the order of its packets.
 
-    The keys and values are those of a `Log` and of a row of its columns: a number for a scalar, an array
-    ``(k,)`` for a vector, ``(3, 3)`` for the rotation matrix, a dict of the manual's fields with raw
-    integers for a struct. Where a packet comes twice the last one counts. Identifiers that no table
-    explains are in `unknown`.
+    Keys are those of a `Log`. A value is that of a row of the `Column`: a number for a scalar, an array
+    ``(k,)`` for a vector, ``(3, 3)`` for the rotation matrix, a `Struct` for a struct. If a packet occurs
+    twice, the last one counts. Packets that the tables do not explain are in `unknown`.
+
+    Samples can be pickled. Two are equal if payload, bid, offset and arrival are.
 
     Attributes:
         payload: The bytes of the message.
         bid: Bus identifier.
-        offset: Where its frame begins, in bytes since the port was opened.
-        arrival: When its last byte came, seconds on the clock of the link (`time.monotonic` for a port); None
-            for one that did not come over a link.
+        offset: Byte offset at which its frame begins, counted from when the port was opened. arrival: When
+            its last byte arrived, in seconds on the clock of the link (`time.monotonic` for a port); None
+            for a sample that did not arrive over a link.
 
     >>> sample = Sample(bytes.fromhex("1020 02 DFC5 4020 0C BEDC9AFA 3F549F37 411CBB70"))
-    >>> sample["packet_counter"], sample["acceleration"].tolist()
-    (57285, [-0.4308698773384094, 0.8305544257164001, 9.795761108398438])
+    >>> sample["packet_counter"], sample["acceleration"].round(3).tolist()
+    (57285, [-0.4309999942779541, 0.8309999704360962, 9.795999526977539])
     """
 
     __slots__ = ("__dict__", "arrival", "bid", "offset", "payload", "timing")
@@ -57,32 +59,35 @@ class Sample(Mapping[Key, Any]):
 
     @property
     def time(self) -> float:
-        """Seconds on the device's clock, unwrapped; NaN where it carries none, or did not come over a link.
+        """Seconds on the device clock, unwrapped; NaN without a time stamp or a link.
 
-        This and `host_time` go by the samples before: ask for them in the order in which the samples came.
+        `time` and `host_time` depend on earlier samples: read them in the order in which the samples arrived.
         """
         return self._times[0]
 
     @property
     def host_time(self) -> float:
-        """The same instant on this computer's clock, seconds since 1970, by a `HostClock`; or NaN."""
+        """When the sample was measured, in seconds since 1970 on the clock of this computer; or NaN.
+
+        A `HostClock` maps `time` to it.
+        """
         return self._times[1]
 
     @cached_property
-    def _packets(self) -> dict[Key, _core.Packet]:
+    def _packets(self) -> ByQuantity[_core.Packet]:
         found: dict[tuple[str, str | None], _core.Packet] = {}
         for packet in _core.packets(self.payload):
             if (name := packet.name) is not None:
                 found[name, packet.coordinates] = packet
-        names = [name for name, _ in found]
-        return {
-            (name, system) if system and names.count(name) > 1 else name: packet
-            for (name, system), packet in found.items()
+        entries = {
+            QuantityKey(name, coordinates, packet.precision): packet
+            for (name, coordinates), packet in found.items()
         }
+        return ByQuantity(entries, "sample")
 
     @cached_property
     def unknown(self) -> dict[int, bytes]:
-        """Packets that the tables cannot explain, by data identifier."""
+        """Packets that the tables do not explain, by data identifier."""
         return {
             packet.data_id: packet.numbers
             for packet in _core.packets(self.payload)
@@ -91,52 +96,68 @@ class Sample(Mapping[Key, Any]):
 
     @property
     def frame(self) -> bytes:
-        """The bytes that `read_log` reads: samples joined are a log of them."""
+        """The frame of the message: `read_log` reads concatenated frames as a log."""
         return encode_frame(MessageId.MTData2, self.payload, bid=self.bid)
 
     def __getitem__(self, key: Key) -> Any:
-        packets = self._packets
-        if key in packets:
-            return _value(packets[key])
-        if isinstance(key, tuple):
-            packet = packets.get(key[0])
-            if packet is not None and packet.coordinates == key[1]:
-                return _value(packet)
-        several = [it for it in packets if isinstance(it, tuple) and it[0] == key]
-        if several:
-            raise KeyError(
-                f"{key!r} is in several coordinate systems: {' and '.join(map(str, several))}"
-            )
-        raise KeyError(
-            f"the sample has no {key!r}; it has {', '.join(map(str, packets)) or 'nothing'}"
-        )
+        return _value(self._packets[key])
 
-    def __iter__(self) -> Iterator[Key]:
+    def get(self, key: Key, /, default: Any = None) -> Any:
+        """Returns the value, or ``default`` if ``key`` does not name exactly one quantity of the sample."""
+        try:
+            return self[key]
+        except KeyError:
+            return default
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._packets
+
+    def __iter__(self) -> Iterator[EntryKey]:
         return iter(self._packets)
 
     def __len__(self) -> int:
         return len(self._packets)
 
     def data_id(self, key: Key) -> int:
-        """The data identifier, as it came, of a quantity."""
+        """Returns the data identifier of a quantity, as received.
+
+        Raises:
+            KeyError: The sample does not have the quantity.
+        """
         return self._packets[key].data_id
 
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Sample):
+            return NotImplemented
+        return (self.payload, self.bid, self.offset, self.arrival) == (
+            other.payload,
+            other.bid,
+            other.offset,
+            other.arrival,
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self.payload, self.bid, self.offset, self.arrival, self._times)
+
     def __repr__(self) -> str:
-        return f"<Sample {', '.join(map(str, self._packets)) or 'of nothing known'}>"
+        return f"<Sample {', '.join(map(str, self)) or 'without known quantities'}>"
+
+
+def _unpickled(
+    payload: bytes, bid: int, offset: int, arrival: float | None, times: tuple[float, float]
+) -> Sample:
+    sample = Sample(payload, bid, offset)
+    sample.arrival, sample._times = arrival, times
+    return sample
 
 
 def _value(packet: _core.Packet) -> Any:
-    numbers, precision = packet.numbers, packet.precision
-    row = QUANTITIES[packet.name or ""]
-    if row.kind in ("struct", "list"):
-        head = dict(zip((it.name for it in row.fields), numbers, strict=False))
-        if row.kind == "struct":
-            return head
-        fields, at = [it.name for it in row.entry], len(row.fields)
-        entries = range(at, len(numbers), len(fields))
-        head["satellites"] = [dict(zip(fields, numbers[it:], strict=False)) for it in entries]
-        return head
+    row, numbers = QUANTITIES[packet.name or ""], packet.numbers
+    if row.fields:
+        return struct_of(row, numbers)
     if not row.components:
         return numbers[0]
-    values = np.array(numbers, _REALS[precision] if precision else row.kind)
+    values = np.array(numbers, _REALS[packet.precision] if packet.precision else row.kind)
     return values.reshape(3, 3).T if row.name == "rotation_matrix" else values

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.log.arrays import read_only
 from xbus.log.hostclock import HostClock
 from xbus.log.source import Source
 from xbus.protocol.tables import FOLLOWING, MASTER, STANDALONE
@@ -63,12 +64,12 @@ class Timed(Protocol):
 
 
 class HostTimes:
-    """Host times of the samples of a part of a log, worked out when they are first asked for.
+    """Host times of the samples and strings of a part of a log, computed on first access.
 
     Args:
         part: The part.
-        arrivals: When its bytes arrived, or None.
-        earlier: The clocks of the devices as the part before left them, by BID.
+        arrivals: When its bytes arrived, or None if that is not known.
+        earlier: The clocks of the devices as of the end of the previous part, by BID.
     """
 
     def __init__(
@@ -78,42 +79,55 @@ class HostTimes:
         earlier: Mapping[int, HostClock] | None = None,
     ) -> None:
         self.part = part
-        self.arrivals = arrivals
+        #: What is wrong with the side file; None if it is good or missing.
+        self.fault: str | None = arrivals.fault if arrivals is not None else None
+        self._arrivals = arrivals
         self._earlier = earlier or {}
 
     @cached_property
-    def _worked_out(self) -> tuple[npt.NDArray[np.float64], dict[int, HostClock]]:
+    def _computed(self) -> tuple[npt.NDArray[np.float64] | None, dict[int, HostClock]]:
         part = self.part
         clocks = {bid: clock.copy() for bid, clock in self._earlier.items()}
-        host = np.full(len(part), np.nan)
-        if self.arrivals is not None:
-            leads = np.ones(len(part), np.bool_)
-            for column in part.columns:
-                if column.name in FOLLOWING:
-                    leads[column.sample - part.first] = False
-            arrival = self.arrivals.of(part.end)
-            bids = np.where(part.bid == MASTER, STANDALONE, part.bid)[: len(arrival)]
-            for bid in np.unique(bids).tolist():
-                clock = clocks.setdefault(bid, HostClock())
-                at = np.flatnonzero(bids == bid)
-                host[at] = clock.update(part.time[at], arrival[at], leads[at])
-        host.flags.writeable = False
-        return host, clocks
+        if self._arrivals is None:
+            return None, clocks
+        leads = np.ones(len(part), np.bool_)
+        for column in part.columns:
+            if column.name in FOLLOWING:
+                leads[column.sample - part.first] = False
+        time = np.full(len(part), np.nan)
+        arrival = self._arrivals.of(part.end)
+        bids = np.where(part.bid == MASTER, STANDALONE, part.bid)[: len(arrival)]
+        for bid in np.unique(bids).tolist():
+            clock = clocks.setdefault(bid, HostClock())
+            rows = np.flatnonzero(bids == bid)
+            time[rows] = clock.update(part.time[rows], arrival[rows], leads[rows])
+        return (read_only(time) if clocks else None), clocks
 
     @property
     def known(self) -> npt.NDArray[np.float64] | None:
-        """The same as `time`; None where no arrivals are known at all."""
-        return self.time if self.clocks else None
-
-    @property
-    def time(self) -> npt.NDArray[np.float64]:
-        """Seconds since 1970 of each sample; NaN where that is not known."""
-        return self._worked_out[0]
+        """The same as `time`, or None if no arrivals are known."""
+        return self._computed[0]
 
     @property
     def clocks(self) -> dict[int, HostClock]:
-        """The clock of each device behind the last sample, by BID; 1 stands for FF, too."""
-        return self._worked_out[1]
+        """The clock of each device as of the last sample, by BID; 1 stands for FF too."""
+        return self._computed[1]
+
+    @cached_property
+    def time(self) -> npt.NDArray[np.float64]:
+        """Seconds since 1970 of each sample, ``(n,)`` float64, read-only; NaN if not known."""
+        return read_only(np.full(len(self.part), np.nan)) if self.known is None else self.known
+
+    def arrived(self, end: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+        """Returns when the bytes before each of these ascending offsets had arrived.
+
+        In seconds since 1970, ``(n,)`` float64; NaN if not known.
+        """
+        times = np.full(len(end), np.nan)
+        if self._arrivals is not None:
+            arrived = self._arrivals.of(end)
+            times[: len(arrived)] = arrived / 1e9
+        return read_only(times)
 
 
 def arrivals_of(source: Source) -> Arrivals | None:

@@ -2,50 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.log import export
+from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
-from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, Field, Quantity
+from xbus.log.flags import Flags
+from xbus.protocol.tables import QUANTITIES, Field, Quantity
+from xbus.wire.struct import scaled
 
-__all__ = ["Column", "Flags"]
+if TYPE_CHECKING:
+    import pandas as pd
+    import polars as pl
+    import pyarrow as pa
+
+__all__ = ["Column"]
 
 
 class Column:
     """Every packet of one quantity, one row each, in the order in which they were received.
 
-    Get it from a log: ``log["acceleration"]``. Arrays are read-only views of what was decoded;
-    copy one to change it.
+    Comes from a log: ``log["acceleration"]``. A column behaves like the array of its `values`: it has a
+    length, a shape and a dtype, can be indexed and iterated, and numpy, pandas and polars take it as it is.
+    Arithmetic is on ``column.values``. A name of `fields` gives one component: ``column["x"]``. All arrays
+    are read-only.
+
+    Columns can be pickled, and two are equal if all of their arrays are identical, with NaN equal to NaN.
 
     Attributes:
         name: Name of the quantity, as in the manual, in snake_case.
-        unit: Unit of the values, empty where there is none.
-        fields: Names of the components of a row, in the order of the values' last axes; of the
-            fields of a struct; empty for a scalar.
-        precision: ``"Float32"``, ``"Fp1220"``, ``"Fp1632"`` or ``"Float64"``; None where precisions
-            are mixed and for integers.
-        coordinates: ``"ENU"``, ``"NED"`` or ``"NWU"``; None where the manual defines none.
-        data_id: Data identifier as received, or the base identifier where several were.
+        unit: Unit of the values; empty for numbers without a unit and for structs, whose fields have `units`.
+        precision: ``"Float32"``, ``"Fp1220"``, ``"Fp1632"`` or ``"Float64"``; None if several occur, and for
+            integers.
+        coordinates: ``"ENU"``, ``"NED"`` or ``"NWU"``; None if the manual defines none for the quantity.
+        data_id: Data identifier as received; the one with format bits zero if several occur.
 
+    >>> import numpy as np
     >>> import xbus
-    >>> log = xbus.read_log("tests/captures/walk.mtb")
-    >>> log["acceleration"].values.shape, log["acceleration"].unit
-    ((1000, 3), 'm/s2')
+    >>> column = xbus.read_log("tests/captures/walk.mtb")["acceleration"]
+    >>> column.shape, column.dtype, column.unit
+    ((1000, 3), dtype('float32'), 'm/s2')
+    >>> f"{np.mean(column['z']):.2f}", column[:10].shape
+    ('9.81', (10, 3))
     """
 
-    def __init__(
-        self, core: _core.Column, part: _core.Part, hosts: HostTimes | None = None
-    ) -> None:
-        self._core = core
-        # Not the Log: a cycle would keep the parts of a long log in memory.
-        self._part = part
-        self._hosts = hosts or HostTimes(part)
+    def __init__(self, core: _core.Column, host_times: HostTimes) -> None:
         assert core.name is not None  # noqa: S101 - unknown identifiers are no columns
+        self._core = core
+        # The part and not the Log: a reference to the Log would be a cycle, and keep parts of a long log in
+        # memory.
+        self._part = host_times.part
+        self._host_times = host_times
         self._row: Quantity = QUANTITIES[core.name]
         self.name: str = core.name
         self.unit: str = self._row.unit
@@ -53,28 +66,70 @@ class Column:
         self.coordinates: str | None = core.coordinates
         self.data_id: int = core.data_id
 
+    # The column as an array
+
+    def __len__(self) -> int:
+        return len(self._core)
+
+    def __getitem__(self, index: Any) -> Any:
+        """Rows by index, slice or mask, as of `values`; one component by its name.
+
+        Raises:
+            IndexError: The index is out of range.
+            KeyError: The quantity has no component or field of this name.
+        """
+        if not isinstance(index, str):
+            return self.values[index]
+        if index not in self.fields:
+            fields = ", ".join(self.fields) or "only one number, without a name"
+            raise KeyError(f"{self.name} has no {index!r}; it has {fields}")
+        if self._row.fields:
+            return self.values[index]
+        place = self.fields.index(index)
+        return self.values[:, place // 3, place % 3] if self._is_matrix else self.values[:, place]
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.values)
+
+    def __array__(
+        self, dtype: npt.DTypeLike | None = None, copy: bool | None = None
+    ) -> npt.NDArray[Any]:
+        return np.array(self.values, dtype, copy=copy)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of `values`: ``(N,)``, ``(N, k)`` or ``(N, 3, 3)``."""
+        return self.values.shape
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """Type of `values`."""
+        return self.values.dtype
+
     @cached_property
     def fields(self) -> tuple[str, ...]:
-        """Names of the components or fields of a row."""
+        """Names of the components or fields of a row, in the order of the last axes of `values`.
+
+        Empty for a scalar.
+        """
         if self._row.fields:
-            return tuple(it.name for it in self._row.fields)
+            return tuple(field.name for field in self._row.fields)
         return tuple(sorted(self._row.components)) if self._is_matrix else self._row.components
 
     @property
     def _is_matrix(self) -> bool:
         return self.name == "rotation_matrix"
 
-    def __len__(self) -> int:
-        return len(self._core)
+    # Arrays
 
     @cached_property
     def values(self) -> npt.NDArray[Any]:
-        """The numbers.
+        """The numbers, read-only.
 
-        Shape ``(N, k)`` for vectors, ``(N,)`` for scalars; float32 for Float32 and float64 for the
-        three precisions that float64 holds exactly; integers keep their width. ``rotation_matrix``
-        is ``(N, 3, 3)``, ``values[n, i, j]`` in row i and column j. Struct quantities are structured
-        arrays ``(N,)`` of raw integers under the manual's field names.
+        ``(N,)`` for scalars and ``(N, k)`` for vectors: float32 for Float32, float64 for the other
+        precisions and mixed ones (exact), integers as on the wire. ``rotation_matrix`` is ``(N, 3, 3)``:
+        ``values[n, i, j]`` is row i, column j. Structs are structured arrays ``(N,)`` of raw integers, with
+        the manual's field names.
         """
         flat: npt.NDArray[Any] = self._core.values
         if self._row.fields:
@@ -86,32 +141,32 @@ class Column:
 
     @cached_property
     def sample(self) -> npt.NDArray[np.int64]:
-        """Which sample each row belongs to, ``(N,)`` int64, counted from the beginning of the log."""
-        return _frozen(self._core.sample)
+        """Index of the sample of each row, from the start of the log, ``(N,)`` int64."""
+        return read_only(self._core.sample)
 
     @cached_property
     def time(self) -> npt.NDArray[np.float64]:
-        """Seconds on the device clock, unwrapped, ``(N,)`` float64; NaN where the sample has none."""
-        return _frozen(self._part.time[self.sample - self._part.first])
+        """Seconds on the device clock, unwrapped, ``(N,)`` float64; NaN if the sample has no time stamp."""
+        return read_only(self._part.time[self.sample - self._part.first])
 
     @cached_property
     def host_time(self) -> npt.NDArray[np.float64]:
-        """Seconds since 1970 by the clock of the host, ``(N,)`` float64: see `Log.host_time`."""
-        return _frozen(self._hosts.time[self.sample - self._part.first])
+        """Seconds since 1970 on the clock of the host, ``(N,)`` float64: see `Log.host_time`."""
+        return read_only(self._host_times.time[self.sample - self._part.first])
 
     @cached_property
     def scaled(self) -> npt.NDArray[Any]:
-        """The fields of a struct quantity in SI units and degrees, as a structured array ``(N,)``.
+        """The fields of a struct in SI units and degrees, as a structured array ``(N,)``.
 
-        Fields with a scale become float64, with NaN where the receiver says "not provided"; counts,
-        dates and bits stay integers. Of other quantities these are the values.
+        Fields with a scale are float64, with NaN for the value that means "not provided"; counts, dates and
+        bits stay integers. For a quantity that is no struct, `scaled` is `values`.
         """
-        return _frozen(_scaled(self.values, self._row.fields)) if self._row.fields else self.values
+        return _scaled(self.values, self._row.fields) if self._row.fields else self.values
 
     @property
     def units(self) -> dict[str, str]:
-        """The unit of each field of a struct quantity in ``scaled``; empty for counts and bits."""
-        return {it.name: it.unit for it in self._row.fields}
+        """Unit of each field of `scaled` for a struct; empty for counts, dates and bits."""
+        return {field.name: field.unit for field in self._row.fields}
 
     @cached_property
     def flags(self) -> Flags:
@@ -119,145 +174,136 @@ class Column:
 
         Raises:
             AttributeError: The quantity has no flags.
+
+        >>> import xbus
+        >>> xbus.read_log(xbus.encode_sample({"status_word": 0b10}))["status_word"].flags["filter_valid"]
+        array([ True])
         """
         if self.name not in ("status_word", "status_byte"):
-            raise AttributeError(f"{self.name} has no flags; status_word and status_byte have")
+            self._refuse("flags", "status_word and status_byte have")
         return Flags(self.values)
 
     @cached_property
     def datetime(self) -> npt.NDArray[np.datetime64]:
         """``utc_time`` or ``gnss_pvt_data`` as ``datetime64[ns]``, ``(N,)``; NaT for an impossible date.
 
-        Whether the device vouches for it is in ``values["valid"] & 7`` (Tables 35 and 25); `Log.utc` has
-        those for which it does.
+        The device marks a valid time in ``values["valid"]`` (Tables 35 and 25); `Log.utc` has only valid
+        times.
 
         Raises:
-            AttributeError: The quantity is neither.
+            AttributeError: The quantity has no date.
         """
-        if (stamps := self._core.nanoseconds) is None:
-            raise AttributeError(f"{self.name} has no datetime; utc_time and gnss_pvt_data have")
-        return _frozen(stamps.view("datetime64[ns]"))
+        if (nanoseconds := self._core.nanoseconds) is None:
+            self._refuse("datetime", "utc_time and gnss_pvt_data have")
+        return read_only(nanoseconds.view("datetime64[ns]"))
 
     @cached_property
     def satellites(self) -> npt.NDArray[Any]:
-        """One structured row (gnssId, svId, cno, flags) for each satellite of ``gnss_sat_info``.
+        """One structured row (gnssId, svId, cno, flags) for each satellite of ``gnss_sat_info`` (Table 26).
 
-        Those of row ``n`` are ``satellites[offsets[n]:offsets[n + 1]]`` (Table 26).
+        The satellites of row ``n`` are ``satellites[offsets[n]:offsets[n + 1]]``.
 
         Raises:
             AttributeError: The quantity is not ``gnss_sat_info``.
         """
         if not self._row.entry:
-            raise AttributeError(f"{self.name} has no satellites; gnss_sat_info has")
+            self._refuse("satellites", "gnss_sat_info has")
         return self._core.entries.view(_dtype(self._row.entry))
 
     @cached_property
     def offsets(self) -> npt.NDArray[np.int64]:
-        """Where in ``satellites`` those of each row begin, ``(N + 1,)`` int64.
+        """Index into `satellites` at which each row begins, and their number at the end, ``(N + 1,)`` int64.
 
         Raises:
             AttributeError: The quantity is not ``gnss_sat_info``.
         """
         if not self._row.entry:
-            raise AttributeError(f"{self.name} has no offsets; gnss_sat_info has")
+            self._refuse("offsets", "gnss_sat_info has")
         counts = self.values[self._row.fields[1].name]
-        return _frozen(np.concatenate(([0], np.cumsum(counts, dtype=np.int64))))
+        return read_only(np.concatenate(([0], np.cumsum(counts, dtype=np.int64))))
+
+    def _refuse(self, attribute: str, others: str) -> NoReturn:
+        raise AttributeError(f"{self.name} has no {attribute}; {others}")
 
     @property
     def rate(self) -> float:
-        """Measured rows per second between the first and the last time stamp; NaN for under two."""
+        """Measured rows per second between the first and the last time stamp; NaN for fewer than two."""
         stamped = self.time[np.isfinite(self.time)]
         if len(stamped) < 2 or stamped[-1] <= stamped[0]:
             return float("nan")
         return float((len(stamped) - 1) / (stamped[-1] - stamped[0]))
 
+    # Tables
+
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """The column as an Arrow table: sample, time and the values, one row a packet."""
-        return _core.ArrowStream.rows(self._core, self._hosts.known).__arrow_c_stream__(
-            requested_schema
+        """The table of `to_arrow`, for libraries that speak the Arrow C interface."""
+        stream = _core.ArrowStream.rows(self._core, self._host_times.known)
+        return stream.__arrow_c_stream__(requested_schema)
+
+    def to_arrow(self) -> pa.Table:
+        """Returns a pyarrow table: one row per packet, with ``sample``, ``time`` and the values; no nulls.
+
+        The same as `Log.to_arrow` with the key of the column. ``gnss_sat_info`` has one row per satellite.
+
+        Raises:
+            ImportError: The extra ``arrow`` is not installed.
+        """
+        table: pa.Table = export.arrow(self)
+        return table
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Returns the table of `to_arrow` as a pandas DataFrame.
+
+        Raises:
+            ImportError: The extra ``pandas`` is not installed.
+        """
+        frame: pd.DataFrame = export.pandas(self)
+        return frame
+
+    def to_polars(self) -> pl.DataFrame:
+        """Returns the table of `to_arrow` as a polars DataFrame.
+
+        Raises:
+            ImportError: The extra ``polars`` is not installed.
+        """
+        frame: pl.DataFrame = export.polars(self)
+        return frame
+
+    # Comparison, pickle and print
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Column):
+            return NotImplemented
+        return (
+            (self.name, self.coordinates, self.precision, self.data_id)
+            == (other.name, other.coordinates, other.precision, other.data_id)
+            and identical(self._core.values, other._core.values)
+            and identical(self._core.entries, other._core.entries)
+            and identical(self.sample, other.sample)
+            and identical(self.time, other.time)
+            and identical(self.host_time, other.host_time)
         )
 
-    @property
-    def _about(self) -> str:
-        parts = [self.precision, self.coordinates, self.unit]
-        return ", ".join(it for it in parts if it)
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        about = f", {self._about}" if self._about else ""
-        return f"<Column {self.name}: {self.values.shape} {_short(self.values.dtype)}{about}>"
+        from xbus.log.rendering import column_text
+
+        return column_text(self)
 
     def _repr_html_(self) -> str:
-        import html
+        from xbus.log.rendering import column_html
 
-        shown = 6
-        rows = [
-            (f"{t:.4f}", *np.atleast_1d(np.asarray(v).reshape(-1)).tolist())
-            for t, v in zip(self.time[:shown], self.values[:shown], strict=False)
-        ]
-        if self._row.fields:
-            rows = [(row[0], *row[1]) for row in rows]
-        names = ("time", *(self.fields or (self.name,)))
-        head = "".join(f"<th>{html.escape(it)}</th>" for it in names)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(str(it))}</td>" for it in row) + "</tr>"
-            for row in rows
-        )
-        more = f"<p>{len(self) - shown} more rows</p>" if len(self) > shown else ""
-        return f"<p>{html.escape(repr(self))}</p><table><tr>{head}</tr>{body}</table>{more}"
-
-
-class Flags(Mapping[str, npt.NDArray[Any]]):
-    """The bits of status words by name: bool arrays, uint8 where a field has several bits.
-
-    Made when asked for: ``log["status_word"].flags["filter_valid"]``.
-    """
-
-    def __init__(self, words: npt.NDArray[Any]) -> None:
-        self._words = words
-        bits = 8 * words.dtype.itemsize
-        self._flags = {it.name: it for it in STATUS_FLAGS if it.bit + it.width <= bits}
-
-    def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        flag = self._flags[name]
-        value = self._words >> flag.bit & ((1 << flag.width) - 1)
-        return value.astype(bool if flag.width == 1 else np.uint8)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._flags)
-
-    def __len__(self) -> int:
-        return len(self._flags)
-
-    def __repr__(self) -> str:
-        counts = ", ".join(f"{name}: {np.count_nonzero(self[name])}" for name in self)
-        return f"<Flags of {len(self._words)} words; set in: {counts}>"
-
-
-def _frozen(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    array.flags.writeable = False
-    return array
-
-
-def _short(dtype: np.dtype[Any]) -> str:
-    return "struct" if dtype.names else str(dtype)
+        return column_html(self)
 
 
 def _dtype(fields: tuple[Field, ...]) -> np.dtype[Any]:
-    return np.dtype([(it.name, it.type) for it in fields])
+    return np.dtype([(field.name, field.type) for field in fields])
 
 
 def _scaled(values: npt.NDArray[Any], fields: tuple[Field, ...]) -> npt.NDArray[Any]:
-    scaled = [it for it in fields if it.scale != 1]
-    dtype = [(it.name, "f8" if it in scaled else it.type) for it in fields]
-    out = np.empty(len(values), dtype)
-    for it in fields:
-        raw = values[it.name]
-        if it not in scaled:
-            out[it.name] = raw
-            continue
-        # A power of ten is exact as a divisor, not as a factor.
-        per_unit = round(1 / it.scale)
-        out[it.name] = raw / per_unit
-        if it.missing is not None:
-            out[it.name][raw == it.missing] = np.nan
-    return out
+    columns = {field.name: scaled(field, values[field.name]) for field in fields}
+    table = np.empty(len(values), [(name, column.dtype) for name, column in columns.items()])
+    for name, column in columns.items():
+        table[name] = column
+    return read_only(table)

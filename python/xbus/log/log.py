@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterable
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -12,16 +12,17 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.log import export
+from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.column import Column
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.messages import Messages, Unknown
-from xbus.log.source import Wish
+from xbus.log.source import QuantityFilter
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
 from xbus.protocol.configuration import Configuration, Firmware
-from xbus.protocol.keys import Key
+from xbus.protocol.keys import ByQuantity, EntryKey, Key, QuantityKey
 from xbus.protocol.tables import RECEIVER, UTC_VALID
 
 if TYPE_CHECKING:
@@ -31,9 +32,11 @@ if TYPE_CHECKING:
 
 __all__ = ["Log", "steady_time"]
 
+DAMAGE = np.dtype([("offset", "i8"), ("length", "i8"), ("reason", "U12")])
+
 
 def steady_time(log: Log) -> npt.NDArray[np.float64]:
-    """The times of samples, NaN for those of the GNSS receiver, which have a time of their own."""
+    """Returns the time of each sample, ``(N,)``; NaN for those of the GNSS receiver, which has its own."""
     time = log.time.copy()
     for name in RECEIVER:
         if name in log:
@@ -41,154 +44,127 @@ def steady_time(log: Log) -> npt.NDArray[np.float64]:
     return time
 
 
-def _count(number: int, one: str, many: str | None = None) -> str:
-    return f"{number} {one if number == 1 else many or one + 's'}"
+class Log(ByQuantity[Column]):
+    """A decoded recording: a mapping from quantity to `Column`, with the other messages and the damage.
 
+    ``log[key]`` takes a name (``"acceleration"``), a `DataId`, or a tuple of one of these with coordinates
+    (``("quaternion", "NED")``). If a quantity occurs in two coordinate systems, its name alone names no
+    column: ``"quaternion" in log`` is False, and ``log["quaternion"]`` raises a KeyError that names both.
 
-class Log:
-    """A recording, decoded: columns of numbers, the other messages, and what was damaged.
+    ``len(log)`` is the number of samples (MTData2 messages), not of quantities, and ``bool(log)`` is
+    whether there are any. ``list(log)``, ``log.keys()``, ``log.values()`` and ``log.items()`` have one
+    element per quantity.
 
-    ``len(log)`` is the number of samples (MTData2 messages), ``list(log)`` the keys that ``log[key]``
-    takes, each giving a `Column`. Where one quantity came in two coordinate systems, the key is
-    (name, coordinates).
+    Logs can be pickled, and two are equal if everything that was decoded is identical, with NaN equal to NaN.
+
+    Attributes:
+        first_sample: Index of the first sample, from the start of the recording; 0 unless this is a later
+            part.
+
+    >>> import xbus
+    >>> log = xbus.read_log("tests/captures/walk.mtb")
+    >>> len(log), len(log.keys())
+    (1040, 15)
+    >>> log["acceleration"] == log[xbus.DataId.Acceleration]
+    True
     """
 
     def __init__(
         self,
         core: _core.Part,
         *,
-        wanted: list[Wish] | None = None,
+        quantities: QuantityFilter | None = None,
         identity: Identity | None = None,
-        hosts: HostTimes | None = None,
+        host_times: HostTimes | None = None,
     ) -> None:
-        self._core, self._wanted = core, wanted
+        self._core, self._filter = core, quantities
         self._earlier = identity or Identity()
-        self._hosts = hosts or HostTimes(core)
-        #: Index of the first sample, counted from the beginning of the log; 0 but for parts.
+        self._host_times = host_times or HostTimes(core)
         self.first_sample: int = core.first
-        columns = [Column(it, core, self._hosts) for it in core.columns if it.name is not None]
-        if wanted is not None:
-            columns = [
-                it
-                for it in columns
-                if (it.name, None) in wanted or (it.name, it.coordinates) in wanted
-            ]
-        self._columns: dict[tuple[str, str | None], Column] = {
-            (it.name, it.coordinates): it for it in columns
-        }
+        columns = [Column(it, self._host_times) for it in core.columns if it.name is not None]
+        super().__init__(
+            {
+                QuantityKey(column.name, column.coordinates, column.precision): column
+                for column in columns
+                if quantities is None
+                or (column.name, None) in quantities
+                or (column.name, column.coordinates) in quantities
+            },
+            "log",
+        )
 
     # Columns
 
     def __len__(self) -> int:
         return len(self._core)
 
-    def __iter__(self) -> Iterator[Key]:
-        names = [name for name, _ in self._columns]
-        for name, coordinates in self._columns:
-            if names.count(name) > 1 and coordinates is not None:
-                yield name, coordinates
-            else:
-                yield name
-
-    def keys(self) -> list[Key]:
-        """The keys that ``log[key]`` takes."""
-        return list(self)
-
-    def __contains__(self, key: object) -> bool:
-        if isinstance(key, str):
-            return any(name == key for name, _ in self._columns)
-        return key in self._columns
-
-    def __getitem__(self, key: Key) -> Column:
-        if isinstance(key, tuple):
-            if key in self._columns:
-                return self._columns[key]
-            raise KeyError(f"no {key!r} in this log; {self._what_there_is()}")
-        found = [it for (name, _), it in self._columns.items() if name == key]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            choices = " or ".join(f"log[{it.name!r}, {it.coordinates!r}]" for it in found)
-            raise KeyError(f"{key!r} is in this log in several coordinate systems: {choices}")
-        import difflib
-
-        near = difflib.get_close_matches(str(key), [name for name, _ in self._columns], n=1)
-        hint = f"did you mean {near[0]!r}?" if near else self._what_there_is()
-        raise KeyError(f"no {key!r} in this log; {hint}")
-
-    def _what_there_is(self) -> str:
-        return f"it has {', '.join(map(repr, self))}" if self._columns else "it has no quantities"
-
     # Samples
 
     @cached_property
     def offset(self) -> npt.NDArray[np.int64]:
-        """Where the frame of each sample begins, in bytes from the start of the input."""
+        """Byte offset in the input at which the frame of each sample begins, ``(N,)`` int64."""
         return self._core.offset
 
     @cached_property
     def time(self) -> npt.NDArray[np.float64]:
-        """Seconds on the device clock of each sample, unwrapped; NaN where it carries no stamp."""
+        """Seconds on the device clock, unwrapped, ``(N,)`` float64; NaN for a sample without a time stamp."""
         return self._core.time
 
     @property
     def host_time(self) -> npt.NDArray[np.float64]:
-        """When each sample was measured by the clock of the recording computer, ``(N,)`` float64.
+        """When each sample was measured, on the clock of the recording computer, ``(N,)`` float64.
 
-        Seconds since 1970, later by the least delay of the connection: device time as a `HostClock` maps
-        it, from the arrivals in the side file ``NAME.times`` that lies beside a log ``NAME``. The same as
-        was said live: decided by what came before. NaN where a sample carries no time stamp, or no arrival
-        is known, so everywhere without a side file.
+        Seconds since 1970, late by the minimum delay of the connection. A `HostClock` maps device time to
+        host time with the arrivals in the side file ``NAME.times`` of a log ``NAME``. The value for a
+        sample depends only on it and earlier samples, so it equals the one computed live. NaN for a sample
+        without a time stamp or without a known arrival; all NaN without a side file.
         """
-        return self._hosts.time
+        return self._host_times.time
 
     @property
     def host_clock(self) -> HostClock | None:
-        """The clock that `host_time` is from, as it was behind the last sample; None without arrivals.
+        """The clock behind `host_time`, as of the last sample; None if no arrivals are known.
 
-        Of the first device, where there are several.
+        In a log of several devices, the clock of the first one.
         """
-        return next(iter(self._hosts.clocks.values()), None)
+        return next(iter(self._host_times.clocks.values()), None)
 
     @property
     def times_fault(self) -> str | None:
-        """What is wrong with the side file of arrivals; None where nothing is, and without one."""
-        return self._hosts.arrivals.fault if self._hosts.arrivals is not None else None
+        """What is wrong with the side file of arrivals; None if it is good or missing."""
+        return self._host_times.fault
 
     @cached_property
     def utc(self) -> npt.NDArray[np.datetime64]:
-        """UTC of each sample, ``(N,)`` ``datetime64[ns]``; NaT where it carries none that is valid.
+        """UTC of each sample, ``(N,)`` ``datetime64[ns]``; NaT for a sample without a valid one.
 
-        From ``utc_time`` (Table 35) and, in samples without, from ``gnss_pvt_data`` (Table 25); valid is what
-        has all of the lowest three bits of ``valid`` set. That of a receiver's sample belongs to its own
-        device time, which runs behind its neighbours.
+        From ``utc_time`` (Table 35), otherwise from ``gnss_pvt_data`` (Table 25), where the lowest three
+        bits of ``valid`` are set. UTC of a GNSS receiver belongs to the device time of its own sample,
+        which lags behind that of the neighbours.
         """
         utc = np.full(len(self), np.datetime64("NaT"), "datetime64[ns]")
         for name in ("gnss_pvt_data", "utc_time"):
-            if name in self:
-                column = self[name]
-                valid = (column.values["valid"] & UTC_VALID == UTC_VALID) & ~np.isnat(
-                    column.datetime
-                )
-                utc[column.sample[valid] - self.first_sample] = column.datetime[valid]
-        utc.flags.writeable = False
-        return utc
+            if (column := self.get(name)) is not None:
+                is_valid = column["valid"] & UTC_VALID == UTC_VALID
+                is_valid &= ~np.isnat(column.datetime)
+                utc[column.sample[is_valid] - self.first_sample] = column.datetime[is_valid]
+        return read_only(utc)
 
     @cached_property
     def packet_counter(self) -> npt.NDArray[np.int64]:
-        """The packet counter of each sample, unwrapped; -1 where it carries none."""
+        """Packet counter of each sample, unwrapped, ``(N,)`` int64; -1 for a sample without one."""
         return self._core.packet_counter
 
     @cached_property
     def bid(self) -> npt.NDArray[np.uint8]:
-        """The bus identifier of each sample's frame."""
+        """Bus identifier of the frame of each sample, ``(N,)`` uint8."""
         return self._core.bid
 
     @property
     def duration(self) -> float:
         """Seconds between the earliest and the latest time stamp; NaN for fewer than two.
 
-        Those of the GNSS receiver count only where there are no others: without a fix they are arbitrary.
+        Time stamps of the GNSS receiver count only if there are no others: without a fix they are arbitrary.
         """
         steady = steady_time(self)
         time = steady if np.isfinite(steady).any() else self.time
@@ -199,47 +175,53 @@ class Log:
 
     @cached_property
     def messages(self) -> Messages:
-        """Every other message, in order."""
-        return Messages(self._core)
+        """The messages that are not samples, in order."""
+        found = self._core.messages
+        return Messages(
+            found.mid, found.bid, found.offset, found.sample, found.ends, found.payloads
+        )
 
     @cached_property
     def strings(self) -> Strings:
-        """The string outputs that stand between the frames, in order."""
-        return Strings(self._core, self._hosts.arrivals)
+        """The string outputs between the frames, in order."""
+        found = self._core.strings
+        return Strings(
+            found.place, found.offset, found.sample, found.ends, found.data, self._host_times
+        )
 
     @cached_property
     def unknown(self) -> dict[int, Unknown]:
-        """Packets that the tables cannot explain, verbatim, by data identifier as received."""
-        return {it.data_id: Unknown(it) for it in self._core.columns if it.name is None}
+        """Packets that the tables do not explain, verbatim, by data identifier as received."""
+        return {
+            column.data_id: Unknown(column) for column in self._core.columns if column.name is None
+        }
 
     @cached_property
     def damage(self) -> npt.NDArray[Any]:
-        """Stretches of bytes that are no frame, as a structured array of offset, length and reason.
+        """Ranges of bytes that are neither frame nor string: a structured array of offset, length and reason.
 
-        The reason is what was wrong where the next frame was due: ``"no preamble"``, ``"checksum"``,
-        ``"too long"`` or ``"truncated"`` (more bytes claimed than allowed, or than there are), or
-        ``"implausible"`` (checksum good, but nothing that a device sends, and nothing follows).
+        The reason is what was found where the next frame was expected: ``"no preamble"``, ``"checksum"``,
+        ``"too long"`` (more bytes than allowed), ``"truncated"`` (more bytes than the input has) or
+        ``"implausible"`` (good checksum, but nothing that a device sends, and no frame follows).
         """
         found = self._core.damage
-        dtype = [("offset", "i8"), ("length", "i8"), ("reason", "U12")]
-        damage = np.empty(len(found.offset), dtype)
+        damage = np.empty(len(found.offset), DAMAGE)
         damage["offset"], damage["length"] = found.offset, found.length
         damage["reason"] = np.array(_core.damage_reasons())[found.reason]
-        damage.flags.writeable = False
-        return damage
+        return read_only(damage)
 
     @cached_property
     def stats(self) -> Stats:
-        """What was counted while reading."""
+        """Counts of what was read."""
         return Stats(**self._core.stats)
 
     # The device
 
     @cached_property
     def identity(self) -> Identity:
-        """What the messages say about the device."""
-        telling = np.flatnonzero(np.isin(self.messages.mid, IDENTITY_MESSAGES))
-        return self._earlier.updated(self.messages[it] for it in telling.tolist())
+        """Identifier, product code, firmware and configuration of the device, from its messages."""
+        rows = np.flatnonzero(np.isin(self.messages.mid, IDENTITY_MESSAGES))
+        return self._earlier.updated(self.messages[row] for row in rows.tolist())
 
     @property
     def device_id(self) -> int | None:
@@ -263,147 +245,168 @@ class Log:
 
     # Tables
 
-    def _stream(self, key: Key | None = None) -> _core.ArrowStream:
-        if key is None:
-            columns = [it._core for it in self._columns.values()]
-            return _core.ArrowStream.wide(self._core, columns, self._hosts.known)
-        return _core.ArrowStream.rows(self[key]._core, self._hosts.known)
+    def _stream(self, keys: Key | Iterable[Key] | None = None) -> _core.ArrowStream:
+        host_time = self._host_times.known
+        if isinstance(keys, str | int | tuple):
+            return _core.ArrowStream.rows(self[keys]._core, host_time)
+        columns = [self[key]._core for key in self._chosen(keys)]
+        return _core.ArrowStream.wide(self._core, columns, host_time)
+
+    def _chosen(self, keys: Key | Iterable[Key] | None) -> list[EntryKey]:
+        if keys is None:
+            return list(self)
+        if isinstance(keys, str | int | tuple):
+            keys = [keys]
+        return list(dict.fromkeys(map(self.resolve, keys)))
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """The wide table, for pyarrow, polars, DuckDB and whoever speaks the Arrow C interface."""
+        """The table of `to_arrow`, for libraries that speak the Arrow C interface."""
         return self._stream().__arrow_c_stream__(requested_schema)
 
-    def to_arrow(self, key: Key | None = None) -> pa.Table:
-        """A pyarrow table.
+    def to_arrow(self, keys: Key | Iterable[Key] | None = None) -> pa.Table:
+        """Returns a pyarrow table.
 
-        Without a key: one row a sample, columns ``sample``, ``time``, ``host_time`` where arrivals are known,
-        and one for each component of each quantity (``acceleration_x``), null where the sample lacks it. With
-        a key: that quantity alone, one row a packet; ``"gnss_sat_info"`` gives one row a satellite. Unit,
-        coordinates, precision and data identifier are in the fields' metadata.
+        Without keys, or with a list of them: one row per sample, with the columns ``sample``, ``time``,
+        ``host_time`` if arrivals are known, and one for each component of each quantity
+        (``acceleration_x``), null if the sample lacks the quantity. With one key it has one row per packet
+        of that quantity, without nulls; for ``"gnss_sat_info"`` one row per satellite. The fields' metadata
+        hold unit, coordinates, precision and data identifier.
+
+        Args:
+            keys: One key, a list of keys, or None for all quantities.
 
         Raises:
             ImportError: The extra ``arrow`` is not installed.
-            KeyError: The log has no such quantity.
+            KeyError: The log does not have one of the quantities.
+
+        >>> import xbus
+        >>> log = xbus.read_log("tests/captures/walk.mtb")
+        >>> log.to_arrow(["packet_counter", "acceleration"]).column_names
+        ['sample', 'time', 'packet_counter', 'acceleration_x', 'acceleration_y', 'acceleration_z']
         """
-        table: pa.Table = export.arrow(self._stream(key))
+        table: pa.Table = export.arrow(self._stream(keys))
         return table
 
-    def to_pandas(self, key: Key | None = None) -> pd.DataFrame:
-        """The same as a pandas DataFrame; integers with nulls become float64, those of 64 bits UInt64.
+    def to_pandas(self, keys: Key | Iterable[Key] | None = None) -> pd.DataFrame:
+        """Returns the table of `to_arrow` as a pandas DataFrame.
+
+        Integers with nulls become float64; 64-bit ones become UInt64.
+
+        Args:
+            keys: One key, a list of keys, or None for all quantities.
 
         Raises:
             ImportError: The extra ``pandas`` is not installed.
-            KeyError: The log has no such quantity.
+            KeyError: The log does not have one of the quantities.
         """
-        frame: pd.DataFrame = export.pandas(self._stream(key))
+        frame: pd.DataFrame = export.pandas(self._stream(keys))
         return frame
 
-    def to_polars(self, key: Key | None = None) -> pl.DataFrame:
-        """The same as a polars DataFrame.
+    def to_polars(self, keys: Key | Iterable[Key] | None = None) -> pl.DataFrame:
+        """Returns the table of `to_arrow` as a polars DataFrame.
+
+        Args:
+            keys: One key, a list of keys, or None for all quantities.
 
         Raises:
             ImportError: The extra ``polars`` is not installed.
-            KeyError: The log has no such quantity.
+            KeyError: The log does not have one of the quantities.
         """
-        frame: pl.DataFrame = export.polars(self._stream(key))
+        frame: pl.DataFrame = export.polars(self._stream(keys))
         return frame
 
-    def to_parquet(self, path: str | os.PathLike[str], key: Key | None = None) -> None:
-        """Writes the table of `to_arrow` as a Parquet file, whole or not at all.
+    def to_parquet(
+        self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None
+    ) -> None:
+        """Writes the table of `to_arrow` to a Parquet file, which appears whole or not at all.
+
+        Args:
+            path: Path of the file.
+            keys: One key, a list of keys, or None for all quantities.
 
         Raises:
             ImportError: The extra ``arrow`` is not installed.
-            KeyError: The log has no such quantity.
+            KeyError: The log does not have one of the quantities.
             OSError: The file cannot be written.
         """
-        export.parquet(self._stream(key), path)
+        export.parquet(self._stream(keys), path)
 
-    def to_csv(self, path: str | os.PathLike[str], key: Key | None = None) -> None:
-        """The same as CSV: a header, empty fields for nulls, times in UTC."""
-        export.csv(self._stream(key), path)
+    def to_csv(self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None) -> None:
+        """Writes the table of `to_arrow` to a CSV file: a header, empty fields for nulls, dates in UTC.
 
-    def to_feather(self, path: str | os.PathLike[str], key: Key | None = None) -> None:
-        """The same as an Arrow file (Feather)."""
-        export.feather(self._stream(key), path)
+        Args and errors are those of `to_parquet`.
+        """
+        export.csv(self._stream(keys), path)
 
-    def to_npz(self, path: str | os.PathLike[str]) -> None:
-        """Writes every quantity as an array of an npz file, whole or not at all.
+    def to_feather(
+        self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None
+    ) -> None:
+        """Writes the table of `to_arrow` to an Arrow file (Feather).
 
-        Beside each ``name`` (``name_ned`` where coordinates are mixed) stand ``name.sample`` and
-        ``name.time``; beside them all ``time``, ``packet_counter.unwrapped`` and, where arrivals are known,
-        ``host_time``, one for each sample. Each type of string has its `Strings.table` under its
-        name, unless only some quantities were asked for.
+        Args and errors are those of `to_parquet`.
+        """
+        export.feather(self._stream(keys), path)
+
+    def to_npz(self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None) -> None:
+        """Writes the values of every quantity to an npz file, which appears whole or not at all.
+
+        With each ``name`` (``name_ned`` if coordinates are mixed) come ``name.sample`` and ``name.time``,
+        and with ``gnss_sat_info`` its ``satellites`` and ``offsets``. One element per sample have ``time``,
+        ``packet_counter.unwrapped`` and, if arrivals are known, ``host_time``. Without keys, and if the log
+        was read with all quantities, each type of string has its `Strings.table` under its name.
+
+        Args:
+            path: Path of the file.
+            keys: One key, a list of keys, or None for all quantities.
 
         Raises:
+            KeyError: The log does not have one of the quantities.
             OSError: The file cannot be written.
         """
         arrays: dict[str, npt.NDArray[Any]] = {"time": self.time}
         arrays["packet_counter.unwrapped"] = self.packet_counter
-        if self.host_clock is not None:
+        if self._host_times.known is not None:
             arrays["host_time"] = self.host_time
-        for key in self:
+        for key in self._chosen(keys):
             column = self[key]
             stem = key if isinstance(key, str) else f"{key[0]}_{key[1].lower()}"
-            arrays |= {
-                stem: column.values,
-                f"{stem}.sample": column.sample,
-                f"{stem}.time": column.time,
-            }
+            arrays[stem] = column.values
+            arrays[f"{stem}.sample"] = column.sample
+            arrays[f"{stem}.time"] = column.time
             if column.name == "gnss_sat_info":
-                arrays |= {
-                    f"{stem}.satellites": column.satellites,
-                    f"{stem}.offsets": column.offsets,
-                }
-        if self._wanted is None:
-            arrays |= {it: self.strings.table(it) for it in self.strings.counts if it}
+                arrays[f"{stem}.satellites"] = column.satellites
+                arrays[f"{stem}.offsets"] = column.offsets
+        if keys is None and self._filter is None:
+            arrays |= {name: self.strings.table(name) for name in self.strings.counts if name}
         export.npz(arrays, path)
 
-    # Print
+    # Comparison and print
 
-    def _summary(self) -> str:
-        stats = self.stats
-        parts = [_count(len(self), "sample")]
-        if np.isfinite(self.duration):
-            parts.append(f"{self.duration:.2f} s")
-        parts.append(_count(len(self._columns), "quantity", "quantities"))
-        if stats.strings:
-            parts.append(_count(stats.strings, "string"))
-        if stats.lost_samples:
-            lost = _count(stats.lost_samples, "sample")
-            parts.append(f"{lost} lost in {_count(stats.gaps, 'gap')}")
-        if stats.skipped_bytes:
-            skipped = _count(stats.skipped_bytes, "byte")
-            parts.append(f"{skipped} skipped in {_count(len(self.damage), 'place')}")
-        if self.product_code:
-            parts.append(self.product_code)
-        if self.times_fault:
-            parts.append(self.times_fault)
-        return ", ".join(parts)
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Log):
+            return NotImplemented
+        return (
+            (len(self), self.first_sample, self.stats, self.identity)
+            == (len(other), other.first_sample, other.stats, other.identity)
+            and list(self.items()) == list(other.items())
+            and all(
+                identical(getattr(self, name), getattr(other, name))
+                for name in ("offset", "time", "host_time", "packet_counter", "bid", "damage")
+            )
+            and self.messages == other.messages
+            and self.strings == other.strings
+            and self.unknown == other.unknown
+            and self.times_fault == other.times_fault
+        )
 
-    def _rows(self) -> list[tuple[str, str, str, str]]:
-        def label(key: Key) -> str:
-            return key if isinstance(key, str) else " ".join(key)
-
-        def rate(column: Column) -> str:
-            return f"{column.rate:.1f} Hz" if np.isfinite(column.rate) else ""
-
-        return [(label(it), str(len(self[it])), rate(self[it]), self[it]._about) for it in self]
+    __hash__ = None  # type: ignore[assignment]
 
     def __repr__(self) -> str:
-        rows = self._rows()
-        widths = [max(map(len, cells), default=0) for cells in zip(*rows, strict=True)]
-        lines = [
-            f"  {row[0]:<{widths[0]}}  {row[1]:>{widths[1]}}  {row[2]:>{widths[2]}}  {row[3]}".rstrip()
-            for row in rows
-        ]
-        return "\n".join([f"<Log {self._summary()}>", *lines])
+        from xbus.log.rendering import log_text
+
+        return log_text(self)
 
     def _repr_html_(self) -> str:
-        import html
+        from xbus.log.rendering import log_html
 
-        head = "".join(f"<th>{it}</th>" for it in ("quantity", "rows", "rate", ""))
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-            for row in self._rows()
-        )
-        return f"<p>Log: {html.escape(self._summary())}</p><table><tr>{head}</tr>{body}</table>"
+        return log_html(self)

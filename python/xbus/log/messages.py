@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from functools import cached_property
-from typing import overload
+from typing import Any, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.log.arrays import identical, read_only
 from xbus.protocol.tables import message_name
 from xbus.wire.message import Message
 
@@ -18,16 +19,32 @@ __all__ = ["Messages", "Unknown"]
 
 
 class Messages(Sequence[Message]):
-    """The messages of a log that are no samples, in order; each is made when it is asked for.
+    """The messages of a log that are not samples, in order. Each `Message` is made on access.
+
+    Can be pickled; two are equal if all messages are.
 
     Attributes:
-        mid, bid, offset, sample: Those of all messages, as arrays.
+        mid: Message identifiers, ``(n,)`` uint8, read-only as all arrays here.
+        bid: Bus identifiers, ``(n,)`` uint8.
+        offset: Byte offsets in the input at which the frames begin, ``(n,)`` int64.
+        sample: Index of the next sample after each message, ``(n,)`` int64.
     """
 
-    def __init__(self, core: _core.Part) -> None:
-        self._core = messages = core.messages
-        self.mid, self.bid = messages.mid, messages.bid
-        self.offset, self.sample = messages.offset, messages.sample
+    def __init__(
+        self,
+        mid: npt.NDArray[np.uint8],
+        bid: npt.NDArray[np.uint8],
+        offset: npt.NDArray[np.int64],
+        sample: npt.NDArray[np.int64],
+        ends: npt.NDArray[np.uint64],
+        payloads: npt.NDArray[np.uint8],
+    ) -> None:
+        self.mid, self.bid = read_only(mid), read_only(bid)
+        self.offset, self.sample = read_only(offset), read_only(sample)
+        self._ends, self._payloads = read_only(ends), read_only(payloads)
+
+    def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        return self.mid, self.bid, self.offset, self.sample, self._ends, self._payloads
 
     def __len__(self) -> int:
         return len(self.mid)
@@ -38,47 +55,56 @@ class Messages(Sequence[Message]):
     def __getitem__(self, index: slice) -> list[Message]: ...
     def __getitem__(self, index: int | slice) -> Message | list[Message]:
         if isinstance(index, slice):
-            return [self[it] for it in range(*index.indices(len(self)))]
-        at = range(len(self))[index]
-        mid = int(self.mid[at])
-        payload = _piece(self._core.payloads, self._core.ends, at)
+            return [self[row] for row in range(*index.indices(len(self)))]
+        row = range(len(self))[index]
+        mid = int(self.mid[row])
+        payload = piece(self._payloads, self._ends, row)
         name = message_name(mid, len(payload))
-        bid, offset, sample = int(self.bid[at]), int(self.offset[at]), int(self.sample[at])
+        bid, offset, sample = int(self.bid[row]), int(self.offset[row]), int(self.sample[row])
         return Message(mid, name, bid, payload, offset, sample)
 
     def named(self, *names: str) -> list[Message]:
-        """The messages with one of these names."""
-        return [it for it in self if it.name in names]
+        """Returns the messages with one of these names."""
+        return [message for message in self if message.name in names]
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Messages):
+            return NotImplemented
+        return all(map(identical, self._arrays(), other._arrays()))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Messages, self._arrays()
 
     def __repr__(self) -> str:
         # One MID has several names, by the length of the payload.
-        lengths = np.diff(self._core.ends, prepend=np.uint64(0))
+        lengths = np.diff(self._ends, prepend=np.uint64(0))
         kinds, counts = np.unique(np.stack([self.mid, lengths]), axis=1, return_counts=True)
         by_name: Counter[str] = Counter()
         for mid, length, count in zip(*kinds.tolist(), counts.tolist(), strict=True):
             by_name[message_name(mid, length)] += count
         names = ", ".join(f"{name}: {count}" for name, count in by_name.items())
-        return f"<Messages {len(self)}: {names}>"
+        return f"<Messages {len(self)}: {names}>" if names else "<Messages 0>"
 
 
 class Unknown(Sequence[bytes]):
-    """The packets of one data identifier that the tables cannot explain, verbatim.
+    """The packets of one data identifier that the tables do not explain, verbatim.
 
-    Attributes:
-        sample: Which sample each belongs to, int64.
+    Can be pickled; two are equal if all packets are.
     """
 
     def __init__(self, core: _core.Column) -> None:
         assert core.ends is not None  # noqa: S101 - raw packets have ends
-        self._core = core
-        self._ends = core.ends
-        self._bytes = core.values
+        self._ends, self._bytes = core.ends, core.values
+        self._core: _core.Column | None = core
 
     @cached_property
     def sample(self) -> npt.NDArray[np.int64]:
-        """Which sample each belongs to, int64."""
-        # Looks at every sample, and a hostile log can hold thousands of identifiers.
-        return self._core.sample
+        """Index of the sample of each packet, ``(n,)`` int64, read-only."""
+        assert self._core is not None  # noqa: S101 - only an unpickled one has none, and has this
+        # Scans every sample, so not before it is asked for: a hostile log can have thousands of identifiers.
+        return read_only(self._core.sample)
 
     def __len__(self) -> int:
         return len(self._ends)
@@ -89,13 +115,37 @@ class Unknown(Sequence[bytes]):
     def __getitem__(self, index: slice) -> list[bytes]: ...
     def __getitem__(self, index: int | slice) -> bytes | list[bytes]:
         if isinstance(index, slice):
-            return [self[it] for it in range(*index.indices(len(self)))]
-        return _piece(self._bytes, self._ends, range(len(self))[index])
+            return [self[row] for row in range(*index.indices(len(self)))]
+        return piece(self._bytes, self._ends, range(len(self))[index])
+
+    @property
+    def size(self) -> int:
+        """Bytes of all packets."""
+        return len(self._bytes)
+
+    def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        return self._ends, self._bytes, self.sample
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Unknown):
+            return NotImplemented
+        return all(map(identical, self._arrays(), other._arrays()))
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_core": None, "_ends": self._ends, "_bytes": self._bytes, "sample": self.sample}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state)
+        for array in self._arrays():
+            read_only(array)
 
     def __repr__(self) -> str:
-        return f"<Unknown {len(self)} packets, {len(self._bytes)} bytes>"
+        return f"<Unknown {len(self)} packets, {self.size} bytes>"
 
 
-def _piece(data: npt.NDArray[np.uint8], ends: npt.NDArray[np.uint64], at: int) -> bytes:
-    start = int(ends[at - 1]) if at else 0
-    return data[start : int(ends[at])].tobytes()
+def piece(data: npt.NDArray[np.uint8], ends: npt.NDArray[np.uint64], index: int) -> bytes:
+    """Returns one of several byte strings that are stored one after the other."""
+    start = int(ends[index - 1]) if index else 0
+    return data[start : int(ends[index])].tobytes()

@@ -9,7 +9,7 @@ from xbus.log.arrivals import HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
 from xbus.log.log import Log
-from xbus.log.source import Source, open_reader, wishes
+from xbus.log.source import Source, open_reader, quantity_filter
 from xbus.protocol.keys import Key
 from xbus.protocol.values import StringType
 from xbus.wire.strings import mask_of
@@ -53,13 +53,13 @@ def read_log(
     >>> log["euler_angles"].fields
     ('roll', 'pitch', 'yaw')
     """
-    wanted = wishes(quantities)
-    reader = open_reader(source, strict=strict, wanted=wanted, strings=mask_of(strings))
+    keep = quantity_filter(quantities)
+    reader = open_reader(source, strict=strict, quantities=keep, strings=mask_of(strings))
     arrivals = arrivals_of(source)
     while reader.advance(STEP):
         pass
     part = reader.take()
-    return Log(part, wanted=wanted, hosts=HostTimes(part, arrivals))
+    return Log(part, quantities=keep, host_times=HostTimes(part, arrivals))
 
 
 def iter_log(
@@ -94,9 +94,9 @@ def iter_log(
     """
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
-    wanted = wishes(quantities)
+    keep = quantity_filter(quantities)
     reader = open_reader(
-        source, strict=strict, wanted=wanted, strings=mask_of(strings), part_bytes=block_bytes
+        source, strict=strict, quantities=keep, strings=mask_of(strings), part_bytes=block_bytes
     )
     arrivals = arrivals_of(source)
 
@@ -111,10 +111,10 @@ def iter_log(
             except DecodeError as error:
                 fault = error
             core = reader.take()
-            hosts = HostTimes(core, arrivals, clocks)
+            host_times = HostTimes(core, arrivals, clocks)
             if arrivals is not None:
-                clocks = hosts.clocks
-            part = Log(core, wanted=wanted, identity=identity, hosts=hosts)
+                clocks = host_times.clocks
+            part = Log(core, quantities=keep, identity=identity, host_times=host_times)
             identity = part.identity
             yield part
             if fault is not None:

@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.extras import require
-from xbus.protocol.keys import Key
+from xbus.protocol.keys import Key, resolve_key
 
-__all__ = ["Readable", "Source", "Wish", "open_reader", "wishes"]
+__all__ = ["QuantityFilter", "Readable", "Source", "open_reader", "quantity_filter"]
 
-#: A quantity to keep: its name, and the coordinate system or None for any.
-Wish = tuple[str, str | None]
+#: The quantities to keep: the name of each, and its coordinate system or None for any.
+QuantityFilter = list[tuple[str, str | None]]
 
 
 @runtime_checkable
@@ -40,7 +40,7 @@ def open_reader(
     source: Source,
     *,
     strict: bool = False,
-    wanted: list[Wish] | None = None,
+    quantities: QuantityFilter | None = None,
     strings: int = 0,
     part_bytes: int | None = None,
 ) -> _core.Reader:
@@ -52,7 +52,7 @@ def open_reader(
         opened,
         limit=LONGEST,
         strict=strict,
-        wanted=wanted,
+        wanted=quantities,
         strings=strings,
         part_bytes=part_bytes,
     )
@@ -70,20 +70,24 @@ def _size(opened: object) -> int | None:
         return None
 
 
-def wishes(quantities: Iterable[Key] | None) -> list[Wish] | None:
-    """The quantities to keep; None for all of them."""
-    if isinstance(quantities, str):
-        raise TypeError(f"quantities must be a list of names, such as [{quantities!r}]")
-    return None if quantities is None else [_wish(it) for it in quantities]
+def quantity_filter(quantities: Iterable[Key] | None) -> QuantityFilter | None:
+    """Returns the quantities to keep, or None for all of them.
 
-
-def _wish(key: Key) -> Wish:
-    match key:
-        case str(name):
-            return name, None
-        case (str(name), str(coordinates)):
-            return name, coordinates
-    raise TypeError(f"a quantity is a name or (name, coordinates), not {key!r}")
+    Raises:
+        TypeError: One name instead of a list, or an element is no `Key`.
+        ValueError: A quantity that does not exist, or a key with a precision.
+    """
+    if quantities is None:
+        return None
+    if isinstance(quantities, str | int):
+        raise TypeError(f"quantities must be a list of keys, such as [{quantities!r}]")
+    resolved = []
+    for key in quantities:
+        name, coordinates, precision = resolve_key(key)
+        if precision is not None:
+            raise ValueError(f"{key!r}: all precisions of a quantity are one column; leave it out")
+        resolved.append((name, coordinates))
+    return resolved
 
 
 def _opened(source: Source) -> object:

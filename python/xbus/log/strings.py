@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from xbus import _core
 from xbus.extras import require
-from xbus.log.arrivals import Arrivals
+from xbus.log.arrays import identical, read_only
+from xbus.log.arrivals import HostTimes
+from xbus.log.messages import piece
 from xbus.protocol.strings import LAYOUTS
 from xbus.protocol.values import StringType
 from xbus.wire.strings import String, one_type, string_types, type_at
@@ -24,18 +25,28 @@ __all__ = ["Strings"]
 
 
 class Strings(Sequence[String]):
-    """The string outputs of a log, in order; each is made when it is asked for.
+    """The string outputs of a log, in order. Each `String` is made on access.
+
+    Can be pickled; two are equal if all strings and their host times are.
 
     Attributes:
-        offset: Where each begins, in bytes from the start of the input, ``(n,)`` int64.
-        sample: Index of the next sample, ``(n,)`` int64.
+        offset: Byte offsets in the input at which the strings begin, ``(n,)`` int64, read-only as all
+            arrays here.
+        sample: Index of the next sample after each string, ``(n,)`` int64.
     """
 
-    def __init__(self, core: _core.Part, arrivals: Arrivals | None = None) -> None:
-        strings = core.strings
-        self.offset, self.sample = strings.offset, strings.sample
-        self._place, self._ends, self._bytes = strings.place, strings.ends, strings.data
-        self._arrivals = arrivals
+    def __init__(
+        self,
+        place: npt.NDArray[np.uint8],
+        offset: npt.NDArray[np.int64],
+        sample: npt.NDArray[np.int64],
+        ends: npt.NDArray[np.uint64],
+        data: npt.NDArray[np.uint8],
+        host_times: HostTimes | None = None,
+    ) -> None:
+        self.offset, self.sample = read_only(offset), read_only(sample)
+        self._place, self._ends, self._bytes = read_only(place), read_only(ends), read_only(data)
+        self._host_times = host_times
 
     def __len__(self) -> int:
         return len(self._place)
@@ -46,60 +57,54 @@ class Strings(Sequence[String]):
     def __getitem__(self, index: slice) -> list[String]: ...
     def __getitem__(self, index: int | slice) -> String | list[String]:
         if isinstance(index, slice):
-            return [self[it] for it in range(*index.indices(len(self)))]
-        at = range(len(self))[index]
-        start = int(self._ends[at - 1]) if at else 0
-        data = self._bytes[start : int(self._ends[at])].tobytes()
-        kind = type_at(int(self._place[at]))
-        return String(kind, data, int(self.offset[at]), int(self.sample[at]))
+            return [self[row] for row in range(*index.indices(len(self)))]
+        row = range(len(self))[index]
+        kind = type_at(int(self._place[row]))
+        data = piece(self._bytes, self._ends, row)
+        return String(kind, data, int(self.offset[row]), int(self.sample[row]))
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many there are, by name; the name of those that the manual does not list is empty."""
+        """Number of strings by name; the name of those that the manual does not list is empty."""
         places, counts = np.unique(self._place, return_counts=True)
-        kinds = [type_at(it) for it in places.tolist()]
-        names = ["" if it is None else str(it.name) for it in kinds]
+        kinds = [type_at(place) for place in places.tolist()]
+        names = ["" if kind is None else str(kind.name) for kind in kinds]
         return dict(zip(names, counts.tolist(), strict=True))
 
     @cached_property
     def end(self) -> npt.NDArray[np.int64]:
-        """Where each ends, in bytes from the start of the input, ``(n,)`` int64."""
-        ends = np.concatenate([[0], self._ends.astype(np.int64)])
-        end = np.asarray(self.offset + np.diff(ends), np.int64)
-        end.flags.writeable = False
-        return end
+        """Byte offsets in the input at which the strings end, ``(n,)`` int64."""
+        sizes = np.diff(self._ends.astype(np.int64), prepend=0)
+        return read_only(np.asarray(self.offset + sizes, np.int64))
 
     @cached_property
     def host_time(self) -> npt.NDArray[np.float64]:
-        """When the last byte of each came, seconds since 1970, ``(n,)`` float64; NaN where that is unknown.
+        """When the last byte of each arrived, seconds since 1970, ``(n,)`` float64; NaN if not known.
 
         From the side file of a recording; see `Log.host_time`.
         """
-        times = np.full(len(self), np.nan)
-        if self._arrivals is not None:
-            arrived = self._arrivals.of(self.end)
-            times[: len(arrived)] = arrived / 1e9
-        times.flags.writeable = False
-        return times
+        if self._host_times is None:
+            return read_only(np.full(len(self), np.nan))
+        return self._host_times.arrived(self.end)
 
     def named(self, *kinds: StringType | str) -> list[String]:
-        """The strings of these types."""
-        return [self[it] for it in self._indices(kinds).tolist()]
+        """Returns the strings of these types."""
+        return [self[index] for index in self._indices(kinds).tolist()]
 
     def _indices(self, kinds: Iterable[StringType | str]) -> npt.NDArray[np.int64]:
-        places = [it.bit_length() - 1 for it in string_types(kinds)]
+        places = [kind.bit_length() - 1 for kind in string_types(kinds)]
         return np.flatnonzero(np.isin(self._place, places))
 
     def table(self, kind: StringType | str) -> npt.NDArray[Any]:
-        """All strings of a type, a row each, in order: ``(n,)``, structured.
+        """Returns all strings of a type as a structured array ``(n,)``, one row per string, read-only.
 
-        The fields are ``index`` (in this sequence), ``sample``, ``host_time``, and those of the type: numbers
-        as float64 in their units, times of day as ``timedelta64[us]``, dates as ``datetime64[D]``, letters as
-        text. NaN, NaT and the empty text are what is not available, and all that a string says whose fields
-        are not those of its type.
+        The fields are ``index`` (in this sequence), ``sample``, ``host_time``, and those of the type:
+        numbers as float64 in their units, times of day as ``timedelta64[us]``, dates as ``datetime64[D]``,
+        letters as text. A value that is not available is NaN, NaT or the empty text; so is every value of a
+        string whose fields do not fit its type.
 
         Raises:
-            ValueError: No such string.
+            ValueError: No string type has this name.
 
         >>> import xbus
         >>> log = xbus.read_log(xbus.encode_string("HEHDT", {"heading": 12.5}) * 3)
@@ -107,7 +112,7 @@ class Strings(Sequence[String]):
         array([12.5, 12.5, 12.5])
         """
         one = one_type(kind)
-        fields = [it for it in LAYOUTS[one].fields if it.name]
+        fields = [field for field in LAYOUTS[one].fields if field.name]
         indices = self._indices([one])
         rows: list[dict[str, Any]] = []
         for index in indices.tolist():
@@ -115,42 +120,41 @@ class Strings(Sequence[String]):
                 rows.append(self[index].values)
             except ValueError:
                 rows.append({})
+        dtypes = {field.name: field.form.dtype for field in fields}
         columns = {
-            it.name: np.array(
-                [_cell(row.get(it.name), it.form.dtype) for row in rows], it.form.dtype
-            )
-            for it in fields
+            name: np.array([_cell(row.get(name), dtype) for row in rows], dtype)
+            for name, dtype in dtypes.items()
         }
-        dtype = [("index", "i8"), ("sample", "i8"), ("host_time", "f8")]
+        head = [("index", "i8"), ("sample", "i8"), ("host_time", "f8")]
         table = np.zeros(
-            len(indices), [*dtype, *((it, made.dtype) for it, made in columns.items())]
+            len(indices), [*head, *((name, column.dtype) for name, column in columns.items())]
         )
         table["index"], table["sample"] = indices, self.sample[indices]
         table["host_time"] = self.host_time[indices]
-        for name, made in columns.items():
-            table[name] = made
-        table.flags.writeable = False
-        return table
+        for name, column in columns.items():
+            table[name] = column
+        return read_only(table)
 
     def to_arrow(self, kind: StringType | str) -> pa.Table:
-        """`table` as a pyarrow table: nulls for what is not available, units in the fields' metadata.
+        """Returns `table` as a pyarrow table, with nulls for values that are not available.
+
+        The fields' metadata have the units.
 
         Raises:
             ImportError: The extra ``arrow`` is not installed.
-            ValueError: No such string.
+            ValueError: No string type has this name.
         """
         arrow = require("pyarrow", "arrow", "to make Arrow tables")
         table = self.table(kind)
-        units = {it.name: it.unit for it in LAYOUTS[one_type(kind)].fields}
+        units = {field.name: field.unit for field in LAYOUTS[one_type(kind)].fields}
         columns, fields = [], []
         for name in table.dtype.names or ():
-            # Empty texts, too, stand for what is not available.
             values: Any = table[name]
             kind_of = {"U": arrow.string(), "m": arrow.time64("us")}.get(values.dtype.kind)
             if values.dtype.kind == "U":
-                values = [it or None for it in values.tolist()]
+                values = [text or None for text in values.tolist()]  # empty is not available
             elif values.dtype.kind == "m":
-                # A time of day, which Arrow does not take for a duration.
+                # Arrow does not convert a duration to a time of day.
                 values = np.ma.masked_array(values.astype(np.int64), np.isnat(values))
             column = arrow.array(values, kind_of, from_pandas=True)
             unit = {"unit": units[name]} if units.get(name) else None
@@ -159,9 +163,30 @@ class Strings(Sequence[String]):
         made: pa.Table = arrow.table(columns, schema=arrow.schema(fields))
         return made
 
+    def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
+        return self._place, self.offset, self.sample, self._ends, self._bytes
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Strings):
+            return NotImplemented
+        return all(map(identical, self._arrays(), other._arrays())) and identical(
+            self.host_time, other.host_time
+        )
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self.host_time, *self._arrays())
+
     def __repr__(self) -> str:
         kinds = ", ".join(f"{name or 'others'}: {count}" for name, count in self.counts.items())
         return f"<Strings {len(self)}: {kinds}>" if kinds else "<Strings 0>"
+
+
+def _unpickled(host_time: npt.NDArray[np.float64], *arrays: Any) -> Strings:
+    strings = Strings(*arrays)
+    strings.host_time = read_only(host_time)
+    return strings
 
 
 def _cell(value: Any, dtype: str) -> Any:

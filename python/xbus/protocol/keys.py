@@ -1,8 +1,210 @@
-"""How a quantity is named."""
+"""Keys: how a quantity is named, and mappings by quantity."""
 
 from __future__ import annotations
 
-__all__ = ["Key"]
+from collections.abc import ItemsView, Iterable, Iterator, KeysView, Mapping, ValuesView
+from typing import Any, Generic, NamedTuple, TypeVar, overload
 
-#: A quantity by its name, or by name and coordinate system: ``("quaternion", "NED")``.
-Key = str | tuple[str, str]
+from xbus.protocol.ids import Coordinates, Precision
+from xbus.protocol.tables import QUANTITIES, Quantity
+
+__all__ = ["ByQuantity", "EntryKey", "Key", "QuantityKey", "resolve_key"]
+
+#: A quantity: its name or data identifier, or a tuple of that and, in any order, coordinates and precision:
+#: ``"acceleration"``, ``DataId.Acceleration``, ``("quaternion", "NED")``,
+#: ``(DataId.Quaternion, Coordinates.NED, Precision.Fp1632)``. Format bits in an identifier count.
+Key = str | int | tuple[str | int, ...]
+#: The keys that a `ByQuantity` yields: a name, or ``(name, coordinates)`` where one quantity occurs in
+#: several coordinate systems.
+EntryKey = str | tuple[str, str]
+
+V = TypeVar("V")
+D = TypeVar("D")
+
+_BY_ID = {row.id: row for row in QUANTITIES.values()}
+#: The format bits of a data identifier (Table 17): precision, coordinates, both.
+_PRECISION, _COORDINATES, _FORMAT = 0x3, 0xC, 0xF
+
+
+class QuantityKey(NamedTuple):
+    """A resolved key.
+
+    Attributes:
+        name: Name of the quantity.
+        coordinates: Name of the coordinate system, or None if the key names none.
+        precision: Name of the precision, or None if the key names none.
+    """
+
+    name: str
+    coordinates: str | None = None
+    precision: str | None = None
+
+    @property
+    def quantity(self) -> Quantity:
+        """The row of the table."""
+        return QUANTITIES[self.name]
+
+
+def resolve_key(key: Key) -> QuantityKey:
+    """Returns what a key names.
+
+    Raises:
+        TypeError: The key is not of a type that `Key` lists.
+        ValueError: No quantity has this name or identifier, or the formats do not fit the quantity.
+
+    >>> from xbus import Coordinates, DataId
+    >>> resolve_key((DataId.Quaternion, Coordinates.NED))
+    QuantityKey(name='quaternion', coordinates='NED', precision=None)
+    >>> resolve_key(0x2014) == resolve_key(("quaternion", "NED"))
+    True
+    """
+    subject, *formats = key if isinstance(key, tuple) and key else (key,)
+    if isinstance(subject, str):
+        if (row := QUANTITIES.get(subject)) is None:
+            hint = _suggestion(subject, QUANTITIES, "xbus quantities lists them")
+            raise ValueError(f"no quantity is called {subject!r}; {hint}")
+    elif isinstance(subject, int) and not isinstance(subject, bool | Coordinates | Precision):
+        if (row := _BY_ID.get(subject & ~_FORMAT)) is None:
+            raise ValueError(f"no quantity has the data identifier 0x{subject:04X}")
+        # Devices set format bits on integers too, where they mean nothing.
+        if row.kind == "real" and subject & _PRECISION:
+            formats.append(Precision(subject & _PRECISION))
+        if row.coordinates and (system := subject & _COORDINATES):
+            if system not in set(Coordinates):
+                raise ValueError(f"0x{subject:04X} has format bits that are no coordinate system")
+            formats.append(Coordinates(system))
+    else:
+        raise TypeError(
+            "a key is a name, a DataId, or a tuple of one of these with coordinates and precision, "
+            f"not {key!r}"
+        )
+    coordinates = [name for value in formats if (name := _format(Coordinates, value))]
+    precisions = [name for value in formats if (name := _format(Precision, value))]
+    if len(coordinates) + len(precisions) != len(formats):
+        systems, numbers = ", ".join(Coordinates.__members__), ", ".join(Precision.__members__)
+        raise ValueError(
+            f"{key!r}: a format is a coordinate system ({systems}) or a precision ({numbers})"
+        )
+    if len(coordinates) > 1 or len(precisions) > 1:
+        raise ValueError(f"{key!r}: a key has at most one coordinate system and one precision")
+    if (coordinates and not row.coordinates) or (precisions and row.kind != "real"):
+        raise ValueError(
+            f"{key!r}: {row.name} has no {'coordinates' if coordinates else 'precision'}"
+        )
+    return QuantityKey(row.name, next(iter(coordinates), None), next(iter(precisions), None))
+
+
+def _format(kind: type[Coordinates | Precision], value: str | int) -> str | None:
+    """Returns the name of the member that a value is, or names; None if it does neither."""
+    if isinstance(value, kind):
+        return value.name
+    return value if isinstance(value, str) and value in kind.__members__ else None
+
+
+def _suggestion(name: str, names: Iterable[str], otherwise: str) -> str:
+    import difflib  # imported only for an error
+
+    near = difflib.get_close_matches(name, list(names), n=1)
+    return f"did you mean {near[0]!r}?" if near else otherwise
+
+
+class ByQuantity(Mapping[EntryKey, V], Generic[V]):
+    """A read-only mapping by quantity.
+
+    Iteration yields names, and ``(name, coordinates)`` for a quantity in several coordinate systems. Every
+    `Key` that names exactly one of the entries can be looked up and is ``in`` the mapping.
+
+    Args:
+        entries: The values, by resolved key; each has a name and, where the manual defines them,
+            coordinates and precision.
+        holder: What the entries belong to, for error messages: ``"log"``.
+    """
+
+    def __init__(self, entries: Mapping[QuantityKey, V], holder: str) -> None:
+        names = [entry.name for entry in entries]
+        self._keys: dict[QuantityKey, EntryKey] = {
+            entry: (entry.name, entry.coordinates)
+            if entry.coordinates and names.count(entry.name) > 1
+            else entry.name
+            for entry in entries
+        }
+        self._values = {self._keys[entry]: value for entry, value in entries.items()}
+        self._holder = holder
+
+    def resolve(self, key: Key) -> EntryKey:
+        """Returns the key of the one entry that ``key`` names.
+
+        Raises:
+            KeyError: No entry fits, or several do.
+            TypeError: As `resolve_key`.
+        """
+        if isinstance(key, str) and key in self._values:
+            return key
+        try:
+            wanted = resolve_key(key)
+        except ValueError:
+            raise KeyError(self._missing(key)) from None
+        matches = [
+            entry
+            for entry in self._keys
+            if entry.name == wanted.name
+            and wanted.coordinates in (None, entry.coordinates)
+            and wanted.precision in (None, entry.precision)
+        ]
+        if not matches:
+            raise KeyError(self._missing(key))
+        if len(matches) > 1:
+            choices = " or ".join(
+                f"{self._holder}[{entry.name!r}, {entry.coordinates!r}]" for entry in matches
+            )
+            raise KeyError(
+                f"{key!r} is in this {self._holder} in several coordinate systems: {choices}"
+            )
+        return self._keys[matches[0]]
+
+    def _missing(self, key: Key) -> str:
+        hint = f"it has {', '.join(map(repr, self)) or 'no quantities'}"
+        if isinstance(key, str):
+            hint = _suggestion(key, (entry.name for entry in self._keys), hint)
+        return f"no {key!r} in this {self._holder}; {hint}"
+
+    def __getitem__(self, key: Key) -> V:
+        return self._values[self.resolve(key)]
+
+    @overload
+    def get(self, key: Key, /) -> V | None: ...
+    @overload
+    def get(self, key: Key, /, default: V | D) -> V | D: ...
+    def get(self, key: Key, /, default: Any = None) -> Any:
+        """Returns the value, or ``default`` if ``key`` does not name exactly one entry."""
+        try:
+            return self[key]
+        except KeyError:
+            return default
+
+    def __contains__(self, key: object) -> bool:
+        try:
+            self.resolve(key)  # type: ignore[arg-type]
+        except (KeyError, TypeError):
+            return False
+        return True
+
+    def __iter__(self) -> Iterator[EntryKey]:
+        return iter(self._values)
+
+    def __len__(self) -> int:
+        return len(self._values)
+
+    # Views of the dict and not of the mapping: the length of a subclass may be that of something else.
+
+    def keys(self) -> KeysView[EntryKey]:
+        """The key of each entry."""
+        return self._values.keys()
+
+    def values(self) -> ValuesView[V]:
+        """The value of each entry."""
+        return self._values.values()
+
+    def items(self) -> ItemsView[EntryKey, V]:
+        """The key and value of each entry."""
+        return self._values.items()

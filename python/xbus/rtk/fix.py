@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from xbus.protocol.keys import Key
+from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
 
 __all__ = ["Fix", "Position"]
@@ -68,7 +68,7 @@ class Fix:
         self.position: Position | None = None
         self._has_pvt = self._has_status = False
 
-    def update(self, sample: Mapping[Key, Any]) -> None:
+    def update(self, sample: Mapping[EntryKey, Any]) -> None:
         """Updates the fix from a sample, or from a mapping with the same keys and values."""
         if (word := sample.get("status_word")) is not None:
             self._has_status = True

@@ -261,7 +261,7 @@ def _usable(column: Column, values: npt.NDArray[Any]) -> tuple[FloatArray, Float
 
 
 def _orientations(log: Log) -> tuple[FloatArray, FloatArray]:
-    columns = {log[key].name: log[key] for key in reversed(log.keys())}
+    columns = {column.name: column for column in reversed(list(log.values()))}
     for name in ("quaternion", "rotation_matrix", "euler_angles"):
         if name not in columns:
             continue

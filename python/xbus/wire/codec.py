@@ -10,14 +10,14 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.protocol.ids import Coordinates, MessageId, Precision
-from xbus.protocol.tables import QUANTITIES, Quantity, message_name
+from xbus.protocol.keys import Key, resolve_key
+from xbus.protocol.tables import Quantity, message_name
 from xbus.protocol.values import StringType
 from xbus.wire.message import Message
 from xbus.wire.strings import String, mask_of, type_at
 
 __all__ = [
     "Damage",
-    "PacketKey",
     "Scanner",
     "data_id_of",
     "encode_frame",
@@ -28,12 +28,6 @@ __all__ = [
 
 #: The longest payload that a live device is believed to send: the vendor's limit of 8192 bytes a frame.
 LONGEST_LIVE = 8185
-
-#: What a packet is: a data identifier with its format bits, or a quantity's name with, in any order,
-#: coordinates and precision: ``("quaternion", "NED", "Fp1632")``.
-PacketKey = int | str | tuple[str, ...]
-
-_BY_ID: dict[int, Quantity] = {it.id: it for it in QUANTITIES.values()}
 
 
 class Damage(NamedTuple):
@@ -120,7 +114,7 @@ def encode_frame(mid: int, payload: bytes = b"", *, bid: int = 0xFF) -> bytes:
     return _core.encode_frame(bid, mid, payload)
 
 
-def encode_packet(key: PacketKey, values: Any) -> bytes:
+def encode_packet(key: Key, values: Any) -> bytes:
     """One packet of an MTData2 message (section 5.3.6).
 
     Args:
@@ -137,12 +131,12 @@ def encode_packet(key: PacketKey, values: Any) -> bytes:
     >>> xbus.encode_packet(("temperature", "Fp1632"), 24.375).hex(" ").upper()
     '08 12 06 60 00 00 00 00 18'
     """
-    quantity, precision, coordinates = _split(key)
-    return _core.encode_packet(quantity.name, precision, coordinates, _numbers(quantity, values))
+    name, coordinates, precision = resolved = resolve_key(key)
+    return _core.encode_packet(name, precision, coordinates, _numbers(resolved.quantity, values))
 
 
 def encode_sample(
-    packets: Mapping[Any, Any] | Iterable[tuple[PacketKey, Any]], *, bid: int = 0xFF
+    packets: Mapping[Any, Any] | Iterable[tuple[Key, Any]], *, bid: int = 0xFF
 ) -> bytes:
     """The frame of an MTData2 message with these packets, in this order.
 
@@ -159,7 +153,7 @@ def encode_sample(
     return encode_frame(MessageId.MTData2, payload, bid=bid)
 
 
-def data_id_of(key: PacketKey) -> int:
+def data_id_of(key: Key) -> int:
     """The data identifier, with its format bits, of what a key names.
 
     Raises:
@@ -168,29 +162,11 @@ def data_id_of(key: PacketKey) -> int:
     >>> hex(data_id_of(("quaternion", "NED", "Fp1632")))
     '0x2016'
     """
-    quantity, precision, coordinates = _split(key)
+    resolved = resolve_key(key)
     if isinstance(key, int):
-        return key
-    if (precision and quantity.kind != "real") or (coordinates and not quantity.coordinates):
-        raise ValueError(f"{key!r}: {quantity.name} comes in one format only")
-    return quantity.id | Precision[precision or "Float32"] | Coordinates[coordinates or "ENU"]
-
-
-def _split(key: PacketKey) -> tuple[Quantity, str | None, str | None]:
-    """Quantity, precision and coordinates."""
-    if isinstance(key, int):
-        if (quantity := _BY_ID.get(key & 0xFFF0)) is None:
-            raise ValueError(f"no quantity has the data identifier {key:#06x}")
-        precision = Precision(key & 3).name if quantity.kind == "real" else None
-        return quantity, precision, Coordinates(key & 0xC).name if quantity.coordinates else None
-    name, *formats = (key,) if isinstance(key, str) else key
-    if name not in QUANTITIES:
-        raise ValueError(f"no quantity is called {name!r}; xbus quantities lists them")
-    precision = next((it for it in formats if it in Precision.__members__), None)
-    coordinates = next((it for it in formats if it in Coordinates.__members__), None)
-    if sorted(formats) != sorted(it for it in (precision, coordinates) if it):
-        raise ValueError(f"{key!r}: behind the name stand at most one precision and coordinates")
-    return QUANTITIES[name], precision, coordinates
+        return int(key)
+    precision, coordinates = resolved.precision or "Float32", resolved.coordinates or "ENU"
+    return resolved.quantity.id | Precision[precision] | Coordinates[coordinates]
 
 
 def _numbers(quantity: Quantity, values: Any) -> npt.NDArray[Any]:

@@ -10,7 +10,7 @@ from typing import Any
 from xbus.cli.monitor.attitude import ORIENTATIONS, Attitude, attitude_of
 from xbus.log.column import Column
 from xbus.log.log import Log
-from xbus.protocol.keys import Key
+from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import RECEIVER
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
@@ -260,7 +260,7 @@ class Model:
             self.last_attitude = None if attitude is None else (attitude, now)
 
     def _update_fix(self, block: Log) -> None:
-        latest: dict[Key, Any] = {
+        latest: dict[EntryKey, Any] = {
             name: block[name].values[-1] for name in FIX_QUANTITIES if name in block
         }
         if (pvt := latest.get("gnss_pvt_data")) is not None:

@@ -1,0 +1,53 @@
+"""The bits of status words by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from xbus.log.arrays import identical, read_only
+from xbus.protocol.tables import STATUS_FLAGS
+
+__all__ = ["Flags"]
+
+
+class Flags(Mapping[str, npt.NDArray[Any]]):
+    """The bits of ``status_word`` or ``status_byte`` by name (Table 27): ``flags["filter_valid"]``.
+
+    Each value is a read-only array ``(N,)``, computed on access: bool, or uint8 for a field of several bits.
+    Two are equal if they are of the same words.
+    """
+
+    def __init__(self, words: npt.NDArray[Any]) -> None:
+        self._words = words
+
+    def _rows(self) -> Iterator[tuple[str, int, int]]:
+        bits = 8 * self._words.dtype.itemsize
+        for flag in STATUS_FLAGS:
+            if flag.bit + flag.width <= bits:
+                yield flag.name, flag.bit, flag.width
+
+    def __getitem__(self, name: str) -> npt.NDArray[Any]:
+        for known, bit, width in self._rows():
+            if known == name:
+                value = self._words >> bit & ((1 << width) - 1)
+                return read_only(value.astype(bool if width == 1 else np.uint8))
+        raise KeyError(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return (name for name, _, _ in self._rows())
+
+    def __len__(self) -> int:
+        return sum(1 for _ in self._rows())
+
+    def __eq__(self, other: object) -> bool:
+        return identical(self._words, other._words) if isinstance(other, Flags) else NotImplemented
+
+    __hash__ = None  # type: ignore[assignment]
+
+    def __repr__(self) -> str:
+        counts = ", ".join(f"{name}: {np.count_nonzero(self[name])}" for name in self)
+        return f"<Flags of {len(self._words)} words; set in: {counts}>"
