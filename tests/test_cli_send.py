@@ -56,14 +56,38 @@ def test_words_and_hex() -> None:
 def test_json() -> None:
     result = run("send", AHS, "--config", "--json", "ReqDID")
     assert [json.loads(it) for it in result.stdout.splitlines()] == [
-        {"direction": "to device", "bid": 255, "mid": 0, "name": "ReqDID", "text": "", "frame": "FAFF000001"},
+        {"direction": "to device", "bid": 255, "mid": 0, "name": "ReqDID", "text": "", "value": None,
+         "frame": "FAFF000001"},
         {"direction": "to host", "bid": 255, "mid": 1, "name": "DeviceID", "text": "00800040D2",
-         "frame": "FAFF010800000000800040D266"},
+         "value": 0x800040D2, "frame": "FAFF010800000000800040D266"},
     ]  # fmt: skip
     result = run("send", AHS, "--json", "--hex", "FAFF3000D0")
     assert [json.loads(it) for it in result.stdout.splitlines()] == [
         {"direction": "to device", "length": 5, "reason": "checksum", "frame": "FAFF3000D0"}
     ]
+
+
+def value_of(*args: str, product: str = AHS) -> Any:
+    """The value in the answer to a message."""
+    result = run("send", product, "--config", "--json", *args)
+    assert result.exit_code == 0, result.output
+    return json.loads(result.stdout.splitlines()[-1])["value"]
+
+
+def test_the_fields_of_an_answer_are_json() -> None:
+    assert value_of("ReqFWRev") == {
+        "major": 1, "minor": 6, "revision": 0, "build": 114, "scm": 108021
+    }  # fmt: skip
+    assert value_of("ReqOutputConfiguration")[2:] == [
+        {"data_id": 0x2010, "frequency": 100},
+        {"data_id": 0xE020, "frequency": 0xFFFF},
+    ]
+    assert value_of("RunSelftest")[:2] == ["acc_x", "acc_y"]
+    assert value_of("ReqFilterProfile") == "Responsive/NorthReference"
+    assert value_of("ReqPortConfig")[0]["protocol"] == "xbus"
+    assert value_of("ReqConfiguration")["firmware"]["minor"] == 6
+    assert value_of("ReqSyncSettings", product="sim:MTi-680G")[0]["line"] == "in3"
+    assert value_of("ReqLatLonAlt", product="sim:MTi-680G")["lat"] == 52.24049169408207
 
 
 #: Words of the command line, and the answer.

@@ -11,6 +11,7 @@ import click
 
 from xbus.cli.printing import print_line
 from xbus.describe.formatting import format_count
+from xbus.describe.json_value import payload_value
 from xbus.describe.text import Notice, describe_message, message_dict, read_notice
 from xbus.device import Device
 from xbus.protocol.ids import MessageId
@@ -155,7 +156,7 @@ class Exchange:
             facts = {"string": it.text}
             text = repr(it)
         else:
-            facts = message_dict(it)
+            facts = message_dict(it) | {"value": payload_value(it)}
             text = f"{it.name}  {describe_message(it)}"
         if self._json:
             direction = "to device" if way == ">" else "to host"

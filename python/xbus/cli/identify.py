@@ -1,0 +1,99 @@
+"""``xbus identify``: which device is behind a port, and whether its self-test passes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xbus.cli.connection import baudrate_option, connect_device
+from xbus.cli.failure import Failure
+from xbus.cli.printing import align, print_json, print_line
+from xbus.errors import DeviceError, StateError, XbusTimeout
+
+if TYPE_CHECKING:
+    from xbus.device import Device
+    from xbus.protocol.values import Selftest
+
+__all__ = ["identify"]
+
+#: Names of the components that every product has, by the beginnings of their flags.
+SENSORS = {"ACC": "accelerometer", "GYR": "gyroscope", "MAG": "magnetometer"}
+
+
+@click.command(epilog="Example: xbus identify /dev/ttyUSB0 --json")
+@click.argument("port")
+@baudrate_option
+@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+def identify(port: str, baudrate: int | None, as_json: bool) -> None:
+    """Reads what a device is, and runs its self-test.
+
+    A device that measures stops for a moment. The exit status is 1 if a component fails its self-test.
+
+    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device.
+    """
+    from xbus.describe.text import device_name, printable
+
+    with connect_device(port, baudrate) as device, device.configure():
+        components, reason = _selftest(device)
+        hardware = device.hardware_version
+        facts: dict[str, Any] = {
+            "port": device.link.name,
+            "baudrate": device.link.baudrate,
+            "product": None if device.product is None else device.product.title,
+            "product_code": device.product_code,
+            "device_id": None if device.device_id is None else device_name(device.device_id),
+            "firmware": None if device.firmware is None else str(device.firmware),
+            "build": None if device.firmware is None else device.firmware.build,
+            "hardware": None if hardware is None else f"{hardware.major}.{hardware.minor}",
+            "selftest": components,
+        }
+    failed = [
+        name.replace("_", " ") for name, passed in (components or {}).items() if passed is False
+    ]
+    if as_json:
+        print_json(facts)
+    else:
+        code = facts["product_code"]
+        build = "" if facts["build"] is None else f" build {facts['build']}"
+        rows = [
+            ("port", f"{facts['port']} at {facts['baudrate']:,} baud"),
+            ("product", facts["product"] or "unknown"),
+            ("code", "none" if code is None else printable(code.encode())),
+            ("id", facts["device_id"] or "unknown"),
+            ("firmware", "unknown" if facts["firmware"] is None else facts["firmware"] + build),
+            ("hardware", facts["hardware"] or "unknown"),
+            ("self-test", reason or ("failed" if failed else "passed")),
+            *(
+                (f"  {name.replace('_', ' ')}", "passed" if passed else "failed")
+                for name, passed in (components or {}).items()
+                if passed is not None
+            ),
+        ]
+        print_line("\n".join(align(rows)))
+    if failed:
+        raise Failure(
+            f"the self-test of {facts['port']} failed: {', '.join(failed)}; keep the device still and try"
+            " again"
+        )
+
+
+def _selftest(device: Device) -> tuple[dict[str, bool | None] | None, str | None]:
+    """Whether each component passed; or None, and why there is no result."""
+    try:
+        return _components(device.commands.run_selftest()), None
+    except (DeviceError, StateError, XbusTimeout) as error:
+        return None, f"no result: {error}"
+
+
+def _components(result: Selftest) -> dict[str, bool | None]:
+    """Whether each component passed, by name; None where an unset flag may mean that the product lacks it."""
+    found: dict[str, bool | None] = {}
+    for flag in type(result):
+        sensor, _, axis = str(flag.name).partition("_")
+        passed = bool(result & flag)
+        if sensor in SENSORS:
+            found[f"{SENSORS[sensor]}_{axis.lower()}"] = passed
+        else:
+            found[sensor.lower()] = passed or None
+    return found

@@ -1,0 +1,210 @@
+"""``xbus identify``, ``baudrate``, ``reset`` and ``restore``: what other commands recommend for a device."""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from click.testing import Result
+
+from test_cli import run, sentence
+from xbus import SimulatedDevice, connect
+from xbus.protocol import State
+from xbus.protocol.configuration import Firmware
+from xbus.protocol.messages import encode
+from xbus.protocol.values import ErrorCode, OptionFlag, Selftest
+from xbus.sim import serving
+from xbus.sim.commands import COMMANDS
+from xbus.sim.setting_commands import Refused
+
+NINE = [
+    f"{sensor}_{axis}"
+    for sensor in ("accelerometer", "gyroscope", "magnetometer")
+    for axis in "xyz"
+]
+
+
+@contextmanager
+def served(product: str, **options: Any) -> Iterator[tuple[str, SimulatedDevice]]:
+    """The port of a device that measures, and the device."""
+    device = SimulatedDevice(product, **options)
+    device.advance(1)
+    device.read()
+    with serving(device) as port:
+        yield port, device
+
+
+def done(result: Result) -> str:
+    """What a command that succeeds says on stderr."""
+    assert (result.exit_code, result.stdout) == (0, ""), result.output
+    return result.stderr
+
+
+def wait_until(state: State, device: SimulatedDevice) -> None:
+    for _ in range(500):
+        if device.state == state:
+            return
+        time.sleep(0.01)
+    raise AssertionError(f"the device is in {device.state}")
+
+
+# identify
+
+
+def test_a_device_is_identified() -> None:
+    options = {"device_id": 0x0388ABCD, "firmware": Firmware(1, 2, 3, 45, 6), "baudrate": 460800}
+    with served("MTi-3", **options) as (port, device):
+        result = run("identify", port)
+        facts = json.loads(run("identify", port, "--json").stdout)
+        wait_until(State.MEASUREMENT, device)
+    assert (result.exit_code, result.stderr) == (0, "")
+    rows = [line.split(maxsplit=1) for line in result.stdout.splitlines()]
+    assert rows[:7] == [
+        ["port", f"{port} at 460,800 baud"],
+        ["product", "MTi-3 AHRS"],
+        ["code", "MTi-3-8A7G6"],
+        ["id", "0388ABCD"],
+        ["firmware", "1.2.3 build 45"],
+        ["hardware", "2.0"],
+        ["self-test", "passed"],
+    ]
+    assert result.stdout.count(" passed\n") == 10
+    assert facts == {
+        "port": port,
+        "baudrate": 460800,
+        "product": "MTi-3 AHRS",
+        "product_code": "MTi-3-8A7G6",
+        "device_id": "0388ABCD",
+        "firmware": "1.2.3",
+        "build": 45,
+        "hardware": "2.0",
+        "selftest": dict.fromkeys(NINE, True)
+        | dict.fromkeys(["baro", "gnss", "battery", "flash", "button", "sync"]),
+    }
+
+
+def test_a_component_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    flags = Selftest(0x1FF) & ~Selftest.GYR_Y & ~Selftest.MAG_Z
+    monkeypatch.setitem(COMMANDS, "RunSelftest", lambda *_: encode("SelftestResults", flags))
+    result = run("identify", "sim:MTi-630")
+    assert sentence(result).startswith(
+        "the self-test of sim:MTi-630 failed: gyroscope y, magnetometer z; "
+    )
+    lines = [line.split() for line in result.stdout.splitlines()]
+    assert ["self-test", "failed"] in lines
+    assert ["gyroscope", "y", "failed"] in lines
+    assert ["gyroscope", "x", "passed"] in lines
+    result = run("identify", "sim:MTi-630", "--json")
+    assert result.exit_code == 1
+    tested = json.loads(result.stdout)["selftest"]
+    assert [name for name, passed in tested.items() if passed is False] == [
+        "gyroscope_y",
+        "magnetometer_z",
+    ]
+
+
+def test_a_device_that_refuses_the_self_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> bytes:
+        raise Refused(ErrorCode.MESSAGE)
+
+    monkeypatch.setitem(COMMANDS, "RunSelftest", refuse)
+    result = run("identify", "sim:MTi-630")
+    assert result.exit_code == 0
+    assert "self-test  no result: " in result.stdout
+    assert json.loads(run("identify", "sim:MTi-630", "--json").stdout)["selftest"] is None
+
+
+# baudrate
+
+
+@pytest.mark.parametrize("product", ["MTi-300", "MTi-630"])
+def test_the_baud_rate_is_changed_and_stays(product: str) -> None:
+    with served(product, baudrate=115200) as (port, device):
+        said = done(run("baudrate", port, "921600"))
+        assert said == f"xbus: {port} talks at 921,600 baud now, at 115,200 before\n"
+        wait_until(State.MEASUREMENT, device)
+        device.power_cycle()
+        wait_until(State.MEASUREMENT, device)
+        assert device.baudrate == 921600
+        done(run("baudrate", port, "57600", "--from", "921600"))
+        assert device.baudrate == 57600
+
+
+def test_a_rate_that_the_product_does_not_have() -> None:
+    with served("MTi-300", baudrate=115200) as (port, device):
+        said = sentence(run("baudrate", port, "4000000"))
+        assert said.startswith("the MTi-300 cannot talk at 4000000 baud")
+        assert said.endswith("; nothing was changed")
+        wait_until(State.MEASUREMENT, device)
+        assert device.baudrate == 115200
+    assert run("baudrate", "sim:MTi-300", "0").exit_code == 2
+
+
+# reset
+
+
+def test_a_device_restarts() -> None:
+    with served("MTi-630") as (port, device):
+        with connect(port) as connected:
+            connected.go_to_config()
+        sent = device.sent
+        said = done(run("reset", port))
+        assert said == f"xbus: {port} has restarted; its state is measurement\n"
+        assert device.sent > sent
+        wait_until(State.MEASUREMENT, device)
+        assert done(run("reset", port, "--config")).endswith("its state is config\n")
+        assert device.state == State.CONFIG
+
+
+def test_a_device_that_does_not_measure_by_itself_stays_in_config_state() -> None:
+    with served("MTi-3") as (port, device):
+        with connect(port) as connected, connected.configure():
+            connected.commands.set_option_flags(OptionFlag.DISABLE_AUTO_MEASUREMENT)
+        assert done(run("reset", port)).endswith("its state is config\n")
+        assert device.state == State.CONFIG
+
+
+# restore
+
+
+def test_communication_is_restored_when_somebody_switches_the_device_off_and_on() -> None:
+    with served("MTi-300", baudrate=460800) as (port, device):
+        stopped = threading.Event()
+
+        def switch() -> None:
+            while not stopped.wait(0.3):
+                device.power_cycle()
+
+        thread = threading.Thread(target=switch)
+        thread.start()
+        try:
+            said = done(run("restore", port, "--timeout", "30"))
+        finally:
+            stopped.set()
+            thread.join()
+    lines = said.splitlines()
+    assert lines[0] == "xbus: switch the device off and on now, within 30 s"
+    assert lines[1].startswith(f"xbus: {port} answers at 115,200 baud")
+
+
+def test_nobody_switches_the_device_off_and_on() -> None:
+    with served("MTi-300", baudrate=460800) as (port, _):
+        result = run("restore", port, "--timeout", "0.5")
+    assert result.exit_code == 1
+    assert "no device woke up within 0.5 s" in result.stderr
+
+
+# All of them
+
+
+@pytest.mark.parametrize("command", [["identify"], ["baudrate", "115200"], ["reset"], ["restore"]])
+def test_no_port(command: list[str]) -> None:
+    name, *rest = command
+    said = sentence(run(name, "/dev/nowhere", *rest))
+    assert said.startswith("cannot open /dev/nowhere: No such file or directory")
+    assert run(name, "sim:MTi-5", *rest).exit_code == 2
