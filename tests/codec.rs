@@ -292,7 +292,7 @@ fn what_cannot_be_written_is_refused_with_a_sentence() {
     refuse("acceleration",   fp1220, None, &nan,                     "acceleration: Fp1220 has no NaN; use Float32 or Float64");
     refuse("acceleration",   fp1632, None, &nan,                     "acceleration: Fp1632 has no NaN; use Float32 or Float64");
     refuse("acceleration",   None,   enu,  &one[..3],                "acceleration has no coordinate system in the manual");
-    refuse("status_word",    fp1220, None, &one[..1],                "status_word is made of integers; it takes no precision");
+    refuse("status_word",    fp1220, None, &one[..1],                "status_word consists of integers, which have no precision");
     refuse("status_byte",    None,   None, &[Integer(256)],          "status_byte: 256 is outside U1 (0 to 255)");
     refuse("packet_counter", None,   None, &[Integer(-1)],           "packet_counter: -1 is outside U2 (0 to 65535)");
     refuse("status_word",    None,   None, &[Wide(1 << 32)],         "status_word: 4294967296 is outside U4 (0 to 4294967295)");

@@ -297,7 +297,7 @@ fn a_strict_reader_stops_at_the_first_fault() {
         (&frame(table::MTDATA2, &[0x10, 0x20, 9]), Fault::Malformed { offset, id: Some(0x1020) },
          "MTData2 at byte 50: packet 0x1020 runs past the end of the message"),
         (&sample(&[(0xF000, &[1]), (0x4020, &[0; 5])]), Fault::Size { offset, id: 0x4020, size: 5 },
-         "MTData2 at byte 50: packet 0x4020 with 5 bytes, which its identifier rules out"),
+         "MTData2 at byte 50: packet 0x4020 with 5 bytes, a size that its identifier does not allow"),
     ];
     for (bytes, fault, sentence) in rows {
         let stream = [&good, &good, bytes, &good, &[0]].concat();

@@ -496,7 +496,7 @@ fn the_limit_is_the_longest_payload() {
 #[test]
 fn a_payload_beyond_16_bits_is_refused() {
     let error = Frame { bid: MASTER, mid: 0x08, payload: &vec![0; 65536] }.encode().unwrap_err();
-    assert_eq!(error.to_string(), "a payload of 65536 bytes does not fit a frame; its length has 16 bits");
+    assert_eq!(error.to_string(), "a payload of 65536 bytes does not fit into a frame; its length has 16 bits");
 }
 
 // ---------------------------------------------------------------------------------------------

@@ -368,7 +368,7 @@ def test_mistakes(tmp_path: Path) -> None:
     assert acquisition.recording is None
     assert acquisition.stop_recording() is None
     acquisition.record(tmp_path / "log.mtb")
-    with pytest.raises(RuntimeError, match="a recording is under way"):
+    with pytest.raises(RuntimeError, match="a recording is in progress"):
         acquisition.record(tmp_path / "log.mtb")
     with pytest.raises(OSError, match="Bad file descriptor") as bad:
         Acquisition(-1)

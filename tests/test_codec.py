@@ -68,7 +68,7 @@ def test_lengths(length: int, header: str) -> None:
 
 
 def test_a_payload_that_no_length_can_say() -> None:
-    text = "a payload of 65536 bytes does not fit a frame; its length has 16 bits"
+    text = "a payload of 65536 bytes does not fit into a frame; its length has 16 bits"
     with pytest.raises(ValueError, match=text):
         encode_frame(0x91, bytes(65536))
 
@@ -377,7 +377,7 @@ def test_accepted(key: Any, values: Any, wire: bytes) -> None:
         ("trigger_in1", [256, 2, 3, 4], "line: 256 is outside U1 (0 to 255)"),
         ("gnss_sat_info", ([1000, 2, 0, 0, 0], [(1, 2, 3, 4)]), "gnss_sat_info takes 13 numbers, not 9"),
         ("gnss_sat_info", ([1000, 62, 0, 0, 0], [(1, 2, 3, 4)] * 62),
-         "gnss_sat_info: 256 bytes do not fit a packet; its size has 8 bits"),
+         "gnss_sat_info: 256 bytes do not fit into a packet; its size has 8 bits"),
         ("temperature", "warm", "packets hold numbers, not"),
         ("temperature", None, "packets hold numbers, not object"),
         ("temperature", 1j, "packets hold numbers, not complex128"),
@@ -397,7 +397,7 @@ def test_coordinates_that_are_not_defined(data_id: int) -> None:
 
 
 def test_a_sample_that_no_length_can_say() -> None:
-    with pytest.raises(ValueError, match="does not fit a frame"):
+    with pytest.raises(ValueError, match="does not fit into a frame"):
         encode_sample([("acceleration", [1, 2, 3])] * 5000)
 
 

@@ -203,7 +203,7 @@ def test_commands_go_on(tmp_path: Path) -> None:
 def test_one_at_a_time(tmp_path: Path) -> None:
     with xbus.connect("sim:MTi-630") as device:
         with device.record(tmp_path / "one.mtb") as recording:
-            with pytest.raises(RuntimeError, match="a recording is under way"):
+            with pytest.raises(RuntimeError, match="a recording is in progress"):
                 device.record(tmp_path / "two.mtb")
             assert recording.is_active
             assert device.state == State.MEASUREMENT

@@ -1,4 +1,4 @@
-//! One quantity of a log: the same packet of many messages, byte-swapped once into rows of numbers.
+//! Columns: one quantity of a log, the same packet of many messages, byte-swapped once into rows of numbers.
 
 use std::slice::ChunksExactMut;
 
@@ -7,7 +7,7 @@ use crate::packet::{Coordinates, Form, Precision, Reading, record_size};
 use crate::real;
 use crate::table::{Field, Kind, Quantity, Wire};
 
-/// The numbers of a column, row after row, in the machine's byte order.
+/// The numbers of a column, row by row, in native byte order.
 #[derive(Clone, Debug)]
 #[allow(missing_docs)] // the variants are the types
 pub enum Values {
@@ -26,7 +26,7 @@ pub enum Values {
     Raw(Pieces),
 }
 
-/// Byte strings of any length, one behind the other.
+/// Byte strings of any length, joined.
 #[derive(Clone, Debug, Default)]
 pub struct Pieces {
     /// All bytes.
@@ -44,7 +44,7 @@ impl Pieces {
 }
 
 impl Values {
-    /// No numbers yet, of the type that holds this one.
+    /// An empty column of the type that holds this number.
     #[must_use]
     pub const fn of(wire: Wire) -> Self {
         match wire {
@@ -60,49 +60,49 @@ impl Values {
     }
 }
 
-/// What a column is a column of.
+/// What a column contains.
 #[derive(Clone, Copy, Debug)]
 pub enum Subject {
-    /// A quantity, in one coordinate system where it has any.
+    /// A quantity, in one coordinate system if it has any.
     Known(&'static Quantity, Option<Coordinates>),
-    /// Packets that the tables cannot explain, by their identifier as received.
+    /// Packets that the tables do not explain, with their identifier as received.
     Unknown(u16),
 }
 
-/// How much of the input has gone into the columns, and how much there is: tells how far a column will grow.
+/// How much of the input has been decoded. From it follows how much memory a column will need.
 #[derive(Clone, Copy, Debug)]
 pub struct Progress {
     /// Bytes read.
     pub done: u64,
-    /// Bytes in all, as far as it is known.
+    /// Bytes of the whole input; 0 if unknown.
     pub total: u64,
 }
 
-/// A column under construction, or a finished one.
+/// A column, complete or growing.
 #[derive(Clone, Debug)]
 pub struct Column {
-    /// What it holds.
+    /// What it contains.
     pub subject: Subject,
     /// Data identifier of the first packet, as received.
     pub id: u16,
-    /// Whether packets with another identifier (precision or idle format bits) followed.
+    /// Whether packets with another identifier followed, that is, with other format bits.
     pub mixed_ids: bool,
     /// Whether packets in another precision followed.
     pub mixed_precisions: bool,
     /// The numbers.
     pub values: Values,
-    /// Numbers in a row; bytes in a row of records.
+    /// Numbers of a row; bytes of a record.
     pub width: usize,
-    /// Entries behind each record of a list, all of them.
+    /// The entries of a list quantity, those of all rows joined.
     pub entries: Vec<u8>,
-    /// Rows.
+    /// Number of rows.
     pub rows: usize,
-    /// Samples of those rows that were decoded one by one; the others follow from the layout of their sample.
+    /// Samples of the rows that the plain path decoded; the others follow from the layouts of the samples.
     pub single: Vec<u64>,
 }
 
 impl Column {
-    /// An empty column for packets that are read like this.
+    /// An empty column for packets with this identifier and reading.
     #[must_use]
     pub fn new(id: u16, reading: Option<&Reading>) -> Self {
         let (subject, values, width) = match reading {
@@ -164,7 +164,7 @@ impl Column {
         (is_real && !self.mixed_precisions).then(|| Precision::of(self.id))
     }
 
-    /// Gives back the room that was reserved and not needed.
+    /// Gives back memory that was reserved and not needed.
     pub fn trim(&mut self) {
         match &mut self.values {
             Values::U8(values) | Values::Records(values) => values.shrink_to_fit(),
@@ -180,8 +180,8 @@ impl Column {
         }
     }
 
-    /// Makes room for packets with this identifier and reading: numbers that no longer fit the type of the column widen
-    /// it (Float32 among wider reals, 4-byte among 8-byte device identifiers).
+    /// Prepares the column for packets with this identifier and reading. If their numbers do not fit its type, it is widened
+    /// (from Float32 to Float64, from 4-byte to 8-byte device identifiers).
     pub fn admit(&mut self, id: u16, reading: Option<&Reading>, progress: Progress) {
         self.mixed_ids |= id != self.id;
         let Some(reading) = reading else { return };
@@ -199,7 +199,7 @@ impl Column {
         }
     }
 
-    /// Adds a row for each packet, byte-swapped. The column has been told of them by [`Self::admit`].
+    /// Appends a row for each packet, byte-swapped. [`Self::admit`] must have prepared the column for them.
     ///
     /// # Panics
     /// If it has not, or if a packet lies outside `packets.bytes`.
@@ -244,22 +244,24 @@ impl Column {
 
 fn widened<T: Copy, U: From<T>>(narrow: &[T], progress: Progress) -> Vec<U> {
     let mut wide = Vec::new();
-    huge_pages::make_room(&mut wide, narrow.len(), progress);
+    huge_pages::reserve(&mut wide, narrow.len(), progress);
     wide.extend(narrow.iter().copied().map(U::from));
     wide
 }
 
-/// Packets of one kind: where the data of each begin in `bytes`, but for `shift`. The byte before is the packet's size.
+/// Packets of one form.
 #[derive(Clone, Copy, Debug)]
-#[allow(missing_docs)] // said above
 pub struct Packets<'a> {
+    /// The bytes that they are in.
     pub bytes: &'a [u8],
+    /// Where the data of each packet begin in `bytes`, minus `shift`. The byte before the data is their size.
     pub starts: &'a [usize],
+    /// What to add to each start.
     pub shift: usize,
 }
 
 impl<'a> Packets<'a> {
-    /// The data of each packet, its length taken from the size byte before it.
+    /// The data of each packet.
     fn iter(self) -> impl Iterator<Item = &'a [u8]> {
         self.starts.iter().map(move |start| {
             let at = start + self.shift;
@@ -267,7 +269,7 @@ impl<'a> Packets<'a> {
         })
     }
 
-    /// Appends the `n` numbers of each packet. The row lengths that occur at high rates are compiled with their length.
+    /// Appends the `n` numbers of each packet. Rows of the lengths that occur at high rates have loops of their own.
     #[inline(always)]
     fn numbers<const SIZE: usize, T: Copy + Default>(
         self,
@@ -276,7 +278,7 @@ impl<'a> Packets<'a> {
         progress: Progress,
         read: impl Fn([u8; SIZE]) -> T + Copy,
     ) {
-        huge_pages::make_room(out, n * self.starts.len(), progress);
+        huge_pages::reserve(out, n * self.starts.len(), progress);
         match n {
             1 => self.rows::<SIZE, 1, 1, T>(out, read),
             2 => self.rows::<SIZE, 2, 2, T>(out, read),
@@ -286,14 +288,13 @@ impl<'a> Packets<'a> {
             _ => {
                 for start in self.starts {
                     let (numbers, _) = self.bytes[start + self.shift..][..SIZE * n].as_chunks();
-                    out.extend(numbers.iter().map(|it| read(*it)));
+                    out.extend(numbers.iter().map(|number| read(*number)));
                 }
             }
         }
     }
 
-    /// The same for rows of `N`, which are read `W` numbers at a time: processors have registers for four numbers and none
-    /// for three.
+    /// Appends rows of `N` numbers, reading `W` at a time: registers hold four numbers, not three.
     #[inline(always)]
     fn rows<const SIZE: usize, const N: usize, const W: usize, T: Copy + Default>(
         self,
@@ -320,22 +321,22 @@ impl<'a> Packets<'a> {
         }
     }
 
-    /// Appends a record of each packet, one field of all of them after the other; neighbours of one byte go together.
+    /// Appends the record of each packet, field by field for all packets; adjacent fields of one byte are copied together.
     #[inline(always)]
     fn records(self, out: &mut Vec<u8>, fields: &[Field], progress: Progress) {
         let (old, size) = (out.len(), record_size(fields));
-        huge_pages::make_room(out, size * self.starts.len(), progress);
+        huge_pages::reserve(out, size * self.starts.len(), progress);
         out.resize(old + size * self.starts.len(), 0);
         let mut at = 0;
         let mut fields = fields;
         while let [field, rest @ ..] = fields {
             let rows = out[old..].chunks_exact_mut(size);
-            let bytes = fields.iter().take_while(|it| it.wire.size() == 1).count();
+            let bytes = fields.iter().take_while(|field| field.wire.size() == 1).count();
             let taken = match (field.wire.size(), bytes) {
-                (1, 8..) => self.piece::<8>(rows, at, |it| it),
-                (1, 4..) => self.piece::<4>(rows, at, |it| it),
-                (1, 2..) => self.piece::<2>(rows, at, |it| it),
-                (1, _) => self.piece::<1>(rows, at, |it| it),
+                (1, 8..) => self.piece::<8>(rows, at, |bytes| bytes),
+                (1, 4..) => self.piece::<4>(rows, at, |bytes| bytes),
+                (1, 2..) => self.piece::<2>(rows, at, |bytes| bytes),
+                (1, _) => self.piece::<1>(rows, at, |bytes| bytes),
                 (2, _) => self.piece::<2>(rows, at, swapped),
                 (4, _) => self.piece::<4>(rows, at, swapped),
                 (_, _) => self.piece::<8>(rows, at, swapped),
@@ -360,7 +361,7 @@ impl<'a> Packets<'a> {
     }
 }
 
-/// A number in the machine's byte order.
+/// A number in native byte order.
 #[inline(always)]
 fn swapped<const SIZE: usize>(mut big_endian: [u8; SIZE]) -> [u8; SIZE] {
     if cfg!(target_endian = "little") {
@@ -369,7 +370,7 @@ fn swapped<const SIZE: usize>(mut big_endian: [u8; SIZE]) -> [u8; SIZE] {
     big_endian
 }
 
-/// Copies records and turns each field from big-endian into the machine's byte order.
+/// Appends records, with each field converted from big-endian to native byte order.
 fn append_records(out: &mut Vec<u8>, bytes: &[u8], fields: &[Field]) {
     let old = out.len();
     out.extend_from_slice(bytes);

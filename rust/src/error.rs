@@ -1,21 +1,21 @@
-//! What can go wrong, as data. The sentence is made when somebody prints it.
+//! Errors, as data. `Display` gives the message.
 
 use std::fmt;
 use std::io;
 
 use crate::scan::Reason;
 
-/// Bytes that do not add up, found while reading strictly.
+/// The first invalid bytes of a log, in strict mode.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// A stretch of bytes that is no frame.
+    /// A stretch of bytes that is neither frame nor string.
     Damage {
         /// Where it begins in the input.
         offset: u64,
-        /// Why the bytes were refused where a frame was due.
+        /// What is wrong where it begins.
         reason: Reason,
     },
-    /// An MTData2 message that its packets do not tile, or an empty one.
+    /// An MTData2 message that is empty or that its packets do not fill.
     Malformed {
         /// Where its frame begins in the input.
         offset: u64,
@@ -28,7 +28,7 @@ pub enum Fault {
         offset: u64,
         /// Data identifier as received.
         id: u16,
-        /// Bytes of data it carries.
+        /// Bytes of its data.
         size: usize,
     },
 }
@@ -42,7 +42,7 @@ impl Fault {
         }
     }
 
-    /// The data identifier at fault, if one is.
+    /// Data identifier of the invalid packet, if there is one.
     #[must_use]
     pub const fn data_id(&self) -> Option<u16> {
         match *self {
@@ -68,7 +68,7 @@ impl fmt::Display for Fault {
             Self::Size { offset, id, size } => {
                 write!(
                     f,
-                    "MTData2 at byte {offset}: packet {id:#06X} with {size} bytes, which its identifier rules out"
+                    "MTData2 at byte {offset}: packet {id:#06X} with {size} bytes, a size that its identifier does not allow"
                 )
             }
         }
@@ -82,7 +82,7 @@ impl std::error::Error for Fault {}
 pub enum ReadError {
     /// The input cannot be read.
     Io(io::Error),
-    /// Bytes that do not add up, found while reading strictly.
+    /// Invalid bytes, in strict mode.
     Fault(Fault),
 }
 
@@ -127,31 +127,31 @@ impl fmt::Display for HostTimesError {
 
 impl std::error::Error for HostTimesError {}
 
-/// What the encoder refuses to write.
+/// Why something cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EncodeError {
     /// No quantity has this data identifier, or its coordinate bits are undefined.
     Identifier {
-        /// As it was given.
+        /// The identifier.
         id: u16,
     },
-    /// More bytes than the 16-bit length can say.
+    /// A payload that is too long for the 16-bit length.
     PayloadTooLong {
-        /// How many there are.
+        /// Its bytes.
         length: usize,
     },
-    /// A packet's data do not fit the one-byte size.
+    /// A packet whose data are too long for the one-byte size.
     PacketTooLong {
         /// Name of the quantity.
         name: &'static str,
-        /// How many bytes there are.
+        /// Their bytes.
         length: usize,
     },
-    /// A number of values that the quantity does not have.
+    /// The wrong number of values.
     Count {
         /// Name of the quantity.
         name: &'static str,
-        /// How many it takes.
+        /// How many the quantity has.
         expected: usize,
         /// How many there are.
         found: usize,
@@ -160,19 +160,19 @@ pub enum EncodeError {
     Range {
         /// Name of the quantity or field.
         name: &'static str,
-        /// The value as it was given.
+        /// The value.
         value: String,
-        /// The manual's type.
+        /// The manual's type, with its range.
         wire: &'static str,
     },
-    /// Fixed point cannot say "not a number".
+    /// NaN in fixed point, which cannot represent it.
     NotANumber {
         /// Name of the quantity.
         name: &'static str,
-        /// The precision asked for.
+        /// The requested precision.
         precision: &'static str,
     },
-    /// Coordinates for a quantity that has none.
+    /// Coordinates for a quantity without.
     Coordinates {
         /// Name of the quantity.
         name: &'static str,
@@ -189,10 +189,10 @@ impl fmt::Display for EncodeError {
         match self {
             Self::Identifier { id } => write!(f, "no quantity has the data identifier {id:#06x}"),
             Self::PayloadTooLong { length } => {
-                write!(f, "a payload of {length} bytes does not fit a frame; its length has 16 bits")
+                write!(f, "a payload of {length} bytes does not fit into a frame; its length has 16 bits")
             }
             Self::PacketTooLong { name, length } => {
-                write!(f, "{name}: {length} bytes do not fit a packet; its size has 8 bits")
+                write!(f, "{name}: {length} bytes do not fit into a packet; its size has 8 bits")
             }
             Self::Count { name, expected, found } => write!(f, "{name} takes {expected} numbers, not {found}"),
             Self::Range { name, value, wire } => write!(f, "{name}: {value} is outside {wire}"),
@@ -200,7 +200,7 @@ impl fmt::Display for EncodeError {
                 write!(f, "{name}: {precision} has no NaN; use Float32 or Float64")
             }
             Self::Coordinates { name } => write!(f, "{name} has no coordinate system in the manual"),
-            Self::Precision { name } => write!(f, "{name} is made of integers; it takes no precision"),
+            Self::Precision { name } => write!(f, "{name} consists of integers, which have no precision"),
         }
     }
 }

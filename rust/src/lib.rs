@@ -7,6 +7,46 @@
 //!
 //! Nothing is copied from the input to a frame or packet; each number is copied once, byte-swapped, into its column.
 //! The protocol itself is data, in [`table`].
+//!
+//! # Example
+//!
+//! [`frames`] finds the frames of a recording, and [`frame::Frame::packets`] the packets of a sample:
+//!
+//! ```
+//! use xbus::value::{Number, numbers};
+//!
+//! // A stray byte, then a sample: PacketCounter and Temperature.
+//! let bytes = b"\x00\xFA\xFF\x36\x0C\x10\x20\x02\xDF\xC5\x08\x10\x04\x41\xC3\x00\x00\xC9";
+//! let found: Vec<_> = xbus::frames(bytes).collect();
+//! let [(1, frame)] = found[..] else { panic!("one frame, at byte 1") };
+//! assert_eq!(frame.mid, xbus::table::MTDATA2);
+//! for packet in frame.packets() {
+//!     let packet = packet.expect("an accepted sample has whole packets");
+//!     let reading = packet.reading().expect("the tables have both identifiers");
+//!     match reading.quantity.name {
+//!         "packet_counter" => assert_eq!(numbers(&reading, packet.data), [Number::Integer(57285)]),
+//!         "temperature" => assert_eq!(numbers(&reading, packet.data), [Number::Single(24.375)]),
+//!         _ => unreachable!(),
+//!     }
+//! }
+//! ```
+//!
+//! [`log::Reader`] decodes a whole recording into columns:
+//!
+//! ```
+//! # let bytes = b"\x00\xFA\xFF\x36\x0C\x10\x20\x02\xDF\xC5\x08\x10\x04\x41\xC3\x00\x00\xC9";
+//! use xbus::column::Values;
+//! use xbus::log::{Options, Reader};
+//! use xbus::scan::Window;
+//!
+//! let mut reader = Reader::new(Options::default(), bytes.len() as u64);
+//! reader.read(Window { bytes, offset: 0, last: true }, u64::MAX)?;
+//! let part = reader.take();
+//! assert_eq!((part.len(), part.stats.skipped_bytes), (1, 1));
+//! let Values::F32(temperature) = &part.columns[1].values else { panic!("Float32") };
+//! assert_eq!(temperature, &[24.375]);
+//! # Ok::<(), xbus::error::Fault>(())
+//! ```
 
 #[cfg(feature = "arrow")]
 pub mod arrow;

@@ -1,7 +1,7 @@
-//! A log: frames to samples, samples to columns, everything else kept beside them.
+//! Logs: frames to samples, samples to columns; other messages, strings and damage beside them.
 //!
-//! [`Reader`] takes the input in windows of any size and hands over what it has decoded as [`Part`]s. The parts of a log,
-//! joined, are the log: a part is decided by what came before it, never by what comes later.
+//! [`Reader`] takes the input in windows of any size and returns what it has decoded as [`Part`]s. The parts of a log, joined,
+//! are the log: a part depends on the input before it, never on the input after it.
 
 mod timed;
 
@@ -24,21 +24,21 @@ use crate::table::{self, Quantity, data_id};
 
 pub use timed::{TimedPart, Times};
 
-/// Which quantities a reader keeps: name, and coordinate system or any.
+/// Quantities to keep, each in one coordinate system or in any.
 pub type Wanted = Vec<(&'static Quantity, Option<Coordinates>)>;
 
-/// How a log is read.
+/// Options of a reader.
 #[derive(Clone, Debug)]
 pub struct Options {
-    /// Longest payload that is taken for one. In a log up to 65535: real ones hold frames that the manual rules out.
+    /// Longest payload of a frame, in bytes.
     pub limit: usize,
     /// Stop at the first damage.
     pub strict: bool,
-    /// Strings to look for that nothing but their length tells from noise, as bits of `SetStringOutputType`.
+    /// Strings to look for, as bits of `SetStringOutputType`: see [`Scanner::expect`].
     pub strings: u32,
-    /// Quantities to keep; all of them if `None`. Those that clocks and counters need are kept in any case.
+    /// Quantities to keep; `None` for all. Those that clocks and counters need are kept in any case.
     pub wanted: Option<Wanted>,
-    /// Whether the fast path may be taken. Without it every message goes through the plain one: the oracle of the tests.
+    /// Whether to use the fast path. Without it every message takes the plain path, which is the reference of the tests.
     pub fast: bool,
 }
 
@@ -48,7 +48,7 @@ impl Default for Options {
     }
 }
 
-/// Messages that are no samples, in order.
+/// Messages that are not samples, in order.
 #[derive(Clone, Debug, Default)]
 pub struct Messages {
     /// Message identifier of each.
@@ -66,13 +66,13 @@ pub struct Messages {
 /// String outputs, in order.
 #[derive(Clone, Debug, Default)]
 pub struct Strings {
-    /// Place of each in [`table::STRINGS`], or [`Strings::UNKNOWN`] where the manual does not list it.
+    /// Place of each in [`table::STRINGS`], or [`Strings::UNKNOWN`] if the manual does not list it.
     pub place: Vec<u8>,
     /// Where it begins in the input.
     pub offset: Vec<u64>,
     /// Index of the next sample.
     pub sample: Vec<u64>,
-    /// Its bytes, the end of its line included.
+    /// Its bytes, including the end of its line.
     pub bytes: Pieces,
 }
 
@@ -81,7 +81,7 @@ impl Strings {
     pub const UNKNOWN: u8 = u8::MAX;
 }
 
-/// What was counted in a part.
+/// Counts of a part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
     /// Bytes of input.
@@ -90,9 +90,9 @@ pub struct Stats {
     pub frames: u64,
     /// MTData2 messages.
     pub samples: u64,
-    /// Other messages, malformed ones included.
+    /// Other messages, including malformed ones.
     pub messages: u64,
-    /// MTData2 messages that their packets do not tile, and empty ones.
+    /// MTData2 messages that are empty or that their packets do not fill.
     pub malformed: u64,
     /// String outputs.
     pub strings: u64,
@@ -102,7 +102,7 @@ pub struct Stats {
     pub checksum_errors: u64,
 }
 
-/// A sample that was decoded on its own.
+/// A sample that the plain path decoded.
 #[derive(Clone, Copy, Debug)]
 struct Single {
     offset: u64,
@@ -110,7 +110,7 @@ struct Single {
     bid: u8,
 }
 
-/// Some message changes how clocks go on.
+/// What a message changes about the clock of its device.
 #[derive(Clone, Copy, Debug)]
 enum Change {
     Wrap(u64),
@@ -132,11 +132,11 @@ pub struct Part {
     pub damage: Vec<Damage>,
     /// What was counted.
     pub stats: Stats,
-    /// For each sample its layout plus one, or 0 where it was decoded on its own. This one byte says which columns have
-    /// a row for the sample, and with `jumps` where its frame is.
+    /// For each sample its layout plus one, or 0 if the plain path decoded it. This byte determines which columns have a
+    /// row for the sample, and, together with `jumps`, where its frame is.
     layout: Vec<u8>,
     layouts: Vec<Layout>,
-    /// Samples of known layout that do not begin where the sample before ended, and where they begin.
+    /// Samples of known layout that do not begin where the sample before ends, and where they begin.
     jumps: Vec<(u64, u64)>,
     singles: Vec<Single>,
     changes: Vec<(u64, u8, Change)>,
@@ -149,7 +149,7 @@ impl Part {
         self.layout.len()
     }
 
-    /// Whether it has no samples.
+    /// Whether there are no samples.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.layout.is_empty()
@@ -164,7 +164,7 @@ impl Part {
     /// Whether `column` has exactly one row for each sample.
     #[must_use]
     pub fn is_dense(&self, column: &Column) -> bool {
-        // A sample of known layout has one row or none. So if those decoded on their own have one each, all have.
+        // A sample of known layout has one row or none. So if those that the plain path decoded have one each, all have.
         let once = column.single.windows(2).all(|pair| pair[0] < pair[1]);
         column.rows == self.len() && column.single.len() == self.singles.len() && once
     }
@@ -173,7 +173,7 @@ impl Part {
     #[must_use]
     #[allow(clippy::cast_possible_wrap)]
     pub fn samples_of(&self, column: &Column) -> Vec<i64> {
-        let mut samples = huge_pages::with_room(column.rows);
+        let mut samples = huge_pages::with_capacity(column.rows);
         if self.is_dense(column) {
             samples.extend((self.first as i64..).take(column.rows));
             return samples;
@@ -193,7 +193,7 @@ impl Part {
         self.per_sample(self.frames().map(|(offset, _)| offset as i64))
     }
 
-    /// For each sample where its frame ends.
+    /// For each sample where its frame ends in the input.
     #[must_use]
     #[allow(clippy::cast_possible_wrap)]
     pub fn ends(&self) -> Vec<i64> {
@@ -201,7 +201,7 @@ impl Part {
     }
 
     fn per_sample<T>(&self, values: impl Iterator<Item = T>) -> Vec<T> {
-        let mut all = huge_pages::with_room(self.len());
+        let mut all = huge_pages::with_capacity(self.len());
         all.extend(values);
         all
     }
@@ -213,7 +213,7 @@ impl Part {
         let mut next = 0;
         self.layout.iter().zip(self.first..).map(move |(&layout, sample)| {
             if layout == 0 {
-                return singles.next().map_or((0, 0), |it| (it.offset, it.length.into()));
+                return singles.next().map_or((0, 0), |single| (single.offset, single.length.into()));
             }
             if let Some(&(_, offset)) = jumps.next_if(|&&(jump, _)| jump == sample) {
                 next = offset;
@@ -229,14 +229,14 @@ impl Part {
     pub fn bids(&self) -> Vec<u8> {
         let mut singles = self.singles.iter();
         let bid = |&layout: &u8| match layout {
-            0 => singles.next().map_or(0, |it| it.bid),
+            0 => singles.next().map_or(0, |single| single.bid),
             _ => self.layouts[usize::from(layout) - 1].bid,
         };
         self.layout.iter().map(bid).collect()
     }
 
-    /// For each sample its time in seconds on the device clock (NaN where it carries none) and its counter (-1 where it
-    /// carries none), both unwrapped. `clocks` are those at the beginning of the part, and afterwards those at its end.
+    /// For each sample its time in seconds on the device clock, NaN without a time stamp, and its packet counter, -1 without
+    /// one, both unwrapped; and the losses. `clocks` are those at the beginning of the part, and on return those at its end.
     #[must_use]
     pub fn unwrap(&self, clocks: &mut Clocks) -> (Vec<f64>, Vec<i64>, Losses) {
         let [mut counter, mut fine, mut coarse] = [PACKET_COUNTER, FINE, COARSE].map(|id| self.track(id));
@@ -244,19 +244,19 @@ impl Part {
         let mut gnss = GNSS.map(|id| self.track(id));
         let mut changes = self.changes.iter().peekable();
         let mut losses = Losses::default();
-        let (mut times, mut counters) = (huge_pages::with_room(self.len()), huge_pages::with_room(self.len()));
+        let (mut times, mut counters) = (huge_pages::with_capacity(self.len()), huge_pages::with_capacity(self.len()));
         for ((&layout, bid), sample) in self.layout.iter().zip(self.bids()).zip(self.first..) {
             while let Some((_, bid, change)) = changes.next_if(|change| change.0 <= sample) {
                 change.apply(*bid, clocks);
             }
             let stamps = Stamps {
                 #[allow(clippy::cast_possible_truncation)] // a U2
-                counter: counter.last(layout, sample).map(|it| it as u16),
+                counter: counter.last(layout, sample).map(|counter| counter as u16),
                 fine: fine.last(layout, sample),
                 coarse: coarse.last(layout, sample),
-                // Every track is moved on, whether or not a later one counts.
-                trigger: triggers.iter_mut().fold(None, |stamp, it| it.last(layout, sample).or(stamp)),
-                gnss: gnss.iter_mut().map(|it| it.rows(layout, sample)).sum::<usize>() > 0,
+                // Every track must advance, even if a later one decides.
+                trigger: triggers.iter_mut().fold(None, |stamp, track| track.last(layout, sample).or(stamp)),
+                gnss: gnss.iter_mut().map(|track| track.rows(layout, sample)).sum::<usize>() > 0,
             };
             let (time, count) = clocks.of(bid).sample(stamps, &mut losses);
             times.push(time);
@@ -278,7 +278,7 @@ const COARSE: u16 = data_id("sample_time_coarse");
 const TRIGGERS: [u16; 3] = [data_id("trigger_in1"), data_id("trigger_in2"), data_id("trigger_in3")];
 const GNSS: [u16; 2] = [data_id("gnss_pvt_data"), data_id("gnss_sat_info")];
 
-/// Whether clocks and counters need this quantity.
+/// Whether clocks or counters need this quantity.
 fn is_stamp(id: u16) -> bool {
     [PACKET_COUNTER, FINE, COARSE].contains(&id) || TRIGGERS.contains(&id) || GNSS.contains(&id)
 }
@@ -295,7 +295,7 @@ impl Change {
 /// Follows the rows of one column through the samples of its part.
 struct Track<'a> {
     column: Option<&'a Column>,
-    /// Which layouts feed the column, by layout plus one.
+    /// Whether a layout feeds the column, by layout plus one.
     fed: [bool; 256],
     single: &'a [u64],
     row: usize,
@@ -310,17 +310,17 @@ impl<'a> Track<'a> {
                 *fed = layout.slots.iter().any(feeds);
             }
         }
-        Self { column, fed, single: column.map_or(&[], |it| &it.single), row: 0 }
+        Self { column, fed, single: column.map_or(&[], |column| &column.single), row: 0 }
     }
 
-    /// How many rows the next sample has.
+    /// Number of rows of the next sample.
     #[inline]
     fn rows(&mut self, layout: u8, sample: u64) -> usize {
         if self.column.is_none() {
-            return 0; // most logs have no trigger, no GNSS and no coarse time
+            return 0; // most logs have no trigger, no GNSS data and no coarse time
         }
         let rows = if layout == 0 {
-            let rows = self.single.iter().take_while(|it| **it == sample).count();
+            let rows = self.single.iter().take_while(|single| **single == sample).count();
             self.single = &self.single[rows..];
             rows
         } else {
@@ -330,7 +330,7 @@ impl<'a> Track<'a> {
         rows
     }
 
-    /// The last of them: the number, or the time stamp of a trigger.
+    /// The last row of the next sample: its number, or the time stamp of a trigger.
     fn last(&mut self, layout: u8, sample: u64) -> Option<u32> {
         if self.rows(layout, sample) == 0 {
             return None;
@@ -340,9 +340,9 @@ impl<'a> Track<'a> {
             Values::U16(values) => Some(values[self.row - 1].into()),
             Values::U32(values) => Some(values[self.row - 1]),
             Values::Records(bytes) => {
-                const STAMP: usize = 2; // behind line and polarity
+                const STAMP: usize = 2; // after line and polarity
                 let record = &bytes[(self.row - 1) * column.width..];
-                record[STAMP..].first_chunk().map(|it| u32::from_ne_bytes(*it))
+                record[STAMP..].first_chunk().map(|bytes| u32::from_ne_bytes(*bytes))
             }
             _ => None,
         }
@@ -358,19 +358,20 @@ pub struct Reader {
     batch: Batch,
     columns: Vec<Column>,
     places: FxHashMap<Key, usize>,
-    /// The packets of the sample at hand; kept for its room.
+    /// The packets of the current sample. A field, so that its memory is used again.
     slots: Vec<Slot>,
     part: Part,
-    /// Where the part began in the input, and how many bytes of input it will take, as far as that is known.
+    /// Where the part begins in the input.
     began: u64,
+    /// Expected bytes of input in the part; 0 if unknown.
     part_bytes: u64,
     checksum_errors: u64,
-    /// End of the last frame of known layout.
+    /// End of the last frame that was recognized.
     end: u64,
     finished: bool,
 }
 
-/// What tells columns apart: quantity and coordinates, or an identifier that the tables cannot explain.
+/// What each column has one of: a quantity in a coordinate system, or an identifier that the tables do not explain.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 enum Key {
     Known(u16, Option<Coordinates>),
@@ -378,8 +379,8 @@ enum Key {
 }
 
 impl Reader {
-    /// A reader at the beginning of an input. A part will take about `part_bytes` of it, or all; that only decides how
-    /// much room columns are given, so 0 will do where it is not known.
+    /// A reader at the beginning of an input. `part_bytes` is the expected size of a part, in bytes of input, or 0 if it is
+    /// not known. It only decides how much memory columns reserve.
     #[must_use]
     pub fn new(options: Options, part_bytes: u64) -> Self {
         let mut scanner = Scanner::new(options.limit);
@@ -401,23 +402,23 @@ impl Reader {
         }
     }
 
-    /// Position in the input. Nothing before it is needed any more.
+    /// Position in the input. The bytes before it are not needed any more.
     #[must_use]
     pub const fn at(&self) -> u64 {
         self.scanner.at()
     }
 
-    /// Whether the input is used up.
+    /// Whether the whole input has been read.
     #[must_use]
     pub const fn is_finished(&self) -> bool {
         self.finished
     }
 
-    /// Reads frames from the window, which begins no later than [`Self::at`], until the position reaches `until` or
-    /// nothing more can be decided without more bytes.
+    /// Reads frames from the window, which begins no later than [`Self::at`], until the position reaches `until` or more
+    /// bytes are needed.
     ///
     /// # Errors
-    /// The first [`Fault`], if the options say strict.
+    /// The first [`Fault`], in strict mode.
     pub fn read(&mut self, window: Window<'_>, until: u64) -> Result<(), Fault> {
         let result = self.read_frames(window, until);
         self.gather(window);
@@ -451,7 +452,7 @@ impl Reader {
             let waiting = self.batch.len();
             let stop = usize::try_from(until - window.offset).unwrap_or(usize::MAX);
             let known = |at| {
-                // Where the frames of known layout end that wait in the batch, there is no other one.
+                // The recognized frames in the batch end here because the next one was not recognized.
                 let is_refused = waiting > 0 && window.offset + at as u64 == self.end;
                 if is_refused { at } else { self.layouts.recognize(window.bytes, at, stop, &mut self.batch) }
             };
@@ -478,7 +479,7 @@ impl Reader {
                     let (from, sample) = (window.offset + at as u64, self.next_sample() + waiting as u64);
                     if from != self.end {
                         let progress = self.progress(from);
-                        huge_pages::make_room(&mut self.part.jumps, 1, progress);
+                        huge_pages::reserve(&mut self.part.jumps, 1, progress);
                         self.part.jumps.push((sample, from));
                     }
                     self.end = from + length as u64;
@@ -496,7 +497,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Index of the next sample, but for those that wait in the batch.
+    /// Index of the next sample, not counting the frames in the batch.
     fn next_sample(&self) -> u64 {
         self.part.first + self.part.layout.len() as u64
     }
@@ -508,7 +509,7 @@ impl Reader {
         }
         let progress = self.progress(window.offset + self.batch.starts()[self.batch.len() - 1] as u64);
         self.layouts.gather(window.bytes, &self.batch, &mut self.columns, progress);
-        huge_pages::make_room(&mut self.part.layout, self.batch.len(), progress);
+        huge_pages::reserve(&mut self.part.layout, self.batch.len(), progress);
         self.part.layout.extend(self.batch.layouts().iter().map(|layout| layout + 1));
         self.batch.truncate(0);
     }
@@ -520,7 +521,7 @@ impl Reader {
     fn damage(&mut self, damage: Option<Damage>) -> Result<(), Fault> {
         let Some(damage) = damage else { return Ok(()) };
         let progress = self.progress(damage.offset + damage.length);
-        huge_pages::make_room(&mut self.part.damage, 1, progress);
+        huge_pages::reserve(&mut self.part.damage, 1, progress);
         self.part.damage.push(damage);
         self.part.stats.skipped_bytes += damage.length;
         if self.options.strict {
@@ -529,7 +530,7 @@ impl Reader {
         Ok(())
     }
 
-    /// Decodes one frame by itself.
+    /// Decodes one frame on the plain path.
     fn frame(&mut self, bytes: &[u8], offset: u64) -> Result<(), Fault> {
         let frame = Frame::of(bytes);
         if frame.mid != table::MTDATA2 {
@@ -541,7 +542,7 @@ impl Reader {
             self.part.stats.malformed += 1;
             self.message(frame, offset);
             if self.options.strict {
-                return Err(Fault::Malformed { offset, id: overrun.and_then(|it| it.id) });
+                return Err(Fault::Malformed { offset, id: overrun.and_then(|overrun| overrun.id) });
             }
             return Ok(());
         }
@@ -573,7 +574,7 @@ impl Reader {
                 columns.push(Column::new(packet.id, reading.as_ref()));
                 columns.len() - 1
             });
-            let form = reading.as_ref().map(|it| it.form);
+            let form = reading.as_ref().map(|reading| reading.form);
             slots.push(Slot { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, form });
             let column = &mut self.columns[column];
             column.admit(packet.id, reading.as_ref(), progress);
@@ -595,10 +596,10 @@ impl Reader {
 
     fn is_wanted(&self, quantity: &Quantity, coordinates: Option<Coordinates>) -> bool {
         let Some(wanted) = &self.options.wanted else { return true };
-        let named = |(it, system): &(&Quantity, Option<Coordinates>)| {
-            it.id == quantity.id && (system.is_none() || *system == coordinates)
+        let includes = |(wanted, system): &(&Quantity, Option<Coordinates>)| {
+            wanted.id == quantity.id && (system.is_none() || *system == coordinates)
         };
-        is_stamp(quantity.id) || wanted.iter().any(named)
+        is_stamp(quantity.id) || wanted.iter().any(includes)
     }
 
     fn message(&mut self, frame: Frame<'_>, offset: u64) {
@@ -617,12 +618,12 @@ impl Reader {
         }
     }
 
-    /// Hands over what has been read since the last time.
+    /// Returns what has been read since the last call.
     pub fn take(&mut self) -> Part {
         let next = Part { first: self.next_sample(), ..Part::default() };
         let mut part = std::mem::replace(&mut self.part, next);
         self.columns.iter_mut().for_each(Column::trim);
-        // Each part learns its layouts anew: a long log is not slowed down by what it held long ago.
+        // Each part learns its layouts again, so that layouts from long ago do not slow down a long log.
         self.places.clear();
         part.columns = self.columns.drain(..).map(Arc::new).collect();
         part.layouts = std::mem::take(&mut self.layouts).into_known();

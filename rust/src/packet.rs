@@ -2,15 +2,15 @@
 
 use crate::table::{self, Field, Kind, Quantity, Wire};
 
-/// The number formats of the manual's type ℝ: the identifier's two low bits (Table 17).
+/// The number formats of the manual's type ℝ: the two low bits of the identifier (Table 17).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Precision {
     /// IEEE 754 single.
     Float32,
-    /// Fixed point, 12 bits before the point and 20 behind it.
+    /// Fixed point, 12 bits before the point and 20 after it.
     Fp1220,
-    /// Fixed point, 16 bits before the point and 32 behind it.
+    /// Fixed point, 16 bits before the point and 32 after it.
     Fp1632,
     /// IEEE 754 double.
     Float64,
@@ -20,7 +20,7 @@ impl Precision {
     /// All four, in the order of their codes.
     pub const ALL: [Self; 4] = [Self::Float32, Self::Fp1220, Self::Fp1632, Self::Float64];
 
-    /// The precision that a data identifier names.
+    /// The precision in a data identifier.
     #[must_use]
     pub const fn of(id: u16) -> Self {
         Self::ALL[(id & 3) as usize]
@@ -55,7 +55,7 @@ impl Coordinates {
     /// All three, in the order of their codes.
     pub const ALL: [Self; 3] = [Self::Enu, Self::Ned, Self::Nwu];
 
-    /// The coordinate system that an identifier names; the fourth code is undefined.
+    /// The coordinate system in a data identifier; `None` for the fourth code, which is undefined.
     #[must_use]
     pub fn of(id: u16) -> Option<Self> {
         Self::ALL.get(usize::from(id >> 2 & 3)).copied()
@@ -74,27 +74,27 @@ impl Coordinates {
     }
 }
 
-/// How the data of one packet lie: what a decoder needs to know beside the bytes.
+/// The form of a packet's data: what a decoder needs to know besides the bytes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Form {
-    /// Real numbers.
+    /// Real numbers: their precision, and how many.
     Real(Precision, usize),
-    /// Numbers of a fixed type.
+    /// Numbers of a fixed type: the type, and how many.
     Fixed(Wire, usize),
     /// One record.
     Struct(&'static [Field]),
-    /// A record with a list behind it.
+    /// A record, followed by a list of entries.
     List(&'static [Field], &'static [Field]),
 }
 
-/// A packet that the tables can explain.
+/// How to read a packet that the tables explain.
 #[derive(Clone, Copy, Debug)]
 pub struct Reading {
     /// The row of the table.
     pub quantity: &'static Quantity,
-    /// Coordinate system, where the manual defines one for this quantity.
+    /// Coordinate system, if the manual defines one for this quantity.
     pub coordinates: Option<Coordinates>,
-    /// How the data lie.
+    /// Form of the data.
     pub form: Form,
 }
 
@@ -126,9 +126,8 @@ pub const PACKET_HEADER: usize = 3;
 impl Packet<'_> {
     /// How to read the packet; `None` if its identifier is unknown or its size does not fit the identifier.
     ///
-    /// Format bits on quantities that carry no real numbers do not change their layout: devices that were asked for
-    /// doubles send `BaroPressure` as 0x3013 and as U4 all the same. Coordinate bits count only where the manual
-    /// defines them.
+    /// Precision bits do not change the form of quantities without real numbers: devices that are configured for doubles send
+    /// `BaroPressure` as 0x3013, which is still U4. Coordinate bits count only if the manual defines them for the quantity.
     #[must_use]
     pub fn reading(&self) -> Option<Reading> {
         let quantity = table::quantity(self.id)?;
@@ -148,14 +147,14 @@ impl Packet<'_> {
         fits.then_some(Reading { quantity, coordinates, form })
     }
 
-    /// Whether nothing speaks against the packet: an unknown identifier may have any size.
+    /// Whether the packet is valid: a known identifier has a size that it allows, an unknown one any size.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         table::quantity(self.id).is_none() || self.reading().is_some()
     }
 }
 
-/// How many entries follow the head of a list packet: its second field counts them, and the size must agree.
+/// Number of entries in a list packet: the second field of its head, if the size agrees.
 fn list_length(data: &[u8], head: &[Field], entry: &[Field]) -> Option<usize> {
     let count = usize::from(*data.get(head[0].wire.size())?);
     (data.len() == record_size(head) + count * record_size(entry)).then_some(count)
@@ -173,11 +172,11 @@ pub struct Packets<'a> {
 pub struct Overrun {
     /// Where it begins in the payload.
     pub at: usize,
-    /// Its identifier, if there are two bytes of it.
+    /// Its identifier, if the payload has both bytes of it.
     pub id: Option<u16>,
 }
 
-/// Takes an MTData2 payload apart.
+/// The packets of an MTData2 payload, up to one that runs past its end.
 ///
 /// ```
 /// let payload = [0x10, 0x20, 0x02, 0xDF, 0xC5, 0xE0, 0x20, 0x04, 0, 0, 0, 0x81];

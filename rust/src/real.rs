@@ -1,12 +1,12 @@
 //! The number formats of the manual's type ℝ (section 5.3.5, "Definition output formats").
 //!
-//! Decoding is exact: a double holds every Fp1220 and Fp1632 value. All formats are big-endian; Fp1632 sends its 32
-//! fraction bits first and the 16 integer bits behind them.
+//! Decoding is exact: a double can represent every Fp1220 and Fp1632 value. All formats are big-endian; Fp1632 sends its 32
+//! fraction bits first, then the 16 integer bits.
 
 const ONE_1220: f64 = 1_048_576.0; // 2^20
 const ONE_1632: f64 = 4_294_967_296.0; // 2^32
 
-/// Reads a Float32; every bit of a NaN arrives.
+/// Reads a Float32; the bits of a NaN are preserved.
 #[inline]
 #[must_use]
 pub fn float32(bytes: [u8; 4]) -> f32 {
@@ -36,15 +36,15 @@ pub fn float64(bytes: [u8; 8]) -> f64 {
     f64::from_bits(u64::from_be_bytes(bytes))
 }
 
-/// Writes an Fp1220: rounded half away from zero as the manual's `round()`, saturated at the ends of its range; a NaN is
-/// refused with `None`.
+/// Writes an Fp1220, rounded half away from zero like the manual's `round()`, and saturated at the limits of its range;
+/// `None` for NaN.
 #[must_use]
 #[allow(clippy::cast_possible_truncation)] // a cast from float to integer saturates
 pub fn to_fp1220(value: f64) -> Option<[u8; 4]> {
     (!value.is_nan()).then(|| ((value * ONE_1220).round() as i32).to_be_bytes())
 }
 
-/// Writes an Fp1632, by the same rules as [`to_fp1220`].
+/// Writes an Fp1632, with the rules of [`to_fp1220`].
 #[must_use]
 #[allow(clippy::cast_possible_truncation)] // within 48 bits
 pub fn to_fp1632(value: f64) -> Option<[u8; 6]> {
@@ -87,7 +87,7 @@ mod tests {
     ];
 
     #[test]
-    #[allow(clippy::float_cmp)] // exact is the point
+    #[allow(clippy::float_cmp)] // they must be exact
     fn the_manuals_fixed_point_numbers() {
         for &(bytes, value) in FP1220 {
             assert_eq!(fp1220(bytes), value);

@@ -1,11 +1,11 @@
-//! Code compiled a second time, for processors with wider registers than every x86-64 has.
+//! Compiles a method twice: for every x86-64 processor, and for those with AVX2.
 //!
-//! The loops of the fast path are plain Rust that the compiler makes vectors of. What it may use for that is decided when
-//! the crate is built, and a wheel must run everywhere: that is SSE2, which cannot even turn around the bytes of four
-//! numbers at once. Compiled for AVX2, the same source takes a sixth less time in all. Other processors (ARM, say) always
-//! have what is needed.
+//! The loops of the fast path are plain Rust that the compiler vectorizes. Which instructions it may use is decided when the
+//! crate is built, and a wheel must run on every processor: with SSE2, which cannot even swap the bytes of four numbers at
+//! once. Compiled for AVX2, the same source takes a sixth less time. Other architectures, like ARM, always have what these
+//! loops need.
 
-/// Calls a method, compiled for the best registers that this processor has. The method must be `#[inline(always)]`.
+/// Calls a method, compiled for AVX2 if this processor has it. The method must be `#[inline(always)]`.
 macro_rules! widest {
     ($this:ident: $This:ty, $method:ident($($argument:ident: $type:ty),*) -> $result:ty) => {{
         #[cfg(target_arch = "x86_64")]
@@ -19,7 +19,7 @@ macro_rules! widest {
         }
         #[cfg(target_arch = "x86_64")]
         if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("movbe") {
-            // SAFETY: the processor has just been found to have what the function is compiled for.
+            // SAFETY: the processor has the features that the function is compiled for.
             #[allow(unsafe_code)]
             return unsafe { with_avx2($this, $($argument),*) };
         }

@@ -1,6 +1,6 @@
 //! Packets one at a time: bytes to numbers, and names and numbers to bytes.
 //!
-//! This is the plain path: what `dump` prints, what virtual devices send, and what the tests hold the columns against.
+//! `xbus dump` prints with it, virtual devices encode with it, and tests compare columns with it.
 
 use crate::error::EncodeError;
 use crate::frame::Frame;
@@ -15,13 +15,13 @@ pub enum Number {
     Integer(i64),
     /// An integer of 8 bytes.
     Wide(u64),
-    /// A Float32, all bits of it.
+    /// A Float32, bit by bit.
     Single(f32),
     /// Any other real number.
     Double(f64),
 }
 
-/// The numbers of a packet, in the order of the wire. A list gives those of its head, then those of its entries.
+/// The numbers of a packet, in the order of the wire; of a list packet, those of its head, then those of its entries.
 ///
 /// ```
 /// use xbus::{packet::Packet, value::{Number, numbers}};
@@ -31,8 +31,10 @@ pub enum Number {
 #[must_use]
 pub fn numbers(reading: &Reading, data: &[u8]) -> Vec<Number> {
     match reading.form {
-        Form::Real(precision, _) => data.chunks_exact(precision.size()).map(|it| read_real(precision, it)).collect(),
-        Form::Fixed(wire, _) => data.chunks_exact(wire.size()).map(|it| read_fixed(wire, it)).collect(),
+        Form::Real(precision, _) => {
+            data.chunks_exact(precision.size()).map(|bytes| read_real(precision, bytes)).collect()
+        }
+        Form::Fixed(wire, _) => data.chunks_exact(wire.size()).map(|bytes| read_fixed(wire, bytes)).collect(),
         Form::Struct(fields) => read_records(data, fields).collect(),
         Form::List(head, entry) => {
             let (first, rest) = data.split_at(crate::packet::record_size(head));
@@ -51,7 +53,7 @@ fn read_records<'a>(mut data: &'a [u8], fields: &'a [Field]) -> impl Iterator<It
 }
 
 /// # Panics
-/// If there are too few bytes; the reading has counted them.
+/// If there are too few bytes. A packet that has a reading has them.
 fn head<const N: usize>(bytes: &[u8]) -> [u8; N] {
     *bytes.first_chunk().expect("a packet that has a reading has its size")
 }
@@ -80,8 +82,8 @@ fn read_fixed(wire: Wire, bytes: &[u8]) -> Number {
 
 /// Appends a packet to an MTData2 payload.
 ///
-/// Reals are written in `precision` (Float32 if `None`): rounded half away from zero and saturated in fixed point. A
-/// device identifier takes 8 bytes, as on the 600-series, if it is given as [`Number::Wide`], else 4.
+/// Real numbers are written in `precision` (`None` for Float32); in fixed point they are rounded half away from zero and
+/// saturated. A device identifier has 8 bytes, as on the 600-series, if it is a [`Number::Wide`], otherwise 4.
 ///
 /// ```
 /// use xbus::{packet::Precision, table, value::{Number, write_packet}};
@@ -92,7 +94,7 @@ fn read_fixed(wire: Wire, bytes: &[u8]) -> Number {
 /// ```
 ///
 /// # Errors
-/// Every [`EncodeError`] but the one about payloads; `payload` is then as it was.
+/// Any [`EncodeError`] but [`EncodeError::PayloadTooLong`]; `payload` is then unchanged.
 pub fn write_packet(
     payload: &mut Vec<u8>,
     quantity: &Quantity,
@@ -174,7 +176,7 @@ fn write_fields<'a>(
     numbers.iter().zip(fields).try_for_each(|(number, field)| write_fixed(data, field.name, field.wire, *number))
 }
 
-#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // to the precision that was asked for
+#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // to the requested precision
 fn write_real(data: &mut Vec<u8>, name: &'static str, precision: Precision, number: Number) -> Result<(), EncodeError> {
     let value = match number {
         Number::Integer(value) => value as f64,
@@ -235,10 +237,10 @@ fn write_fixed(data: &mut Vec<u8>, name: &'static str, wire: Wire, number: Numbe
     Ok(())
 }
 
-/// Writes the packet that `reading` explains again, from its numbers.
+/// Appends a packet with this reading and these numbers.
 ///
 /// # Errors
-/// As [`write_packet`].
+/// Those of [`write_packet`].
 pub fn write_as(payload: &mut Vec<u8>, reading: &Reading, numbers: &[Number]) -> Result<(), EncodeError> {
     let precision = match reading.form {
         Form::Real(precision, _) => Some(precision),
@@ -247,10 +249,10 @@ pub fn write_as(payload: &mut Vec<u8>, reading: &Reading, numbers: &[Number]) ->
     write_packet(payload, reading.quantity, precision, reading.coordinates, numbers)
 }
 
-/// The frames of `count` MTData2 messages that have the same packets, one after another, and where each frame ends.
+/// The frames of `count` MTData2 messages with the same packets, joined, and where each frame ends.
 ///
-/// A packet is given by its data identifier with the format bits, as an output configuration names it, and the numbers of
-/// all messages, those of the first message first. They are written as [`write_packet`] writes them.
+/// A packet is a data identifier with format bits, as in an output configuration, and the numbers of all messages, those of
+/// the first message first. [`write_packet`] has the rules.
 ///
 /// ```
 /// use xbus::value::{Number, write_samples};
@@ -261,13 +263,13 @@ pub fn write_as(payload: &mut Vec<u8>, reading: &Reading, numbers: &[Number]) ->
 /// ```
 ///
 /// # Errors
-/// Every [`EncodeError`].
+/// Any [`EncodeError`].
 pub fn write_samples(
     bid: u8,
     count: usize,
     packets: &[(u16, Vec<Number>)],
 ) -> Result<(Vec<u8>, Vec<u64>), EncodeError> {
-    let packets = packets.iter().map(|(id, numbers)| format(*id).map(|it| (it, numbers)));
+    let packets = packets.iter().map(|(id, numbers)| format(*id).map(|format| (format, numbers)));
     let packets = packets.collect::<Result<Vec<_>, _>>()?;
     let (mut frames, mut ends, mut payload) = (vec![], vec![], vec![]);
     for message in 0..count {
@@ -283,7 +285,7 @@ pub fn write_samples(
     Ok((frames, ends))
 }
 
-/// What an identifier with its format bits asks for, in the terms of [`write_packet`].
+/// The arguments of [`write_packet`] for an identifier with format bits.
 fn format(id: u16) -> Result<(&'static Quantity, Option<Precision>, Option<Coordinates>), EncodeError> {
     let unknown = EncodeError::Identifier { id };
     let Some(quantity) = table::quantity(id) else { return Err(unknown) };
@@ -292,7 +294,7 @@ fn format(id: u16) -> Result<(&'static Quantity, Option<Precision>, Option<Coord
     Ok((quantity, precision, coordinates))
 }
 
-/// Whether the identifier is the one the encoder would write: no format bits that mean nothing.
+/// Whether the encoder would write this identifier: without format bits that have no meaning.
 #[must_use]
 pub fn is_canonical(packet: &Packet<'_>) -> bool {
     let Some(reading) = packet.reading() else { return false };

@@ -1,4 +1,4 @@
-//! Acquisition: a stream of bytes that is taken in as it comes, whoever is busy.
+//! Acquisition: receives a stream of bytes without delay, even while the program is busy.
 
 use std::collections::VecDeque;
 use std::io;
@@ -10,28 +10,29 @@ use super::tally::{Counts, Tally};
 use super::time::{epoch, monotonic};
 use super::{PIECE, Piece, lock, most_pieces};
 
-/// How many bytes are kept for the program unless it says otherwise: 60 seconds at 4 Mbaud.
+/// Default for the most bytes in the queue: 60 seconds at 4 Mbaud.
 pub const QUEUE: usize = 24_000_000;
 
-/// Pieces that follow each other so fast, in ns, and that nobody waits for, are taken together: once in so long. A read
-/// costs the same for one frame as for ten.
+/// If pieces arrive closer together than this, in ns, and no reader waits for the next one, the thread lets bytes
+/// accumulate before it reads again. A read costs the same for one frame as for ten.
 #[cfg(unix)]
-const OFTEN: i64 = 2_000_000;
+const SHORT_INTERVAL: i64 = 2_000_000;
+/// How long it lets them accumulate.
 #[cfg(unix)]
 const REST: Duration = Duration::from_millis(1);
 
 const CLOSED: &str = "it was closed";
 
-/// A stream that comes from a descriptor, by a thread of its own, or is pushed.
+/// A stream that a thread reads from a descriptor, or that is pushed.
 ///
-/// What came waits in a queue until somebody takes it. When that is full the oldest pieces go, and are counted: a program
-/// that has slept for long gets what is new. Counts and a recording miss nothing in either case.
+/// Received bytes wait in a queue. When it is full the oldest pieces are dropped and counted, so a program that was busy for
+/// long gets the newest bytes. Counts and recordings are complete in any case.
 #[derive(Debug)]
 pub struct Acquisition {
     shared: Arc<Shared>,
     #[cfg(unix)]
     thread: Mutex<Option<Thread>>,
-    /// The process that has the threads.
+    /// The process that the threads belong to.
     process: u32,
 }
 
@@ -39,7 +40,7 @@ pub struct Acquisition {
 #[cfg(unix)]
 #[derive(Debug)]
 struct Thread {
-    /// The thread owns the port: a descriptor that is kept keeps the device's name taken after it was unplugged.
+    /// The thread owns the port. An open descriptor would keep the device's name in use after it was unplugged.
     port: std::sync::Weak<super::port::Port>,
     handle: std::thread::JoinHandle<()>,
 }
@@ -56,16 +57,17 @@ struct Shared {
 struct State {
     bytes: VecDeque<u8>,
     pieces: VecDeque<Piece>,
-    /// The reader waits for so many bytes; 0 if nobody waits.
+    /// Bytes that the reader waits for; 0 if none waits.
     wanted: usize,
-    /// Since the last piece somebody has waited for the very next one.
+    /// Whether a reader has waited for the very next piece since the last one.
     hurry: bool,
     tally: Tally,
     most_queued: usize,
     dropped: u64,
     last_arrival: Option<i64>,
-    /// What the drivers have counted since their ports were opened, and the present one's counter when it was last read.
+    /// Overruns since the ports were opened.
     overruns: Option<u64>,
+    /// The counter of the current port when it was last read.
     #[cfg(unix)]
     overruns_seen: Option<u64>,
     recorder: Option<Arc<Recorder>>,
@@ -75,33 +77,33 @@ struct State {
 /// What was taken from the queue.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Taken {
-    /// Position of the first byte in the stream. More than the end of what was taken before if the queue was full.
+    /// Position of the first byte in the stream. Greater than the end of the bytes taken before if the queue was full.
     pub offset: u64,
     /// The bytes.
     pub bytes: VecDeque<u8>,
-    /// The pieces in which they came; the last ends with the last byte.
+    /// The pieces in which they arrived; the last one ends with the last byte.
     pub pieces: VecDeque<Piece>,
 }
 
-/// How it goes.
+/// Counts of the stream, and the state of the queue.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Stats {
-    /// What was counted of all that came.
+    /// Counts of all that was received.
     pub counts: Counts,
     /// Bytes in the queue.
     pub queued: usize,
-    /// The most that there were.
+    /// The most bytes that were in the queue.
     pub most_queued: usize,
-    /// Bytes that went because the queue was full.
+    /// Bytes dropped because the queue was full.
     pub dropped: u64,
-    /// When the last bytes came, on the clock of [`monotonic`].
+    /// When the last bytes arrived, on the clock of [`monotonic`].
     pub last_arrival: Option<i64>,
-    /// Bytes, or runs of them, that the driver or its chip had no room for; `None` where nobody counts.
+    /// How often the driver or its chip had no room for a byte; `None` if the system does not count that.
     pub overruns: Option<u64>,
 }
 
 impl Acquisition {
-    /// Keeps up to `bound` bytes, and always the last piece. Pieces shorter than 16 bytes count as so many.
+    /// A stream whose queue holds `bound` bytes, and always the last piece. Pieces shorter than 16 bytes count as 16.
     #[must_use]
     pub fn new(bound: usize) -> Self {
         let shared = Shared { state: Mutex::default(), arrived: Condvar::new(), bound, epoch: epoch() };
@@ -113,17 +115,17 @@ impl Acquisition {
         }
     }
 
-    /// What leads from arrivals to nanoseconds since 1970, for all of this stream.
+    /// What to add to arrivals for nanoseconds since 1970; constant for a stream.
     #[must_use]
     pub fn epoch(&self) -> i64 {
         self.shared.epoch
     }
 
-    /// Reads this descriptor from now on, by a duplicate: the caller keeps the original, and nothing about it is changed,
-    /// but nobody else may read it. After an end the stream goes on with the new one.
+    /// Starts to read a duplicate of a descriptor. The original stays unchanged and belongs to the caller, but must not be
+    /// read. After an end the stream continues with the new descriptor.
     ///
     /// # Errors
-    /// What the system says; [`io::ErrorKind::AlreadyExists`] if one is being read.
+    /// Those of the system; [`io::ErrorKind::AlreadyExists`] if a descriptor is being read.
     #[cfg(unix)]
     pub fn open(&self, fd: std::os::fd::RawFd) -> io::Result<()> {
         let mut thread = lock(&self.thread);
@@ -145,12 +147,12 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Looks also for these strings in what comes: see [`Scanner::expect`](crate::scan::Scanner::expect).
+    /// Looks also for these strings: see [`Scanner::expect`](crate::scan::Scanner::expect).
     pub fn expect(&self, strings: u32) {
         lock(&self.shared.state).tally.expect(strings);
     }
 
-    /// Goes on after an end with what is pushed from now on: queue, counts and recording are the same.
+    /// Continues after an end with what is pushed from now on, in the same queue, counts and recording.
     ///
     /// # Errors
     /// [`io::ErrorKind::AlreadyExists`] if it has not ended.
@@ -162,33 +164,33 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Takes in what has come by other ways; whether it was taken, and not after the end.
-    #[allow(clippy::must_use_candidate)] // whoever knows that it has not ended need not look
+    /// Adds bytes that were received by other means; returns false after the end of the stream.
+    #[allow(clippy::must_use_candidate)] // a caller may know that the stream has not ended
     pub fn push(&self, bytes: &[u8]) -> bool {
         let arrival = monotonic();
-        bytes.chunks(PIECE).all(|piece| self.shared.take_in(piece, arrival))
+        bytes.chunks(PIECE).all(|piece| self.shared.add(piece, arrival))
     }
 
-    /// The stream has ended, and why. What is queued can still be taken.
+    /// Ends the stream for a reason. What is queued can still be taken.
     pub fn end(&self, reason: &str) {
         self.shared.end(reason);
     }
 
-    /// Why it has ended, if it has.
+    /// Why the stream has ended; `None` if it has not.
     #[must_use]
     pub fn ended(&self) -> Option<String> {
         lock(&self.shared.state).ended.clone()
     }
 
-    /// Waits until there are `least` bytes, or the stream has ended, but no longer than this; whether there is something
-    /// to take, or nothing more to wait for.
+    /// Waits until the queue has `least` bytes or the stream has ended, at most for `timeout`; returns whether one of them is
+    /// the case.
     ///
-    /// More bytes than half of what the queue holds are not waited for. One thread waits at a time. Who waits for more than
-    /// one byte may get them a millisecond later, for less of the processor.
+    /// It waits for half of the queue's bound at most. Only one thread may wait at a time. A caller that waits for more than
+    /// one byte may get them a millisecond later, which costs less CPU time.
     #[must_use]
     pub fn wait(&self, least: usize, timeout: Duration) -> bool {
         let least = least.min(self.shared.bound / 2).max(1);
-        let is_short = |it: &mut State| it.bytes.len() < least && it.ended.is_none();
+        let is_short = |state: &mut State| state.bytes.len() < least && state.ended.is_none();
         let mut state = lock(&self.shared.state);
         state.wanted = least;
         state.hurry |= least == 1;
@@ -198,7 +200,7 @@ impl Acquisition {
         !is_short(&mut state)
     }
 
-    /// What is queued, all of it; `None` if nothing is and nothing will be.
+    /// Takes all that is queued; `None` once the queue is empty and the stream has ended.
     #[must_use]
     pub fn take(&self) -> Option<Taken> {
         let mut state = lock(&self.shared.state);
@@ -209,11 +211,11 @@ impl Acquisition {
         Some(Taken { offset, bytes: std::mem::take(&mut state.bytes), pieces: std::mem::take(&mut state.pieces) })
     }
 
-    /// How it goes.
+    /// Counts of the stream, and the state of the queue.
     #[must_use]
     pub fn stats(&self) -> Stats {
         #[cfg(unix)]
-        if let Some(port) = lock(&self.thread).as_ref().and_then(|it| it.port.upgrade()) {
+        if let Some(port) = lock(&self.thread).as_ref().and_then(|thread| thread.port.upgrade()) {
             lock(&self.shared.state).count_overruns(port.overruns());
         }
         let state = lock(&self.shared.state);
@@ -227,19 +229,19 @@ impl Acquisition {
         }
     }
 
-    /// Records from now on, beginning with the frame that is under way.
+    /// Records from now on, beginning with the frame that is incomplete now.
     ///
     /// # Errors
-    /// What the system says of the first file; [`io::ErrorKind::AlreadyExists`] if a recording is under way.
+    /// Those of the system, about the first file; [`io::ErrorKind::AlreadyExists`] if a recording is in progress.
     pub fn record(&self, recording: Recording) -> io::Result<()> {
-        let busy = || io::Error::new(io::ErrorKind::AlreadyExists, "a recording is under way");
-        if self.recording().is_some_and(|it| it.active) {
+        let busy = || io::Error::new(io::ErrorKind::AlreadyExists, "a recording is in progress");
+        if self.recording().is_some_and(|report| report.active) {
             return Err(busy());
         }
         let strings = lock(&self.shared.state).tally.expected();
         let recorder = Arc::new(Recorder::start(recording, self.shared.epoch, strings)?);
         let mut state = lock(&self.shared.state);
-        if state.recorder.as_ref().is_some_and(|it| it.report().active) {
+        if state.recorder.as_ref().is_some_and(|recorder| recorder.report().active) {
             return Err(busy());
         }
         if !state.tally.undecided().is_empty() {
@@ -249,14 +251,14 @@ impl Acquisition {
         Ok(())
     }
 
-    /// How the recording goes, or how the last one went that has not been stopped.
+    /// The state of the recording, also of one that failed and was not stopped.
     #[must_use]
     pub fn recording(&self) -> Option<Report> {
-        lock(&self.shared.state).recorder.as_ref().map(|it| it.report())
+        lock(&self.shared.state).recorder.as_ref().map(|recorder| recorder.report())
     }
 
-    /// Ends the recording: nothing that comes from now on is in it. Waits until all is written, but no longer than this;
-    /// gives its report then, and `None` before, or if there is none.
+    /// Ends the recording: nothing received from now on is in it. Waits until all is written, at most for `timeout`. Returns
+    /// the last state; `None` if it is not yet written, and if there is no recording.
     #[must_use]
     pub fn stop_recording(&self, timeout: Duration) -> Option<Report> {
         let recorder = lock(&self.shared.state).recorder.clone()?;
@@ -264,14 +266,14 @@ impl Acquisition {
         if !recorder.wait(timeout) {
             return None;
         }
-        lock(&self.shared.state).recorder.take_if(|it| Arc::ptr_eq(it, &recorder));
+        lock(&self.shared.state).recorder.take_if(|current| Arc::ptr_eq(current, &recorder));
         Some(recorder.report())
     }
 
-    /// Ends everything: the thread, the recording. What is queued can still be taken, and the recording's report too.
+    /// Ends the stream, its thread and the recording. What is queued can still be taken, and so can the recording's state.
     pub fn close(&self) {
         if std::process::id() != self.process {
-            return; // a fork has none of the threads, and must not disturb those of its parent
+            return; // a forked process has no threads, and must not disturb those of its parent
         }
         #[cfg(unix)]
         if let Some(thread) = lock(&self.thread).take() {
@@ -302,39 +304,39 @@ impl Drop for Acquisition {
 }
 
 impl Shared {
-    /// What the thread does.
+    /// The thread: reads the port until it ends.
     #[cfg(unix)]
     fn drain(&self, port: Arc<super::port::Port>) {
-        use super::port::Came;
+        use super::port::Event;
 
-        let _last = LastWords(self);
+        let _end = ReportEnd(self);
         let mut buffer = vec![0; PIECE];
         let mut last = i64::MIN;
         let reason = loop {
             match port.read(&mut buffer) {
-                Ok(Came::Bytes(count)) => {
+                Ok(Event::Bytes(count)) => {
                     let arrival = monotonic();
-                    if !self.take_in(&buffer[..count], arrival) {
+                    if !self.add(&buffer[..count], arrival) {
                         break CLOSED.to_owned();
                     }
                     let hurry = std::mem::take(&mut lock(&self.state).hurry);
-                    if arrival.saturating_sub(last) < OFTEN && !hurry {
+                    if arrival.saturating_sub(last) < SHORT_INTERVAL && !hurry {
                         port.rest(REST);
                     }
                     last = arrival;
                 }
-                Ok(Came::Wake) => break CLOSED.to_owned(),
-                Ok(Came::End) => break "the port is gone: unplugged, or closed on the other side".to_owned(),
+                Ok(Event::Wake) => break CLOSED.to_owned(),
+                Ok(Event::End) => break "the port is gone: unplugged, or closed on the other side".to_owned(),
                 Err(error) => break format!("the port cannot be read: {error}"),
             }
         };
         lock(&self.state).count_overruns(port.overruns());
-        // Whoever hears of the end may open the port again: the device's name must be free by then.
+        // A caller that learns of the end may open the port again, so the device's name must be free by then.
         drop(port);
         self.end(&reason);
     }
 
-    fn take_in(&self, piece: &[u8], arrival: i64) -> bool {
+    fn add(&self, piece: &[u8], arrival: i64) -> bool {
         let mut state = lock(&self.state);
         if state.ended.is_some() {
             return false;
@@ -394,13 +396,13 @@ impl State {
     }
 }
 
-/// Tells those who wait that the thread has ended, whatever ended it.
+/// Ends the stream, for whatever reason the thread ends, when it is dropped.
 #[cfg(unix)]
-struct LastWords<'a>(&'a Shared);
+struct ReportEnd<'a>(&'a Shared);
 
 #[cfg(unix)]
-impl Drop for LastWords<'_> {
+impl Drop for ReportEnd<'_> {
     fn drop(&mut self) {
-        self.0.end("the reader failed; this is a mistake in xbus");
+        self.0.end("the reader failed; this is a bug in xbus");
     }
 }

@@ -20,7 +20,7 @@
 //! header   8 bytes  "XBUSTIME"
 //!          u32      version: 1
 //!          u32      bytes of a record: 16
-//!          i64      epoch: subtracted from the times of records, it gives the host's steady clock, in ns
+//!          i64      epoch: times of records minus this are on the host's steady clock, in ns
 //! record   u64      position: the number of bytes of the log, including its head, that had arrived
 //!          i64      arrival: nanoseconds since 1970
 //! ```
