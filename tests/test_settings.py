@@ -270,7 +270,7 @@ def test_outputs_are_checked_against_the_rate_that_the_ports_will_have() -> None
 def test_strings_are_checked_and_not_the_outputs_that_they_overrule() -> None:
     device = connect(SimulatedDevice("MTi-710", baudrate=115_200))
     strings = Settings(string_output_type=STRINGS, period=1152, output_skip_factor=0)
-    with pytest.raises(ValueError, match=r"^string_output_type: .* 21,400 bytes a second"):
+    with pytest.raises(ValueError, match=r"^string_output_type: .* 21,400 bytes per second"):
         device.apply(strings)
     assert device.apply(replace(strings, output_skip_factor=9)).changes
     with pytest.raises(ValueError, match=r"^string_output_type: these strings"):
@@ -294,7 +294,7 @@ def test_strings_are_checked_and_not_the_outputs_that_they_overrule() -> None:
 #: Product, text, and why it cannot be applied.
 IMPOSSIBLE = [
     ("MTi-630", 'output_configuration = [\n  { quantity = "acceleration", frequency = 150 },\n]',
-     "line 2, output_configuration: the MTi-630 cannot do acceleration at 150 Hz; the nearest is 100"),
+     "line 2, output_configuration: the MTi-630 cannot send acceleration at 150 Hz; the nearest rate is 100"),
     ("MTi-630", 'output_configuration = [\n { quantity = "packet_counter" },\n\n { quantity = "lat_lon" },]',
      "line 4, output_configuration: the MTi-630 has no output lat_lon"),
     ("MTi-630", "gnss_lever_arm = { x = 0, y = 0, z = 1 }",

@@ -87,13 +87,13 @@ def test_every_pair_makes_a_rate_that_can_be_asked_for() -> None:
 @pytest.mark.parametrize(
     ("frequency", "problem"),
     [
-        (0, "strings come at 0.0015 to 512 Hz, not at 0 Hz"),
-        (-1, "not at -1 Hz"),
-        (513, "0.0015 to 512 Hz, not at 513 Hz"),
-        (0.001, "not at 0.001 Hz"),
-        (511, "no period and skip factor make 511 Hz; the nearest are 509.735 and 512 Hz"),
-        (101, "no period and skip factor make 101 Hz; the nearest are 100.964 and 101.053 Hz"),
-        (float("nan"), "not at nan Hz"),
+        (0, "strings have a rate from 0.0015 to 512 Hz, not 0 Hz"),
+        (-1, "not -1 Hz"),
+        (513, "0.0015 to 512 Hz, not 513 Hz"),
+        (0.001, "not 0.001 Hz"),
+        (511, "no period and skip factor give 511 Hz; the nearest are 509.735 and 512 Hz"),
+        (101, "no period and skip factor give 101 Hz; the nearest are 100.964 and 101.053 Hz"),
+        (float("nan"), "not nan Hz"),
     ],
 )
 def test_rates_that_nothing_makes(frequency: float, problem: str) -> None:
@@ -130,16 +130,16 @@ def test_what_a_wish_takes(product: int, strings: Any, rate: Any, messages: Any)
         ("MTi-3", ["HEHDT"], 10, "the MTi-3 has no string HEHDT; it has none"),
         ("MTi-10", ["HEHDT"], 10, "the MTi-10 has no string HEHDT; it has PSONCMS"),
         ("MTi-30", ["NMEA"], 10, "no string is called 'NMEA'; there are HCHDM, "),
-        ("MTi-30", ["HEHDT"], 101, "no period and skip factor make 101 Hz"),
-        ("MTi-30", [], 10, "10 Hz of what? No string is named"),
+        ("MTi-30", ["HEHDT"], 101, "no period and skip factor give 101 Hz"),
+        ("MTi-30", [], 10, "a rate of 10 Hz needs at least one string"),
         ("MTi-630", ["HEHDT"], None,
-         "the MTi-630 sends no strings on demand: a rate is needed, from 1 to 400 Hz"),
-        ("MTi-630", ["HEHDT"], 0.5, "at whole numbers of Hz, from 1 to 400, not at 0.5 Hz"),
+         "the MTi-630 does not send strings on request; give a rate from 1 to 400 Hz"),
+        ("MTi-630", ["HEHDT"], 0.5, "at a whole number of Hz from 1 to 400, not at 0.5 Hz"),
         ("MTi-630", ["HEHDT"], 401, "not at 401 Hz"),
         ("MTi-630", ["HEHDT"], float("inf"), "not at inf Hz"),
         ("MTi-630", ["HEHDT"], float("nan"), "not at nan Hz"),
-        ("MTi-300", ["PSONCMS"], 200, "these strings make about 26,400 bytes a second, and 115,200 baud carry"
-         " 11,520; 460,800 baud would do"),
+        ("MTi-300", ["PSONCMS"], 200, "these strings make about 26,400 bytes per second, and 115,200 baud"
+         " carry 11,520; use at least 460,800 baud"),
     ],
 )  # fmt: skip
 def test_a_wish_that_cannot_be_met(product: str, strings: Any, rate: Any, problem: str) -> None:
@@ -524,7 +524,7 @@ def test_a_log_of_nothing_but_strings() -> None:
     pytest.importorskip("plotly")
     assert run("report", "nmea.txt", "-o", "x.html").exit_code == 0
     page = Path("x.html").read_text("utf-8")
-    assert "not one sample: strings only" in page
+    assert "no samples, only strings" in page
     assert "HEHDT (string)" in page
 
 

@@ -1,4 +1,4 @@
-"""What can be known to be wrong with a setting before it is sent: a table of commands and what to look at."""
+"""Checks of the value of a command before it is sent: a table of checks by command."""
 
 from __future__ import annotations
 
@@ -44,84 +44,85 @@ __all__ = ["check"]
 
 
 def check(name: str, value: Any, support: Support | None) -> None:
-    """Whether the value of a command makes sense, and whether the product can do it, once that is known.
+    """Checks that the value of a command is valid, for the product if it is known.
 
     Raises:
-        ValueError: It does not; the message says what would.
+        ValueError: The value is not valid; the message says what is.
     """
-    if name in GENERAL:
-        GENERAL[name](value)
-    if support is not None and name in OF_PRODUCT:
-        OF_PRODUCT[name](value, support)
+    if name in GENERAL_CHECKS:
+        GENERAL_CHECKS[name](value)
+    if support is not None and name in PRODUCT_CHECKS:
+        PRODUCT_CHECKS[name](value, support)
 
 
-# Of any product
+# For any product
 
 
-def _between(what: str, least: float, most: float, unit: str = "") -> Callable[[float], None]:
+def _between(name: str, least: float, most: float, unit: str = "") -> Callable[[float], None]:
     def check_number(value: float) -> None:
         if not least <= value <= most:
-            raise ValueError(f"{what} must be from {least} to {most}{unit}, not {value}")
+            raise ValueError(f"{name} must be from {least} to {most}{unit}, not {value}")
 
     return check_number
 
 
-def _within(what: str, numbers: range, unit: str = "") -> Callable[[float], None]:
-    return _between(what, numbers[0], numbers[-1], unit)
+def _within(name: str, numbers: range, unit: str = "") -> Callable[[float], None]:
+    return _between(name, numbers[0], numbers[-1], unit)
 
 
-def _place(it: LatLonAlt) -> None:
-    if not math.isfinite(it.alt):
-        raise ValueError(f"alt must be a number of metres, not {it.alt}")
-    _between("lat", -90, 90, " degrees")(it.lat)
-    _between("lon", -180, 180, " degrees")(it.lon)
+def _check_position(position: LatLonAlt) -> None:
+    if not math.isfinite(position.alt):
+        raise ValueError(f"alt must be a number of metres, not {position.alt}")
+    _between("lat", -90, 90, " degrees")(position.lat)
+    _between("lon", -180, 180, " degrees")(position.lon)
 
 
-def _time(it: UtcTime) -> None:
-    _between("ns", 0, 999_999_999)(it.ns)
-    _between("year", 1999, 2099)(it.year)
-    _between("month", 1, 12)(it.month)
-    _between("day", 1, 31)(it.day)
-    _between("hour", 0, 23)(it.hour)
-    _between("minute", 0, 59)(it.minute)
-    _between("second", 0, 59)(it.second)
+def _check_utc(time: UtcTime) -> None:
+    _between("ns", 0, 999_999_999)(time.ns)
+    _between("year", 1999, 2099)(time.year)
+    _between("month", 1, 12)(time.month)
+    _between("day", 1, 31)(time.day)
+    _between("hour", 0, 23)(time.hour)
+    _between("minute", 0, 59)(time.minute)
+    _between("second", 0, 59)(time.second)
     try:
-        date(it.year, it.month, it.day)
+        date(time.year, time.month, time.day)
     except ValueError:
-        raise ValueError(f"there is no {it.year}-{it.month:02}-{it.day:02}") from None
+        day = f"{time.year}-{time.month:02}-{time.day:02}"
+        raise ValueError(f"there is no {day}") from None
 
 
-def _code(kind: type[IntEnum]) -> Callable[[int], None]:
+def _member_of(kind: type[IntEnum]) -> Callable[[int], None]:
     def check_number(number: int) -> None:
         if number not in list(kind):
-            members = ", ".join(f"{it.name} {it:d}" for it in kind)
+            members = ", ".join(f"{member.name} {member:d}" for member in kind)
             raise ValueError(f"{number} is none of {members}")
 
     return check_number
 
 
-def _can_rate(it: CanConfig) -> None:
-    if it.baudrate is None:
-        rates = ", ".join(f"{code} ({rate:,})" for code, rate in CAN_BAUD_CODES.items())
-        raise ValueError(f"no CAN baud rate has the code {it.baud_code}; there are {rates}")
+def _check_can_config(config: CanConfig) -> None:
+    if config.baudrate is None:
+        codes = ", ".join(f"{code} ({rate:,})" for code, rate in CAN_BAUD_CODES.items())
+        raise ValueError(f"no CAN baud rate has the code {config.baud_code}; the codes are {codes}")
 
 
-def _unit(it: AlignmentRotation) -> None:
-    _code(Alignment)(-1 if it.parameter is None else it.parameter)
-    norm = sum(q * q for q in it.quaternion) ** 0.5
+def _check_rotation(rotation: AlignmentRotation) -> None:
+    _member_of(Alignment)(-1 if rotation.parameter is None else rotation.parameter)
+    norm = sum(q * q for q in rotation.quaternion) ** 0.5
     if not 0.99 <= norm <= 1.01:
         raise ValueError(
-            f"a rotation is a quaternion of length 1, and {it.quaternion} has length {norm:.3f}"
+            f"a rotation is a quaternion of length 1, and {rotation.quaternion} has length {norm:.3f}"
         )
 
 
-def _offsets(settings: Iterable[SyncSetting]) -> None:
-    for it in settings:
-        out = it.function in SYNC_OUT_FUNCTIONS
-        _within("the offset", PULSE_OFFSETS if out else SYNC_DELAYS, " x 0.1 ms")(it.offset)
+def _check_offsets(settings: Iterable[SyncSetting]) -> None:
+    for setting in settings:
+        offsets = PULSE_OFFSETS if setting.function in SYNC_OUT_FUNCTIONS else SYNC_DELAYS
+        _within("the offset", offsets, " x 0.1 ms")(setting.offset)
 
 
-def _period(period: int) -> None:
+def _check_period(period: int) -> None:
     slowest = PERIODS[-1]
     if period > slowest and period % slowest:
         raise ValueError(f"a period above {slowest} must be a multiple of it, not {period}")
@@ -130,80 +131,84 @@ def _period(period: int) -> None:
 
 
 #: Limits that the manual gives for the message itself.
-GENERAL: dict[str, Callable[[Any], None]] = {
+GENERAL_CHECKS: dict[str, Callable[[Any], None]] = {
     "SetNoRotation": _between("the duration", 1, 65_535, " s"),
-    "ResetOrientation": _code(ResetCode),
-    "ReqAlignmentRotation": _code(Alignment),
-    "SetCanConfig": _can_rate,
-    "SetPeriod": _period,
-    "SetSyncSettings": _offsets,
+    "ResetOrientation": _member_of(ResetCode),
+    "ReqAlignmentRotation": _member_of(Alignment),
+    "SetCanConfig": _check_can_config,
+    "SetPeriod": _check_period,
+    "SetSyncSettings": _check_offsets,
     "SetTransmitDelay": _within("the delay", TRANSMIT_DELAYS, " ticks"),
     "SetErrorMode": _within("the error mode", ERROR_MODES),
     "SetInitialHeading": _between("the heading", -180, 180, " degrees"),
-    "SetLatLonAlt": _place,
-    "SetUTCTime": _time,
-    "SetAlignmentRotation": _unit,
+    "SetLatLonAlt": _check_position,
+    "SetUTCTime": _check_utc,
+    "SetAlignmentRotation": _check_rotation,
 }
 
-# Of one product
+# For one product
 
 
 def _names(values: Iterable[Any]) -> str:
-    return ", ".join(getattr(it, "name", None) or str(it) for it in values) or "none"
+    return ", ".join(getattr(value, "name", None) or str(value) for value in values) or "none"
 
 
 def _check_outputs(outputs: Iterable[Output], support: Support) -> None:
     product = support.product.name
-    for it in outputs:
-        name = it.quantity or f"0x{it.data_id:04X}"
+    for output in outputs:
+        name = output.quantity or f"0x{output.data_id:04X}"
         rates = support.rates_of(name)
         if not rates:
             raise ValueError(f"the {product} has no output {name}; it has {_names(support.rates)}")
-        if it.coordinates is not None and it.coordinates not in list(Coordinates):
-            raise ValueError(f"0x{it.data_id:04X}: the coordinate bits of {name} mean nothing")
-        if it.frequency in (0, EVERY, *rates) or rates == (EVERY,):
+        if output.coordinates is not None and output.coordinates not in list(Coordinates):
+            raise ValueError(
+                f"0x{output.data_id:04X}: the coordinate bits of {name} have no meaning; use ENU, NED or NWU"
+            )
+        frequency = output.frequency
+        if frequency in (0, EVERY, *rates) or rates == (EVERY,):
             continue
-        lower = max((rate for rate in rates if rate < it.frequency), default=rates[-1])
-        higher = min((rate for rate in rates if rate > it.frequency), default=rates[0])
+        lower = max((rate for rate in rates if rate < frequency), default=rates[-1])
+        higher = min((rate for rate in rates if rate > frequency), default=rates[0])
         near = f"{lower} Hz" if lower == higher else f"{lower} and {higher} Hz"
         raise ValueError(
-            f"the {product} cannot do {name} at {it.frequency} Hz; the nearest is {near}"
+            f"the {product} cannot send {name} at {frequency} Hz; the nearest rate is {near}"
         )
 
 
 def _beyond(flags: int, allowed: int) -> int:
-    """The bits that are set and not allowed; `~` of a flag would forget those without a name."""
+    """Returns the bits that are set and not allowed; `~` of a flag would drop those without a name."""
     return int(flags) & ~int(allowed)
 
 
 def _check_flags(flags: OptionFlags, support: Support) -> None:
     if unknown := _beyond(flags.set, support.option_flags):
-        product, flags_there = support.product.name, _names(support.option_flags)
+        product, known_flags = support.product.name, _names(support.option_flags)
         flag = OptionFlag(unknown).name
-        raise ValueError(f"the {product} has no option flag {flag}; it has {flags_there}")
+        raise ValueError(f"the {product} has no option flag {flag}; it has {known_flags}")
 
 
 def _check_sync(settings: Iterable[SyncSetting], support: Support) -> None:
     product = support.product.name
-    for it in settings:
-        if it.polarity == Polarity.DISABLED:
+    for setting in settings:
+        if setting.polarity == Polarity.DISABLED:
             continue
-        lines = next((on for key, on in support.sync.items() if key == it.function), None)
-        function = _names([known(SyncFunction, it.function)])
+        lines_of = {int(function): lines for function, lines in support.sync.items()}
+        lines = lines_of.get(int(setting.function))
+        function = _names([known(SyncFunction, setting.function)])
         if lines is None:
             raise ValueError(
                 f"the {product} has no sync function {function}; it has {_names(support.sync)}"
             )
-        if it.line not in lines:
-            line = _names([known(SyncLine, it.line)])
+        if setting.line not in lines:
+            line = _names([known(SyncLine, setting.line)])
             raise ValueError(f"the {product} has {function} on {_names(lines)}, not on {line}")
 
 
 def _check_strings(strings: StringOutput, support: Support) -> None:
     product = support.product
     if unknown := _beyond(strings.types, support.string_types):
-        string, strings_there = StringType(unknown).name, _names(support.string_types)
-        raise ValueError(f"the {product.name} has no string {string}; it has {strings_there}")
+        string, known_strings = StringType(unknown).name, _names(support.string_types)
+        raise ValueError(f"the {product.name} has no string {string}; it has {known_strings}")
     has_rate = product.series == "600-series"
     if has_rate != (strings.frequency is not None):
         how = (
@@ -220,46 +225,47 @@ def _check_strings(strings: StringOutput, support: Support) -> None:
 
 
 def _check_profile(number: int, support: Support) -> None:
-    if number not in (it.type for it in support.filter_profiles):
-        profiles = ", ".join(f"{it.type} {it.label}" for it in support.filter_profiles)
-        raise ValueError(
-            f"the {support.product.name} has no filter profile {number}; it has {profiles}"
-        )
+    profiles = {profile.type: profile.label for profile in support.filter_profiles}
+    if number not in profiles:
+        choices = ", ".join(f"{kind} {label}" for kind, label in profiles.items())
+        product = support.product.name
+        raise ValueError(f"the {product} has no filter profile {number}; it has {choices}")
 
 
 def _check_profile_names(text: str, support: Support) -> None:
     product = support.product.name
-    kinds = {it.label: it.type for it in support.filter_profiles}
+    kinds = {profile.label: profile.type for profile in support.filter_profiles}
     names = text.split("/")
     for name in names:
         if name not in kinds:
             raise ValueError(
                 f"the {product} has no filter profile {name!r}; it has {', '.join(kinds)}"
             )
-    chosen = [kinds[it] for it in names]
+    chosen = [kinds[name] for name in names]
     if len(set(chosen)) < len(chosen):
         raise ValueError(
-            f"{text!r} names two profiles of one kind; one and a heading behaviour go together"
+            f"{text!r} names two profiles of one kind; combine one profile with one heading behaviour"
         )
 
 
 def _check_ports(ports: Iterable[PortConfig], support: Support) -> None:
-    for it in ports:
-        if it.protocol != PortProtocol.NONE:
-            _code(PortProtocol)(it.protocol)
-            _check_baudrate(it.baud_code, support)
+    for port in ports:
+        if port.protocol != PortProtocol.NONE:
+            _member_of(PortProtocol)(port.protocol)
+            _check_baudrate(port.baud_code, support)
 
 
 def _check_baudrate(code: int, support: Support) -> None:
     rate = baudrate(code)
     if rate not in support.baudrates:
-        rates = ", ".join(f"{it:,}" for it in support.baudrates)
+        rates = ", ".join(f"{known_rate:,}" for known_rate in support.baudrates)
         raise ValueError(
-            f"the {support.product.name} cannot talk at {rate or f'code {code}'} baud; it can at {rates}"
+            f"the {support.product.name} does not support {rate or f'code {code}'} baud; it supports {rates}"
         )
 
 
-OF_PRODUCT: dict[str, Callable[[Any, Support], None]] = {
+#: What the product can do.
+PRODUCT_CHECKS: dict[str, Callable[[Any, Support], None]] = {
     "SetOutputConfiguration": _check_outputs,
     "SetOptionFlags": _check_flags,
     "SetSyncSettings": _check_sync,

@@ -1,4 +1,4 @@
-"""The output configuration in the user's words, and how many bytes a second it makes."""
+"""Output configurations: parsed from rates by quantity, and compared with what a serial line carries."""
 
 from __future__ import annotations
 
@@ -21,113 +21,118 @@ __all__ = [
     "parse_output_configuration",
 ]
 
-#: An output configuration: rates in Hz by what is wanted, or lines as the message has them. A rate of
-#: None asks for the highest.
+#: An output configuration: rates in Hz by quantity, or a list of `Output`. A rate of None requests the
+#: highest.
 OutputConfiguration = Mapping[Any, int | None] | Iterable[Output]
 
-#: Preamble, BID, MID, length and checksum.
-_FRAME = 5
-#: Identifier and size of a packet.
-_PACKET = 3
-#: Satellites to reckon with; the packet has room for 61.
+#: Bytes of a frame without its payload: preamble, BID, MID, length and checksum.
+_FRAME_BYTES = 5
+#: Bytes of a packet without its data: identifier and size.
+_PACKET_BYTES = 3
+#: Satellites assumed in a list of satellites, which has room for 61.
 _SATELLITES = 40
-#: How often a GNSS receiver delivers, Hz.
+#: Rate of a GNSS receiver, in Hz.
 _GNSS_RATE = 4
-#: How often a message comes that nothing but time stamps and status is asked for, Hz (Table 2).
+#: Rate of messages that contain nothing but time stamps and status, in Hz (Table 2).
 _STAMPS_RATE = 100
-#: Bits on the line for each byte: a start bit, eight, a stop bit.
+#: Bits on the line for each byte: a start bit, eight data bits, a stop bit.
 BITS_PER_BYTE = 10
 
 
-def parse_output_configuration(outputs: OutputConfiguration) -> tuple[Output, ...]:
-    """The lines of an output configuration.
+def parse_output_configuration(configuration: OutputConfiguration) -> tuple[Output, ...]:
+    """Returns the outputs of a configuration, in its order.
 
     Raises:
-        ValueError: No such quantity, a rate that is no rate, or one identifier twice.
+        ValueError: There is no such quantity, a rate is not valid, or an identifier occurs twice.
 
     >>> parse_output_configuration({"packet_counter": None, ("quaternion", "NED"): 100})
     (Output(data_id=4128, frequency=65535), Output(data_id=8212, frequency=100))
     """
-    if isinstance(outputs, Mapping):
-        lines = tuple(
-            Output(data_id_of(key), EVERY if rate is None else _rate(key, rate))
-            for key, rate in outputs.items()
+    if isinstance(configuration, Mapping):
+        outputs = tuple(
+            Output(data_id_of(key), EVERY if rate is None else _checked_rate(key, rate))
+            for key, rate in configuration.items()
         )
     else:
-        lines = tuple(Output(*it) for it in outputs)
-    for one, other in pairwise(sorted(it.data_id for it in lines)):
-        if one == other:
-            raise ValueError(f"{Output(one).quantity or hex(one)} is asked for twice")
-    return lines
+        outputs = tuple(Output(*output) for output in configuration)
+    for first, second in pairwise(sorted(output.data_id for output in outputs)):
+        if first == second:
+            name = Output(first).quantity or hex(first)
+            raise ValueError(f"{name} is in the output configuration twice; remove one")
+    return outputs
 
 
-def _rate(key: Key, rate: float) -> int:
+def _checked_rate(key: Key, rate: float) -> int:
     if rate != int(rate) or not 0 <= rate <= EVERY:
         raise ValueError(f"{key!r}: a rate is a whole number of Hz, not {rate}")
     return int(rate)
 
 
 def bytes_per_second(outputs: Iterable[Output], support: Support) -> int:
-    """About how many bytes a second a device sends with these lines, in the rates that they have in effect.
+    """Returns about how many bytes per second a device sends with these outputs, at the rates in effect.
 
-    Everything that is due at the same time shares a message; high-rate and GNSS data have messages of
-    their own, and time stamps and status come with each.
+    All outputs that are due at the same time share a message. High-rate and GNSS data have messages of their
+    own, and every message repeats time stamps and status.
     """
-    lines = [it for asked in outputs if (it := support.acknowledged(asked)) is not None]
-    groups = {it: QUANTITIES[it.quantity or ""].group for it in lines}
-    stamps = sum(_size(it) for it in lines if groups[it] == "Timestamp")
-    status = sum(_size(it) for it in lines if groups[it] == "Status")
-    measured = [it for it in lines if it.frequency != EVERY]
-    apart = [it for it in measured if (it.quantity or "").endswith("_hr")]
-    gnss = [it for it in lines if groups[it] == "GNSS"]
-    together = [it for it in measured if it not in apart and it not in gnss]
-    total = sum(it.frequency * (_FRAME + stamps + _size(it)) for it in apart)
-    total += sum(_GNSS_RATE * (_FRAME + stamps + _size(it)) for it in gnss)
-    total += sum(it.frequency * _size(it) for it in together)
-    messages = _messages([it.frequency for it in together])
-    if not measured and not gnss and lines:
+    active = [known for output in outputs if (known := support.acknowledged(output)) is not None]
+    groups = {output: QUANTITIES[output.quantity or ""].group for output in active}
+    stamps = sum(_packet_bytes(output) for output in active if groups[output] == "Timestamp")
+    status = sum(_packet_bytes(output) for output in active if groups[output] == "Status")
+    with_rate = [output for output in active if output.frequency != EVERY]
+    high_rate = [output for output in with_rate if (output.quantity or "").endswith("_hr")]
+    gnss = [output for output in active if groups[output] == "GNSS"]
+    shared = [output for output in with_rate if output not in high_rate and output not in gnss]
+    total = sum(
+        output.frequency * (_FRAME_BYTES + stamps + _packet_bytes(output)) for output in high_rate
+    )
+    total += sum(_GNSS_RATE * (_FRAME_BYTES + stamps + _packet_bytes(output)) for output in gnss)
+    total += sum(output.frequency * _packet_bytes(output) for output in shared)
+    messages = _messages_per_second([output.frequency for output in shared])
+    if not with_rate and not gnss and active:
         messages = _STAMPS_RATE
-    return total + messages * (_FRAME + stamps + status)
+    return total + messages * (_FRAME_BYTES + stamps + status)
 
 
-def _messages(rates: list[int]) -> int:
-    """In how many instants of a second at least one of these rates is due."""
+def _messages_per_second(rates: list[int]) -> int:
+    """Returns the number of instants of a second at which at least one of these rates is due."""
     return len({tick / rate for rate in set(rates) for tick in range(rate)})
 
 
-def _size(output: Output) -> int:
+def _packet_bytes(output: Output) -> int:
     row = QUANTITIES[output.quantity or ""]
     if row.kind == "real":
-        return _PACKET + row.numbers * (4, 4, 6, 8)[output.data_id & 3]
+        return _PACKET_BYTES + row.numbers * (4, 4, 6, 8)[output.data_id & 3]
     if row.kind == "list":
-        head = sum(int(it.type[1]) for it in row.fields)
-        return _PACKET + head + _SATELLITES * sum(int(it.type[1]) for it in row.entry)
-    return _PACKET + (row.size or 8)
+        head = sum(int(field.type[1]) for field in row.fields)
+        entry = sum(int(field.type[1]) for field in row.entry)
+        return _PACKET_BYTES + head + _SATELLITES * entry
+    return _PACKET_BYTES + (row.size or 8)
 
 
 def check_outputs_fit(outputs: Iterable[Output], support: Support, baudrate: int) -> None:
-    """Whether a serial line carries what these lines make.
+    """Checks that a serial line carries these outputs.
 
     Raises:
-        ValueError: It does not; the message says which baud rate, or what share of the rates, would do.
+        ValueError: It does not; the message names a sufficient baud rate, and the share of the rates that
+            fits.
     """
-    needed, room = bytes_per_second(outputs, support), baudrate // BITS_PER_BYTE
-    if needed > room:
+    needed, capacity = bytes_per_second(outputs, support), baudrate // BITS_PER_BYTE
+    if needed > capacity:
         problem = overload_message("outputs", needed, baudrate, support)
         raise ValueError(
-            f"{problem}; at {baudrate:,} baud {room / needed:.0%} of the rates would fit"
+            f"{problem}; at {baudrate:,} baud {capacity / needed:.0%} of the rates would fit"
         )
 
 
 def overload_message(what: str, needed: int, baudrate: int, support: Support) -> str:
-    """That a line does not carry so many bytes a second, and which baud rate would."""
-    enough = [it for it in support.baudrates if it // BITS_PER_BYTE >= needed]
+    """Returns that a line does not carry `needed` bytes per second, and which baud rate would."""
+    sufficient = [rate for rate in support.baudrates if rate // BITS_PER_BYTE >= needed]
     advice = (
-        f"{min(enough):,} baud would do (set_baudrate)"
-        if enough
-        else "no baud rate of this product would do"
+        f"use at least {min(sufficient):,} baud"
+        if sufficient
+        else "no baud rate of this product is sufficient"
     )
     return (
-        f"these {what} make about {needed:,} bytes a second, and {baudrate:,} baud carry"
+        f"these {what} make about {needed:,} bytes per second, and {baudrate:,} baud carry"
         f" {baudrate // BITS_PER_BYTE:,}; {advice}"
     )

@@ -1,4 +1,4 @@
-"""String outputs in the user's words: which, how often, and what that takes."""
+"""String outputs: the settings for a choice of strings and a rate."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ __all__ = [
     "plan_strings",
 ]
 
-#: The strings that have neither checksum nor end of line.
+#: The strings that have neither checksum nor end of line, so that only their length identifies them.
 UNFRAMED_STRINGS = StringType.EM1000
 
 
 @dataclass(frozen=True)
 class StringPlan:
-    """The settings that make strings come.
+    """The settings for a choice of strings.
 
     Attributes:
-        output: Which, and on the 600-series how often.
-        period: Sampling period in 1/115200 s, or None to leave it.
-        skip_factor: How many are left out between two, or None to leave it.
-        frequency: The rate in Hz; None where they come when they are asked for, or never.
+        output: The types, and on the 600-series the rate.
+        period: Sampling period in 1/115200 s; None leaves it unchanged.
+        skip_factor: Strings skipped between two; None leaves it unchanged.
+        frequency: The rate in Hz; None if strings come on request, or never.
     """
 
     output: StringOutput
@@ -43,13 +43,16 @@ class StringPlan:
 
     @property
     def messages(self) -> list[tuple[str, Any]]:
-        """The messages that set it, and what they say."""
-        said = [("SetPeriod", self.period), ("SetOutputSkipFactor", self.skip_factor)]
-        return [*(it for it in said if it[1] is not None), ("SetStringOutputType", self.output)]
+        """Name and value of each message, in the order in which they are sent."""
+        rate = [("SetPeriod", self.period), ("SetOutputSkipFactor", self.skip_factor)]
+        return [
+            *((name, value) for name, value in rate if value is not None),
+            ("SetStringOutputType", self.output),
+        ]
 
 
 def frequency_of(period: int, skip_factor: int) -> float | None:
-    """The rate in Hz that a sampling period and a skip factor make (section 5.3.5); None: on demand.
+    """Returns the rate in Hz for a sampling period and a skip factor (section 5.3.5); None: on request.
 
     >>> frequency_of(1152, 1), frequency_of(768, 1)
     (50.0, 75.0)
@@ -58,10 +61,10 @@ def frequency_of(period: int, skip_factor: int) -> float | None:
 
 
 def period_and_skip_factor(frequency: float) -> tuple[int, int]:
-    """The sampling period and the skip factor that make a rate, with as few left out as can be.
+    """Returns the sampling period and the skip factor for a rate in Hz, with the lowest possible skip factor.
 
     Raises:
-        ValueError: None do; the message says which rates are near.
+        ValueError: There are none; the message names the nearest rates.
 
     >>> period_and_skip_factor(75)
     (768, 1)
@@ -69,56 +72,57 @@ def period_and_skip_factor(frequency: float) -> tuple[int, int]:
     ticks = PERIOD_TICKS / frequency if frequency > 0 else 0.0
     if not PERIODS[0] <= ticks <= PERIODS[-1] * ON_DEMAND:
         least, most = PERIOD_TICKS / PERIODS[-1] / ON_DEMAND, PERIOD_TICKS // PERIODS[0]
-        raise ValueError(f"strings come at {least:.4f} to {most} Hz, not at {frequency:g} Hz")
+        raise ValueError(f"strings have a rate from {least:.4f} to {most} Hz, not {frequency:g} Hz")
     exact, below = round(ticks), int(ticks)
-    # A rate that was written with a few digits is meant, too.
+    # A rate given with a few digits, such as 100.964, means the exact one.
     if abs(ticks - exact) <= 1e-6 * ticks and (found := _factors(exact)) is not None:
         return found
-    faster = next(it for it in range(below, 0, -1) if _factors(it))
-    slower = next(it for it in range(below + 1, PERIODS[-1] * ON_DEMAND + 1) if _factors(it))
+    faster = next(count for count in range(below, 0, -1) if _factors(count))
+    longest = PERIODS[-1] * ON_DEMAND
+    slower = next(count for count in range(below + 1, longest + 1) if _factors(count))
     rates = f"{PERIOD_TICKS / slower:.6g} and {PERIOD_TICKS / faster:.6g} Hz"
-    raise ValueError(f"no period and skip factor make {frequency:g} Hz; the nearest are {rates}")
+    raise ValueError(f"no period and skip factor give {frequency:g} Hz; the nearest are {rates}")
 
 
 def _factors(ticks: int) -> tuple[int, int] | None:
-    """Period and skip factor of so many ticks in all."""
-    least = -(-ticks // PERIODS[-1])
-    for times in range(least, ticks // PERIODS[0] + 1):
-        if ticks % times == 0 and times <= ON_DEMAND:
-            return ticks // times, times - 1
+    """Returns the period and the skip factor whose product is `ticks`, or None."""
+    fewest = -(-ticks // PERIODS[-1])
+    for periods in range(fewest, ticks // PERIODS[0] + 1):
+        if ticks % periods == 0 and periods <= ON_DEMAND:
+            return ticks // periods, periods - 1
     return None
 
 
 def plan_strings(
     strings: Iterable[StringType | str], frequency: float | None, support: Support | None
 ) -> StringPlan:
-    """The settings for these strings at this rate.
+    """Returns the settings for some strings at a rate in Hz; None: on request.
 
     Raises:
-        ValueError: The product cannot do that.
+        ValueError: The product does not have the strings or the rate, or is not known.
     """
     if support is None:
         raise ValueError(
-            "the product is none that the manual describes, so how it takes its rate is not known;"
-            " set_string_output_type, set_period and set_output_skip_factor set it"
+            "the product is not in the manual, so it is not known how to set the rate of its strings; use the"
+            " messages SetStringOutputType, SetPeriod and SetOutputSkipFactor"
         )
     types = StringType(0)
-    for it in string_types(strings):
-        types |= it
+    for kind in string_types(strings):
+        types |= kind
     is_600 = support.product.series == "600-series"
     if not types:
         if frequency is not None:
-            raise ValueError(f"{frequency:g} Hz of what? No string is named")
+            raise ValueError(f"a rate of {frequency:g} Hz needs at least one string")
         return StringPlan(StringOutput(types, 0 if is_600 else None))
     if is_600:
         name, most = support.product.name, support.rates["acceleration"]
         if frequency is None:
             raise ValueError(
-                f"the {name} sends no strings on demand: a rate is needed, from 1 to {most} Hz"
+                f"the {name} does not send strings on request; give a rate from 1 to {most} Hz"
             )
         if frequency not in range(1, most + 1):
             raise ValueError(
-                f"the {name} sends strings at whole numbers of Hz, from 1 to {most}, not at {frequency:g} Hz"
+                f"the {name} sends strings at a whole number of Hz from 1 to {most}, not at {frequency:g} Hz"
             )
         return StringPlan(StringOutput(types, int(frequency)), frequency=int(frequency))
     if frequency is None:
@@ -128,12 +132,12 @@ def plan_strings(
 
 
 def check_strings_fit(plan: StringPlan, support: Support, baudrate: int) -> None:
-    """Whether a serial line carries these strings.
+    """Checks that a serial line carries these strings.
 
     Raises:
-        ValueError: It does not; the message says which baud rate would do.
+        ValueError: It does not; the message names a sufficient baud rate.
     """
-    each = sum(LAYOUTS[it].length for it in plan.output.types)
-    needed = round(each * (plan.frequency or 0))
+    characters = sum(LAYOUTS[kind].length for kind in plan.output.types)
+    needed = round(characters * (plan.frequency or 0))
     if needed > baudrate // BITS_PER_BYTE:
         raise ValueError(overload_message("strings", needed, baudrate, support))
