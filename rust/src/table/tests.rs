@@ -1,156 +1,93 @@
-//! The tables against the lists that they were made from, where these lie next to the repository, and against
-//! themselves.
+//! The tables against a second copy in `tests/spec`, which was written from the sources and not from the tables; and
+//! against themselves.
 
 use std::collections::BTreeSet;
-use std::path::Path;
 
 use super::*;
 
-/// The rows of a list, each with its fields; nothing where the list is not at hand.
-#[expect(clippy::print_stderr, reason = "a test that skips says so")]
-fn rows(file: &str) -> Vec<Vec<String>> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/spec").join(file);
-    let Ok(text) = std::fs::read_to_string(&path) else {
-        eprintln!("skipped: no {}", path.display());
-        return Vec::new();
-    };
-    text.lines().skip(1).map(fields).collect()
+const QUANTITIES_SPEC: &str = include_str!("../../../tests/spec/quantities.txt");
+const MESSAGES_SPEC: &str = include_str!("../../../tests/spec/messages.txt");
+
+/// The rows of a file. `-` is an empty field.
+fn rows<const N: usize>(text: &str) -> impl Iterator<Item = [&str; N]> {
+    text.lines().filter(|line| !line.is_empty() && !line.starts_with('#')).map(|line| {
+        let fields = line.split("  ").map(str::trim).filter(|field| !field.is_empty());
+        let fields: Vec<_> = fields.map(|field| if field == "-" { "" } else { field }).collect();
+        fields.try_into().unwrap_or_else(|fields| panic!("not {N} fields: {fields:?}"))
+    })
 }
 
-/// The comma-separated fields of a line; a comma between quotes separates nothing.
-fn fields(line: &str) -> Vec<String> {
-    let mut fields = vec![String::new()];
-    let mut quoted = false;
-    for character in line.chars() {
-        match character {
-            '"' => quoted = !quoted,
-            ',' if !quoted => fields.push(String::new()),
-            _ => fields.last_mut().unwrap().push(character),
-        }
-    }
-    fields
-}
-
-fn hex(text: &str) -> Option<u16> {
-    u16::from_str_radix(text.strip_prefix("0x")?, 16).ok()
-}
-
-/// What a product column of the lists means. Numbers are products where the manual has them (it does not have an
-/// MTi-8 or an MTi-700); everything from a parenthesis on is a remark.
 fn products(text: &str) -> Products {
-    if text.starts_with("all") {
+    if text == "all" {
         return Products::ALL;
     }
-    if text.starts_with("10/100-series, 600") {
-        return Products::of(&[10, 20, 30, 100, 200, 300, 710, 610, 620, 630, 670, 680]);
-    }
-    let numbers = text.split('(').next().unwrap().split(' ').filter_map(|word| word.parse().ok());
-    Products::of(&numbers.filter(|&number| Products::ALL.has(number)).collect::<Vec<u16>>())
-}
-
-#[test]
-fn every_listed_message_is_in_the_table() {
-    let mut seen = BTreeSet::new();
-    for row in rows("messages.csv") {
-        let [mid, _, name, direction, states, _, lengths, reply, on, notes] = &row[..] else { panic!("{row:?}") };
-        let mid: u8 = mid.parse().unwrap();
-        let listed_direction = match direction.as_str() {
-            "host->mt" => Direction::ToDevice,
-            "mt->host" => Direction::ToHost,
-            "mt->host/host->mt" => Direction::Both,
-            other => panic!("{other}"),
-        };
-        let listed_states = States {
-            wakeup: states.contains("wakeup"),
-            config: states.contains("config"),
-            measurement: states.contains("measurement"),
-        };
-        for name in names(name) {
-            let found = messages(mid).find(|message| message.name.eq_ignore_ascii_case(&name));
-            let message = found.unwrap_or_else(|| panic!("{mid:02X} {name} is missing"));
-            assert!(seen.insert(message.name), "{name} twice");
-            assert_eq!(message.direction, listed_direction, "{name}");
-            assert_eq!(message.states, listed_states, "{name}");
-            assert_eq!(message.reply.map(u16::from), hex(reply), "{name}");
-            // InitBus was seen on an MTi-300 only, but the vendor's software sends it to every MTi.
-            let listed_products = if name.starts_with("InitBus") { Products::ALL } else { products(on) };
-            assert_eq!(message.products, listed_products, "{name}");
-            assert_eq!(message.status, status(&row[2], notes), "{name}");
-            if listed_direction == Direction::ToDevice {
-                assert_eq!(lengths, "", "{name}");
-            } else {
-                assert_eq!(message.lengths(), parsed(lengths), "{name}");
-            }
-        }
-    }
-    assert!(seen.is_empty() || seen.len() == MESSAGES.len(), "a message of the table is not in the list");
-}
-
-/// The names in the table for a name in the list, which has remarks behind it and sometimes two messages in one row.
-fn names(listed: &str) -> Vec<String> {
-    let name = listed.split(" (").next().unwrap();
-    match name {
-        "CanOutputConfig / SetCanOutputConfigAck" => vec!["CanOutputConfig".into(), "SetCanOutputConfigAck".into()],
-        "GnssReceiverSettings / SetAck" => vec!["GnssReceiverSettings".into(), "SetGnssReceiverSettingsAck".into()],
-        _ if listed.ends_with("(modern)") => vec![format!("{name}Modern")],
-        _ => match name.strip_prefix("Req/Set") {
-            Some(both) => vec![format!("Req{both}"), format!("Set{both}")],
-            None => vec![name.into()],
-        },
-    }
-}
-
-fn status(name: &str, notes: &str) -> &'static str {
-    if notes.contains("not in ") {
-        return "unlisted";
-    }
-    ["reserved", "deprecated", "obsolete"].into_iter().find(|&status| name.contains(status)).unwrap_or("")
+    Products::of(&text.split_whitespace().map(|number| number.parse().unwrap()).collect::<Vec<u16>>())
 }
 
 /// `"4 11"`, `"4..20"` or `"0..120 step 12"`.
-fn parsed(lengths: &str) -> Lengths {
+fn lengths(text: &str) -> Lengths {
     let number = |text: &str| text.parse::<usize>().unwrap();
-    if lengths.is_empty() {
+    if text.is_empty() {
         return Lengths::UNKNOWN;
     }
-    let Some((from, rest)) = lengths.split_once("..") else {
-        return lengths.split(' ').map(|text| Lengths::exactly(number(text))).fold(Lengths::UNKNOWN, Lengths::or);
+    let Some((from, rest)) = text.split_once("..") else {
+        return text.split(' ').map(|text| Lengths::exactly(number(text))).fold(Lengths::UNKNOWN, Lengths::or);
     };
     let (to, step) = rest.split_once(" step ").unwrap_or((rest, "1"));
     Lengths::range(number(from), number(to), number(step))
 }
 
 #[test]
-fn every_listed_identifier_is_in_the_table() {
-    let opaque: BTreeSet<u16> =
-        [0x8840, 0x88A0, 0xA080, 0xC810, 0xC820, 0xC830, 0xC840, 0xCA30, 0xCA40].into_iter().collect();
-    let mut missing = BTreeSet::new();
-    let mut seen = 0;
-    for row in rows("data_ids.csv") {
-        let (id, name, unit, size, on) = (hex(&row[0]).unwrap(), &row[1], &row[5], &row[8], &row[16]);
-        let Some(quantity) = quantity(id) else {
-            missing.insert(id);
-            continue;
+fn messages_are_those_of_the_specification() {
+    let mut seen = BTreeSet::new();
+    for row in rows(MESSAGES_SPEC) {
+        let [mid, name, direction, states, payload_lengths, reply, status, on] = row;
+        let mid = u8::from_str_radix(mid, 16).unwrap();
+        let found = messages(mid).find(|message| message.name.eq_ignore_ascii_case(name));
+        let message = found.unwrap_or_else(|| panic!("{mid:02X} {name} is missing"));
+        assert!(seen.insert(message.name), "{name} twice");
+        let expected_direction = match direction {
+            "to device" => Direction::ToDevice,
+            "to host" => Direction::ToHost,
+            "both" => Direction::Both,
+            other => panic!("{other}"),
         };
-        seen += 1;
-        assert_eq!(quantity.id, id);
-        assert_eq!(quantity.manual, name.split(' ').next().unwrap());
-        // The list names a unit for some integers that are mere counts, and for records, whose fields have their own.
-        let unit = if unit == "device ticks" || unit.starts_with("timestamp") { "" } else { unit };
-        let unit = if ["-", "count", "packets", "ADC", "bits", "mixed"].contains(&unit) { "" } else { unit };
-        assert_eq!(quantity.unit, unit, "{name}");
-        assert_eq!(&size_label(quantity.kind), size, "{name}");
-        assert_eq!(quantity.rotates, row[7] == "y", "{name}");
-        assert_eq!(matches!(quantity.kind, Kind::Real(_)), row[6] == "y", "{name}");
-        assert_eq!(quantity.products, products(on), "{name}");
+        let expected_states = States {
+            wakeup: states.contains("wakeup"),
+            config: states.contains("config"),
+            measurement: states.contains("measurement"),
+        };
+        assert_eq!(message.direction, expected_direction, "{name}");
+        assert_eq!(message.states, expected_states, "{name}");
+        assert_eq!(message.reply.map_or(String::new(), |reply| format!("{reply:02X}")), reply, "{name}");
+        assert_eq!(message.status, status, "{name}");
+        assert_eq!(message.products, products(on), "{name}");
+        if message.direction == Direction::ToDevice {
+            assert_eq!(payload_lengths, "", "{name}");
+        } else {
+            assert_eq!(message.lengths(), lengths(payload_lengths), "{name}");
+        }
     }
-    if seen > 0 {
-        assert_eq!(seen, QUANTITIES.len(), "a quantity of the table is not in the list");
-        assert_eq!(missing, opaque);
-    }
+    assert_eq!(seen.len(), MESSAGES.len(), "a message of the table is not in the specification");
 }
 
-/// Bytes of a packet as the list writes them; of a real in each of the four precisions.
+#[test]
+fn quantities_are_those_of_the_specification() {
+    let mut seen = 0;
+    for row in rows(QUANTITIES_SPEC) {
+        let [id, name, bytes, unit, coordinates, on] = row;
+        let id = u16::from_str_radix(id, 16).unwrap();
+        let quantity = quantity(id).unwrap_or_else(|| panic!("{id:04X} {name} is missing"));
+        assert_eq!((quantity.id, quantity.manual, quantity.unit), (id, name, unit));
+        assert_eq!(size_label(quantity.kind), bytes, "{name}");
+        assert_eq!(quantity.rotates, coordinates == "yes", "{name}");
+        assert_eq!(quantity.products, products(on), "{name}");
+        seen += 1;
+    }
+    assert_eq!(seen, QUANTITIES.len(), "a quantity of the table is not in the specification");
+}
+
+/// Bytes of a packet as the specification writes them; for real numbers in each of the four precisions.
 fn size_label(kind: Kind) -> String {
     let sum = |fields: &[Field]| fields.iter().map(|field| field.wire.size()).sum::<usize>();
     match kind {
