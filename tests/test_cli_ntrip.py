@@ -251,7 +251,7 @@ def test_nobody_there() -> None:
 
 def test_a_product_without_rtk(local: LocalCaster) -> None:
     said = wanted("--caster", local.address, port="sim:MTi-670")
-    assert said.startswith("the MTi-670 does not know ForwardGnssData")
+    assert said.startswith("the MTi-670 does not support ForwardGnssData")
     assert "MTi-680G" in said
     assert local.requests == []
 

@@ -282,7 +282,7 @@ def test_a_port_that_is_taken() -> None:
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        ("ReqGnssPlatform", "the MTi-630 does not know ReqGnssPlatform, nothing was sent; those that do: "),
+        ("ReqGnssPlatform", "the MTi-630 does not support ReqGnssPlatform, nothing was sent; supported by: "),
         ("SetBaudrate 99", "the MTi-630 does not support code 99 baud; "),
         ("SetOutputConfiguration data_id=LatLon,frequency=4", "the MTi-630 has no output lat_lon; "),
         ("SetOptionFlags set=enable_ahs clear=0", "the MTi-630 has no option flag ENABLE_AHS; "),

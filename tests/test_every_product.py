@@ -173,7 +173,7 @@ def test_what_is_no_command(product: int, state: State) -> None:
         assert exchange(device, encode_frame(mid)) == error(MESSAGE), mid
     for row in MESSAGES.values():
         if row.direction == "to host":
-            with pytest.raises(ValueError, match="is no command"):
+            with pytest.raises(ValueError, match="there is no command"):
                 session.request(row.name)
     assert device.state is state
 

@@ -194,7 +194,7 @@ def test_no_sample_is_lost_meanwhile() -> None:
 
 def test_other_products_are_refused() -> None:
     device, link = opened("MTi-670")
-    with pytest.raises(StateError, match=r"the MTi-670 does not know ForwardGnssData.*MTi-680G"):
+    with pytest.raises(StateError, match=r"the MTi-670 does not support ForwardGnssData.*MTi-680G"):
         device.forward_gnss(FRAMES)
     assert link.written == []
 

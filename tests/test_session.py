@@ -236,7 +236,7 @@ def test_one_command_at_a_time() -> None:
 
 def test_what_is_no_command() -> None:
     for name in ("DeviceID", "MTData2", "SetNothing"):
-        with pytest.raises(ValueError, match="is no command"):
+        with pytest.raises(ValueError, match="there is no command"):
             session().request(name)
 
 
@@ -341,7 +341,7 @@ def test_an_empty_answer_to_a_request_is_none(name: str) -> None:
     it.request(name)
     (refusal,) = it.receive(encode_frame(MESSAGES[name].reply or 0))
     assert isinstance(refusal, Refusal)
-    assert "it carries nothing" in str(refusal.error)
+    assert "the payload is empty" in str(refusal.error)
 
 
 @pytest.mark.parametrize(

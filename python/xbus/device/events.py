@@ -18,8 +18,9 @@ class Reply:
 
     Attributes:
         command: Name of the command.
-        value: What it says, of the type of its layout; None where it carries nothing.
-        payload: Its bytes. Some firmware answers a setting with the new value, some with nothing.
+        value: The decoded payload, as `xbus.protocol.decode` returns it; None if the payload is empty.
+        payload: The bytes. Some firmware acknowledges a setting with the new value, some with an empty
+            payload.
     """
 
     command: str
@@ -29,7 +30,7 @@ class Reply:
 
 @dataclass(frozen=True)
 class Refusal:
-    """A command that failed: the device answered Error, or something that cannot be read.
+    """A command that failed: the device answered Error, or the answer cannot be decoded.
 
     Attributes:
         command: Name of the command.
@@ -42,15 +43,17 @@ class Refusal:
 
 @dataclass(frozen=True)
 class Notice:
-    """A message that nobody asked for: WakeUp, Configuration, Error, Warning, ...
+    """A message that answers no command: WakeUp, Configuration, Error, Warning, ...
+
+    Two notices are not messages of the device: "Reconnected", after the device was lost for ``value``
+    seconds, and "Port", with a problem of the port and its remedy as ``value``.
 
     Attributes:
-        name: The manual's name, or the MID in hex where it has none.
-        value: What it says; its bytes where that cannot be told.
-        payload: Its bytes.
-        bid: Its bus identifier.
-        mid: Its message identifier. None for what is no message: "Reconnected", the device was lost and is
-            there again, ``value`` seconds later; "Port", ``value`` says what is wrong with it, and the cure.
+        name: The manual's name, or the MID in hex if it has none.
+        value: The decoded payload; the payload itself if it cannot be decoded.
+        payload: The bytes.
+        bid: Bus identifier.
+        mid: Message identifier; None if the notice is not a message.
     """
 
     name: str
@@ -60,4 +63,5 @@ class Notice:
     mid: int | None
 
 
+#: What `Session.receive` returns a list of.
 SessionEvent = Sample | String | Reply | Refusal | Notice

@@ -1,4 +1,4 @@
-"""What the host knows of a device: bytes in, events out; commands in, bytes out. No port, clock or thread."""
+"""The protocol without a port, clock or thread: bytes in, events out; commands in, bytes out."""
 
 from __future__ import annotations
 
@@ -19,36 +19,35 @@ from xbus.wire.strings import String, type_at
 
 __all__ = ["Session"]
 
-#: What a message of the device says about its state. Samples still come between GoToConfig and its
-#: answer, so they prove a state only where none is known.
-TRANSITIONS: dict[str, State] = {
+#: The state of the device after a message from it. Samples still arrive between GoToConfig and its answer, so
+#: they indicate a state only if none is known.
+STATE_AFTER: dict[str, State] = {
     "WakeUp": State.WAKEUP,
     "GoToConfigAck": State.CONFIG,
     "GoToMeasurementAck": State.MEASUREMENT,
     "ResetAck": State.UNKNOWN,
 }
-#: Requests that may be sent whatever the state is: they make it known, or end it.
-ALWAYS = ("GoToConfig", "Reset")
-#: The request that tells the states apart without changing them: valid in Config State only.
+#: Requests that are valid in any state.
+VALID_IN_ANY_STATE = ("GoToConfig", "Reset")
+#: The request that finds out the state without changing it: it is valid in Config State only.
 PROBE = "ReqDID"
-#: Errors about the stream or the device as a whole, which come unasked and answer no command (Table 5).
-UNASKED = frozenset({30, 35, 36, 37, 41, 42, 43, 44, 45, 46, 47, 48, 54, 55})
+#: Codes of errors about the stream or the device as a whole, which answer no command (Table 5).
+UNSOLICITED_ERRORS = frozenset({30, 35, 36, 37, 41, 42, 43, 44, 45, 46, 47, 48, 54, 55})
 
 
 class Session:
-    """The state of a device, as the host can know it.
+    """The connection to a device, for programs that have their own I/O.
 
-    Commands go by the names of the manual. One at a time can wait for its answer; samples keep flowing
-    meanwhile.
+    Commands have the names of the manual. One at a time can wait for its answer; samples continue meanwhile.
 
     Args:
         bid: Bus identifier to address; 0xFF and 1 are the same device.
-        strings: Bits of `StringType`, of strings that nothing but their length tells from noise.
+        strings: Bits of `StringType` for strings that only their length distinguishes from noise.
 
     Attributes:
         bid: Bus identifier that is addressed.
         state: State of the device.
-        support: What its product supports; None until `identify` was called.
+        support: What the product supports; None until `identify` is called.
         pending: Name of the command that waits for its answer, or None.
         skipped: Bytes that were neither frame nor string.
 
@@ -75,18 +74,22 @@ class Session:
     # Commands
 
     def request(self, name: str, value: Any = None) -> bytes:
-        """The frame of a command, checked against state and product; its answer is then waited for.
+        """Returns the frame of a command, checked against state and product. The command is then pending.
+
+        Args:
+            name: Name of the message, as in `xbus.protocol.tables.MESSAGES`.
+            value: The content of the message, as `xbus.protocol.encode` takes it; None if it has none.
 
         Raises:
-            StateError: It cannot be sent in this state, or not to this product.
-            ValueError: No such command, or a value that does not fit or that the product cannot do.
+            StateError: The state or the product does not accept the command, or another one is pending.
+            ValueError: There is no such command, or the value does not fit the message or the product.
         """
         row = MESSAGES.get(name)
         if row is None or row.direction == "to host":
-            raise ValueError(f"{name!r} is no command; xbus messages lists them")
+            raise ValueError(f"there is no command {name!r}; xbus messages lists them")
         if self.pending is not None:
             raise StateError(
-                f"{name} has to wait: {self.pending} is not answered yet", name, self.state
+                f"{name} must wait: {self.pending} is not answered yet", name, self.state
             )
         self._check_product(name)
         self.check_state(name)
@@ -98,10 +101,10 @@ class Session:
         return encode_frame(row.mid, payload, bid=self.bid)
 
     def validate(self, name: str, value: Any = None) -> bytes:
-        """The payload of a command, checked against the product, whatever the state.
+        """Returns the payload of a command, checked against the product, in any state.
 
         Raises:
-            ValueError: The value does not fit, or is something that the product cannot do.
+            ValueError: The value does not fit the message or the product.
         """
         payload = encode(name, value)
         check(name, value, self.support)
@@ -111,31 +114,31 @@ class Session:
         if self.support is None or name in self.support.messages:
             return
         numbers = MESSAGES[name].products
-        others = ", ".join(PRODUCTS[it].name for it in numbers) or "no product of this manual"
+        others = ", ".join(PRODUCTS[number].name for number in numbers) or "no product"
         product = self.support.product.name
         raise StateError(
-            f"the {product} does not know {name}, nothing was sent; those that do: {others}",
+            f"the {product} does not support {name}, nothing was sent; supported by: {others}",
             name,
             self.state,
         )
 
     def check_state(self, name: str) -> None:
-        """Whether a command can be sent now.
+        """Checks that a command is valid in the present state.
 
         Raises:
-            StateError: The device is in another state than those in which the command is valid.
+            StateError: It is not; the message says how to get to a state in which it is.
         """
         valid = MESSAGES[name].states
-        if self.state in valid or name in ALWAYS:
+        if self.state in valid or name in VALID_IN_ANY_STATE:
             return
         if self.state == State.UNKNOWN and name == PROBE:
             return
-        wanted = " or ".join(f"{it.capitalize()} State" for it in valid)
+        wanted = " or ".join(f"{state.capitalize()} State" for state in valid)
         advice = {
-            State.UNKNOWN: "go_to_config() makes the state known",
-            State.WAKEUP: "wake_up() leads to Config State",
+            State.UNKNOWN: "go_to_config() enters a known state",
+            State.WAKEUP: "wake_up() enters Config State",
             State.MEASUREMENT: "use it within `with device.configure():`",
-            State.CONFIG: "go_to_measurement() leads there",
+            State.CONFIG: "go_to_measurement() enters it",
         }[self.state]
         raise StateError(
             f"{name} is valid in {wanted}, but the state is {self.state}; nothing was sent; {advice}",
@@ -144,28 +147,28 @@ class Session:
         )
 
     def abandon(self) -> None:
-        """Waits no longer for the answer to the pending command, which may have been obeyed all the same."""
+        """Ends the wait for the answer to the pending command. The device may have executed it."""
         if self.pending in ("GoToConfig", "GoToMeasurement", "Reset"):
             self.state = State.UNKNOWN
         self.pending = None
 
     def forget(self) -> None:
-        """Forgets the state: the connection was lost, or the device may have done anything meanwhile."""
+        """Makes the state unknown, for example after the connection was lost."""
         self.state = State.UNKNOWN
         self.pending = None
 
     def identify(self, support: Support | None) -> None:
-        """Takes note of what the product supports."""
+        """Sets what the product supports, for the checks of later commands."""
         self.support = support
 
-    # What comes
+    # Received bytes
 
     def receive(self, data: bytes) -> list[SessionEvent]:
-        """The events that can be told with these bytes, in order."""
+        """Returns the events that these bytes complete, in order."""
         return self._events(self._scanner.feed(data, last=False))
 
     def quiet(self) -> list[SessionEvent]:
-        """The events that can be told because the line has gone quiet; what is incomplete then is damage."""
+        """Returns the events that remain when the line is silent. Incomplete data counts as damage."""
         return self._events(self._scanner.feed(b"", last=True))
 
     def _events(
@@ -175,7 +178,7 @@ class Session:
         for item in items:
             match item:
                 case _core.ScannedFrame(offset=offset, bid=bid, mid=mid, payload=payload):
-                    if self._is_ours(bid):
+                    if self._is_from_device(bid):
                         events.append(self._event(offset, bid, mid, payload))
                 case _core.ScannedString():
                     events.append(self._string(item.offset, item.place, item.data))
@@ -188,8 +191,8 @@ class Session:
             self.state = State.MEASUREMENT
         return String(type_at(place), data, offset)
 
-    def _is_ours(self, bid: int) -> bool:
-        """Whether the addressed device may have sent it: what comes unasked has FF, or its own."""
+    def _is_from_device(self, bid: int) -> bool:
+        """Returns whether the addressed device may have sent a frame: its messages have its own BID or FF."""
         return self.bid == 0xFF or bid in (self.bid, 0xFF)
 
     def _event(self, offset: int, bid: int, mid: int, payload: bytes) -> SessionEvent:
@@ -201,10 +204,10 @@ class Session:
         if row is not None:
             if mid == row.reply:
                 return self._answer(row.name, offset, payload)
-            if mid == MessageId.Error and not (payload and payload[0] in UNASKED):
+            if mid == MessageId.Error and not (payload and payload[0] in UNSOLICITED_ERRORS):
                 return self._refused(row.name, offset, payload)
         name = message_name(mid, len(payload))
-        self.state = TRANSITIONS.get(name, self.state)
+        self.state = STATE_AFTER.get(name, self.state)
         try:
             value = decode(name, payload) if name in LAYOUTS else payload
         except ValueError:
@@ -217,17 +220,15 @@ class Session:
         try:
             _, value = self.read_reply(command, payload)
         except ValueError as error:
-            text = (
-                f"the reply to {command} cannot be read: {error}; the command may have been obeyed"
-            )
+            text = f"cannot decode the reply to {command}: {error}; the device may have executed the command"
             return Refusal(command, DecodeError(text, offset, command=command))
         return Reply(command, value, payload)
 
     def read_reply(self, command: str, payload: bytes) -> tuple[str, Any]:
-        """The reply to a command: its name, and what it says, None where it carries nothing.
+        """Returns the name and the value of the reply to a command. The value of an empty payload is None.
 
         Raises:
-            ValueError: It cannot be read.
+            ValueError: The payload cannot be decoded.
 
         >>> Session().read_reply("SetOutputConfiguration", bytes.fromhex("4020 0064"))
         ('SetOutputConfigurationAck', (Output(data_id=16416, frequency=100),))
@@ -241,22 +242,23 @@ class Session:
         raise ValueError(problem)
 
     def _state_after(self, command: str) -> State:
-        """The state that an answer proves: where the answer leads, or else where the command is valid."""
-        if (state := TRANSITIONS.get(f"{command}Ack")) is not None:
+        """Returns the state after an answer: the one that it enters, or else the one in which it is valid."""
+        if (state := STATE_AFTER.get(f"{command}Ack")) is not None:
             return state
         return State.CONFIG if MESSAGES[command].states == ("config",) else self.state
 
     def _reply_rows(self, command: str, length: int) -> list[MessageRow]:
-        """The rows that the reply may have, the likeliest first.
+        """Returns the messages that the reply may be, the likeliest first.
 
-        A MID answers a request and a setting, each in its way, and some products have ways of their own.
-        A setting that is answered with more than nothing is answered like the request.
+        One MID answers a request and a setting, with different payloads, and some products have variants.
+        A setting that is acknowledged with a value is acknowledged like the request.
         """
-        rows = [it for it in MESSAGES.values() if it.mid == MESSAGES[command].reply]
+        rows = [row for row in MESSAGES.values() if row.mid == MESSAGES[command].reply]
         if self.support is not None:
-            rows = [it for it in rows if it.name in self.support.messages] or rows
+            rows = [row for row in rows if row.name in self.support.messages] or rows
         own = f"{command.removesuffix('Modern')}Ack"
-        return sorted(rows, key=lambda it: ((it.kind == "empty") != (length == 0), it.name != own))
+        is_empty = length == 0
+        return sorted(rows, key=lambda row: ((row.kind == "empty") != is_empty, row.name != own))
 
     def _refused(self, command: str, offset: int, payload: bytes) -> Refusal:
         self.pending = None
@@ -265,7 +267,7 @@ class Session:
         try:
             info: DeviceErrorInfo = decode("Error", payload)
         except ValueError as error:
-            text = f"the device answered {command} with an Error that cannot be read: {error}"
+            text = f"cannot decode the Error that answers {command}: {error}"
             return Refusal(command, DecodeError(text, offset, command=command))
         meaning = RESULT_CODES.get(info.code, "an undocumented code")
         more = f" (and {info.extra.hex(' ')})" if info.extra else ""
@@ -274,11 +276,15 @@ class Session:
 
 
 def _read(row: MessageRow, payload: bytes, command: str) -> Any:
-    """What a reply says, if it is laid out like this row."""
+    """Returns the value of a reply with the layout of a row.
+
+    Raises:
+        ValueError: The reply does not have this layout.
+    """
     if row.lengths is not None and len(payload) not in row.lengths:
         raise ValueError(f"{row.name} has {row.payload}, not {len(payload)} bytes")
     if not payload and not LAYOUTS[row.name].several:
         if command.startswith("Req"):
-            raise ValueError("it carries nothing")
-        return None  # a setting that was taken
+            raise ValueError("the payload is empty")
+        return None  # the acknowledgement of a setting
     return decode(row.name, payload)
