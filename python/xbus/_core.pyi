@@ -20,6 +20,7 @@ __all__ = [
     "Part",
     "Reader",
     "Received",
+    "RequestScanner",
     "ScannedDamage",
     "ScannedFrame",
     "ScannedString",
@@ -169,6 +170,23 @@ class Scanner:
             data: The next bytes of the input.
             last: Whether the input ends with them.
         """
+
+@final
+class RequestScanner:
+    """Finds the requests in the bytes of a host, by their checksums alone. Input is pushed in pieces."""
+
+    def __new__(cls, limit: int) -> RequestScanner:
+        """Creates a scanner that skips headers with more than ``limit`` bytes of payload."""
+    def feed(self, data: bytes, last: bool) -> list[ScannedFrame]:
+        """Returns the requests that ``data`` completes.
+
+        Args:
+            data: The next bytes.
+            last: Whether no byte that completes a frame follows: incomplete frames are skipped.
+        """
+    @property
+    def is_waiting(self) -> bool:
+        """Whether a frame has begun that is not complete."""
 
 @final
 class ScannedFrame:

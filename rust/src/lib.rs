@@ -65,6 +65,7 @@ pub mod packet;
 #[cfg(feature = "python")]
 mod py;
 pub mod real;
+pub mod requests;
 pub mod scan;
 mod simd;
 pub mod strings;

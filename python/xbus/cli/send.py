@@ -105,7 +105,7 @@ def _wrong_call() -> Iterator[None]:
 
 def _frame(words: Sequence[str], bid: int) -> bytes:
     """A frame as it stands, or one for a MID and its data."""
-    from xbus.sim.framing import PREAMBLE
+    from xbus.protocol.tables import PREAMBLE
     from xbus.wire.codec import encode_frame
 
     text = " ".join(words)

@@ -10,6 +10,7 @@ __all__ = [
     "FOLLOWING",
     "MASTER",
     "MESSAGES",
+    "PREAMBLE",
     "PRODUCTS",
     "QUANTITIES",
     "RECEIVER",
@@ -193,6 +194,8 @@ QUANTITIES = {row["name"]: _quantity(row) for row in _core.quantities()}
 RECEIVER = ("gnss_pvt_data", "gnss_sat_info")
 #: Samples with these do not move a clock.
 FOLLOWING = (*RECEIVER, "trigger_in1", "trigger_in2", "trigger_in3")
+#: First byte of every frame (section 5.1).
+PREAMBLE = 0xFA
 #: Bus identifiers (section 5.1, "BID or Address"): both are the one device at the other end of the cable.
 MASTER, STANDALONE = 0xFF, 1
 #: All messages by name, in the order of their MIDs.

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from xbus.log.log import Log
 from xbus.log.pacing import UNSTAMPED_RATE, ReplayPace
 from xbus.log.read import read_log
 from xbus.protocol.ids import MessageId
@@ -71,13 +72,11 @@ class Replay:
         string_times = np.arange(len(log.strings)) / UNSTAMPED_RATE
         if len(log):
             string_times = sample_times[log.strings.sample]
-        offsets = [log.offset, log.messages.offset[is_sent], log.strings.offset]
-        frames = np.concatenate(offsets[:2])
-        ends = [frames + _frame_sizes(self._data, frames), log.strings.end]
-        order = np.argsort(np.concatenate(offsets))
-        self._offsets = np.concatenate(offsets)[order]
+        offsets = np.concatenate([log.offset, log.messages.offset[is_sent], log.strings.offset])
+        order = np.argsort(offsets)
+        self._offsets = offsets[order]
+        self._ends = _ends(log, self._offsets, len(self._data))
         self._times = np.concatenate([times, message_times, string_times])[order]
-        self._ends = np.concatenate(ends)[order]
         self._is_sample = order < len(log)
         self.identity = log.identity
         self.duration = float(self._times[-1]) if len(self._times) else 0.0
@@ -136,12 +135,8 @@ class Playback:
         return self._replay._data[self._replay._offsets[index] : self._replay._ends[index]]
 
 
-def _frame_sizes(data: bytes, offsets: IntArray) -> IntArray:
-    """Bytes of the frames that begin at these offsets, preamble and checksum included."""
-    octets = np.frombuffer(data, np.uint8)
-    payloads = octets[offsets + 3].astype(np.int64)
-    is_extended = payloads == 0xFF
-    high, low = (octets[offsets[is_extended] + it].astype(np.int64) for it in (4, 5))
-    sizes = payloads + 5
-    sizes[is_extended] = high * 256 + low + 7
-    return sizes
+def _ends(log: Log, offsets: IntArray, size: int) -> IntArray:
+    """Returns where the frames and strings at these offsets end: frames, strings and damage leave no gaps."""
+    parts = (log.offset, log.messages.offset, log.strings.offset, log.damage["offset"])
+    bounds = np.sort(np.concatenate([*parts, [size]]))
+    return bounds[np.searchsorted(bounds, offsets, side="right")]

@@ -13,6 +13,7 @@ use crate::device;
 use crate::frame::Frame;
 use crate::input::PushBuffer;
 use crate::packet::{Coordinates, Form, Precision};
+use crate::requests::Requests;
 use crate::scan::{self, Item};
 use crate::value::{self, Number};
 
@@ -187,6 +188,39 @@ fn object_of<'py>(py: Python<'py>, item: Item<'_>) -> PyResult<Bound<'py, PyAny>
         Item::Damage(scan::Damage { offset, length, reason }) => {
             ScannedDamage { offset, length, reason: reason.name() }.into_bound_py_any(py)
         }
+    }
+}
+
+/// Finds the requests in the bytes of a host.
+#[pyclass(module = "xbus._core")]
+pub struct RequestScanner {
+    limit: usize,
+    buffer: PushBuffer,
+}
+
+#[pymethods]
+impl RequestScanner {
+    #[new]
+    fn new(limit: usize) -> Self {
+        Self { limit, buffer: PushBuffer::default() }
+    }
+
+    fn feed(&mut self, py: Python<'_>, data: &[u8], last: bool) -> Vec<ScannedFrame> {
+        self.buffer.push(data);
+        let mut requests = Requests::new(self.buffer.window(last), self.limit);
+        let scanned = |(offset, Frame { bid, mid, payload })| {
+            let payload = PyBytes::new(py, payload).unbind();
+            ScannedFrame { offset, bid, mid, payload }
+        };
+        let found = requests.by_ref().map(scanned).collect();
+        let done = requests.at();
+        self.buffer.release(done);
+        found
+    }
+
+    #[getter]
+    fn is_waiting(&self) -> bool {
+        !self.buffer.window(false).bytes.is_empty()
     }
 }
 

@@ -22,8 +22,8 @@ mod _core {
     use super::arrow::ArrowStream;
     #[pymodule_export]
     use super::codec::{
-        EncodedFrames, Packet, ScannedDamage, ScannedFrame, ScannedString, Scanner, configuration, device_id,
-        encode_frame, encode_packet, encode_samples, packets, product_code,
+        EncodedFrames, Packet, RequestScanner, ScannedDamage, ScannedFrame, ScannedString, Scanner, configuration,
+        device_id, encode_frame, encode_packet, encode_samples, packets, product_code,
     };
     #[pymodule_export]
     use super::column::Column;
