@@ -271,8 +271,8 @@ def test_measuring_begins_after_its_start() -> None:
 @pytest.mark.parametrize(
     ("outputs", "words"),
     [
-        ([(ACC, 30)], "acceleration: 30 Hz do not divide 400 Hz"),
-        ([(ACC, 800)], "acceleration: 800 Hz do not divide 400 Hz"),
+        ([(ACC, 30)], "acceleration: 30 Hz does not divide 400 Hz"),
+        ([(ACC, 800)], "acceleration: 800 Hz does not divide 400 Hz"),
         ([(ACC, EVERY)], "acceleration: 65535 Hz is no rate"),
         ([(ACC_HR, EVERY)], "acceleration_hr: 65535 Hz is no rate"),
         ([(0x9990, 100)], "no quantity has the data identifier 0x9990"),

@@ -1,7 +1,7 @@
-"""What a virtual device sends while it measures, and when.
+"""The MTData2 messages of a virtual device in Measurement, and their times.
 
-Three clocks make messages, each its own: the base rate of the device, each high-rate sensor, and the
-GNSS receiver. One counter goes through all of them in the order of sending.
+Messages have three kinds of sources, each with its own clock: the base rate of the device, high-rate sensors,
+and the GNSS receiver. One packet counter counts the messages of all sources in the order of sending.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -17,62 +17,62 @@ import numpy.typing as npt
 from xbus import _core
 from xbus.protocol.ids import Coordinates
 from xbus.protocol.tables import QUANTITIES, Quantity
-from xbus.sim.sensors import IntArray, Sensors, Ticks, nanoseconds
+from xbus.protocol.values import EVERY, Output
+from xbus.sim.sensors import PHASE_RATE, IntArray, Sensors, Ticks, nanoseconds
 
 __all__ = ["Stream"]
 
 #: Ticks of SampleTimeFine in a second.
-FINE_RATE = 10_000
-#: Hz of the sensor component readout; it is a multiple of every base rate.
+FINE_RATE = PHASE_RATE
+#: Hz of the sensor component readout, a multiple of every base rate.
 RAW_RATE = 2000
-#: Hz of messages that carry nothing but time stamps and status: the default rate of Table 2.
+#: Hz of messages that carry only time stamps and status: the default rate of Table 2.
 COMPANIONS_RATE = 100
-#: Hz of the GNSS receiver, and seconds from an epoch to its messages; real ones need 42 to 52 ms.
+#: Hz of the GNSS receiver, and seconds from an epoch to its messages; real receivers need 42 to 52 ms.
 GNSS_RATE = 4
 GNSS_DELAY = 0.045
-#: By how many 0.1 ms HR samples miss the ticks of the base rate where they are not aligned (Tables 23, 24).
+#: Delay of HR samples after the ticks of the base rate where they are not aligned, in 0.1 ms (Tables 23, 24).
 HR_PHASES = {"acceleration_hr": 2, "rate_of_turn_hr": 3}
 
-#: What a device adds to the messages of its receiver, in this order.
+#: Time stamps that a device adds to the messages of its receiver, in this order.
 GNSS_STAMPS = ("utc_time", "sample_time_coarse", "sample_time_fine", "packet_counter")
-#: The messages of the receiver, in the order of sending, and what is in each.
+#: The messages of the receiver in the order of sending, each with its quantities.
 GNSS_MESSAGES = (("gnss_sat_info",), ("gnss_pvt_data", "gnss_pvt_pulse"))
 
-BY_ID = {it.id: it for it in QUANTITIES.values()}
-#: The rate of what has none of its own.
-EVERY = 0xFFFF
-#: How many values are worked out at a time.
-BLOCK = 256
+#: Number of values that are computed at a time.
+BLOCK_VALUES = 256
+#: Largest value of StatusByte, which is the low byte of the status word.
+STATUS_BYTE = 0xFF
 
 
 class Stream:
     """The MTData2 messages of the Measurement State.
 
-    A tick of the base rate sends one message if something but time stamps and status is due, with its
-    packets in the order of the configuration. HR samples come in messages of their own, with the time
-    stamps; so do `gnss_sat_info` and then `gnss_pvt_data`, 45 ms late and stamped with their epoch.
-    Position and velocity are left out before the first fix. Triggers never come: nothing pulls the lines.
+    A tick of the base rate sends one message if a quantity other than time stamps and status is due. Packets
+    are in the order of the configuration. HR samples have their own messages, with the time stamps.
+    `gnss_sat_info` and `gnss_pvt_data` have their own messages too, 45 ms late and with the time stamps of
+    their epoch. Position and velocity are missing before the first fix. Triggers are not part of the stream.
 
     Args:
-        outputs: The configuration as acknowledged: data identifiers with their format bits, and Hz, which
-            divide the base rate. Groups Timestamp and Status accompany messages whatever their rate.
-        sensors: What is measured.
-        base_rate: Hz of the device's ticks; raw values, where configured, raise it to 2000.
-        synchronous_hr: Whether HR samples fall on the ticks, as on the 10- and 100-series.
-        fine_wrap: Where `sample_time_fine` starts again at zero.
-        fine_start: What `sample_time_fine` was at power-up, not wrapped.
-        start: Seconds since power-up; the first tick after it is the first to send.
+        outputs: The acknowledged configuration: data identifiers with their format bits, and rates in Hz that
+            divide the base rate. Groups Timestamp and Status accompany messages at any rate.
+        sensors: The sensors.
+        base_rate: Hz of the device's ticks. Raw values raise it to 2000.
+        synchronous_hr: Whether HR samples coincide with the ticks, as on the 10- and 100-series.
+        fine_wrap: Value at which `sample_time_fine` wraps to zero.
+        fine_start: `sample_time_fine` at power-up, not wrapped.
+        start: Seconds since power-up; the first tick after this time is the first to be sent.
         counter: The first `packet_counter`.
         bid: Bus identifier of the frames.
-        device_id: What the quantity of this name says.
-        location_id: What the quantity of this name says.
+        device_id: Value of the quantity `device_id`.
+        location_id: Value of the quantity `location_id`.
 
     Attributes:
-        sensors: What is measured; may be replaced while measuring, but for the time of the fix.
+        sensors: The sensors. They can be replaced during the measurement, except for the time of the fix.
         counter: The next `packet_counter`, from 0 to 65535.
 
     Raises:
-        ValueError: An identifier that no quantity has, or a rate that does not divide its base.
+        ValueError: No quantity has a data identifier, or a rate does not divide its base rate.
 
     >>> from xbus.sim.sensors import Sensors
     >>> from xbus.sim.trajectories import trajectory
@@ -111,16 +111,16 @@ class Stream:
             source.next = source.last(start) + 1
 
     def take(self, until: float, status: int) -> list[tuple[float, bytes]]:
-        """The frames sent since the last call, or since the start, up to and at a time.
+        """Returns the frames sent since the last call, up to and including a time.
 
-        How a stretch of time is cut into calls changes nothing.
+        The number of calls for a duration has no effect.
 
         Args:
             until: Seconds since power-up.
             status: The `status_word` of these messages.
 
         Returns:
-            When each was sent, in seconds since power-up, and the frame, in the order of sending.
+            For each frame its time in seconds since power-up and its bytes, in the order of sending.
         """
         batches: list[_Batch] = []
         for source in self._sources:
@@ -136,13 +136,14 @@ class Stream:
         for source, packets, ticks in batches:
             numbers = counters[len(frames) : len(frames) + len(ticks)]
             frames += self._encode(source, packets, ticks, numbers, status)
-        return [(at, frames[i]) for at, i in zip(sent[order].tolist(), order.tolist(), strict=True)]
+        times = sent[order].tolist()
+        return [(time, frames[i]) for time, i in zip(times, order.tolist(), strict=True)]
 
     def latest(self, now: float, status: int) -> list[bytes]:
-        """The answer to a trigger of SendLatest, ReqData for one: the newest sample of what is configured.
+        """Returns the reply to ReqData, or to a trigger with SendLatest: the newest samples.
 
-        That is one message with everything of the base rate, and one of each kind that the receiver has sent
-        since the last time. HR samples have no part in it.
+        These are one message with all quantities of the base rate, and each message that the receiver has
+        sent since the last call. HR samples are not included.
 
         Args:
             now: Seconds since power-up.
@@ -155,7 +156,7 @@ class Stream:
                 source.next = tick + 1
             elif source.is_gnss or source.is_hr:
                 continue
-            packets = [it for it in source.packets if tick >= it.since]
+            packets = [packet for packet in source.packets if tick >= packet.since]
             if packets:
                 frames += self._encode(
                     source, packets, np.array([tick], np.int64), self._count(1), status
@@ -190,21 +191,21 @@ class Stream:
                 case "status_word":
                     return np.full(len(ticks), status, np.int64)
                 case "status_byte":
-                    return np.full(len(ticks), status & 0xFF, np.int64)
+                    return np.full(len(ticks), status & STATUS_BYTE, np.int64)
                 case "device_id":
                     return np.full(len(ticks), self._device_id, np.int64)
                 case "location_id":
                     return np.full(len(ticks), self._location_id, np.int64)
             return packet.rows(self.sensors, ticks)
 
-        columns = [(it.data_id, column(it)) for it in packets]
+        columns = [(packet.data_id, column(packet)) for packet in packets]
         frames = _core.encode_samples(columns, self._bid)
         bounds = [0, *frames.ends.tolist()]
         return [frames.data[start:end] for start, end in pairwise(bounds)]
 
 
 class _Packet:
-    """A configured packet: due at every so many ticks of its source from one of them on."""
+    """A configured packet: due at every ``every``-th tick of its source, from tick ``since`` on."""
 
     def __init__(
         self, data_id: int, quantity: Quantity, rate: int, source: _Source, since: int
@@ -216,26 +217,25 @@ class _Packet:
         self._cached: tuple[Sensors, int, npt.NDArray[Any]] | None = None
 
     def rows(self, sensors: Sensors, ticks: IntArray) -> npt.NDArray[Any]:
-        """The newest values at these ticks of the source, which rise."""
+        """Returns the newest values at ticks of the source, which must ascend."""
         own = ticks // self.every
-        first, last = int(own[0]) // BLOCK, int(own[-1]) // BLOCK
-        blocks = [self._block(sensors, it) for it in range(first, last + 1)]
+        first, last = int(own[0]) // BLOCK_VALUES, int(own[-1]) // BLOCK_VALUES
+        blocks = [self._block(sensors, block) for block in range(first, last + 1)]
         values = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
-        return values[own - first * BLOCK]
+        return values[own - first * BLOCK_VALUES]
 
     def _block(self, sensors: Sensors, block: int) -> npt.NDArray[Any]:
-        # Always the same ticks together: then not even the last bit depends on how calls cut time.
+        # Blocks are fixed, so not even the last bit of a result depends on the times of the calls.
         if self._cached is None or self._cached[0] is not sensors or self._cached[1] != block:
-            ticks = Ticks(block * BLOCK, BLOCK, self.rate, self.phase)
-            coordinates = (
-                Coordinates(self.data_id & 0xC).name if self.quantity.coordinates else "ENU"
-            )
-            self._cached = sensors, block, sensors.read(self.quantity.name, ticks, coordinates)
+            ticks = Ticks(block * BLOCK_VALUES, BLOCK_VALUES, self.rate, self.phase)
+            coordinates = Output(self.data_id).coordinates
+            name = coordinates.name if isinstance(coordinates, Coordinates) else "ENU"
+            self._cached = sensors, block, sensors.read(self.quantity.name, ticks, name)
         return self._cached[2]
 
 
 class _Source:
-    """What makes messages at a rate of its own: tick k is at ``k / rate + phase / 10000`` seconds."""
+    """A source of messages with its own rate: tick k is at ``k / rate + phase / 10000`` seconds."""
 
     def __init__(self, rate: int, phase: int = 0, delay: float = 0.0) -> None:
         self.rate, self.phase = rate, phase
@@ -245,20 +245,20 @@ class _Source:
 
     @property
     def is_gnss(self) -> bool:
-        return any(it.quantity.group == "GNSS" for it in self.packets)
+        return any(packet.quantity.group == "GNSS" for packet in self.packets)
 
     @property
     def is_hr(self) -> bool:
-        return any(it.quantity.name in HR_PHASES for it in self.packets)
+        return any(packet.quantity.name in HR_PHASES for packet in self.packets)
 
     def sent(self, ticks: Any) -> Any:
-        """When the messages of these ticks are sent, in seconds since power-up."""
-        return ticks / self.rate + (self.phase / FINE_RATE + self.delay)
+        """Returns when the messages of ticks are sent, in seconds since power-up."""
+        return ticks / self.rate + (self.phase / PHASE_RATE + self.delay)
 
     def last(self, time: float) -> int:
-        """The last tick whose message has been sent at this time."""
+        """Returns the last tick whose message is sent by a time."""
         tick = math.floor((time - float(self.sent(0))) * self.rate)
-        # Rounding may have led to a neighbour.
+        # Rounding can lead to a neighbouring tick.
         while self.sent(tick + 1) <= time:
             tick += 1
         while self.sent(tick) > time:
@@ -266,71 +266,94 @@ class _Source:
         return tick
 
     def batches(self, ticks: IntArray) -> Iterator[_Batch]:
-        """Those of these ticks that send something, by what they send."""
+        """Groups the ticks that send a message by the packets of the message."""
         if not len(ticks):
             return
-        measured = [it for it in self.packets if not it.accompanies]
-        if all(it.every == 1 and it.since <= ticks[0] for it in measured):
+        measured = [packet for packet in self.packets if not packet.accompanies]
+        if all(packet.every == 1 and packet.since <= ticks[0] for packet in measured):
             yield self, self.packets, ticks
             return
-        due = np.array([(ticks % it.every == 0) & (ticks >= it.since) for it in measured])
-        layouts = (1 << np.arange(len(measured))) @ due
-        for layout in np.unique(layouts[layouts > 0]).tolist():
-            there = {it for i, it in enumerate(measured) if layout >> i & 1}
-            packets = [it for it in self.packets if it.accompanies or it in there]
-            yield self, packets, ticks[layouts == layout]
+        is_due = np.array(
+            [(ticks % packet.every == 0) & (ticks >= packet.since) for packet in measured]
+        )
+        # Each tick has a number with one bit for each packet that is due.
+        combinations = (1 << np.arange(len(measured))) @ is_due
+        for combination in np.unique(combinations[combinations > 0]).tolist():
+            due = {packet for i, packet in enumerate(measured) if combination >> i & 1}
+            packets = [packet for packet in self.packets if packet.accompanies or packet in due]
+            yield self, packets, ticks[combinations == combination]
 
 
-#: Messages of one layout: their source, packets and ticks.
+#: Messages with the same packets: their source, packets and ticks.
 _Batch: TypeAlias = tuple[_Source, list[_Packet], IntArray]
 
 
+class _Configured(NamedTuple):
+    """A line of the configuration. The rate is `EVERY` for quantities without a rate of their own."""
+
+    data_id: int
+    quantity: Quantity
+    rate: int
+
+
 def _accompanies(quantity: Quantity) -> bool:
-    """Whether it comes with messages and is no reason to send one."""
+    """Whether a quantity is part of messages, but does not cause one."""
     return quantity.group in ("Timestamp", "Status")
+
+
+def _is_base(quantity: Quantity) -> bool:
+    """Whether a quantity is part of the messages at the base rate."""
+    return quantity.group != "GNSS" and quantity.name not in HR_PHASES
+
+
+def _configured(outputs: Sequence[tuple[int, int]]) -> list[_Configured]:
+    rows = []
+    for data_id, rate in outputs:
+        name = Output(data_id).quantity
+        if name is None:
+            raise ValueError(f"no quantity has the data identifier {data_id:#06x}")
+        quantity = QUANTITIES[name]
+        if quantity.group == "Indication":
+            continue
+        has_rate = not _accompanies(quantity) and quantity.group != "GNSS"
+        if has_rate and not 0 < rate <= RAW_RATE:
+            raise ValueError(f"{name}: the rate must be 1 to {RAW_RATE} Hz, not {rate} Hz")
+        rows.append(_Configured(data_id, quantity, rate if has_rate else EVERY))
+    return rows
+
+
+def _with_packets(source: _Source, rows: Sequence[_Configured], time_to_fix: float) -> _Source:
+    """Adds the packets of a source."""
+    for data_id, quantity, rate in rows:
+        rate = source.rate if rate == EVERY else rate
+        if source.rate % rate:
+            raise ValueError(f"{quantity.name}: {rate} Hz does not divide {source.rate} Hz")
+        needs_fix = quantity.group in ("Position", "Velocity")
+        since = math.ceil(round(time_to_fix * source.rate, 6)) if needs_fix else 0
+        source.packets.append(_Packet(data_id, quantity, rate, source, since))
+    return source
 
 
 def _sources(
     outputs: Sequence[tuple[int, int]], base_rate: int, synchronous_hr: bool, time_to_fix: float
 ) -> Iterator[_Source]:
-    """In the order in which messages of the same time are sent."""
-    rows = []
-    for data_id, rate in outputs:
-        if (quantity := BY_ID.get(data_id & 0xFFF0)) is None:
-            raise ValueError(f"no quantity has the data identifier {data_id:#06x}")
-        if quantity.group == "Indication":
-            continue
-        own_rate = not _accompanies(quantity) and quantity.group != "GNSS"
-        if own_rate and not 0 < rate <= RAW_RATE:
-            raise ValueError(f"{quantity.name}: {rate} Hz is no rate of a device")
-        rows.append((data_id, quantity, rate if own_rate else EVERY))
-
-    def is_base(quantity: Quantity) -> bool:
-        return quantity.group != "GNSS" and quantity.name not in HR_PHASES
-
-    def source(it: _Source, chosen: Sequence[tuple[int, Quantity, int]]) -> _Source:
-        for data_id, quantity, rate in chosen:
-            rate = it.rate if rate == EVERY else rate
-            if it.rate % rate:
-                raise ValueError(f"{quantity.name}: {rate} Hz do not divide {it.rate} Hz")
-            needs_fix = quantity.group in ("Position", "Velocity")
-            since = math.ceil(round(time_to_fix * it.rate, 6)) if needs_fix else 0
-            it.packets.append(_Packet(data_id, quantity, rate, it, since))
-        return it
-
-    base = [it for it in rows if is_base(it[1])]
-    if any(not _accompanies(it[1]) for it in base):
-        raw = any(it[1].group == "Sensor Component Readout" for it in base)
-        yield source(_Source(RAW_RATE if raw else base_rate), base)
+    """Returns the sources, in the order in which their messages of the same time are sent."""
+    rows = _configured(outputs)
+    base = [row for row in rows if _is_base(row.quantity)]
+    if any(not _accompanies(row.quantity) for row in base):
+        has_raw = any(row.quantity.group == "Sensor Component Readout" for row in base)
+        yield _with_packets(_Source(RAW_RATE if has_raw else base_rate), base, time_to_fix)
     elif rows and base == rows:
-        yield source(_Source(COMPANIONS_RATE), base)
+        yield _with_packets(_Source(COMPANIONS_RATE), base, time_to_fix)
     for name, phase in HR_PHASES.items():
-        for row in rows:
-            if row[1].name == name:
-                chosen = [it for it in rows if it is row or it[1].group == "Timestamp"]
-                yield source(_Source(row[2], 0 if synchronous_hr else phase), chosen)
+        for hr in rows:
+            if hr.quantity.name == name:
+                chosen = [row for row in rows if row is hr or row.quantity.group == "Timestamp"]
+                source = _Source(hr.rate, 0 if synchronous_hr else phase)
+                yield _with_packets(source, chosen, time_to_fix)
     for names in GNSS_MESSAGES:
-        there = [it for name in names for it in rows if it[1].name == name]
-        if there:
-            stamps = [it for name in GNSS_STAMPS for it in rows if it[1].name == name]
-            yield source(_Source(GNSS_RATE, delay=GNSS_DELAY), there + stamps)
+        content = [row for name in names for row in rows if row.quantity.name == name]
+        if content:
+            stamps = [row for name in GNSS_STAMPS for row in rows if row.quantity.name == name]
+            source = _Source(GNSS_RATE, delay=GNSS_DELAY)
+            yield _with_packets(source, content + stamps, time_to_fix)
