@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import signal
+import tomllib
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -159,6 +161,100 @@ def test_what_the_product_cannot_do(file: Callable[[str], str]) -> None:
         f"xbus: {name}: line 4, baudrate: the baud rate is not changed with the settings; remove this"
         " key; nothing was sent",
     ]
+
+
+def test_all_wrong_lines_are_named(file: Callable[[str], str]) -> None:
+    name = file('location = 1\nlocation_id = "x"\nerror_mode = 1\ntransmit_delay = []\n')
+    result = run("config", "apply", "/dev/no-such-port", name)
+    assert result.exit_code == 1
+    assert [line.partition(": there")[0] for line in result.stderr.splitlines()] == [
+        f"xbus: {name}: line 1, location",
+        f'xbus: {name}: line 2, location_id: "x" is not a whole number',
+        f"xbus: {name}: line 4, transmit_delay: [] is not a whole number",
+    ]
+
+
+def test_a_file_for_another_product(
+    behind: Callable[[SimulatedDevice], str], file: Callable[[str], str]
+) -> None:
+    name = file('product = "MTi-680G"\nlocation_id = 7\ngnss_lever_arm = { x = 0, y = 0, z = 1 }\n')
+    sim = SimulatedDevice("MTi-630")
+    port = behind(sim)
+    result = run("config", "apply", port, name)
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert result.stderr.splitlines() == [
+        f'xbus: {name}: line 1, product: the settings are for "MTi-680G", and the product of the device is'
+        " MTi-630",
+        f"xbus: {name}: line 3, gnss_lever_arm: the MTi-630 does not have this setting; nothing was sent;"
+        " --force applies what fits",
+    ]
+    shown = run("config", "diff", port, name, "--exit-code")
+    assert shown.exit_code == 1
+    assert f"xbus: {name} is for 'MTi-680G', the device is MTi-630\n" in shown.stderr
+    forced = run("config", "apply", port, name, "--force")
+    assert forced.exit_code == 0
+    assert forced.stdout == "- location_id = 0\n+ location_id = 7\n"
+    assert forced.stderr.splitlines() == [
+        f"xbus: left out: {name}: line 3, gnss_lever_arm: the MTi-630 does not have this setting",
+        "xbus: 1 setting set and read back",
+    ]
+    assert connect(sim).settings().location_id == 7
+
+
+def test_the_exit_status_of_diff(
+    behind: Callable[[SimulatedDevice], str], file: Callable[[str], str]
+) -> None:
+    port = behind(SimulatedDevice("MTi-630"))
+    for text, status in (("location_id = 0", 0), ("location_id = 1", 1)):
+        result = run("config", "diff", port, file(text), "--exit-code")
+        assert result.exit_code == status
+        assert run("config", "diff", port, file(text)).exit_code == 0
+
+
+def test_json(behind: Callable[[SimulatedDevice], str], file: Callable[[str], str]) -> None:
+    sim = SimulatedDevice("MTi-630")
+    port = behind(sim)
+    dumped = json.loads(run("config", "dump", port, "--json").stdout)
+    assert dumped.pop("product") == "MTi-630"
+    assert dumped == {
+        name: value for name, value in tomllib.loads(run("config", "dump", port).stdout).items()
+        if name != "product"
+    }  # fmt: skip
+    name = file(
+        'location_id = 7\noutput_configuration = [{ quantity = "acceleration", frequency = 100 }]'
+    )
+    (first, second) = json.loads(run("config", "diff", port, name, "--json").stdout)
+    assert first["setting"] == "output_configuration"
+    assert first["after"] == [
+        {"quantity": "acceleration", "precision": "Float32", "frequency": 100}
+    ]
+    assert second == {"setting": "location_id", "before": 0, "after": 7}
+    planned = json.loads(run("config", "apply", port, name, "--json", "--dry-run").stdout)
+    assert planned["dry_run"] is True
+    done = json.loads(run("config", "apply", port, name, "--json").stdout)
+    assert done == {
+        "changes": [first, second],
+        "rounded": [],
+        "skipped": [],
+        "needs_reset": False,
+        "dry_run": False,
+    }
+    assert done["changes"] == planned["changes"]
+    assert json.loads(run("config", "diff", port, name, "--json").stdout) == []
+
+
+def test_json_of_what_was_applied_in_part(
+    monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]
+) -> None:
+    monkeypatch.setattr(
+        "xbus.device.connect", lambda *_, **__: Stubborn("SetLocationID", says_so=True)
+    )
+    name = file('location_id = 7\nfilter_profile = "Robust/VRU"')
+    result = run("config", "apply", "mti", name, "--json")
+    assert result.exit_code == 1
+    facts = json.loads(result.stdout)
+    assert [change["setting"] for change in facts.pop("changes")] == ["filter_profile"]
+    assert facts == {"failed": "location_id", "failed_is_unknown": False, "not_applied": []}
 
 
 def test_a_device_that_refuses_in_the_middle(

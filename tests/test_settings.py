@@ -333,10 +333,40 @@ def test_a_file_for_another_product_says_all_that_cannot_be_applied() -> None:
         connect("sim:MTi-30").apply(settings)
     reasons = str(caught.value).splitlines()
     assert [it.partition(":")[0] for it in reasons] == [
+        "product", "output_configuration", "filter_profile", "sync_settings", "string_output_type",
+        "gnss_lever_arm", "gnss_receiver_settings", "can_config", "can_output_config", "port_config",
+    ]  # fmt: skip
+    assert reasons[0] == (
+        'product: the settings are for "MTi-680G", and the product of the device is MTi-30'
+    )
+    assert reasons[5] == "gnss_lever_arm: the MTi-30 does not have this setting"
+
+
+def test_what_fits_of_a_file_for_another_product() -> None:
+    settings = replace(connect("sim:MTi-680G").settings(), location_id=7)
+    device = connect("sim:MTi-30")
+    before = device.settings()
+    planned = device.apply(settings, force=True, dry_run=True)
+    applied = device.apply(settings, force=True)
+    assert [change.name for change in applied.changes] == ["location_id"]
+    assert planned.changes == applied.changes
+    assert planned.skipped == applied.skipped
+    assert [reason.partition(":")[0] for reason in applied.skipped] == [
         "output_configuration", "filter_profile", "sync_settings", "string_output_type", "gnss_lever_arm",
         "gnss_receiver_settings", "can_config", "can_output_config", "port_config",
     ]  # fmt: skip
-    assert reasons[4] == "gnss_lever_arm: the MTi-30 does not have this setting"
+    assert device.settings() == replace(before, location_id=7)
+
+
+@pytest.mark.parametrize("product", ["mti-630", "630", "MTi-630", None])
+def test_a_product_has_several_names(product: str | None) -> None:
+    device = connect("sim:MTi-630")
+    assert device.apply(Settings(product=product, location_id=7)).changes
+
+
+def test_a_product_that_does_not_exist() -> None:
+    with pytest.raises(ValueError, match='line 1, product: the settings are for "MTi-5"'):
+        connect("sim:MTi-630").apply(Settings.from_toml('product = "MTi-5"'))
 
 
 # Texts that mean nothing
@@ -391,6 +421,38 @@ def test_texts_that_mean_nothing(text: str, says: str) -> None:
         Settings.from_toml(f"{text}\n")
     assert str(caught.value).startswith(says)
     assert "\n" not in str(caught.value)
+
+
+def test_all_problems_of_a_text_are_reported_together() -> None:
+    text = """\
+        location_id = "seven"
+        location = 1
+        output_configuration = [
+          { quantity = "acceleration", frequency = 100 },
+          { quantity = "accelerations" },
+          { quantity = "quaternion", rate = 1 },
+        ]
+        error_mode = 1
+        rot_sensor = [1, 0, 0]
+    """
+    with pytest.raises(ValueError, match="line") as caught:
+        Settings.from_toml(text)
+    places = [problem.partition(":")[0] for problem in str(caught.value).splitlines()]
+    assert places == [
+        "line 1, location_id",
+        "line 2, location",
+        "line 5, output_configuration",
+        "line 6, output_configuration",
+        "line 9, rot_sensor",
+    ]
+
+
+def test_problems_without_end_are_counted() -> None:
+    with pytest.raises(ValueError, match="line") as caught:
+        Settings.from_toml("output_configuration = [\n" + "{},\n" * 50 + "]")
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 21
+    assert lines[-1] == "and 30 more problems"
 
 
 LONG = 100_000

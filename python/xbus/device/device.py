@@ -439,7 +439,12 @@ class Device:
             return read_settings(self)
 
     def apply(
-        self, settings: Settings, *, dry_run: bool = False, check_baudrate: bool = True
+        self,
+        settings: Settings,
+        *,
+        dry_run: bool = False,
+        check_baudrate: bool = True,
+        force: bool = False,
     ) -> Applied:
         """Sets the settings that differ. All are checked before anything is sent, and each is read back.
 
@@ -450,6 +455,8 @@ class Device:
             settings: The settings that the device should have.
             dry_run: Whether to return what would be set, and set nothing.
             check_baudrate: As for `set_output_configuration`.
+            force: Whether to accept settings of another product, and to leave out those that this device
+                cannot have.
 
         Returns:
             What was set, and the settings for which the device took another value.
@@ -466,10 +473,12 @@ class Device:
         + location_id = 7
         """
         with self.configure():
-            plan = plan_settings(self, settings, check_baudrate=check_baudrate)
+            plan = plan_settings(self, settings, check_baudrate=check_baudrate, force=force)
             if plan.problems:
                 raise ValueError("\n".join(plan.problems))
-            return Applied(plan.changes) if dry_run else apply_plan(self, plan)
+            if dry_run:
+                return Applied(plan.changes, skipped=plan.skipped)
+            return apply_plan(self, plan)
 
     def forward_gnss(self, chunks: Iterable[bytes]) -> Forwarder:
         """Sends RTCM 3 corrections to the GNSS receiver with ForwardGnssData (0xE2), until `chunks` ends.

@@ -66,10 +66,12 @@ class Applied:
     Attributes:
         changes: The settings that were set and read back; in a dry run, those that would be set.
         rounded: Settings for which the device took another value: the requested one, and the one in effect.
+        skipped: With ``force``, what was left out, and why: one sentence each.
     """
 
     changes: tuple[Change, ...]
     rounded: tuple[Change, ...] = ()
+    skipped: tuple[str, ...] = ()
 
     @property
     def needs_reset(self) -> bool:
@@ -106,4 +108,4 @@ def apply_plan(device: Device, plan: Plan) -> Applied:
             rounded.append(Change(change.name, change.after, found))
         if change.name == "output_configuration":
             device.output_configuration = found
-    return Applied(plan.changes, tuple(rounded))
+    return Applied(plan.changes, tuple(rounded), plan.skipped)

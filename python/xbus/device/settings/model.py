@@ -16,6 +16,9 @@ from xbus.protocol.products import find_product, support
 
 __all__ = ["Change", "Settings"]
 
+#: Maximum number of problems in one error.
+MAX_PROBLEMS = 20
+
 
 @dataclass(frozen=True)
 class Settings:
@@ -117,7 +120,8 @@ class Settings:
         """Returns the settings in TOML text.
 
         Raises:
-            ValueError: The text is not TOML, or a key or value is wrong; the message names the line.
+            ValueError: The text is not TOML, or keys or values are wrong: one line for each, with its line
+                in the text, up to 20.
 
         >>> Settings.from_toml('location_id = "seven"')
         Traceback (most recent call last):
@@ -126,16 +130,16 @@ class Settings:
         table = parse(text)
         lines = line_numbers(text)
         values: dict[str, Any] = {}
+        problems: list[str] = []
         for name, found in table.items():
-            if name == "product":
-                values[name] = _located(lines[name][0], name, TEXT.read, found)
-            elif name in SETTINGS:
+            try:
                 values[name] = _read(name, found, lines[name])
-            else:
-                near = difflib.get_close_matches(shortened(name), SETTINGS, n=1)
-                hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(SETTINGS)}"
-                where = f"line {lines[name][0]}, {shortened(name)}"
-                raise ValueError(f"{where}: there is no setting of this name; {hint}")
+            except ValueError as error:
+                problems += str(error).splitlines()
+        if problems:
+            more = len(problems) - MAX_PROBLEMS
+            rest = [f"and {more} more problems"] if more > 0 else []
+            raise ValueError("\n".join(problems[:MAX_PROBLEMS] + rest))
         return cls(**values, lines=lines)
 
     def diff(self, other: Settings) -> tuple[Change, ...]:
@@ -194,10 +198,27 @@ def _located(line: int, name: str, read: Callable[[Any], Any], found: Any) -> An
 
 
 def _read(name: str, found: Any, lines: Sequence[int]) -> Any:
-    """Returns the value of a setting, as its message carries it."""
+    """Returns the value of a setting, as its message carries it.
+
+    Raises:
+        ValueError: The value is wrong; for a list, one line for each wrong entry.
+    """
+    if name == "product":
+        return _located(lines[0], name, TEXT.read, found)
+    if name not in SETTINGS:
+        near = difflib.get_close_matches(shortened(name), SETTINGS, n=1)
+        hint = f"did you mean {near[0]}?" if near else f"there are {', '.join(SETTINGS)}"
+        where = f"line {lines[0]}, {shortened(name)}"
+        raise ValueError(f"{where}: there is no setting of this name; {hint}")
     read = SETTINGS[name].converter.read
     if isinstance(found, list):
         # Entry by entry, so that the message names the line of the entry.
+        wrong: dict[str, None] = {}  # ordered, and each once
         for line, entry in zip(lines[1:], found, strict=False):
-            _located(line, name, read, [entry])
+            try:
+                _located(line, name, read, [entry])
+            except ValueError as error:
+                wrong[str(error)] = None
+        if wrong:
+            raise ValueError("\n".join(wrong))
     return _located(lines[0], name, lambda found: value_on_wire(name, read(found)), found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,10 +12,11 @@ from xbus.device.filter_profile import filter_profile_command, filter_profile_la
 from xbus.device.output_configuration import check_outputs_fit
 from xbus.device.settings.model import Change, Settings
 from xbus.device.settings.table import ROTATIONS, SETTINGS
+from xbus.device.settings.toml import format_value, shortened
 from xbus.device.string_output import StringPlan, check_strings_fit, frequency_of
 from xbus.errors import DeviceError
 from xbus.protocol import values as v
-from xbus.protocol.products import Support
+from xbus.protocol.products import Support, find_product
 
 if TYPE_CHECKING:
     from xbus.device.device import Device
@@ -40,11 +42,15 @@ class Plan(NamedTuple):
         before: All settings of the device.
         changes: The settings that differ, in the order in which they are applied.
         problems: What cannot be applied, and why: one sentence each.
+        skipped: What is left out, and why, where what fits is applied.
+        is_other_product: Whether the settings are those of another product.
     """
 
     before: Settings
     changes: tuple[Change, ...]
     problems: tuple[str, ...]
+    skipped: tuple[str, ...]
+    is_other_product: bool
 
 
 # Reading
@@ -90,22 +96,33 @@ def read_setting(device: Device, name: str) -> Any:
 # Planning
 
 
-def plan_settings(device: Device, settings: Settings, *, check_baudrate: bool = True) -> Plan:
+def plan_settings(
+    device: Device, settings: Settings, *, check_baudrate: bool = True, force: bool = False
+) -> Plan:
     """Returns what has to change on a device that is in Config State. Nothing is changed.
 
     Args:
         device: The device; all its settings are read.
         settings: The settings that it should have.
         check_baudrate: Whether the line must carry what the device would send.
+        force: Whether to accept settings of another product, and to leave out those that the device cannot
+            have.
     """
     before = read_settings(device)
-    changes = _in_order(_differences(before, settings, device.support))
-    problems = []
-    for change in changes:
+    other_product = list(_check_product(before, settings))
+    problems: list[str] = [] if force else list(other_product)
+    skipped: list[str] = []
+    changes = []
+    for change in _in_order(_differences(before, settings, device.support)):
         try:
             _check(device, change, settings)
+            changes.append(change)
         except ValueError as error:
-            problems.append(str(error))
+            if force:
+                skipped.append(str(error))
+            else:
+                problems.append(str(error))
+                changes.append(change)
     after = replace(before, **{change.name: change.after for change in changes})
     problems.extend(_check_strings_off(before, settings))
     if check_baudrate and not problems and any(change.name in AFFECTS_LINE for change in changes):
@@ -113,7 +130,7 @@ def plan_settings(device: Device, settings: Settings, *, check_baudrate: bool = 
             _check_line(device, before, after, settings)
         except ValueError as error:
             problems.append(str(error))
-    return Plan(before, tuple(changes), tuple(problems))
+    return Plan(before, tuple(changes), tuple(problems), tuple(skipped), bool(other_product))
 
 
 def _differences(
@@ -185,6 +202,19 @@ def command_of(change: Change, support: Support | None) -> tuple[str, Any]:
 
 
 # Checking
+
+
+def _check_product(before: Settings, settings: Settings) -> Iterable[str]:
+    """Yields a problem if the settings are those of another product."""
+    if settings.product is None:
+        return
+    name = settings.product
+    with contextlib.suppress(ValueError):
+        name = find_product(name).name
+    if name != before.product:
+        given, place = shortened(format_value(settings.product)), _place(settings, "product")
+        device = before.product or "unknown"
+        yield f"{place}the settings are for {given}, and the product of the device is {device}"
 
 
 def _check(device: Device, change: Change, settings: Settings) -> None:
