@@ -29,7 +29,7 @@ def medians(rounds: int, *works: Callable[[], object]) -> list[float]:
             work()
             if round_:
                 list_.append(time.perf_counter() - start)
-    return [statistics.median(it) for it in times]
+    return [statistics.median(seconds) for seconds in times]
 
 
 def ratio(rounds: int, work: Callable[[], object], yardstick: Callable[[], object]) -> float:

@@ -24,7 +24,7 @@ MEBIBYTES = float(sys.argv[1]) if len(sys.argv) > 1 else 256
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         log, ours, theirs = (
-            Path(folder) / it for it in ("big.mtb", "ours.parquet", "theirs.parquet")
+            Path(folder) / name for name in ("big.mtb", "ours.parquet", "theirs.parquet")
         )
         log.write_bytes(ahrs_stream(MEBIBYTES))
         table = xbus.read_log(log).to_arrow()

@@ -20,7 +20,7 @@ from pathlib import Path
 def anonymous():
     # The peak of private memory: the file's own pages, which are shared, do not count.
     lines = Path("/proc/self/status").read_text().splitlines()
-    return int(next(it for it in lines if it.startswith("RssAnon")).split()[1]) * 1024
+    return int(next(line for line in lines if line.startswith("RssAnon")).split()[1]) * 1024
 
 import threading
 peak, stop = 0, threading.Event()
@@ -35,10 +35,10 @@ watcher = threading.Thread(target=watch)
 watcher.start()
 if mode == "read_log":
     log = xbus.read_log(np.memmap(path, np.uint8, "r"))
-    columns = sum(log[it].values.nbytes for it in log)
+    columns = sum(log[key].values.nbytes for key in log)
 else:
     parts = xbus.iter_log(path, block_bytes=int(mode))
-    columns = sum(part[it].values.nbytes for part in parts for it in part)
+    columns = sum(part[key].values.nbytes for part in parts for key in part)
 peak = max(peak, anonymous())
 stop.set()
 watcher.join()

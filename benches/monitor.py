@@ -60,10 +60,12 @@ def main() -> None:
             os.write(master, b"q")
             assert monitor.wait() == 0
     print("\n".join(lines))
-    rates = {words[0]: float(words[1]) for it in lines if (words := it.split())[1:] and "_hr" in it}
+    rates = {
+        words[0]: float(words[1]) for line in lines if (words := line.split())[1:] and "_hr" in line
+    }
     assert abs(rates["acceleration_hr"] - 2000) < 20, rates
     assert abs(rates["rate_of_turn_hr"] - 1600) < 16, rates
-    assert any("nothing lost" in it and "no damage" in it for it in lines), lines
+    assert any("nothing lost" in line and "no damage" in line for line in lines), lines
     print(f"monitor, 3,600 samples a second   {share:6.1%} of a core  (goal: 10 %)")
 
 

@@ -71,7 +71,7 @@ def main() -> None:
 
     answers = by_xbus(small), by_numpy(small), by_struct(small)
     for name, *_ in LAYOUT:
-        ours, theirs, plain = (np.asarray(it[name]) for it in answers)
+        ours, theirs, plain = (np.asarray(answer[name]) for answer in answers)
         assert np.array_equal(ours, theirs), name
         assert np.array_equal(ours, plain.reshape(ours.shape).astype(ours.dtype)), name
 

@@ -42,7 +42,7 @@ import sys
 from xbus.cli import main
 main(sys.argv[1:], standalone_mode=False)
 lines = open({str(STATUS)!r}).read().splitlines()
-print(next(it for it in lines if it.startswith("VmHWM")).split()[1], file=sys.stderr)
+print(next(line for line in lines if line.startswith("VmHWM")).split()[1], file=sys.stderr)
 """
 
 
@@ -63,10 +63,10 @@ def drawn(page: Path, name: str) -> float:
     """The greatest value that is drawn of a quantity."""
     text = re.search(r'id="figures">(.*?)</script>', page.read_text("utf-8"), re.DOTALL)
     assert text is not None
-    figures = [it for it in json.loads(text[1]) if it["name"] == name]
-    curves = [data["y"] for it in figures for data in it["data"]]
+    figures = [figure for figure in json.loads(text[1]) if figure["name"] == name]
+    curves = [curve["y"] for figure in figures for curve in figure["curve"]]
     arrays = [np.frombuffer(base64.b64decode(y["bdata"]), f"<{y['dtype']}") for y in curves]
-    return max(float(np.nanmax(it)) for it in arrays)
+    return max(float(np.nanmax(array)) for array in arrays)
 
 
 def peak(*args: str | Path) -> int:

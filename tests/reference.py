@@ -423,7 +423,7 @@ def string_at(data: bytes, at: int, expected: int, in_step: bool) -> tuple[str, 
         return "no preamble", None, at
     found: tuple[re.Match[bytes] | None, str | None]
     if sentence := SENTENCE.match(near):
-        name = next((it for it in NAMES if sentence[1].startswith(it.encode() + b",")), None)
+        name = next((name for name in NAMES if sentence[1].startswith(name.encode() + b",")), None)
         total = 0
         for byte in sentence[1]:
             total ^= byte

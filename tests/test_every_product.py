@@ -42,15 +42,15 @@ from xbus.protocol.products import BASE, HEADING, Support, support
 from xbus.protocol.tables import MESSAGES, PRODUCTS, QUANTITIES, MessageRow
 
 STATES = (State.WAKEUP, State.CONFIG, State.MEASUREMENT)
-COMMANDS = [it for it in MESSAGES.values() if it.direction != "to host"]
+COMMANDS = [row for row in MESSAGES.values() if row.direction != "to host"]
 #: Codes of Error messages (Table 5).
 MESSAGE, BAUDRATE, PARAMETER = 4, 32, 33
 
 
 def value_for(row: MessageRow, state: State, known: Support) -> Any:
     """Something that the message can say in this state, to this product if it knows the message."""
-    labels = [it.label for it in known.filter_profiles]
-    numbers = [it.type for it in known.filter_profiles]
+    labels = [profile.label for profile in known.filter_profiles]
+    numbers = [profile.type for profile in known.filter_profiles]
     is_modern = known.product.series == "600-series"
     values = {
         "SetPeriod": 1152, "SetBaudrate": 0x02, "SetNoRotation": 6, "SetSyncSettings": (),
@@ -91,10 +91,10 @@ def device_in(state: State, product: int) -> SimulatedDevice:
 
 
 def session_in(state: State, product: int) -> Session:
-    it = Session()
-    it.state = state
-    it.identify(support(product))
-    return it
+    session = Session()
+    session.state = state
+    session.identify(support(product))
+    return session
 
 
 def exchange(device: SimulatedDevice, wire: bytes) -> bytes:
@@ -104,7 +104,7 @@ def exchange(device: SimulatedDevice, wire: bytes) -> bytes:
 
 def with_message(name: str) -> list[int]:
     """Numbers of the products that know a message."""
-    return [it for it in PRODUCTS if it in MESSAGES[name].products]
+    return [product for product in PRODUCTS if product in MESSAGES[name].products]
 
 
 def frame(name: str, value: Any = None) -> bytes:
@@ -161,7 +161,8 @@ def test_every_message(product: int, state: State) -> None:
 def has_twin(row: MessageRow, product: int, state: State) -> bool:
     """Whether the product has another message of this MID, with other lengths."""
     return any(
-        it.mid == row.mid and product in it.products and state in it.states for it in COMMANDS
+        other.mid == row.mid and product in other.products and state in other.states
+        for other in COMMANDS
     )
 
 
@@ -169,7 +170,7 @@ def has_twin(row: MessageRow, product: int, state: State) -> bool:
 @pytest.mark.parametrize("product", PRODUCTS)
 def test_what_is_no_command(product: int, state: State) -> None:
     device, session = device_in(state, product), session_in(state, product)
-    for mid in set(range(256)) - {it.mid for it in COMMANDS}:
+    for mid in set(range(256)) - {other.mid for other in COMMANDS}:
         assert exchange(device, encode_frame(mid)) == error(MESSAGE), mid
     for row in MESSAGES.values():
         if row.direction == "to host":
@@ -218,10 +219,10 @@ RATES = (*range(2002), EVERY - 1, EVERY)
 def test_every_rate_of_every_quantity(product: int) -> None:
     """The host takes the rates of the table; the device acknowledges what the table makes of any."""
     device, known = both(product)
-    rates_of = {it: known.rates_of(it) for it in known.rates}
+    rates_of = {name: known.rates_of(name) for name in known.rates}
     for rate in RATES:
-        outputs = [Output(QUANTITIES[it].id, rate) for it in rates_of]
-        expected = tuple(known.acknowledged(it) for it in outputs)
+        outputs = [Output(QUANTITIES[name].id, rate) for name in rates_of]
+        expected = tuple(known.acknowledged(output) for output in outputs)
         answer = exchange(device, frame("SetOutputConfiguration", outputs))
         assert answer == frame("SetOutputConfigurationAck", expected), rate
         assert device.settings.output_configuration == expected
@@ -234,7 +235,7 @@ def test_every_rate_of_every_quantity(product: int) -> None:
 def test_every_identifier(product: int) -> None:
     """One that is not of the product makes the whole message fail."""
     device, known = both(product)
-    quantities = {it.id: it for it in QUANTITIES.values()}
+    quantities = {quantity.id: quantity for quantity in QUANTITIES.values()}
     for data_id in range(0, 0x10000, 0x10):
         outputs = [Output(DataId.PacketCounter), Output(data_id, 1)]
         is_there = data_id in quantities and quantities[data_id].name in known.rates
@@ -252,7 +253,9 @@ def rates_are_fixed(known: Support, quantity: str) -> bool:
 def test_every_sync_function_on_every_line(product: int) -> None:
     device, known = both(product)
     for function, line in product_of(range(20), range(16)):
-        is_there = any(function == it and line in known.sync[it] for it in known.sync)
+        is_there = any(
+            function == supported and line in known.sync[supported] for supported in known.sync
+        )
         settings = (SyncSetting(function, line),)
         assert is_taken(device, known, "SetSyncSettings", settings) == is_there, (function, line)
 
@@ -282,19 +285,19 @@ def test_every_string(product: int) -> None:
 @pytest.mark.parametrize("product", with_message("SetFilterProfile"))
 def test_every_filter_profile(product: int) -> None:
     device, known = both(product)
-    numbers = {it.type for it in known.filter_profiles}
+    numbers = {profile.type for profile in known.filter_profiles}
     for number in range(300):
         assert is_taken(device, known, "SetFilterProfile", number) == (number in numbers), number
 
 
 #: The labels of all products.
-LABELS = {it.label for number in PRODUCTS for it in support(number).filter_profiles}
+LABELS = {profile.label for number in PRODUCTS for profile in support(number).filter_profiles}
 
 
 @pytest.mark.parametrize("product", with_message("SetFilterProfileModern"))
 def test_every_label_of_a_filter_profile(product: int) -> None:
     device, known = both(product)
-    labels = {it.label for it in known.filter_profiles}
+    labels = {profile.label for profile in known.filter_profiles}
     for label in LABELS:
         assert is_taken(device, known, "SetFilterProfileModern", label) == (label in labels), label
 
@@ -303,9 +306,9 @@ def test_every_label_of_a_filter_profile(product: int) -> None:
 def test_every_pair_of_labels(product: int) -> None:
     """A profile and a heading behaviour; never two of a kind."""
     device, known = both(product)
-    kinds = {it.label: it.type for it in known.filter_profiles}
+    kinds = {profile.label: profile.type for profile in known.filter_profiles}
     for pair in product_of(LABELS, LABELS):
-        is_there = sorted(kinds.get(it, 0) for it in pair) == [BASE, HEADING]
+        is_there = sorted(kinds.get(label, 0) for label in pair) == [BASE, HEADING]
         assert is_taken(device, known, "SetFilterProfileModern", "/".join(pair)) == is_there, pair
 
 

@@ -64,8 +64,8 @@ WAKE_UP, ACK = bytes.fromhex("FAFF3E00C3"), bytes.fromhex("FAFF3F00C2")
 PERIOD, MESSAGE, BAUDRATE, PARAMETER = 3, 4, 32, 33
 RESTORE = b"\xde" * 20
 
-IMU_NUMBERS = {it.number for it in PRODUCTS.values() if it.kind == "IMU"}
-GNSS_NUMBERS = {it.number for it in PRODUCTS.values() if it.kind == "GNSS/INS"}
+IMU_NUMBERS = {product.number for product in PRODUCTS.values() if product.kind == "IMU"}
+GNSS_NUMBERS = {product.number for product in PRODUCTS.values() if product.kind == "GNSS/INS"}
 
 
 def frame(name: str, value: Any = None, **options: Any) -> bytes:
@@ -76,12 +76,12 @@ def messages(data: bytes) -> list[Message]:
     """The messages in these bytes, of which all must be frames."""
     scanner = Scanner()
     found = scanner.feed(data) + scanner.close()
-    assert all(isinstance(it, Message) for it in found), found
-    return [it for it in found if isinstance(it, Message)]
+    assert all(isinstance(message, Message) for message in found), found
+    return [message for message in found if isinstance(message, Message)]
 
 
 def mids(data: bytes) -> list[int]:
-    return [it.mid for it in messages(data)]
+    return [message.mid for message in messages(data)]
 
 
 def booted(product: str | int, **options: Any) -> SimulatedDevice:
@@ -111,7 +111,7 @@ def exchange(device: SimulatedDevice, data: bytes) -> bytes:
 def ask(device: SimulatedDevice, name: str, value: Any = None) -> Any:
     """The value of the reply to a request; an error code as a number."""
     found = messages(exchange(device, frame(name, value)))
-    (reply,) = [it for it in found if it.mid != MessageId.MTData2]
+    (reply,) = [message for message in found if message.mid != MessageId.MTData2]
     if reply.name == "Error":
         return f"error {reply.payload[0]}"
     assert reply.mid == MESSAGES[name].reply
@@ -130,7 +130,7 @@ def reset(device: SimulatedDevice) -> None:
 def measuring(device: SimulatedDevice, *outputs: Output | int) -> SimulatedDevice:
     """A device that goes from Config to Measurement, with these outputs if any."""
     if outputs:
-        full = [it if isinstance(it, Output) else Output(it) for it in outputs]
+        full = [output if isinstance(output, Output) else Output(output) for output in outputs]
         ask(device, "SetOutputConfiguration", full)
     assert ask(device, "GoToMeasurement") is None
     return device
@@ -143,8 +143,8 @@ def log_of(device: SimulatedDevice, seconds: float) -> xbus.Log:
 
 def flag(words: Any, name: str) -> list[int]:
     """A field of status words."""
-    row = next(it for it in STATUS_FLAGS if it.name == name)
-    return [int(it) >> row.bit & (1 << row.width) - 1 for it in words]
+    row = next(row for row in STATUS_FLAGS if row.name == name)
+    return [int(word) >> row.bit & (1 << row.width) - 1 for word in words]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -177,7 +177,7 @@ def readdressed(text: str, bid: int) -> bytes:
 # States, products and values
 # ---------------------------------------------------------------------------------------------
 
-REQUESTS = [it for it in MESSAGES.values() if it.direction == "to device"]
+REQUESTS = [row for row in MESSAGES.values() if row.direction == "to device"]
 
 
 @pytest.mark.parametrize(
@@ -309,7 +309,7 @@ def test_every_quantity_at_every_rate(product: int) -> None:
             )
             measuring(device)
             device.advance(0.02)
-            assert all(it.mid == MessageId.MTData2 for it in messages(device.read()))
+            assert all(message.mid == MessageId.MTData2 for message in messages(device.read()))
             device.write(frame("GoToConfig"))
             assert device.read().endswith(frame("GoToConfigAck"))
 
@@ -432,7 +432,7 @@ def test_a_rotation_is_kept_as_it_was_sent() -> None:
 def test_profiles() -> None:
     device = configurable(7)
     found = ask(device, "ReqAvailableFilterProfiles")
-    assert [(it.type, it.label) for it in found] == [
+    assert [(profile.type, profile.label) for profile in found] == [
         (11, "General"), (12, "GeneralNoBaro"), (13, "GeneralMag"), (0, ""), (0, ""),
     ]  # fmt: skip
     assert ask(configurable(630), "ReqFilterProfile") == "Responsive/NorthReference"
@@ -552,11 +552,11 @@ def test_start_without_a_host(product: int) -> None:
     found = messages(device.read())
     told = [MessageId.Configuration, MessageId.EmtsData]
     if PRODUCTS[product].series == "1-series":
-        assert {it.mid for it in found} == {MessageId.MTData2}
+        assert {message.mid for message in found} == {MessageId.MTData2}
     else:
-        assert [it.mid for it in found[:2]] == told
-        assert {it.mid for it in found[2:]} == {MessageId.MTData2}
-    assert {it.bid for it in found} == {0xFF}
+        assert [message.mid for message in found[:2]] == told
+        assert {message.mid for message in found[2:]} == {MessageId.MTData2}
+    assert {message.bid for message in found} == {0xFF}
 
 
 @pytest.mark.parametrize(
@@ -645,7 +645,7 @@ def test_configurable_bus_id() -> None:
     assert exchange(device, frame("ReqDID", bid=1)) == b""
     device.power_cycle()
     device.advance(1)
-    assert {it.bid for it in messages(device.read())} == {7}
+    assert {message.bid for message in messages(device.read())} == {7}
 
 
 def test_any_chunking_and_garbage() -> None:
@@ -708,8 +708,10 @@ def test_whatever_is_sent_it_goes_on(product: int, sent: list[tuple[Any, bytes, 
 GARBAGE = st.one_of(
     st.binary(min_size=1, max_size=300),
     st.integers(1, 300).map(lambda count: b"\xfa" * count),
-    st.tuples(st.integers(0, 255), st.integers(0, 254)).map(lambda it: bytes([0xFA, 0xFF, *it])),
-    st.integers(0, 0xFFFF).map(lambda it: b"\xfa\xff\x36\xff" + it.to_bytes(2, "big")),
+    st.tuples(st.integers(0, 255), st.integers(0, 254)).map(
+        lambda header: bytes([0xFA, 0xFF, *header])
+    ),
+    st.integers(0, 0xFFFF).map(lambda length: b"\xfa\xff\x36\xff" + length.to_bytes(2, "big")),
     st.sampled_from(REQUESTS).map(lambda row: encode_frame(row.mid, bytes(20))[:-1]),
 )
 
@@ -735,7 +737,7 @@ def test_garbage_does_not_hide_a_request_for_long(
     # EmtsData takes longer than a tenth of a second.
     device.advance(0.3)
     found = mids(device.read())
-    assert [it for it in found if it != MessageId.MTData2][-1:] == [MessageId.GoToConfigAck]
+    assert [mid for mid in found if mid != MessageId.MTData2][-1:] == [MessageId.GoToConfigAck]
     assert device.state is State.CONFIG
 
 
@@ -812,10 +814,14 @@ def test_the_rate_of_a_port() -> None:
     """On the 600-series it is a property of the ports, and SetBaudrate a short form."""
     device = configurable("MTi-680G", baudrate=115_200)
     ports = ask(device, "ReqPortConfig")
-    assert [(it.protocol, it.baudrate) for it in ports] == [(1, 115_200), (0, 460_800), (6, 38_400)]
+    assert [(port.protocol, port.baudrate) for port in ports] == [
+        (1, 115_200),
+        (0, 460_800),
+        (6, 38_400),
+    ]
     ask(device, "SetBaudrate", 0x80)
     changed = ask(device, "ReqPortConfig")
-    assert [int(it) for it in changed] == [0x0001_0080, 0, 0x0006_0005]
+    assert [int(port) for port in changed] == [0x0001_0080, 0, 0x0006_0005]
     ask(device, "SetPortConfig", [PortConfig(PortProtocol.XBUS, 0x0C), *changed[1:]])
     assert ask(device, "ReqBaudrate") == 0x0C
     reset(device)
@@ -854,7 +860,7 @@ def test_a_line_that_is_too_slow() -> None:
     steps = np.diff(log["packet_counter"].values.astype(int))
     assert (steps.min(), steps.sum() > 1000) == (1, True)
     errors = log.messages
-    assert {it.payload for it in errors} == {bytes([41])}
+    assert {error.payload for error in errors} == {bytes([41])}
     assert 3 <= len(errors) <= 5
     assert device.lost > 1500
 
@@ -917,7 +923,7 @@ def test_faults() -> None:
     for _ in range(200):
         device.advance(0.001)
         sizes.append(len(device.read()))
-    assert 11 <= sum(it > 0 for it in sizes) <= 13
+    assert 11 <= sum(size > 0 for size in sizes) <= 13
     assert device.plugged
     device.advance(1)
     assert (device.plugged, device.read()) == (False, b"")
@@ -1009,7 +1015,7 @@ def test_status_word(product: int) -> None:
     """Table 27, before and after the fix."""
     device = measuring(configurable(product, time_to_fix=1.0))
     words = log_of(device, 2.0)["status_word"].values
-    numbers = {it.name: flag(words[[1, -1]], it.name) for it in STATUS_FLAGS}
+    numbers = {row.name: flag(words[[1, -1]], row.name) for row in STATUS_FLAGS}
     told = {name: value for name, value in numbers.items() if any(value)}
     expected = {} if PRODUCTS[product].series == "600-series" else {"selftest": [1, 1]}
     if product in GNSS_NUMBERS:
@@ -1035,7 +1041,7 @@ def test_alignment_rotations_turn_what_is_measured() -> None:
 
 def angles(device: SimulatedDevice) -> list[float]:
     """Roll, pitch and yaw of the next sample."""
-    return [round(float(it), 3) for it in log_of(device, 0.01)["euler_angles"].values[0]]
+    return [round(float(value), 3) for value in log_of(device, 0.01)["euler_angles"].values[0]]
 
 
 class Tilted:
@@ -1279,7 +1285,7 @@ def test_trigger_indication_of_the_600_series() -> None:
     assert bytes.fromhex("FA FF 36 0B 48 10 08 02 01") in data
     log = xbus.read_log(data)
     assert log["packet_counter"].values.tolist() == list(range(20))
-    assert [log[it].values[0].tolist() for it in ("trigger_in1", "trigger_in2")] == [
+    assert [log[name].values[0].tolist() for name in ("trigger_in1", "trigger_in2")] == [
         (2, 1, 205_200, 0),
         (9, 0, 205_200, 0),
     ]
@@ -1320,9 +1326,9 @@ def test_clock_bias_estimation() -> None:
 
 
 def utc_of(device: SimulatedDevice) -> str:
-    it = ask(device, "ReqUTCTime")
-    date = f"{it.year}-{it.month:02}-{it.day:02} {it.hour:02}:{it.minute:02}"
-    return f"{date}:{it.second + it.ns / 1e9:07.4f} {it.valid}"
+    utc = ask(device, "ReqUTCTime")
+    date = f"{utc.year}-{utc.month:02}-{utc.day:02} {utc.hour:02}:{utc.minute:02}"
+    return f"{date}:{utc.second + utc.ns / 1e9:07.4f} {utc.valid}"
 
 
 def test_utc_of_a_device_without_gnss() -> None:

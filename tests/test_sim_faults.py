@@ -56,7 +56,7 @@ def test_the_ends_of_probability() -> None:
 
 
 def test_the_seed_decides() -> None:
-    first, again, other = (through(Faults(flip=1e-3, drop=1e-3, seed=it)) for it in (1, 1, 2))
+    first, again, other = (through(Faults(flip=1e-3, drop=1e-3, seed=seed)) for seed in (1, 1, 2))
     assert first == again
     assert first != other
 
@@ -163,9 +163,9 @@ def test_parse_refuses(text: str, said: str) -> None:
 
 def test_values_are_checked_wherever_they_come_from() -> None:
     wrong: list[dict[str, Any]] = [{"flip": 2}, {"burst": -1}, {"stall": (-1, 1)}]
-    for it in wrong:
+    for arguments in wrong:
         with pytest.raises(ValueError, match="not"):
-            Faults(**it)
+            Faults(**arguments)
 
 
 # On the whole: a device read through such a line
@@ -181,7 +181,7 @@ def samples_of(device: SimulatedDevice, seconds: float) -> list[Sample]:
 
 
 def numbers(samples: Iterable[Sample]) -> list[int]:
-    return [int(it["packet_counter"]) for it in samples]
+    return [int(sample["packet_counter"]) for sample in samples]
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -212,10 +212,10 @@ def test_what_comes_is_right_and_what_does_not_is_missed(
     assert numbers(sent) == list(range(len(sent)))
     received = numbers(came)
     assert all(before < after for before, after in pairwise(received))
-    assert {it.payload for it in came} <= {it.payload for it in sent}
+    assert {message.payload for message in came} <= {message.payload for message in sent}
 
     # An accident costs the frame that it happens to, and no other.
-    sizes = np.array([len(it.payload) + 5 for it in sent[: received[-1] + 1]])
+    sizes = np.array([len(message.payload) + 5 for message in sent[: received[-1] + 1]])
     expected = (1 - (1 - faults.drop) ** sizes * (1 - faults.flip) ** (8 * sizes)).sum()
     missing = len(sizes) - len(received)
     assert abs(missing - expected) <= 4 * expected**0.5

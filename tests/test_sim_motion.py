@@ -68,12 +68,12 @@ def test_velocity_acceleration_and_rate_of_turn_are_derivatives(
     # Between the rows of the sampled ones, where their third derivatives step.
     time = 3600 * hours + np.arange(0, 70, 0.25) + 5 * STEP
     motion = path.at(time)
-    velocity = derivative(lambda it: path.at(it).position, time)
+    velocity = derivative(lambda time: path.at(time).position, time)
     np.testing.assert_allclose(motion.velocity, velocity, rtol=0, atol=bound)
-    acceleration = derivative(lambda it: path.at(it).velocity, time)
+    acceleration = derivative(lambda time: path.at(time).velocity, time)
     np.testing.assert_allclose(motion.acceleration, acceleration, rtol=0, atol=bound)
     matrix = quaternion.to_matrix(motion.orientation)
-    change = derivative(lambda it: quaternion.to_matrix(path.at(it).orientation), time)
+    change = derivative(lambda time: quaternion.to_matrix(path.at(time).orientation), time)
     rate = vee(np.swapaxes(matrix, 1, 2) @ change)
     np.testing.assert_allclose(motion.rate_of_turn, rate, rtol=0, atol=bound)
 
@@ -115,7 +115,7 @@ def test_no_trajectory_runs_away(path: Trajectory) -> None:
 def test_arrays_are_float64_of_the_stated_shapes(path: Trajectory) -> None:
     for n in (0, 1, 5):
         motion = path.at(np.arange(n, dtype=np.float64))
-        shapes = {name: (it.shape, it.dtype.str) for name, it in vars(motion).items()}
+        shapes = {name: (array.shape, array.dtype.str) for name, array in vars(motion).items()}
         assert shapes == {
             "time": ((n,), "<f8"),
             "orientation": ((n, 4), "<f8"),
@@ -159,7 +159,7 @@ def test_tumble_goes_through_all_orientations() -> None:
     euler = quaternion.to_euler(motion.orientation)
     assert np.abs(euler[:, 1]).max() > 89.5
     down = quaternion.rotate(quaternion.conjugate(motion.orientation), np.array([0.0, 0.0, -1.0]))
-    assert {tuple(it) for it in np.sign(down).tolist()} >= {
+    assert {tuple(signs) for signs in np.sign(down).tolist()} >= {
         (x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)
     }
 
@@ -326,7 +326,7 @@ def test_orientation_in_any_form_and_coordinates(
         "rotation_matrix": turned,
         "euler_angles": quaternion.to_euler(quaternion.from_matrix(turned)),
     }
-    log = recorded([{(name, "Float64", coordinates): it} for it in forms[name]])
+    log = recorded([{(name, "Float64", coordinates): form} for form in forms[name]])
     motion = SampledTrajectory.from_log(log).at(np.arange(100) / 100)
     dots = np.sum(motion.orientation * QUATERNIONS, axis=1)
     np.testing.assert_allclose(np.abs(dots), 1, rtol=0, atol=1e-12)
@@ -337,7 +337,9 @@ def test_position_ecef_moves_too() -> None:
     origin = LatLonAlt(-33.0, 151.0, 12.0)
     positions = np.linspace([0, 0, 0], [30, 40, 5], 500)
     ecef = earth.enu_to_ecef(positions, origin)
-    rows = [{"quaternion": [1, 0, 0, 0], ("position_ecef", "Float64"): it} for it in ecef]
+    rows = [
+        {"quaternion": [1, 0, 0, 0], ("position_ecef", "Float64"): position} for position in ecef
+    ]
     path = SampledTrajectory.from_log(recorded(rows))
     assert path.origin == pytest.approx(origin, abs=1e-8)
     moved = path.at(np.arange(500) / 100).position
@@ -347,14 +349,16 @@ def test_position_ecef_moves_too() -> None:
 def test_steps_of_a_filter_are_no_shocks() -> None:
     steps = np.where(np.arange(1000) >= 500, 0.05, 0.0)[:, np.newaxis] * [1.0, 0, 0]
     ecef = earth.enu_to_ecef(steps, earth.ORIGIN)
-    rows = [{"quaternion": [1, 0, 0, 0], ("position_ecef", "Float64"): it} for it in ecef]
+    rows = [
+        {"quaternion": [1, 0, 0, 0], ("position_ecef", "Float64"): position} for position in ecef
+    ]
     motion = SampledTrajectory.from_log(recorded(rows)).at(np.arange(0, 10, 0.002))
     assert np.abs(motion.acceleration).max() < 5
 
 
 def test_rows_out_of_order_or_not_finite_are_left_out() -> None:
     nan = [float("nan")] * 4
-    rows = [{"quaternion": it} for it in ([1, 0, 0, 0], nan, [0, 1, 0, 0], [1, 0, 0, 0])]
+    rows = [{"quaternion": q} for q in ([1, 0, 0, 0], nan, [0, 1, 0, 0], [1, 0, 0, 0])]
     log = recorded([*rows, {"quaternion": [0, 0, 0, 1], "sample_time_fine": 5010}])
     path = SampledTrajectory.from_log(log)
     np.testing.assert_allclose(path._orientation.time, [0, 0.02, 0.03], rtol=0, atol=1e-9)

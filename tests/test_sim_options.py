@@ -114,7 +114,7 @@ def test_other_devices_drop_what_they_do_not_support(unsupported: str) -> None:
     accepted = bytes.fromhex("4020 0064 1020 FFFF")
     reply = answer_to_outputs(device, f"4020 0064 {unsupported} 0064 1020 FFFF")
     assert reply == frame(0xC1, accepted)
-    assert [it.data_id for it in device.settings.output_configuration] == [0x4020, 0x1020]
+    assert [output.data_id for output in device.settings.output_configuration] == [0x4020, 0x1020]
 
 
 def test_nothing_is_left() -> None:
@@ -144,9 +144,9 @@ def test_faults_are_switched_on_and_off() -> None:
 @pytest.mark.parametrize("baudrate", [None, 115200])
 def test_bytes_that_a_fault_held_back_arrive_when_the_fault_ends(baudrate: int | None) -> None:
     device, sound = (SimulatedDevice("MTi-630", baudrate=baudrate) for _ in range(2))
-    for it in (device, sound):
-        it.advance(1)
-        it.read()
+    for item in (device, sound):
+        item.advance(1)
+        item.read()
     device.faults = Faults(stall=(device.time, 100))
     device.advance(2)
     assert device.read() == b""

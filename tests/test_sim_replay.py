@@ -47,7 +47,7 @@ def times(*frames: bytes) -> list[float]:
 
 @pytest.mark.parametrize("path", [WALK, FIELD])
 def test_all_samples_of_a_recording_come_verbatim(path: Path) -> None:
-    sent = b"".join(it for _, it in Replay(path).play(0.0).take(1e9))
+    sent = b"".join(frame for _, frame in Replay(path).play(0.0).take(1e9))
     recorded, again = xbus.read_log(path), xbus.read_log(sent)
     assert len(again) == len(recorded)
     assert again.stats.skipped_bytes == 0
@@ -59,7 +59,7 @@ def test_all_samples_of_a_recording_come_verbatim(path: Path) -> None:
 def test_frames_keep_their_pace() -> None:
     log = xbus.read_log(WALK)
     expected = log.time[np.isfinite(log.time)]
-    sent = np.array([time for time, it in played(WALK.read_bytes())])
+    sent = np.array([time for time, _ in played(WALK.read_bytes())])
     assert sent[-1] == pytest.approx(expected[-1] - expected[0], abs=0.05)
     assert (np.diff(sent) >= 0).all()
     assert np.diff(sent).max() < 0.011
@@ -91,36 +91,38 @@ def test_when_frames_come(frames: list[bytes], expected: list[float]) -> None:
 
 def test_nothing_comes_that_a_device_says_only_when_asked() -> None:
     data = b"".join([WAKE_UP, at(5.0), ACK, UNKNOWN, at(5.1), b"damage", ERROR])
-    assert [it for _, it in played(data)] == [at(5.0), UNKNOWN, at(5.1), ERROR]
+    assert [frame for _, frame in played(data)] == [at(5.0), UNKNOWN, at(5.1), ERROR]
 
 
 def test_long_frames_and_other_bus_identifiers() -> None:
-    frames = [frame(0x5B, bytes(it), bid=3) for it in (0, 254, 255, 256, 4000)]
+    frames = [frame(0x5B, bytes(size), bid=3) for size in (0, 254, 255, 256, 4000)]
     frames.append(mtdata2(*[packet(0x4020, bytes(12))] * 40, bid=3))
-    assert [it for _, it in played(b"".join(frames))] == frames
+    assert [frame for _, frame in played(b"".join(frames))] == frames
 
 
 @given(st.lists(st.floats(0, 12)))
 def test_how_calls_cut_time_changes_nothing(cuts: list[float]) -> None:
     replay = Replay(WALK)
     playback = replay.play(0.5)
-    taken = [playback.take(it) for it in sorted(cuts)]
+    taken = [playback.take(cut) for cut in sorted(cuts)]
     for (since, until), frames in zip(pairwise([-1.0, *sorted(cuts)]), taken, strict=True):
         assert all(since < time <= until + 1e-9 for time, _ in frames)
-    assert [it for part in taken for it in part] + playback.take(99) == replay.play(0.5).take(99)
+    assert [sent for part in taken for sent in part] + playback.take(99) == replay.play(0.5).take(
+        99
+    )
     assert playback.take(999) == []
 
 
 def test_every_play_begins_anew() -> None:
     replay = Replay(WALK)
     first, later = replay.play(0.0).take(99), replay.play(50.0).take(99)
-    assert [it for _, it in first] == [it for _, it in later]
+    assert [frame for _, frame in first] == [frame for _, frame in later]
     assert later[0][0] == 50.0
 
 
 def test_latest_is_the_newest_sample() -> None:
     playback = Replay(b"".join([at(5.0), at(5.5), ERROR, at(6.0)])).play(10.0)
-    assert [playback.latest(it) for it in (9.9, 10.0, 10.6, 99)] == [
+    assert [playback.latest(now) for now in (9.9, 10.0, 10.6, 99)] == [
         [],
         [at(5.0)],
         [at(5.5)],

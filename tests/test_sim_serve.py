@@ -56,8 +56,8 @@ def on_tcp(device: Any, **options: Any) -> TcpServer:
 
 @pytest.fixture(params=[on_pty, on_tcp])
 def server(request: pytest.FixtureRequest) -> Iterator[Server]:
-    with request.param(Fake()) as it:
-        yield it
+    with request.param(Fake()) as server:
+        yield server
 
 
 def open_port(server: Server, **options: Any) -> Any:
@@ -134,7 +134,7 @@ def test_who_does_not_read_loses_whole_steps(server: Server) -> None:
         received += client.read(50_000 * numbers - server.lost - len(received))
     words = received.split()
     assert len(received) > QUEUE_SIZE
-    assert words == [b"%d" % it for it in range(len(words) // 5000) for _ in range(5000)]
+    assert words == [b"%d" % index for index in range(len(words) // 5000) for _ in range(5000)]
 
 
 def test_time_goes_with_the_clock(server: Server) -> None:

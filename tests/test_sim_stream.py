@@ -29,7 +29,7 @@ STAMPS = [(COUNTER, EVERY), (FINE, EVERY)]
 STATUS = (DataId.StatusWord, EVERY)
 
 
-NAMES = {it.id: it.name for it in QUANTITIES.values()}
+NAMES = {quantity.id: quantity.name for quantity in QUANTITIES.values()}
 
 
 def make(
@@ -56,7 +56,7 @@ def log_of(stream: Stream, seconds: float, status: int = 0) -> xbus.Log:
 
 def names(frame: bytes) -> list[str | None]:
     """The quantities in a short frame, in order."""
-    return [it.name for it in _core.packets(frame[4:-1] if frame[3] < 255 else frame[6:-1])]
+    return [packet.name for packet in _core.packets(frame[4:-1] if frame[3] < 255 else frame[6:-1])]
 
 
 # The encoder -----------------------------------------------------------------------------------------
@@ -69,14 +69,14 @@ def contents(quantity: Quantity) -> Array:
         rows = random.normal(0, 1000, (4, quantity.numbers))
         rows[0], rows[1], rows[2] = 0.5 / 2**20, -1e30, -2.5 / 2**32
         return rows
-    types = [it.type for it in quantity.fields] or [quantity.kind] * quantity.numbers
+    types = [field.type for field in quantity.fields] or [quantity.kind] * quantity.numbers
     if quantity.kind == "list":
         head = [7, 2, 0, 0, 0]
         return np.array([[*head, *random.integers(0, 256, 8)] for _ in range(4)])
     if quantity.kind == "id":
         types = ["u4"]
-    limits = [(-(2**24), 2**24) if it == "f4" else np.iinfo(it) for it in types]
-    ranges = [it if isinstance(it, tuple) else (it.min, it.max) for it in limits]
+    limits = [(-(2**24), 2**24) if kind == "f4" else np.iinfo(kind) for kind in types]
+    ranges = [limit if isinstance(limit, tuple) else (limit.min, limit.max) for limit in limits]
     dtype = np.uint64 if "u8" in types else np.int64
     return np.array([[low, high, high // 2, high // 3] for low, high in ranges], dtype).T.copy()
 
@@ -87,7 +87,7 @@ def formats(quantity: Quantity) -> Iterator[tuple[str | None, str | None]]:
     return itertools.product(precisions, coordinates)
 
 
-@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=lambda it: it.name)
+@pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=lambda row: row.name)
 def test_many_samples_are_written_as_one_by_one(quantity: Quantity) -> None:
     rows = contents(quantity)
     for precision, coordinates in formats(quantity):
@@ -106,7 +106,7 @@ def test_many_samples_are_written_as_one_by_one(quantity: Quantity) -> None:
             for counter, row in zip(counters.tolist(), rows, strict=True)
         ]
         assert frames.data == b"".join(single)
-        assert frames.ends.tolist() == np.cumsum([len(it) for it in single]).tolist()
+        assert frames.ends.tolist() == np.cumsum([len(frame) for frame in single]).tolist()
 
 
 def test_rows_of_any_layout_in_memory_and_scalars_without_an_axis() -> None:
@@ -187,7 +187,7 @@ def test_rates(
 ) -> None:
     log = log_of(make(product, [*STAMPS, *outputs, STATUS]), 10.0)
     columns = [log[NAMES[data_id & 0xFFF0]] for data_id, _ in outputs]
-    assert [len(it) for it in columns] == [10 * it for it in rates]
+    assert [len(column) for column in columns] == [10 * rate for rate in rates]
     assert len(log) == 10 * messages
     assert log.stats.lost_samples == 0
     assert log["packet_counter"].values.tolist() == list(range(len(log)))
@@ -237,10 +237,10 @@ def test_hr_samples_miss_the_ticks_where_they_are_not_synchronous(
 ) -> None:
     log = log_of(make(product, [*STAMPS, (ACC, 100), (ACC_HR, 1000), (GYR_HR, 500)]), 1.0)
     ticks = [
-        np.rint(log[it].time * 1e4).astype(int) for it in ("acceleration_hr", "rate_of_turn_hr")
+        np.rint(log[name].time * 1e4).astype(int) for name in ("acceleration_hr", "rate_of_turn_hr")
     ]
-    assert [bool((it % 10 == 0).all()) for it in ticks] == [aligned] * 2
-    assert all(set(np.diff(it)) == {step} for it, step in zip(ticks, (10, 20), strict=True))
+    assert [bool((tick % 10 == 0).all()) for tick in ticks] == [aligned] * 2
+    assert all(set(np.diff(tick)) == {step} for tick, step in zip(ticks, (10, 20), strict=True))
 
 
 def test_status_byte_is_the_low_byte_and_identifiers_are_told() -> None:
@@ -252,7 +252,8 @@ def test_status_byte_is_the_low_byte_and_identifiers_are_told() -> None:
     ]
     log = log_of(make(30, outputs, device_id=0x0368248C, location_id=513), 0.01, status=0x123)
     values = [
-        log[it].values.tolist() for it in ("status_byte", "status_word", "device_id", "location_id")
+        log[name].values.tolist()
+        for name in ("status_byte", "status_word", "device_id", "location_id")
     ]
     assert values == [[0x23], [0x123], [0x0368248C], [513]]
 
@@ -273,8 +274,8 @@ def test_measuring_begins_after_its_start() -> None:
     [
         ([(ACC, 30)], "acceleration: 30 Hz does not divide 400 Hz"),
         ([(ACC, 800)], "acceleration: 800 Hz does not divide 400 Hz"),
-        ([(ACC, EVERY)], "acceleration: 65535 Hz is no rate"),
-        ([(ACC_HR, EVERY)], "acceleration_hr: 65535 Hz is no rate"),
+        ([(ACC, EVERY)], "acceleration: the rate must be 1 to 2000 Hz, not 65535 Hz"),
+        ([(ACC_HR, EVERY)], "acceleration_hr: the rate must be 1 to 2000 Hz, not 65535 Hz"),
         ([(0x9990, 100)], "no quantity has the data identifier 0x9990"),
     ],
 )
@@ -305,19 +306,19 @@ def test_how_calls_cut_time_does_not_matter(seed: int) -> None:
     random = np.random.default_rng(seed)
     cuts = np.sort(random.uniform(0, 2, [1, 7, 50, 200, 3000][seed]))
     pieces = make(680, FULL, **options)
-    assert [it for until in [*cuts, 2.0, 2.0] for it in pieces.take(float(until), 5)] == whole
+    assert [sent for until in [*cuts, 2.0, 2.0] for sent in pieces.take(float(until), 5)] == whole
     assert [at for at, _ in whole] == sorted(at for at, _ in whole)
 
 
 def test_seeds_of_64_bits() -> None:
     first, second = (
-        make(630, [(ACC, 100)], noise=1.0, seed=2**64 - it).take(0.1, 0) for it in (1, 2)
+        make(630, [(ACC, 100)], noise=1.0, seed=2**64 - offset).take(0.1, 0) for offset in (1, 2)
     )
     assert first != second
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_others() -> None:
-    first, again, other = (make(680, FULL, noise=1.0, seed=it).take(0.5, 0) for it in (1, 1, 2))
+    first, again, other = (make(680, FULL, noise=1.0, seed=seed).take(0.5, 0) for seed in (1, 1, 2))
     assert first == again
     assert first != other
 
@@ -435,7 +436,11 @@ def test_satellites() -> None:
     log = log_of(make(680, [*STAMPS, (PVT, EVERY), (SAT, EVERY)], seed=3), 600.0)
     info, pvt = log["gnss_sat_info"], log["gnss_pvt_data"].values
     first = info.satellites[: info.offsets[1]]
-    assert len({(int(it["gnssId"]), int(it["svId"])) for it in first}) == len(first) == 20
+    assert (
+        len({(int(satellite["gnssId"]), int(satellite["svId"])) for satellite in first})
+        == len(first)
+        == 20
+    )
     used = [
         int((info.satellites[i:j]["flags"] >> 3 & 1).sum())
         for i, j in itertools.pairwise(info.offsets)
@@ -449,10 +454,10 @@ def test_satellites() -> None:
 
 def test_an_rtk_fix_is_better() -> None:
     none, floating, fixed = (
-        log_of(make(680, [*STAMPS, (PVT, EVERY)], rtk=it), 1.0)["gnss_pvt_data"].scaled[0]
-        for it in range(3)
+        log_of(make(680, [*STAMPS, (PVT, EVERY)], rtk=rtk), 1.0)["gnss_pvt_data"].scaled[0]
+        for rtk in range(3)
     )
-    assert [int(it["flags"]) for it in (none, floating, fixed)] == [0x01, 0x43, 0x83]
+    assert [int(pvt["flags"]) for pvt in (none, floating, fixed)] == [0x01, 0x43, 0x83]
     assert fixed["hAcc"] < 0.02 < floating["hAcc"] < 1 < none["hAcc"]
     assert fixed["sAcc"] < floating["sAcc"] < none["sAcc"]
 
@@ -492,7 +497,7 @@ RATES = [1, 2, 4, 5, 8, 10, 16, 20, 25, 40, 50, 80, 100, 200, 400]
 @pytest.mark.parametrize("path", ["walk", "tumble", "fly"])
 @pytest.mark.parametrize("rate", RATES)
 def test_increments_add_up_to_orientation_and_velocity(rate: int, path: str) -> None:
-    log = log_of(make(680, [*STAMPS, *((it, rate) for it in INERTIAL)], path), 20.0)
+    log = log_of(make(680, [*STAMPS, *((data_id, rate) for data_id in INERTIAL)], path), 20.0)
     q, v = log["quaternion"].values, log["velocity_xyz"].values
     turned = q[:1]
     for delta in log["delta_q"].values[1:]:
@@ -516,7 +521,7 @@ def test_acceleration_less_gravity_is_the_derivative_of_velocity(
     path: str, rates: list[int], bound: float
 ) -> None:
     for rate in rates:
-        log = log_of(make(680, [*STAMPS, *((it, rate) for it in INERTIAL)], path), 20.0)
+        log = log_of(make(680, [*STAMPS, *((data_id, rate) for data_id in INERTIAL)], path), 20.0)
         q, v = log["quaternion"].values, log["velocity_xyz"].values
         linear = quaternion.rotate(q, log["acceleration"].values) - gravity()
         # Of central differences: the third derivative of velocity times dt^2 / 6.
@@ -535,11 +540,11 @@ def test_hr_samples_integrate_to_velocity_and_orientation(
     time, q, v = log["quaternion"].time, log["quaternion"].values, log["velocity_xyz"].values
     hr = log["acceleration_hr"]
     inside = (hr.time >= time[0]) & (hr.time <= time[-1])
-    between = np.stack([np.interp(hr.time[inside], time, it) for it in q.T], axis=1)
+    between = np.stack([np.interp(hr.time[inside], time, component) for component in q.T], axis=1)
     linear = quaternion.rotate(between, hr.values[inside]) - gravity()
     gained = ((linear[1:] + linear[:-1]) / 2).sum(axis=0) / accelerations
     ends = [
-        np.array([np.interp(it, time, axis) for axis in v.T]) for it in hr.time[inside][[0, -1]]
+        np.array([np.interp(now, time, axis) for axis in v.T]) for now in hr.time[inside][[0, -1]]
     ]
     assert gained == pytest.approx(ends[1] - ends[0], abs=2e-3)
 
@@ -562,8 +567,8 @@ def test_rate_of_turn_is_that_of_the_quaternion() -> None:
 
 
 def test_coordinates() -> None:
-    ids = [it | system | 3 for it in (Q, EULER, 0x2020, 0xD010) for system in Coordinates]
-    log = log_of(make(680, [*STAMPS, *((it, 50) for it in ids)], "drive"), 10.0)
+    ids = [data_id | system | 3 for data_id in (Q, EULER, 0x2020, 0xD010) for system in Coordinates]
+    log = log_of(make(680, [*STAMPS, *((identifier, 50) for identifier in ids)], "drive"), 10.0)
     turns = {"ENU": np.eye(3), "NED": np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]]),
              "NWU": np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1]])}  # fmt: skip
     truth = motion_at("drive", log["quaternion", "ENU"].time)
@@ -582,7 +587,8 @@ def test_coordinates() -> None:
 def test_precisions() -> None:
     real = [0x0810, Q, DV, ACC, 0x4030, 0x5020, 0x5040, GYR, DQ, MAG, 0xD010]
     logs = [
-        log_of(make(680, [*STAMPS, *((it | code, 100) for it in real)]), 1.0) for code in Precision
+        log_of(make(680, [*STAMPS, *((data_id | code, 100) for data_id in real)]), 1.0)
+        for code in Precision
     ]
     for data_id in real:
         exact = logs[3][NAMES[data_id]].values
@@ -595,7 +601,7 @@ def test_precisions() -> None:
 
 def test_alignment_keeps_orientation_and_vectors_together() -> None:
     sensor, local = (0.5, 0.5, -0.5, 0.5), (0.8, 0.0, 0.0, 0.6)
-    outputs = [*STAMPS, *((it, 100) for it in [*INERTIAL, 0xC023])]
+    outputs = [*STAMPS, *((data_id, 100) for data_id in [*INERTIAL, 0xC023])]
     plain = log_of(make(680, outputs), 5.0)
     turned = log_of(make(680, outputs, rot_sensor=sensor, rot_local=local), 5.0)
     before, after = np.array(local), np.array(sensor)  # the factors around q
@@ -619,7 +625,11 @@ def test_alignment_keeps_orientation_and_vectors_together() -> None:
 
 def test_positions_agree() -> None:
     log = log_of(
-        make(680, [*STAMPS, *((it, 100) for it in (LAT_LON, ALTITUDE, ECEF, PRESSURE))], "fly"),
+        make(
+            680,
+            [*STAMPS, *((data_id, 100) for data_id in (LAT_LON, ALTITUDE, ECEF, PRESSURE))],
+            "fly",
+        ),
         10.0,
     )
     truth = motion_at("fly", log["lat_lon"].time)
@@ -662,10 +672,10 @@ def test_temperature_rises_to_that_of_work() -> None:
 def test_noise_is_white_and_of_the_density_of_a_data_sheet(rate: int) -> None:
     log, clean = (
         log_of(
-            make(630, [*STAMPS, (0x8023, rate), (0x4023, rate), (0x8033, rate)], noise=it),
+            make(630, [*STAMPS, (0x8023, rate), (0x4023, rate), (0x8033, rate)], noise=noise),
             1000 / rate * 4,
         )
-        for it in (1.0, 0.0)
+        for noise in (1.0, 0.0)
     )
     for name, density in [("rate_of_turn", np.radians(0.007)), ("acceleration", 60e-6 * 9.81)]:
         noise = log[name].values - clean[name].values

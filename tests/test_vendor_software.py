@@ -89,12 +89,14 @@ class Host:
         data = self.port.read(PIECE)
         self._silence = 0 if data else self._silence + 1
         found = self._scanner.feed(data) if self._silence < 4 else self._scanner.close()
-        messages = [it for it in found if isinstance(it, Message)]
+        messages = [message for message in found if isinstance(message, Message)]
         # Who opens a port while samples come begins in the middle of one.
         assert len(messages) == len(found) or not self._is_in_step, found
         self._is_in_step |= bool(messages)
-        self.samples += [Sample(it.payload) for it in messages if it.mid == MessageId.MTData2]
-        return [it for it in messages if it.mid != MessageId.MTData2]
+        self.samples += [
+            Sample(message.payload) for message in messages if message.mid == MessageId.MTData2
+        ]
+        return [message for message in messages if message.mid != MessageId.MTData2]
 
 
 def scan(host: Host) -> None:
@@ -141,9 +143,9 @@ def initialise(host: Host, known: Support) -> None:
     assert profiles is not None
     assert len(profiles) % 22 == 0
     # A label ends at its first space.
-    slots = [profiles[it : it + 22] for it in range(0, len(profiles), 22)]
-    labels = [it[2:].decode().split(" ", 1)[0] for it in slots if it[0] and b" " in it]
-    assert labels == [it.label for it in known.filter_profiles]
+    slots = [profiles[start : start + 22] for start in range(0, len(profiles), 22)]
+    labels = [slot[2:].decode().split(" ", 1)[0] for slot in slots if slot[0] and b" " in slot]
+    assert labels == [profile.label for profile in known.filter_profiles]
     assert profile is not None
 
 
@@ -153,11 +155,13 @@ WITH_EVERY_SAMPLE = (DataId.PacketCounter, DataId.SampleTimeFine, DataId.StatusW
 
 def configure(host: Host, *measured: Output) -> None:
     """No line of an output configuration may get lost."""
-    asked = [*(Output(it, 0) for it in WITH_EVERY_SAMPLE), *measured]
+    asked = [*(Output(data_id, 0) for data_id in WITH_EVERY_SAMPLE), *measured]
     answer = host.must(MessageId.SetOutputConfiguration, encode("SetOutputConfiguration", asked))
     assert len(answer) == 4 * len(asked)
     outputs = decode("SetOutputConfigurationAck", answer)
-    assert outputs == tuple(it._replace(frequency=it.frequency or EVERY) for it in asked)
+    assert outputs == tuple(
+        output._replace(frequency=output.frequency or EVERY) for output in asked
+    )
     assert host.must(MessageId.ReqOutputConfiguration) == answer
 
 
@@ -170,9 +174,9 @@ def measure(host: Host, known: Support, count: int) -> None:
         if len(host.samples) >= count:
             break
         assert host.read() == []
-    assert [it["packet_counter"] for it in host.samples] == list(range(len(host.samples)))
+    assert [sample["packet_counter"] for sample in host.samples] == list(range(len(host.samples)))
     first = int(host.samples[0]["sample_time_fine"])
-    times = [int(it["sample_time_fine"]) - first for it in host.samples]
+    times = [int(sample["sample_time_fine"]) - first for sample in host.samples]
     assert times == list(range(0, 100 * len(times), 100))
     assert len(times) >= count
 
@@ -234,7 +238,7 @@ def test_go_to_config_is_answered_while_as_much_comes_as_can(
     known, device = support(product), awake(product, baudrate)
     host = Host(PortInProcess(device))
     host.go_to_config()
-    outputs = [Output(QUANTITIES[it].id, known.rates_of(it)[0]) for it in known.rates]
+    outputs = [Output(QUANTITIES[name].id, known.rates_of(name)[0]) for name in known.rates]
     host.must(MessageId.SetOutputConfiguration, encode("SetOutputConfiguration", outputs[:32]))
     for _ in range(5):
         host.must(MessageId.GoToMeasurement)
@@ -243,7 +247,7 @@ def test_go_to_config_is_answered_while_as_much_comes_as_can(
         before = device.time
         found: list[int] = []
         while MessageId.GoToConfigAck not in found:
-            found += [it.mid for it in host.read()]
+            found += [message.mid for message in host.read()]
             assert device.time - before <= timeout
         # That samples are lost is said at most once a second.
         assert found.count(MessageId.Error) <= (device.lost > 0)

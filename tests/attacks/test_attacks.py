@@ -32,7 +32,7 @@ def repeated(pattern: bytes, size: int) -> bytes:
 
 def other_identifiers(size: int) -> bytes:
     """A message of one packet, under 65536 identifiers in turn."""
-    one_turn = b"".join(mtdata2(packet(it, b"")) for it in range(65536))
+    one_turn = b"".join(mtdata2(packet(data_id, b"")) for data_id in range(65536))
     return repeated(one_turn, size)
 
 
@@ -86,7 +86,10 @@ def test_every_byte_is_accounted_for(attack: Callable[[int], bytes]) -> None:
     log = xbus.read_log(data)
     assert log.stats.bytes == len(data)
     assert log.stats.skipped_bytes == log.damage["length"].sum()
-    sizes = [len(it.payload) + (7 if len(it.payload) > 254 else 5) for it in log.messages[:1000]]
+    sizes = [
+        len(message.payload) + (7 if len(message.payload) > 254 else 5)
+        for message in log.messages[:1000]
+    ]
     assert log.stats.frames == log.stats.samples + log.stats.messages
     assert log.stats.skipped_bytes + sum(sizes) <= len(data)
 
@@ -242,13 +245,13 @@ def harmed(
 ) -> tuple[bytes, set[int]]:
     """A stream with accidents at these rates (per bit, byte and byte), and where intact frames begin."""
     out, intact = bytearray(), set()
-    for it in frames:
-        size = len(it)
+    for sound in frames:
+        size = len(sound)
         spared = (1 - flips) ** (8 * size) * (1 - drops) ** size * (1 - bursts) ** size
-        bad = it
-        while rng.random() >= spared and bad == it:
-            bad = streams.damage(it, rng, 8 * flips, drops, bursts)
-        if bad == it:
+        bad = sound
+        while rng.random() >= spared and bad == sound:
+            bad = streams.damage(sound, rng, 8 * flips, drops, bursts)
+        if bad == sound:
             intact.add(len(out))
         out += bad
     return bytes(out), intact
@@ -259,7 +262,9 @@ def messages(rng: random.Random, count: int) -> list[bytes]:
     found: list[bytes] = []
     while len(found) < count:
         some = streams.random_frames(rng, 20)
-        found += [it for it in some if reference.plausible(reference.scan(it)[0][0])]
+        found += [
+            candidate for candidate in some if reference.plausible(reference.scan(candidate)[0][0])
+        ]
     return found
 
 
