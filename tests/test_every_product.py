@@ -168,7 +168,7 @@ def has_twin(row: MessageRow, product: int, state: State) -> bool:
 
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("product", PRODUCTS)
-def test_what_is_no_command(product: int, state: State) -> None:
+def test_messages_that_are_not_commands_are_refused(product: int, state: State) -> None:
     device, session = device_in(state, product), session_in(state, product)
     for mid in set(range(256)) - {other.mid for other in COMMANDS}:
         assert exchange(device, encode_frame(mid)) == error(MESSAGE), mid

@@ -189,14 +189,14 @@ REQUESTS = [row for row in MESSAGES.values() if row.direction == "to device"]
         ("FA FF EC 00 15", PARAMETER),  # shorter
     ],
 )
-def test_messages_that_are_none(wire: str, code: int) -> None:
+def test_invalid_messages_are_refused(wire: str, code: int) -> None:
     found = exchange(configurable(630), bytes.fromhex(wire))
     assert found == encode_frame(MessageId.Error, bytes([code]))
 
 
 @pytest.mark.parametrize("mid", [0x00, 0x02, 0x0C, 0x10, 0x12, 0x1C, 0x1E, 0x24, 0x30])
 @pytest.mark.parametrize("data", [b"\0\xff", bytes(30)])
-def test_what_says_nothing_may_carry_anything(mid: int, data: bytes) -> None:
+def test_the_payload_of_an_empty_message_is_ignored(mid: int, data: bytes) -> None:
     plain = exchange(configurable(630), encode_frame(mid))
     assert exchange(configurable(630), encode_frame(mid, data)) == plain
     assert plain[2] == mid + 1
@@ -280,14 +280,14 @@ REFUSED: list[tuple[str, str, Any, int]] = [
 
 
 @pytest.mark.parametrize(("product", "name", "value", "code"), REFUSED)
-def test_what_is_refused_changes_nothing(product: str, name: str, value: Any, code: int) -> None:
+def test_a_refused_value_changes_nothing(product: str, name: str, value: Any, code: int) -> None:
     device = configurable(product)
     before = device.settings
     assert ask(device, name, value) == f"error {code}"
     assert device.settings == before
 
 
-def test_too_many_outputs() -> None:
+def test_too_many_outputs_are_refused() -> None:
     device = configurable(630)
     one = Output(DataId.PacketCounter)
     assert len(ask(device, "SetOutputConfiguration", [one] * 32)) == 32
@@ -360,7 +360,9 @@ SETTINGS: list[tuple[str, str, Any, Any]] = [
 
 
 @pytest.mark.parametrize(("product", "name", "value", "answer"), SETTINGS)
-def test_settings_are_told_and_last(product: str, name: str, value: Any, answer: Any) -> None:
+def test_settings_are_read_back_and_persist(
+    product: str, name: str, value: Any, answer: Any
+) -> None:
     """At once, after Reset and after a power cycle, until the factory's are restored."""
     device = configurable(product)
     before = ask(device, f"Req{name}")
@@ -422,14 +424,14 @@ def test_a_slow_period_becomes_a_skip_factor() -> None:
     assert (ask(device, "ReqPeriod"), ask(device, "ReqOutputSkipFactor")) == (768, 1)
 
 
-def test_a_rotation_is_kept_as_it_was_sent() -> None:
+def test_a_rotation_is_stored_unchanged() -> None:
     device = configurable(630)
     for which, q in [(Alignment.ROT_SENSOR, (2.0, 0.0, 0.0, 1.0)), (Alignment.ROT_LOCAL, Q)]:
         assert ask(device, "SetAlignmentRotation", AlignmentRotation(which, q)) is None
         assert ask(device, "ReqAlignmentRotation", which) == AlignmentRotation(which, q)
 
 
-def test_profiles() -> None:
+def test_filter_profiles_are_those_of_the_product() -> None:
     device = configurable(7)
     found = ask(device, "ReqAvailableFilterProfiles")
     assert [(profile.type, profile.label) for profile in found] == [
@@ -438,7 +440,7 @@ def test_profiles() -> None:
     assert ask(configurable(630), "ReqFilterProfile") == "Responsive/NorthReference"
 
 
-def test_option_flags() -> None:
+def test_option_flags_are_set_and_cleared() -> None:
     """What is in both masks is set; clearing what a product lacks is no mistake."""
     device = configurable(3)
     a, b = OptionFlag.ENABLE_AHS, OptionFlag.ENABLE_IN_RUN_COMPASS_CALIBRATION
@@ -454,7 +456,7 @@ def test_option_flags() -> None:
         assert ask(device, "ReqOptionFlags") == flags
 
 
-def test_disable_auto_store() -> None:
+def test_disable_auto_store_loses_settings_at_a_restart() -> None:
     """Table 8: changes are lost, but for the flags themselves."""
     device = configurable(3)
     ask(device, "SetLocationID", 1)
@@ -478,7 +480,7 @@ def test_disable_auto_store() -> None:
 
 
 @pytest.mark.parametrize("product", PRODUCTS)
-def test_identity(product: int) -> None:
+def test_the_identity_is_that_of_the_product(product: int) -> None:
     device, expected = configurable(product), support(product).identity
     assert device.identity == expected
     assert ask(device, "ReqDID") == expected.device_id
@@ -492,7 +494,7 @@ def test_identity(product: int) -> None:
     assert configuration.firmware[:3] == expected.firmware[:3]
 
 
-def test_another_identity() -> None:
+def test_the_identity_can_be_chosen() -> None:
     device = configurable(
         "MTi-3",
         device_id=0x0388_0042,
@@ -519,7 +521,7 @@ def test_another_identity() -> None:
         ("MTi-G-710", "00 01 01 08 02 37 04 01"),
     ],
 )
-def test_configuration_as_devices_send_it(product: str, tail: str) -> None:
+def test_configuration_matches_published_bytes(product: str, tail: str) -> None:
     (found,) = messages(exchange(configurable(product), frame("ReqConfiguration")))
     assert len(found.payload) == 118
     assert found.payload[-8:] == bytes.fromhex(tail)
@@ -562,7 +564,7 @@ def test_start_without_a_host(product: int) -> None:
 @pytest.mark.parametrize(
     ("request_", "reply"), [(ACK, b""), (frame("GoToConfig"), frame("GoToConfigAck"))]
 )
-def test_a_host_that_is_there(request_: bytes, reply: bytes) -> None:
+def test_a_host_that_answers_wake_up_gets_config(request_: bytes, reply: bytes) -> None:
     device = booted(630)
     assert exchange(device, request_) == reply
     assert device.state is State.CONFIG
@@ -570,7 +572,7 @@ def test_a_host_that_is_there(request_: bytes, reply: bytes) -> None:
     assert (device.state, device.read()) == (State.CONFIG, b"")
 
 
-def test_a_host_that_is_late() -> None:
+def test_a_late_host_gets_no_reply_to_wake_up_ack() -> None:
     device = booted(630)
     device.advance(0.5)
     device.read()
@@ -578,7 +580,7 @@ def test_a_host_that_is_late() -> None:
     assert device.state is State.MEASUREMENT
 
 
-def test_nothing_is_heard_while_it_boots() -> None:
+def test_requests_during_boot_are_ignored() -> None:
     device = SimulatedDevice(630)
     assert exchange(device, frame("GoToConfig")) == b""
     device.advance(0.1)
@@ -586,7 +588,7 @@ def test_nothing_is_heard_while_it_boots() -> None:
     assert device.state is State.WAKEUP
 
 
-def test_disable_auto_measurement() -> None:
+def test_disable_auto_measurement_starts_in_config() -> None:
     device = configurable(3)
     ask(device, "SetOptionFlags", OptionFlags(set=OptionFlag.DISABLE_AUTO_MEASUREMENT))
     assert ask(device, "Reset") is None
@@ -615,7 +617,7 @@ def test_configuration_at_startup_of_the_1_series() -> None:
     ]
 
 
-def test_between_config_and_measurement_nothing_but_the_ack() -> None:
+def test_only_the_ack_comes_between_config_and_measurement() -> None:
     device = measuring(configurable(630))
     device.advance(0.02)
     assert mids(exchange(device, frame("GoToConfig"))) == [0x36, 0x36, MessageId.GoToConfigAck]
@@ -628,13 +630,13 @@ def test_between_config_and_measurement_nothing_but_the_ack() -> None:
 # ---------------------------------------------------------------------------------------------
 
 
-def test_messages_for_others() -> None:
+def test_messages_for_other_devices_are_ignored() -> None:
     device = configurable(630)
     for bid in (0, 2, 0xFE):
         assert exchange(device, frame("ReqDID", bid=bid)) == b""
 
 
-def test_configurable_bus_id() -> None:
+def test_a_configurable_bus_id_is_used_in_every_message() -> None:
     """Table 8: all traffic carries it."""
     device = configurable(300, bus_id=7)
     assert exchange(device, frame("ReqDID", bid=7)) == b""
@@ -648,7 +650,7 @@ def test_configurable_bus_id() -> None:
     assert {message.bid for message in messages(device.read())} == {7}
 
 
-def test_any_chunking_and_garbage() -> None:
+def test_chunking_and_garbage_do_not_change_replies() -> None:
     wire = bytes.fromhex("00 FA 12 FA FF") + frame("ReqDID") + b"\xfa\xfa" + frame("GoToConfig")
     device = configurable(630)
     device.write(wire)
@@ -663,7 +665,7 @@ def test_any_chunking_and_garbage() -> None:
     assert pieces.read() == whole
 
 
-def test_extended_length() -> None:
+def test_the_extended_length_is_accepted_for_any_payload() -> None:
     device = configurable(630)
     # Also where the short form would do.
     assert mids(exchange(device, bytes.fromhex("FA FF 00 FF 00 00 02"))) == [MessageId.DeviceID]
@@ -673,7 +675,7 @@ def test_extended_length() -> None:
 
 
 @pytest.mark.parametrize("false", ["FA FF 00 FF 08 00", "FA FF 00 F0", "FA"])
-def test_what_begins_like_a_frame_does_not_block_for_long(false: str) -> None:
+def test_an_incomplete_frame_is_dropped_after_a_timeout(false: str) -> None:
     device = configurable(630)
     device.write(bytes.fromhex(false) + frame("GoToConfig"))
     device.advance(0.05)
@@ -692,7 +694,9 @@ def test_what_begins_like_a_frame_does_not_block_for_long(false: str) -> None:
         )
     ),
 )
-def test_whatever_is_sent_it_goes_on(product: int, sent: list[tuple[Any, bytes, float]]) -> None:
+def test_any_bytes_leave_the_device_working(
+    product: int, sent: list[tuple[Any, bytes, float]]
+) -> None:
     device = booted(product)
     for row, data, pause in sent:
         device.write(data if row is None else encode_frame(row.mid, data))
@@ -722,7 +726,7 @@ GARBAGE = st.one_of(
     st.sampled_from([0.1, 0.5, 1.0]),
     st.lists(st.tuples(GARBAGE, st.sampled_from([0.0, 0.001, 0.05, 0.2])), min_size=1),
 )
-def test_garbage_does_not_hide_a_request_for_long(
+def test_garbage_does_not_hide_a_later_request(
     product: int, rate: int | None, start: float, pieces: list[tuple[bytes, float]]
 ) -> None:
     """A tenth of a second after it, GoToConfig is answered."""
@@ -743,7 +747,7 @@ def test_garbage_does_not_hide_a_request_for_long(
 
 @pytest.mark.parametrize("size", [1, 7, 4096])
 @pytest.mark.parametrize("pause", [0.0, 0.001])
-def test_garbage_takes_no_room(size: int, pause: float) -> None:
+def test_garbage_uses_no_memory(size: int, pause: float) -> None:
     """Whatever comes, and in whatever pieces; nor does what is never finished."""
     rng = np.random.default_rng(1)
     pieces = [rng.integers(0, 256, size, np.uint8).tobytes(), bytes.fromhex("FAFF00FF0800") * size]
@@ -767,19 +771,19 @@ def test_garbage_takes_no_room(size: int, pause: float) -> None:
     assert after - before < 10_000
 
 
-def test_a_header_of_more_than_2048_bytes_is_none() -> None:
+def test_a_header_of_more_than_2048_bytes_is_skipped() -> None:
     wire = bytes.fromhex("FA FF 00 FF 08 01") + frame("GoToConfig")
     assert exchange(configurable(630), wire) == frame("GoToConfigAck")
 
 
-def test_usb_takes_any_rate() -> None:
+def test_usb_works_at_any_rate() -> None:
     device = configurable(630)
     assert (device.is_serial, device.baudrate) == (False, 115_200)
     device.write(frame("GoToConfig"), baudrate=9600)
     assert device.read(baudrate=4800) == frame("GoToConfigAck")
 
 
-def test_a_serial_line_needs_the_rate() -> None:
+def test_a_serial_line_needs_the_right_rate() -> None:
     device = configurable(630, baudrate=921_600)
     assert (device.is_serial, device.baudrate) == (True, 921_600)
     device.write(frame("GoToConfig"), baudrate=115_200)
@@ -796,7 +800,7 @@ def test_a_serial_line_needs_the_rate() -> None:
 
 
 @pytest.mark.parametrize("product", ["MTi-3", "MTi-300", "MTi-630", "MTi-680G"])
-def test_a_new_rate_from_the_next_start_on(product: str) -> None:
+def test_a_new_rate_is_used_after_the_next_start(product: str) -> None:
     device = configurable(product, baudrate=115_200)
     assert ask(device, "SetBaudrate", 0x80) is None
     assert ask(device, "ReqBaudrate") == 0x80
@@ -810,7 +814,7 @@ def test_a_new_rate_from_the_next_start_on(product: str) -> None:
     assert device.read(baudrate=921_600) == WAKE_UP
 
 
-def test_the_rate_of_a_port() -> None:
+def test_a_port_setting_changes_the_rate() -> None:
     """On the 600-series it is a property of the ports, and SetBaudrate a short form."""
     device = configurable("MTi-680G", baudrate=115_200)
     ports = ask(device, "ReqPortConfig")
@@ -828,14 +832,14 @@ def test_the_rate_of_a_port() -> None:
     assert device.baudrate == 2_000_000
 
 
-def test_a_rate_that_the_product_does_not_have() -> None:
+def test_an_unsupported_rate_is_refused() -> None:
     with pytest.raises(
         ValueError, match="the MTi-300 does not support 2,000,000 baud; use one of 4,8"
     ):
         SimulatedDevice(300, baudrate=2_000_000)
 
 
-def test_a_line_that_is_fast_enough() -> None:
+def test_a_fast_line_loses_nothing() -> None:
     """At 115,200 baud 11,520 bytes a second; a frame is there when its last byte is."""
     device = measuring(configurable(630, baudrate=115_200))
     device.read()
@@ -848,7 +852,7 @@ def test_a_line_that_is_fast_enough() -> None:
     assert len(device.read()) == size
 
 
-def test_a_line_that_is_too_slow() -> None:
+def test_a_slow_line_loses_samples_and_reports_it() -> None:
     """Whole samples are lost, which their counter shows, and Error 41 comes once a second."""
     device = measuring(configurable(630, baudrate=9600), DataId.PacketCounter, Output(0x4020, 400))
     device.read()
@@ -893,7 +897,7 @@ def test_restore_communication_at_another_rate(rate: int) -> None:
     assert device.baudrate == 9600
 
 
-def test_restore_communication_only_while_it_starts() -> None:
+def test_restore_communication_works_during_boot_only() -> None:
     device = configurable(300)
     ask(device, "SetPeriod", 500)
     assert exchange(device, RESTORE) == b""
@@ -901,7 +905,7 @@ def test_restore_communication_only_while_it_starts() -> None:
     assert ask(device, "ReqPeriod") == 500
 
 
-def test_a_pulled_plug() -> None:
+def test_a_pulled_plug_loses_bytes() -> None:
     device = measuring(configurable(630))
     device.advance(0.1)
     device.unplug()
@@ -915,7 +919,7 @@ def test_a_pulled_plug() -> None:
     assert (device.plugged, log["packet_counter"].values[0]) == (True, 20)
 
 
-def test_faults() -> None:
+def test_faults_damage_the_line() -> None:
     device = SimulatedDevice(630, faults=Faults(burst=0.016, unplug=(1.0, 1.0)))
     device.advance(0.6)
     device.read()
@@ -940,7 +944,7 @@ def test_faults() -> None:
 
 
 @pytest.mark.parametrize("product", PRODUCTS)
-def test_default_outputs(product: int) -> None:
+def test_the_default_outputs_are_sent(product: int) -> None:
     device = measuring(configurable(product, time_to_fix=0.0))
     log = log_of(device, 1.0)
     assert len(log) == 100
@@ -949,7 +953,7 @@ def test_default_outputs(product: int) -> None:
     assert set(np.diff(log["sample_time_fine"].values.astype(int))) == {100}
 
 
-def test_no_outputs_no_samples() -> None:
+def test_without_outputs_no_samples_are_sent() -> None:
     device = configurable(630)
     ask(device, "SetOutputConfiguration", [])
     measuring(device)
@@ -958,7 +962,7 @@ def test_no_outputs_no_samples() -> None:
 
 
 @pytest.mark.parametrize("product", ["MTi-300", "MTi-630"])
-def test_strings_overrule_samples(product: str) -> None:
+def test_strings_replace_samples(product: str) -> None:
     device = configurable(product)
     ask(
         device,
@@ -973,7 +977,7 @@ def test_strings_overrule_samples(product: str) -> None:
     assert len(log_of(measuring(device), 1)) == 100
 
 
-def test_time_of_samples_begins_with_power() -> None:
+def test_sample_times_start_at_power_up() -> None:
     device = measuring(configurable(630))
     device.advance(5)
     device.power_cycle()
@@ -982,7 +986,7 @@ def test_time_of_samples_begins_with_power() -> None:
     assert log["sample_time_fine"].values[-1] == 10_000
 
 
-def test_how_time_is_cut_changes_nothing() -> None:
+def test_the_size_of_time_steps_has_no_effect() -> None:
     outputs: list[Output | int] = [
         DataId.PacketCounter, DataId.SampleTimeFine, DataId.UtcTime, Output(0x2010, 80),
         Output(0x4040, 2000), Output(DataId.GnssPvtData), DataId.StatusWord,
@@ -1005,13 +1009,13 @@ def test_how_time_is_cut_changes_nothing() -> None:
         assert run([0.0007] * 2857 + [0.0001], rate) == whole
 
 
-def test_time_does_not_go_back() -> None:
+def test_time_cannot_go_back() -> None:
     with pytest.raises(ValueError, match="0 seconds or more, not -1"):
         SimulatedDevice(630).advance(-1)
 
 
 @pytest.mark.parametrize("product", PRODUCTS)
-def test_status_word(product: int) -> None:
+def test_the_status_word_follows_the_product_and_the_fix(product: int) -> None:
     """Table 27, before and after the fix."""
     device = measuring(configurable(product, time_to_fix=1.0))
     words = log_of(device, 2.0)["status_word"].values
@@ -1028,7 +1032,7 @@ def test_status_word(product: int) -> None:
     assert flag(words, "filter_input_start") == [1] + [0] * (len(words) - 1)
 
 
-def test_alignment_rotations_turn_what_is_measured() -> None:
+def test_alignment_rotations_rotate_measurements() -> None:
     device = configurable(630, trajectory="tumble")
     local, sensor = (0.6, 0.0, 0.8, 0.0), (0.0, 0.0, 0.6, -0.8)
     ask(device, "SetAlignmentRotation", AlignmentRotation(Alignment.ROT_LOCAL, local))
@@ -1068,7 +1072,7 @@ def tilted(product: str = "MTi-630") -> SimulatedDevice:
         (ResetCode.DEFAULT_HEADING, [10, 20, 30]),
     ],
 )
-def test_reset_orientation(code: ResetCode, after: list[float]) -> None:
+def test_an_orientation_reset_changes_the_output(code: ResetCode, after: list[float]) -> None:
     """Table 33: at once, until Measurement begins anew; stored in Config it lasts."""
     device = tilted()
     assert angles(device) == [10, 20, 30]
@@ -1090,7 +1094,7 @@ def test_reset_orientation(code: ResetCode, after: list[float]) -> None:
     assert angles(device) == [10, 20, 30]
 
 
-def test_resets_one_after_the_other() -> None:
+def test_resets_can_follow_each_other() -> None:
     device = tilted()
     for code, after in [
         (ResetCode.INCLINATION, [0, 0, 30]),
@@ -1114,7 +1118,7 @@ def test_a_reset_is_not_stored_over_a_newer_setting() -> None:
     assert ask(device, "ReqAlignmentRotation", Alignment.ROT_LOCAL) == rotation
 
 
-def test_resets_that_are_refused() -> None:
+def test_invalid_resets_are_refused() -> None:
     device = tilted("MTi-670")
     assert ask(device, "ResetOrientation", ResetCode.HEADING) == f"error {PARAMETER}"
     assert ask(device, "ResetOrientation", ResetCode.STORE) == f"error {MESSAGE}"
@@ -1129,7 +1133,7 @@ def test_storing_without_a_reset_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(("trajectory", "outcome"), [("still", 0), ("turn", 2)])
-def test_no_rotation(trajectory: str, outcome: int) -> None:
+def test_a_no_rotation_update_needs_a_device_at_rest(trajectory: str, outcome: int) -> None:
     """SetNoRotation is acknowledged at once; how it went is in the status word."""
     device = measuring(configurable(300, trajectory=trajectory))
     assert ask(device, "SetNoRotation", 2) is None
@@ -1137,7 +1141,7 @@ def test_no_rotation(trajectory: str, outcome: int) -> None:
     assert found == [3] * 200 + [outcome] * 200
 
 
-def test_no_rotation_is_begun_again_or_ended() -> None:
+def test_a_no_rotation_update_can_restart_or_end_early() -> None:
     device = measuring(configurable(300, trajectory="still"))
     ask(device, "SetNoRotation", 2)
     device.advance(1)
@@ -1151,7 +1155,7 @@ def test_no_rotation_is_begun_again_or_ended() -> None:
     assert ask(device, "SetNoRotation", 0) == f"error {PARAMETER}"
 
 
-def test_representative_motion() -> None:
+def test_representative_motion_sets_its_flag() -> None:
     device = measuring(configurable(300, trajectory="tumble"))
     assert ask(device, "IccCommand", IccCommand.STATE) == IccReply(IccCommand.STATE, active=False)
     assert ask(device, "IccCommand", IccCommand.STOP) == f"error {MESSAGE}"
@@ -1177,7 +1181,7 @@ def test_representative_motion() -> None:
         ("still", 60.0, 2, IccStatus.NOT_ENOUGH_DATA),
     ],
 )
-def test_results_of_representative_motion(
+def test_results_of_representative_motion_depend_on_the_motion(
     trajectory: str, seconds: float, dimension: int, status: IccStatus
 ) -> None:
     device = measuring(configurable(300, trajectory=trajectory))
@@ -1204,7 +1208,7 @@ def synced(
 
 
 @pytest.mark.parametrize("product", [3, 300, 630])
-def test_req_data(product: int) -> None:
+def test_req_data_sends_the_newest_sample(product: int) -> None:
     """With SendLatest on the software line samples come when they are asked for."""
     device = synced(product, sync(LATEST, SyncLine.SOFTWARE))
     device.advance(1.0)
@@ -1215,7 +1219,7 @@ def test_req_data(product: int) -> None:
     assert flag(log["status_word"].values, "filter_input_start") == [1, 0]
 
 
-def test_req_data_without_a_setting() -> None:
+def test_req_data_without_send_latest_sends_nothing() -> None:
     device = measuring(configurable(630))
     assert exchange(device, frame("ReqData")) == b""
     ask(device, "GoToConfig")
@@ -1232,7 +1236,7 @@ def test_pvt_data_is_sent_once() -> None:
     assert len(xbus.read_log(exchange(device, frame("ReqData") * 3))) == 1
 
 
-def test_send_latest_on_a_line() -> None:
+def test_an_edge_with_send_latest_sends_a_sample() -> None:
     """With its delay; other edges and lines do nothing."""
     device = synced(630, sync(LATEST, SyncLine.IN2, Polarity.FALLING, offset=50))
     device.trigger(SyncLine.IN2)
@@ -1256,7 +1260,7 @@ def test_send_latest_on_a_line() -> None:
         ({"trigger_once": True, "skip_first": 4}, [4]),
     ],
 )
-def test_which_edges_count(options: dict[str, Any], count: list[int]) -> None:
+def test_the_setting_decides_which_edges_trigger(options: dict[str, Any], count: list[int]) -> None:
     """Table 9."""
     device = synced(300, sync(LATEST, SyncLine.IN1, Polarity.BOTH, **options))
     found = []
@@ -1267,7 +1271,7 @@ def test_which_edges_count(options: dict[str, Any], count: list[int]) -> None:
     assert found == count
 
 
-def test_trigger_indication_of_the_600_series() -> None:
+def test_the_600_series_sends_triggers_as_data() -> None:
     """A message of its own, with microseconds and without a counter."""
     outputs = (*SAMPLE, DataId.TriggerIn1, DataId.TriggerIn2)
     device = synced(
@@ -1291,14 +1295,14 @@ def test_trigger_indication_of_the_600_series() -> None:
     ]
 
 
-def test_trigger_indication_that_is_not_an_output() -> None:
+def test_a_trigger_that_is_not_an_output_is_not_sent() -> None:
     device = synced(630, sync(TRIGGER, SyncLine.IN1))
     device.trigger(SyncLine.IN1)
     device.trigger(99)
     assert "trigger_in1" not in log_of(device, 0.1)
 
 
-def test_trigger_indication_before_the_600_series() -> None:
+def test_older_series_set_a_status_flag_for_a_trigger() -> None:
     """The SyncIn marker of the next sample."""
     device = synced(300, sync(TRIGGER, SyncLine.IN1))
     device.advance(0.1)
@@ -1307,7 +1311,7 @@ def test_trigger_indication_before_the_600_series() -> None:
     assert flag(log_of(device, 0.05)["status_word"].values, "sync_in_marker") == [1, 0, 0, 0, 0]
 
 
-def test_clock_bias_estimation() -> None:
+def test_clock_bias_estimation_needs_a_reference_clock_on_time() -> None:
     """A reference clock at the period that was set, within 0.5 %."""
     device = synced(630, sync(CLOCK, SyncLine.IN1, offset=100))
     found = []
@@ -1331,7 +1335,7 @@ def utc_of(device: SimulatedDevice) -> str:
     return f"{date}:{utc.second + utc.ns / 1e9:07.4f} {utc.valid}"
 
 
-def test_utc_of_a_device_without_gnss() -> None:
+def test_utc_without_gnss_is_that_of_the_calendar() -> None:
     """It is what it is set to, and what power gives."""
     device = configurable(630, utc=np.datetime64("2024-02-29T23:59:59", "ns"))
     assert utc_of(device) == "2024-02-29 23:59:59.1000 0"
@@ -1353,7 +1357,7 @@ def test_utc_of_a_device_without_gnss() -> None:
     assert utc_of(device) == "2024-02-29 23:59:59.1000 0"
 
 
-def test_utc_of_a_device_with_gnss() -> None:
+def test_utc_with_gnss_is_that_of_the_receiver() -> None:
     """GNSS sets it right (SetUTCTime)."""
     device = configurable(670, utc=UTC, time_to_fix=2.0)
     ask(device, "SetUTCTime", UtcTime(0, 2040, 1, 1, 0, 0, 0))
@@ -1364,7 +1368,7 @@ def test_utc_of_a_device_with_gnss() -> None:
     assert utc_of(device).startswith("2020-01-01 00:00:02.1000 7")
 
 
-def test_fix() -> None:
+def test_position_and_flags_need_a_fix() -> None:
     """Position comes with the fix, and after a power cycle it takes its time again."""
     device = measuring(configurable(710, time_to_fix=1.5))
     log = log_of(device, 2.9)
@@ -1375,7 +1379,7 @@ def test_fix() -> None:
     assert "lat_lon" in log_of(device, 1.0)
 
 
-def test_a_lost_fix() -> None:
+def test_without_an_antenna_the_fix_is_lost() -> None:
     """Table 27: coasting for a minute, then without GNSS, until there is a fix again."""
     device = configurable(710, time_to_fix=1.0)
     measuring(
@@ -1398,7 +1402,7 @@ def test_a_lost_fix() -> None:
     assert found == [(1, 3, 3), (0, 1, 0), (0, 0, 0), (0, 0, 0), (1, 3, 3)]
 
 
-def test_power_without_an_antenna() -> None:
+def test_there_is_no_fix_after_a_start_without_an_antenna() -> None:
     device = configurable(710)
     device.connect_antenna(False)
     device.power_cycle()
@@ -1420,7 +1424,7 @@ def rtk(device: SimulatedDevice, seconds: float) -> list[int]:
     return found
 
 
-def test_corrections() -> None:
+def test_corrections_lead_to_an_rtk_fix() -> None:
     """RTCM 3 makes floating and then fixed carrier phases, as long as it comes."""
     device = configurable(680, time_to_fix=0.0)
     measuring(
@@ -1441,7 +1445,7 @@ def test_corrections() -> None:
     assert rtk(device, 12) == [2] * 9 + [0] * 3
 
 
-def test_corrections_that_are_none() -> None:
+def test_bytes_that_are_not_rtcm_have_no_effect() -> None:
     device = configurable(680, time_to_fix=0.0)
     measuring(
         device,

@@ -32,7 +32,7 @@ def flipped_bits(received: bytes, sent: bytes) -> int:
 
 
 @pytest.mark.parametrize("probability", [1e-5, 1e-3, 0.1, 0.9])
-def test_so_many_bits_are_flipped(probability: float) -> None:
+def test_flips_have_their_probability(probability: float) -> None:
     received = through(Faults(flip=probability))
     expected = 8 * len(DATA) * probability
     assert abs(flipped_bits(received, DATA) - expected) < 5 * expected**0.5
@@ -40,7 +40,7 @@ def test_so_many_bits_are_flipped(probability: float) -> None:
 
 
 @pytest.mark.parametrize("probability", [1e-3, 0.1, 0.9])
-def test_so_many_bytes_are_dropped(probability: float) -> None:
+def test_drops_have_their_probability(probability: float) -> None:
     received = through(Faults(drop=probability))
     expected = len(DATA) * probability
     assert abs(len(DATA) - len(received) - expected) < 5 * expected**0.5
@@ -48,21 +48,21 @@ def test_so_many_bytes_are_dropped(probability: float) -> None:
     assert all(byte in rest for byte in received), "the others keep their order"
 
 
-def test_the_ends_of_probability() -> None:
+def test_probabilities_of_0_and_1() -> None:
     assert through(Faults()) == DATA
     assert through(Faults(flip=1e-300, drop=1e-300)) == DATA
     assert through(Faults(flip=1)) == bytes(byte ^ 0xFF for byte in DATA)
     assert through(Faults(drop=1)) == b""
 
 
-def test_the_seed_decides() -> None:
+def test_the_seed_determines_the_damage() -> None:
     first, again, other = (through(Faults(flip=1e-3, drop=1e-3, seed=seed)) for seed in (1, 1, 2))
     assert first == again
     assert first != other
 
 
 @given(st.lists(st.integers(0, len(DATA))))
-def test_how_calls_cut_the_bytes_changes_nothing(cuts: list[int]) -> None:
+def test_chunking_has_no_effect(cuts: list[int]) -> None:
     faults = Faults(flip=1e-3, drop=1e-3, burst=0.1)
     line = FaultyLine(faults)
     ends = [0, *sorted(cuts), len(DATA)]
@@ -99,11 +99,13 @@ def arrivals(faults: Faults, times: list[float], until: float = 20.0) -> dict[st
         (Faults(unplug=(6, 2), stall=(5, 2)), [4.0, 5.5, 8.0], {"4.0": 4.0, "8.0": 8.0}),
     ],
 )  # fmt: skip
-def test_when_bytes_come(faults: Faults, sent: list[float], came: dict[str, float]) -> None:
+def test_bytes_arrive_when_bursts_and_stalls_let_them(
+    faults: Faults, sent: list[float], came: dict[str, float]
+) -> None:
     assert arrivals(faults, sent) == came
 
 
-def test_a_stall_holds_only_so_much() -> None:
+def test_a_stall_buffers_64_kib() -> None:
     line = FaultyLine(Faults(stall=(1, 1)))
     line.feed(b"a" * (STALL_BUFFER - 1), 1.0)
     line.feed(b"bc", 1.5)
@@ -113,7 +115,7 @@ def test_a_stall_holds_only_so_much() -> None:
     assert line.take(2.0) == b"a" * (STALL_BUFFER - 1) + b"be"
 
 
-def test_the_plug() -> None:
+def test_bytes_are_lost_while_the_plug_is_out() -> None:
     line = FaultyLine(Faults(unplug=(5, 2)))
     assert [line.is_plugged(time) for time in (0.0, 4.9, 5.0, 6.9, 7.0)] == [
         True,
@@ -156,12 +158,12 @@ def test_parse(text: str, faults: Faults) -> None:
         ("unplug=1:-1", "the duration of unplug must be 0 seconds or more, not -1.0"),
     ],
 )
-def test_parse_refuses(text: str, said: str) -> None:
+def test_parse_refuses_other_texts(text: str, said: str) -> None:
     with pytest.raises(ValueError, match="^" + said.replace("(", r"\(")):
         Faults.parse(text.split())
 
 
-def test_values_are_checked_wherever_they_come_from() -> None:
+def test_the_constructor_checks_its_values() -> None:
     wrong: list[dict[str, Any]] = [{"flip": 2}, {"burst": -1}, {"stall": (-1, 1)}]
     for arguments in wrong:
         with pytest.raises(ValueError, match="not"):
@@ -199,7 +201,7 @@ def numbers(samples: Iterable[Sample]) -> list[int]:
     ],
     ids=str,
 )
-def test_what_comes_is_right_and_what_does_not_is_missed(
+def test_received_samples_are_right_and_lost_ones_are_counted(
     faults: Faults, product: str, rate: int | None, seed: int
 ) -> None:
     """Every sample is one that was sent, once and in order, and the counter shows how many did not come.

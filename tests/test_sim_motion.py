@@ -107,7 +107,7 @@ def test_orientations_are_unit_quaternions_of_continuous_sign(path: Trajectory) 
     assert (np.sum(q[1:] * q[:-1], axis=1) > 0.99).all()
 
 
-def test_no_trajectory_runs_away(path: Trajectory) -> None:
+def test_trajectories_are_bounded(path: Trajectory) -> None:
     position = path.at(np.linspace(0, 36000, 20001)).position
     assert np.abs(position).max() < 1000
 
@@ -125,7 +125,7 @@ def test_arrays_are_float64_of_the_stated_shapes(path: Trajectory) -> None:
         }
 
 
-def test_time_does_not_depend_on_what_else_is_asked(path: Trajectory) -> None:
+def test_a_result_does_not_depend_on_other_times_of_the_call(path: Trajectory) -> None:
     time = np.arange(0, 30, 0.7)
     alone = [path.at(time[i : i + 1]).orientation[0] for i in range(len(time))]
     np.testing.assert_array_equal(path.at(time).orientation, alone)
@@ -274,7 +274,7 @@ LEVEL = [[1.0, 0, 0, 0]] * 3
         ([0, 1, 2], LEVEL, [[0, 0, np.inf]] * 3, "row 0 of position is not finite"),
     ],
 )
-def test_rows_that_are_no_motion(time: Any, orientation: Any, position: Any, message: str) -> None:
+def test_invalid_rows_are_refused(time: Any, orientation: Any, position: Any, message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         SampledTrajectory(time, orientation, position)
 
@@ -290,7 +290,7 @@ def recorded(rows: list[dict[Any, Any]], rate: float = 100) -> xbus.Log:
     return xbus.read_log(b"".join(frames))
 
 
-def test_a_log_moves_as_it_was_recorded() -> None:
+def test_a_log_gives_the_recorded_motion() -> None:
     path = SampledTrajectory.from_log(WALK)
     motion = path.at(WALK["quaternion"].time - WALK["quaternion"].time[0])
     dots = np.sum(motion.orientation * WALK["quaternion"].values, axis=1)
@@ -346,7 +346,7 @@ def test_position_ecef_moves_too() -> None:
     np.testing.assert_allclose(moved, positions, rtol=0, atol=1e-7)
 
 
-def test_steps_of_a_filter_are_no_shocks() -> None:
+def test_position_steps_of_a_filter_do_not_become_shocks() -> None:
     steps = np.where(np.arange(1000) >= 500, 0.05, 0.0)[:, np.newaxis] * [1.0, 0, 0]
     ecef = earth.enu_to_ecef(steps, earth.ORIGIN)
     rows = [
@@ -356,7 +356,7 @@ def test_steps_of_a_filter_are_no_shocks() -> None:
     assert np.abs(motion.acceleration).max() < 5
 
 
-def test_rows_out_of_order_or_not_finite_are_left_out() -> None:
+def test_rows_out_of_order_or_not_finite_are_skipped() -> None:
     nan = [float("nan")] * 4
     rows = [{"quaternion": q} for q in ([1, 0, 0, 0], nan, [0, 1, 0, 0], [1, 0, 0, 0])]
     log = recorded([*rows, {"quaternion": [0, 0, 0, 1], "sample_time_fine": 5010}])
@@ -378,7 +378,7 @@ def test_rows_out_of_order_or_not_finite_are_left_out() -> None:
         ),
     ],
 )
-def test_logs_that_are_no_motion(rows: list[dict[Any, Any]], message: str) -> None:
+def test_logs_without_orientation_are_refused(rows: list[dict[Any, Any]], message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
         SampledTrajectory.from_log(recorded(rows))
 

@@ -46,7 +46,7 @@ def times(*frames: bytes) -> list[float]:
 
 
 @pytest.mark.parametrize("path", [WALK, FIELD])
-def test_all_samples_of_a_recording_come_verbatim(path: Path) -> None:
+def test_all_samples_of_a_recording_are_sent_unchanged(path: Path) -> None:
     sent = b"".join(frame for _, frame in Replay(path).play(0.0).take(1e9))
     recorded, again = xbus.read_log(path), xbus.read_log(sent)
     assert len(again) == len(recorded)
@@ -85,11 +85,11 @@ def test_frames_keep_their_pace() -> None:
         ([ERROR, UNKNOWN], [0.0, 0.0]),
     ],
 )  # fmt: skip
-def test_when_frames_come(frames: list[bytes], expected: list[float]) -> None:
+def test_time_stamps_set_the_pace(frames: list[bytes], expected: list[float]) -> None:
     assert times(*frames) == pytest.approx(expected)
 
 
-def test_nothing_comes_that_a_device_says_only_when_asked() -> None:
+def test_replies_are_skipped() -> None:
     data = b"".join([WAKE_UP, at(5.0), ACK, UNKNOWN, at(5.1), b"damage", ERROR])
     assert [frame for _, frame in played(data)] == [at(5.0), UNKNOWN, at(5.1), ERROR]
 
@@ -101,7 +101,7 @@ def test_long_frames_and_other_bus_identifiers() -> None:
 
 
 @given(st.lists(st.floats(0, 12)))
-def test_how_calls_cut_time_changes_nothing(cuts: list[float]) -> None:
+def test_the_number_of_calls_has_no_effect(cuts: list[float]) -> None:
     replay = Replay(WALK)
     playback = replay.play(0.5)
     taken = [playback.take(cut) for cut in sorted(cuts)]
@@ -113,7 +113,7 @@ def test_how_calls_cut_time_changes_nothing(cuts: list[float]) -> None:
     assert playback.take(999) == []
 
 
-def test_every_play_begins_anew() -> None:
+def test_every_playback_starts_at_the_beginning() -> None:
     replay = Replay(WALK)
     first, later = replay.play(0.0).take(99), replay.play(50.0).take(99)
     assert [frame for _, frame in first] == [frame for _, frame in later]
@@ -130,14 +130,14 @@ def test_latest_is_the_newest_sample() -> None:
     ]
 
 
-def test_who_was_recorded() -> None:
+def test_the_identity_is_that_of_the_recorded_device() -> None:
     identity = Replay(WALK).identity
     assert identity.product_code == "MTi-680G-8A1G6"
     assert identity.device_id == xbus.read_log(WALK).device_id
     assert str(identity.firmware) == "1.12.0"
 
 
-def test_no_recording() -> None:
+def test_a_file_without_frames_is_empty_and_a_missing_file_raises() -> None:
     assert len(Replay(b"nothing at all")) == 0
     with pytest.raises(FileNotFoundError):
         Replay("nowhere.mtb")

@@ -102,7 +102,7 @@ def test_all_bytes_go_both_ways_unchanged(server: Server) -> None:
         assert exchange(server, client, ALL_BYTES) == ALL_BYTES
 
 
-def test_who_opens_the_port_finds_no_old_bytes(server: Server) -> None:
+def test_a_new_client_receives_no_old_bytes(server: Server) -> None:
     device: Any = server.device
     device.says = b"before anybody came"
     server.step(0)
@@ -117,7 +117,7 @@ def test_who_opens_the_port_finds_no_old_bytes(server: Server) -> None:
         assert exchange(server, client, b"second") == b"second"
 
 
-def test_who_does_not_read_loses_whole_steps(server: Server) -> None:
+def test_a_client_that_does_not_read_loses_whole_steps(server: Server) -> None:
     device: Any = server.device
     with open_port(server) as client:
         assert exchange(server, client, b"here") == b"here"
@@ -137,7 +137,7 @@ def test_who_does_not_read_loses_whole_steps(server: Server) -> None:
     assert words == [b"%d" % index for index in range(len(words) // 5000) for _ in range(5000)]
 
 
-def test_time_goes_with_the_clock(server: Server) -> None:
+def test_device_time_follows_the_clock(server: Server) -> None:
     device, clock = Fake(), Clock()
     make = on_pty if isinstance(server, PtyServer) else on_tcp
     with make(device, clock=clock) as other:
@@ -147,7 +147,7 @@ def test_time_goes_with_the_clock(server: Server) -> None:
     assert device.steps == pytest.approx([0.01, 0.25, 0.0, 1.0, 0.5])
 
 
-def test_a_step_waits_for_bytes_and_no_longer(server: Server) -> None:
+def test_a_step_ends_when_bytes_arrive(server: Server) -> None:
     with open_port(server) as client:
         assert exchange(server, client, b"here") == b"here"
         client.write(b"again")
@@ -155,7 +155,7 @@ def test_a_step_waits_for_bytes_and_no_longer(server: Server) -> None:
         assert client.read(5) == b"again"
 
 
-def test_in_a_thread_of_its_own(server: Server) -> None:
+def test_serve_runs_in_a_thread(server: Server) -> None:
     stop = threading.Event()
     told: list[str] = []
     thread = threading.Thread(target=serve, args=(server, stop.is_set, told.append))
@@ -171,7 +171,7 @@ def test_in_a_thread_of_its_own(server: Server) -> None:
     assert told == [server.port]
 
 
-def test_a_closed_server_has_hung_up(server: Server) -> None:
+def test_closing_disconnects_the_client(server: Server) -> None:
     port = server.port
     with open_port(server) as client:
         assert exchange(server, client, b"here") == b"here"
@@ -185,7 +185,7 @@ def test_a_closed_server_has_hung_up(server: Server) -> None:
 # On pseudo-terminals
 
 
-def test_the_terminal_is_raw_whatever_a_client_did() -> None:
+def test_the_terminal_is_raw_again_after_a_client() -> None:
     with on_pty(Fake()) as server:
         assert server.port is not None
         for _ in range(2):
@@ -208,14 +208,14 @@ def test_the_rate_of_a_serial_device_is_that_of_the_terminal(rate: int) -> None:
     assert device.rates == [rate]
 
 
-def test_on_usb_every_rate_is_right() -> None:
+def test_on_usb_every_rate_works() -> None:
     device = Fake()
     with on_pty(device) as server, open_port(server, baudrate=9600) as client:
         assert exchange(server, client, b"a") == b"a"
     assert device.rates == [None]
 
 
-def test_a_pulled_plug_hangs_up_and_a_new_port_comes(tmp_path: Path) -> None:
+def test_a_pulled_plug_disconnects_and_a_new_port_appears(tmp_path: Path) -> None:
     device = Fake()
     link = tmp_path / "mti"
     with on_pty(device, link=link) as server:
@@ -240,7 +240,7 @@ def test_a_pulled_plug_hangs_up_and_a_new_port_comes(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_each_new_port_is_told() -> None:
+def test_each_new_port_is_reported() -> None:
     device = Fake()
     told: list[str] = []
     steps = iter(range(9))
@@ -278,7 +278,7 @@ def test_a_system_without_pseudo_terminals(monkeypatch: pytest.MonkeyPatch) -> N
         on_pty(Fake())
 
 
-def test_nobody_on_a_terminal_costs_no_time() -> None:
+def test_a_terminal_without_a_client_uses_no_processor_time() -> None:
     with on_pty(Fake()) as server, open_port(server) as client:
         assert exchange(server, client, b"here") == b"here"
         client.close()
@@ -291,7 +291,7 @@ def test_nobody_on_a_terminal_costs_no_time() -> None:
 # On TCP
 
 
-def test_a_second_client_is_turned_away_until_the_first_has_left() -> None:
+def test_a_second_client_is_rejected_until_the_first_has_left() -> None:
     with on_tcp(Fake()) as server:
         address = server._listener.getsockname()
         with open_port(server) as client:
@@ -304,7 +304,7 @@ def test_a_second_client_is_turned_away_until_the_first_has_left() -> None:
             assert exchange(server, client, b"next") == b"next"
 
 
-def test_who_connects_and_leaves_at_once_does_no_harm() -> None:
+def test_a_client_that_leaves_at_once_does_no_harm() -> None:
     with on_tcp(Fake()) as server:
         address = server._listener.getsockname()
         for _ in range(3):
@@ -315,7 +315,7 @@ def test_who_connects_and_leaves_at_once_does_no_harm() -> None:
             assert exchange(server, client, b"next") == b"next"
 
 
-def test_a_pulled_plug_on_tcp() -> None:
+def test_a_pulled_plug_disconnects_tcp_clients() -> None:
     device = Fake()
     with on_tcp(device) as server, open_port(server) as client:
         assert exchange(server, client, b"here") == b"here"

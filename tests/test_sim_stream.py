@@ -88,7 +88,7 @@ def formats(quantity: Quantity) -> Iterator[tuple[str | None, str | None]]:
 
 
 @pytest.mark.parametrize("quantity", QUANTITIES.values(), ids=lambda row: row.name)
-def test_many_samples_are_written_as_one_by_one(quantity: Quantity) -> None:
+def test_many_samples_encode_like_single_samples(quantity: Quantity) -> None:
     rows = contents(quantity)
     for precision, coordinates in formats(quantity):
         data_id = quantity.id
@@ -117,7 +117,7 @@ def test_rows_of_any_layout_in_memory_and_scalars_without_an_axis() -> None:
     assert log["temperature"].values.tolist() == [1.5, 2.5]
 
 
-def test_nothing_gives_nothing() -> None:
+def test_no_packets_give_no_frames() -> None:
     for packets in ([], [(0x4020, np.zeros((0, 3)))]):
         frames = _core.encode_samples(packets, 0xFF)
         assert (frames.data, frames.ends.tolist()) == (b"", [])
@@ -151,7 +151,7 @@ def test_long_messages_get_the_extended_length() -> None:
         ),
     ],
 )
-def test_what_cannot_be_written(
+def test_invalid_arrays_are_refused(
     packets: list[tuple[int, Array]], error: type[Exception], words: str
 ) -> None:
     with pytest.raises(error, match=words):
@@ -182,7 +182,7 @@ PVT, SAT, PULSE, UTC = 0x7010, 0x7020, 0x7030, 0x1010
         (630, [(ACC_HR, 500)], [500], 500),
     ],
 )
-def test_rates(
+def test_outputs_have_their_rates(
     product: int, outputs: list[tuple[int, int]], rates: list[int], messages: int
 ) -> None:
     log = log_of(make(product, [*STAMPS, *outputs, STATUS]), 10.0)
@@ -209,7 +209,7 @@ def test_packets_come_in_the_order_of_the_configuration(
     assert names(frame) == order.split()
 
 
-def test_packets_that_are_not_due_are_left_out() -> None:
+def test_packets_that_are_not_due_are_missing() -> None:
     stream = make(630, [(COUNTER, EVERY), (Q, 200), (ACC, 400), (MAG, 100)])
     due = ["acceleration", "quaternion acceleration", "acceleration"]
     for (_, frame), quantities in zip(stream.take(0.0075, 0), due, strict=True):
@@ -243,7 +243,7 @@ def test_hr_samples_miss_the_ticks_where_they_are_not_synchronous(
     assert all(set(np.diff(tick)) == {step} for tick, step in zip(ticks, (10, 20), strict=True))
 
 
-def test_status_byte_is_the_low_byte_and_identifiers_are_told() -> None:
+def test_status_byte_is_the_low_byte_and_identifiers_are_sent() -> None:
     outputs = [
         (DataId.StatusByte, EVERY),
         STATUS,
@@ -262,7 +262,7 @@ def test_bus_identifier() -> None:
     assert set(log_of(make(630, [(ACC, 100)], bid=3), 0.1).bid) == {3}
 
 
-def test_measuring_begins_after_its_start() -> None:
+def test_the_stream_starts_after_its_start_time() -> None:
     stream = make(680, [*STAMPS, (ACC, 100), (PVT, EVERY)], start=0.3)
     sent = [at for at, _ in stream.take(0.56, 0)]
     assert sent[:2] == [0.31, 0.32]
@@ -279,14 +279,12 @@ def test_measuring_begins_after_its_start() -> None:
         ([(0x9990, 100)], "no quantity has the data identifier 0x9990"),
     ],
 )
-def test_configurations_that_no_device_acknowledges(
-    outputs: list[tuple[int, int]], words: str
-) -> None:
+def test_invalid_configurations_are_refused(outputs: list[tuple[int, int]], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         make(630, outputs)
 
 
-def test_triggers_never_come() -> None:
+def test_triggers_are_not_part_of_the_stream() -> None:
     assert make(630, [(DataId.TriggerIn1, EVERY)]).take(10.0, 0) == []
 
 
@@ -300,7 +298,7 @@ FULL = [
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_how_calls_cut_time_does_not_matter(seed: int) -> None:
+def test_the_number_of_calls_has_no_effect(seed: int) -> None:
     options: dict[str, Any] = {"noise": 1.0, "time_to_fix": 1.03, "seed": 4}
     whole = make(680, FULL, **options).take(2.0, 5)
     random = np.random.default_rng(seed)
@@ -338,7 +336,7 @@ def test_counter_and_fine_time_wrap_and_nothing_is_lost(product: int, wrap: int)
     assert time == pytest.approx(np.arange(1, 201) / 100, abs=1e-6)
 
 
-def test_coarse_time_goes_on_where_the_fine_time_wraps() -> None:
+def test_coarse_time_continues_when_the_fine_time_wraps() -> None:
     """So from then on the two disagree (section 5.3.6, "valid only until the wraparound")."""
     log = log_of(make(3, [(FINE, EVERY), (COARSE, EVERY), (ACC, 1)], fine_start=U32 - 15_000), 3.0)
     assert log["sample_time_fine"].values.tolist() == [U32 - 5_000, 5_000, 15_000]
@@ -386,7 +384,7 @@ def test_the_receiver_runs_45_ms_behind() -> None:
     assert (log["packet_counter"].values == np.arange(len(log))).all()
 
 
-def test_the_receiver_says_where_the_trajectory_is() -> None:
+def test_the_receiver_reports_the_position_of_the_trajectory() -> None:
     utc = np.datetime64("2024-02-29T23:59:59.75", "ns")  # a Thursday
     stream = make(670, [*STAMPS, (PVT, EVERY)], "fly", utc=utc)
     log = log_of(stream, 20.0)
@@ -409,7 +407,7 @@ def test_the_receiver_says_where_the_trajectory_is() -> None:
     assert pvt["pdop"] ** 2 == pytest.approx(pvt["hdop"] ** 2 + pvt["vdop"] ** 2, rel=0.02)
 
 
-def test_before_the_first_fix() -> None:
+def test_before_the_first_fix_values_are_missing() -> None:
     outputs = [
         *STAMPS,
         (Q, 100),
@@ -452,7 +450,7 @@ def test_satellites() -> None:
     assert np.abs(np.diff(strength, axis=0)).max() == 1  # slowly
 
 
-def test_an_rtk_fix_is_better() -> None:
+def test_an_rtk_fix_is_more_accurate() -> None:
     none, floating, fixed = (
         log_of(make(680, [*STAMPS, (PVT, EVERY)], rtk=rtk), 1.0)["gnss_pvt_data"].scaled[0]
         for rtk in range(3)
@@ -462,7 +460,7 @@ def test_an_rtk_fix_is_better() -> None:
     assert fixed["sAcc"] < floating["sAcc"] < none["sAcc"]
 
 
-def test_send_latest() -> None:
+def test_send_latest_returns_one_message_of_each_kind() -> None:
     outputs = [*STAMPS, (ACC, 100), (TEMPERATURE, 1), (ACC_HR, 2000), (PVT, EVERY), STATUS]
     stream = make(680, outputs, counter=10)
     log = xbus.read_log(b"".join([*stream.latest(1.0532, 3), *stream.latest(1.0571, 3)]))
@@ -662,7 +660,7 @@ def test_raw_counts_are_the_calibrated_values_by_fixed_gains() -> None:
     assert raw.values["Temp"][0] == 25 * 256
 
 
-def test_temperature_rises_to_that_of_work() -> None:
+def test_the_temperature_rises_to_its_final_value() -> None:
     values = log_of(make(630, [*STAMPS, (TEMPERATURE, 1)]), 3600.0)["temperature"].values
     assert (np.diff(values) >= 0).all()
     assert values[[0, -1]] == pytest.approx([25.0, 37.0], abs=0.1)
@@ -701,7 +699,7 @@ def test_delta_q_is_the_shorter_way_round() -> None:
     assert values == pytest.approx(np.tile([np.sqrt(0.5), 0, 0, -np.sqrt(0.5)], (3, 1)), abs=1e-6)
 
 
-def test_three_ways_to_say_an_orientation_have_the_same_noise() -> None:
+def test_three_forms_of_an_orientation_have_the_same_noise() -> None:
     log = log_of(make(630, [*STAMPS, (0x2013, 100), (0x2023, 100), (0x2033, 100)], noise=1.0), 1.0)
     matrix = quaternion.to_matrix(log["quaternion"].values)
     assert log["rotation_matrix"].values == pytest.approx(matrix, abs=1e-12)
@@ -713,7 +711,7 @@ def test_three_ways_to_say_an_orientation_have_the_same_noise() -> None:
     ("product", "name"),
     [(610, "quaternion"), (630, "lat_lon"), (630, "raw_gyro_temp"), (1, "baro_pressure")],
 )
-def test_what_the_product_does_not_measure(product: int, name: str) -> None:
+def test_quantities_that_the_product_does_not_measure_are_refused(product: int, name: str) -> None:
     sensors = Sensors(trajectory("still"), PRODUCTS[product])
     with pytest.raises(ValueError, match=f"{PRODUCTS[product].name} does not measure {name}"):
         sensors.read(name, Ticks(0, 1, 100))

@@ -232,7 +232,7 @@ def test_on_a_port(product: int) -> None:
     ("baudrate", "timeout"), [(None, SCAN_TIMEOUT), (BAUDRATE, CONFIG_TIMEOUT)]
 )
 @pytest.mark.parametrize("product", PRODUCTS)
-def test_go_to_config_is_answered_while_as_much_comes_as_can(
+def test_go_to_config_is_answered_under_full_load(
     product: int, baudrate: int | None, timeout: float
 ) -> None:
     known, device = support(product), awake(product, baudrate)

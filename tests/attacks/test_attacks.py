@@ -71,7 +71,7 @@ ATTACKS: dict[str, Callable[[int], bytes]] = {
 
 
 @pytest.mark.parametrize("attack", ATTACKS.values(), ids=ATTACKS)
-def test_what_is_read(attack: Callable[[int], bytes]) -> None:
+def test_hostile_input_gives_the_expected_messages(attack: Callable[[int], bytes]) -> None:
     """The same as the oracle reads, in small; alone, and between sound messages."""
     data = attack(3000)
     for whole in (data, GOOD * 3 + data + GOOD * 3 + data):
@@ -81,7 +81,7 @@ def test_what_is_read(attack: Callable[[int], bytes]) -> None:
 
 
 @pytest.mark.parametrize("attack", ATTACKS.values(), ids=ATTACKS)
-def test_every_byte_is_accounted_for(attack: Callable[[int], bytes]) -> None:
+def test_every_byte_is_counted(attack: Callable[[int], bytes]) -> None:
     data = attack(MEGABYTE)
     log = xbus.read_log(data)
     assert log.stats.bytes == len(data)
@@ -95,7 +95,7 @@ def test_every_byte_is_accounted_for(attack: Callable[[int], bytes]) -> None:
 
 
 @pytest.mark.parametrize("attack", ATTACKS.values(), ids=ATTACKS)
-def test_what_comes_behind_is_found(attack: Callable[[int], bytes]) -> None:
+def test_frames_after_hostile_input_are_found(attack: Callable[[int], bytes]) -> None:
     """A sound recording is not lost to what stands before it.
 
     But for headers of messages that a device may send and that may hold anything: there are a thousand
