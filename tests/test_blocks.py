@@ -76,7 +76,7 @@ def test_a_sample_without_a_stamp_has_no_time() -> None:
 
 def test_what_waits_longer_than_a_minute_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     """A program that computes for long finds all of it, however few samples are kept as objects."""
-    monkeypatch.setattr(channel_module, "KEPT", 100)
+    monkeypatch.setattr(channel_module, "MAX_UNREAD_SAMPLES", 100)
     device = measuring()
     channel = device._channel
     sim = SimulatedDevice("MTi-630")
@@ -84,7 +84,7 @@ def test_what_waits_longer_than_a_minute_is_not_lost(monkeypatch: pytest.MonkeyP
     data = sim.read()
     pieces = [(data[at : at + 4096], 0.0) for at in range(0, len(data), 4096)]
     channel.samples.clear()
-    channel._backlog.extend(pieces)
+    channel._pieces.extend(pieces)
     assert device.stats.queued_bytes == len(data)
     expected = len(xbus.read_log(data))
     read = [device.read_sample()["packet_counter"] for _ in range(expected)]
@@ -96,7 +96,7 @@ def test_an_answer_behind_much_that_waited_is_in_time(monkeypatch: pytest.Monkey
     """It counts when it came; to take in what came before it may take longer than an answer may."""
     device = measuring()
     channel, sample = device._channel, device.read_sample().frame
-    channel._backlog.extend([(sample, 0.0)] * 10_000)
+    channel._pieces.extend([(sample, 0.0)] * 10_000)
     clock, steps = channel.link.clock, itertools.count()
     monkeypatch.setattr(channel.link, "clock", lambda: clock() + next(steps) * 1e-3)
     device.go_to_config()
@@ -142,10 +142,10 @@ def test_the_clock_wraps_as_that_of_the_product(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize(
     ("arguments", "kind", "says"),
     [
-        ({}, TypeError, "name one of them"),
-        ({"seconds": 1, "samples": 1}, TypeError, "name one of them"),
-        ({"samples": 0}, ValueError, "more than 0"),
-        ({"seconds": -1}, ValueError, "more than -1"),
+        ({}, TypeError, "either in seconds or in samples"),
+        ({"seconds": 1, "samples": 1}, TypeError, "either in seconds or in samples"),
+        ({"samples": 0}, ValueError, "must be positive, not 0"),
+        ({"seconds": -1}, ValueError, "must be positive, not -1"),
         ({"samples": 1, "quantities": ["nothing"]}, ValueError, "no quantity is called"),
     ],
 )

@@ -347,7 +347,7 @@ def test_a_plug_that_is_pulled_before_the_answer(
     monkeypatch.setattr(SimLink, "write", last_words)
     shown, said = failed(run("send", port, "GoToConfig"))
     assert shown == ["GoToConfig"]
-    assert "sim:MTi-630 is gone, while GoToConfig was under way" in said
+    assert "sim:MTi-630 was lost during GoToConfig" in said
 
 
 def test_ctrl_c() -> None:

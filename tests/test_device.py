@@ -416,7 +416,7 @@ def test_a_pulled_plug(row: xbus.protocol.tables.MessageRow) -> None:
         raise ConnectionResetError("unplugged")
 
     link.meddle = pull
-    with pytest.raises(Disconnected, match=f"{row.name} was under way") as caught:
+    with pytest.raises(Disconnected, match=f"was lost during {row.name}:") as caught:
         device.command(row.name, value)
     assert caught.value.command == row.name
     assert device.state == State.UNKNOWN

@@ -11,8 +11,8 @@ from xbus.device import ports
 from xbus.sim import SimulatedDevice, serving
 
 TIMERS = [
-    ("16\n", "keeps bytes back for 16 ms"),
-    ("2\n", "keeps bytes back for 2 ms"),
+    ("16\n", "holds bytes back for 16 ms"),
+    ("2\n", "holds bytes back for 2 ms"),
     ("1\n", None),
     ("", None),
 ]

@@ -101,7 +101,7 @@ def test_another_device_is_not_taken_for_it() -> None:
 def test_commands_are_not_repeated() -> None:
     device = measuring(SimulatedDevice("MTi-630"), reconnect=True)
     device.link.device.unplug()  # type: ignore[attr-defined]
-    with pytest.raises(Disconnected, match="IccCommand was under way"):
+    with pytest.raises(Disconnected, match="was lost during IccCommand"):
         device.commands.icc_command(3)
 
 

@@ -51,7 +51,7 @@ def test_damage_is_counted() -> None:
 
 def test_samples_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     """The oldest go, and are counted."""
-    monkeypatch.setattr(channel, "KEPT", 100)
+    monkeypatch.setattr(channel, "MAX_UNREAD_SAMPLES", 100)
     device = measuring()
     first = device.read_sample()["packet_counter"]
     device._channel.wait_for(lambda: False, 5)

@@ -357,7 +357,7 @@ def test_em1000_is_told_by_the_device_or_the_caller() -> None:
 
 def test_who_waits_for_the_other_kind_is_told() -> None:
     device = sending("MTi-300", ["HEHDT"], 10)
-    with pytest.raises(XbusTimeout, match=r"it sends strings: read_string\(\)"):
+    with pytest.raises(XbusTimeout, match=r"sends strings, which read_string\(\) returns"):
         device.read_sample(0.5)
     with pytest.raises(XbusTimeout, match=r"no string from sim:MTi-3 within 0\.5 s"):
         connect("sim:MTi-3").read_string(0.5)
@@ -369,7 +369,7 @@ def test_who_waits_for_the_other_kind_is_told() -> None:
 
 
 def test_strings_that_nobody_reads_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(channel_module, "KEPT_STRINGS", 10)
+    monkeypatch.setattr(channel_module, "MAX_UNREAD_STRINGS", 10)
     device = sending("MTi-300", ["HEHDT"], 100)
     device._channel.wait_for(lambda: device.lost_strings >= 25, 5.0)
     assert device.lost_strings >= 25

@@ -1,4 +1,4 @@
-"""Samples as they come, in blocks of columns."""
+"""Live samples in blocks of columns."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ __all__ = ["Blocks"]
 
 
 class Blocks:
-    """Samples as they come, in blocks: an iterator, also for ``async for``. See `Device.blocks`."""
+    """An iterator over blocks of live samples, also for ``async for``. See `Device.blocks`."""
 
     def __init__(
         self,
@@ -40,25 +40,27 @@ class Blocks:
         timeout: float,
     ) -> None:
         if (seconds is None) == (samples is None):
-            raise TypeError("a block is told by its seconds or by its samples: name one of them")
+            raise TypeError("give the length of a block either in seconds or in samples")
         if (seconds or samples or 0) <= 0:
-            raise ValueError(f"a block must have more than {seconds or samples or 0}")
+            raise ValueError(
+                f"the length of a block must be positive, not {seconds or samples or 0}"
+            )
         self._channel, self._seconds, self._samples = channel, seconds, samples
         self._timeout = timeout
         self._filter = quantity_filter(quantities)
-        # What comes here as a string is one.
+        # The session has identified the strings, so all types are accepted.
         self._decoder = _core.Decoder(LONGEST_LIVE, self._filter, mask_of(StringType))
         self._clocks: dict[int, HostClock] = {}
-        #: Bytes that the decoder was fed.
+        #: Bytes that the decoder has received.
         self._end = 0
         if device_id is not None:
-            # When the fine time wraps depends on the family of the device.
+            # The device determines when its fine time wraps.
             self._feed([encode_frame(MessageId.DeviceID, encode("DeviceID", device_id))])
             self._decoder.take()
 
     def _feed(self, frames: list[bytes]) -> npt.NDArray[np.int64]:
-        """Hands frames to the decoder; where each ends in all that it was fed."""
-        ends = self._end + np.cumsum([len(it) for it in frames])
+        """Feeds frames to the decoder, and returns the end of each in all bytes fed so far."""
+        ends = self._end + np.cumsum([len(frame) for frame in frames])
         self._end = int(ends[-1])
         self._decoder.feed(b"".join(frames))
         return ends
@@ -74,19 +76,19 @@ class Blocks:
         else:
             channel.wait_for_samples(self._samples or 1, self._timeout)
         waiting, strings = channel.samples, channel.strings
-        known = len(strings)  # what comes from here on belongs into the next block
+        available = len(strings)  # later ones belong to the next block
         count = len(waiting) if self._samples is None else self._samples
         taken: list[Sample | String] = [waiting.popleft() for _ in range(count)]
-        # Strings that came before the last of these, or else before the next sample that is not taken.
+        # Also take the strings before the last sample of the block, or before the first of the next.
         bounded = taken if self._samples is not None else [*waiting][:1]
         until = bounded[-1].offset if bounded else math.inf
-        while known and strings[0].offset < until:
+        while available and strings[0].offset < until:
             taken.append(strings.popleft())
-            known -= 1
-        taken.sort(key=lambda it: it.offset)
-        ends = self._feed([it.frame if isinstance(it, Sample) else it.data for it in taken])
+            available -= 1
+        taken.sort(key=lambda item: item.offset)
+        ends = self._feed([item.frame if isinstance(item, Sample) else item.data for item in taken])
         epoch = channel.link.epoch
-        seconds = np.array([it.arrival or 0.0 for it in taken])
+        seconds = np.array([item.arrival or 0.0 for item in taken])
         arrivals = Arrivals(ends, np.rint(seconds * 1e9).astype(np.int64) + epoch)
         host_times = HostTimes(self._decoder.take(), arrivals, self._clocks)
         self._clocks = host_times.clocks

@@ -1,4 +1,4 @@
-"""A session over a link: carries commands out and answers back, and keeps what comes meanwhile."""
+"""A session over a link: sends commands, returns their answers, and queues samples meanwhile."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from functools import partial
 from typing import Any, NoReturn
 
 from xbus.device.events import Notice, Refusal, Reply, SessionEvent
+from xbus.device.output_configuration import BITS_PER_BYTE
 from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Session
 from xbus.device.timing import Timing
@@ -23,7 +24,7 @@ from xbus.wire.strings import String
 
 __all__ = ["Channel"]
 
-#: Seconds to wait for the answer to a command, as the vendor's software does.
+#: Seconds to wait for the answer to a command, as the vendor's software has them.
 TIMEOUTS = {
     "SetBaudrate": 1.0,
     "RestoreFactoryDef": 2.0,
@@ -34,43 +35,43 @@ TIMEOUTS = {
 }
 TIMEOUT = 0.5
 #: The 1-series takes about 0.9 s to write a setting to its memory.
-TIMEOUT_SLOW = 2.0
-#: GoToConfig may be missed while the device sends a lot, or has just woken up: once in 0.2 s, for 2 s.
+SLOW_TIMEOUT = 2.0
+#: A device that sends a lot, or has just woken up, may miss GoToConfig: it is repeated every 0.2 s, for 2 s.
 CONFIG_TRIES, CONFIG_TIMEOUT = 10, 0.2
-#: Bytes that may wait in a device for the line, and bits of each on it.
-BACKLOG, BITS = 4096, 10
-#: How long to listen for a device before asking, and how long for its answer.
-LISTEN, ANSWER = 0.25, 0.35
-#: How long after WakeUp it takes until samples come, if nobody answers it: 0.5 s (section 4), and some more.
-WAKING = 1.5
-#: Silence after which what is incomplete counts as damage.
-QUIET = 0.1
-#: Between two tries to open a port that was lost.
-PAUSE = 0.1
-#: How long a thread waits at least for another one that takes in.
-TURN = 0.01
-#: Samples that are kept for who does not read them: as many as come in a minute at 4 Mbaud.
-KEPT = 1_000_000
-#: Strings that are kept for who does not read them.
-KEPT_STRINGS = 100_000
+#: Bytes that may wait in a device for the line.
+DEVICE_BUFFER = 4096
+#: Seconds to listen for a device before it is asked, and seconds to wait for its answer.
+LISTEN_SECONDS, PROBE_SECONDS = 0.25, 0.35
+#: Maximum seconds from an unanswered WakeUp to the first sample: 0.5 (section 4), and a margin.
+WAKE_UP_SECONDS = 1.5
+#: Seconds of silence after which an incomplete frame counts as damage.
+SILENCE_SECONDS = 0.1
+#: Seconds between two attempts to open a port that was lost.
+REOPEN_INTERVAL = 0.1
+#: Minimum seconds to wait for the thread that receives.
+TURN_SECONDS = 0.01
+#: Maximum number of unread samples: those of a minute at 4 Mbaud.
+MAX_UNREAD_SAMPLES = 1_000_000
+#: Maximum number of unread strings.
+MAX_UNREAD_STRINGS = 100_000
 
 
 class Channel:
-    """Carries a session's commands over a link.
+    """Sends the commands of a session over a link, and queues what the device sends.
 
-    Several threads may use it: one can wait for samples while another sends commands. Whoever takes bytes
-    in keeps what the others wait for.
+    Several threads may use a channel: one can wait for samples while another sends commands. The thread that
+    receives bytes also queues what the others wait for.
 
     Attributes:
-        link: What carries the bytes.
-        session: What is known of the device.
-        samples: Samples that nobody has read, the oldest first.
-        strings: Strings that nobody has read, the oldest first.
-        notices: Messages that nobody asked for, the latest 100.
-        lost_samples: Samples that nobody read before a million others came.
-        lost_strings: Strings that nobody read before 100,000 others came.
-        device_id: Device identifier, once it has been read.
-        timing: The clocks by which samples tell their times.
+        link: The link.
+        session: The session.
+        samples: Unread samples, the oldest first.
+        strings: Unread strings, the oldest first.
+        notices: The latest 100 messages that answer no command.
+        lost_samples: Samples dropped because a million newer ones were unread.
+        lost_strings: Strings dropped because 100,000 newer ones were unread.
+        device_id: Device identifier, once it is read.
+        timing: The clocks for the times of samples.
     """
 
     def __init__(self, link: Link, session: Session, *, reconnect: bool = False) -> None:
@@ -78,9 +79,9 @@ class Channel:
         self.session = session
         self.device_id: int | None = None
         self._reconnects = reconnect
-        #: When the port was lost, and in which state the device was then; None once it is back.
+        #: When the port was lost, and the state of the device then; None once it is back.
         self._lost: tuple[float, State] | None = None
-        self._is_coming_back = False
+        self._is_reconnecting = False
         self.samples: deque[Sample] = deque()
         self.strings: deque[String] = deque()
         self.notices: deque[Notice] = deque(maxlen=100)
@@ -88,65 +89,69 @@ class Channel:
         self.timing = Timing(link.epoch)
         if link.trouble is not None:
             self.notices.append(Notice("Port", link.trouble, b"", session.bid, None))
-        #: Pieces that have been taken from the queue, and when each came.
-        self._backlog: deque[tuple[bytes, float]] = deque()
+        #: Pieces taken from the queue of the link, and the arrival of each.
+        self._pieces: deque[tuple[bytes, float]] = deque()
         self._answers: deque[Reply | Refusal] = deque()
         self._heard_at = link.clock()
-        self._is_broken = False
-        self._taking_in = threading.Lock()
+        self._is_disconnected = False
+        self._receiving = threading.Lock()
         self._commanding = threading.RLock()
 
     # Bytes
 
     @property
     def waiting_bytes(self) -> int:
-        """Bytes that have been taken from the queue and not yet taken in."""
-        return sum(len(piece) for piece, _ in self._backlog.copy())
+        """Bytes taken from the queue of the link that the session has not received yet."""
+        return sum(len(piece) for piece, _ in self._pieces.copy())
 
     def receive(self, timeout: float, command: str | None = None) -> bool:
-        """Takes in a piece of what has come, waiting for it no longer than so many seconds.
+        """Receives one piece of bytes.
+
+        Args:
+            timeout: Seconds to wait for it.
+            command: The command that waits, for error messages.
 
         Returns:
-            Whether there was any, or another thread takes it in.
+            Whether a piece was received, here or possibly by another thread.
         """
-        if not self._taking_in.acquire(timeout=max(timeout, TURN)):
+        if not self._receiving.acquire(timeout=max(timeout, TURN_SECONDS)):
             return True
         try:
-            if not self._backlog:
-                self._mend(command)
+            if not self._pieces:
+                self._reopen(command)
                 try:
-                    self._backlog.extend(self.link.read(timeout).pieces())
+                    self._pieces.extend(self.link.read(timeout).pieces())
                 except OSError as error:
-                    self._lose(error, command)
-            if self._backlog:
-                # Piece by piece: what has waited for a minute is not to become a million objects at once.
-                piece, self._heard_at = self._backlog.popleft()
+                    self._disconnect(error, command)
+            if self._pieces:
+                # One piece at a time: a minute of data would become a million objects at once.
+                piece, self._heard_at = self._pieces.popleft()
                 self._keep(self.session.receive(piece), self._heard_at)
                 return True
-            if self.link.clock() - self._heard_at >= QUIET:
+            if self.link.clock() - self._heard_at >= SILENCE_SECONDS:
                 self._keep(self.session.quiet())
             return False
         finally:
-            self._taking_in.release()
+            self._receiving.release()
 
     def send(self, data: bytes, command: str) -> None:
         """Sends bytes."""
-        self._mend(command)
+        self._reopen(command)
         try:
             self.link.write(data)
         except OSError as error:
-            self._lose(error, command)
+            self._disconnect(error, command)
 
     def _keep(self, events: Iterable[SessionEvent], arrival: float | None = None) -> None:
         for event in events:
             if isinstance(event, Sample):
                 event.arrival, event.timing = arrival, self.timing
-                if len(self.samples) >= KEPT:
+                if len(self.samples) >= MAX_UNREAD_SAMPLES:
                     self.samples.popleft()
                     self.lost_samples += 1
                 self.samples.append(event)
             elif isinstance(event, String):
-                if len(self.strings) >= KEPT_STRINGS:
+                if len(self.strings) >= MAX_UNREAD_STRINGS:
                     self.strings.popleft()
                     self.lost_strings += 1
                 self.strings.append(replace(event, arrival=arrival))
@@ -155,40 +160,41 @@ class Channel:
             else:
                 self._answers.append(event)
 
-    def _lose(self, error: OSError, command: str | None) -> NoReturn:
+    def _disconnect(self, error: OSError, command: str | None) -> NoReturn:
         self._keep(self.session.quiet())
         if self._lost is None:
             self._lost = self.link.clock(), self.session.state
         self.session.forget()
-        self._is_broken = True
-        what = f"while {command} was under way" if command else "while listening"
+        self._is_disconnected = True
+        what = f"during {command}" if command else "while listening"
         raise Disconnected(
-            f"{self.link.name} is gone, {what}: {error}; the next command tries to open it again",
+            f"{self.link.name} was lost {what}: {error}; check the cable; the next command opens the port"
+            " again",
             command,
         ) from error
 
-    def _mend(self, command: str | None) -> None:
+    def _reopen(self, command: str | None) -> None:
         """Opens the port again if it was lost."""
-        if self._is_broken:
+        if self._is_disconnected:
             try:
                 self.link.reopen()
             except OSError as error:
-                self._lose(error, command)
-            self._is_broken = False
-            if not self._is_coming_back:
+                self._disconnect(error, command)
+            self._is_disconnected = False
+            if not self._is_reconnecting:
                 self._lost = None
 
     # Commands
 
     def command(self, name: str, value: Any) -> Reply:
         """Sends a command and waits for its answer: see `Device.command`."""
-        with self._commanding:  # the answers of two would be mixed up
+        with self._commanding:  # one command at a time, so that answers are not mixed up
             return self._command(name, value)
 
     def _command(self, name: str, value: Any) -> Reply:
         if self.session.state == State.UNKNOWN and name not in ("GoToConfig", "Reset", PROBE):
             self.find_state()
-        timeout, tries = self._patience(name)
+        timeout, tries = self._timeout_and_tries(name)
         for _ in range(tries):
             frame = self.session.request(name, value)
             try:
@@ -198,12 +204,12 @@ class Channel:
                 if (answer := self._answer(name, timeout)) is not None:
                     break
             finally:
-                self.session.abandon()  # after Ctrl-C, too: other commands would wait for ever
+                self.session.abandon()  # also after Ctrl-C, or no other command could be sent
         else:
             waited = timeout * tries
             raise XbusTimeout(
-                f"no answer to {name} from {self.link.name} within {waited:g} s; is the device powered, and"
-                f" at {self.link.baudrate} baud?",
+                f"no answer to {name} from {self.link.name} within {waited:g} s; check that the device is"
+                f" powered and uses {self.link.baudrate} baud",
                 name,
                 waited,
             )
@@ -211,19 +217,19 @@ class Channel:
             raise answer.error
         return answer
 
-    def _patience(self, name: str) -> tuple[float, int]:
-        """How long to wait for an answer, and how often to ask."""
-        # On a slow line that is full the answer comes behind all that waits in the device.
+    def _timeout_and_tries(self, name: str) -> tuple[float, int]:
+        """Returns how long to wait for an answer, in seconds, and how often to send the command."""
+        # On a slow line that is full, the answer follows all bytes that wait in the device.
         full = self.link.is_line and self.session.state != State.CONFIG
-        behind = BACKLOG * BITS / self.link.baudrate if full else 0.0
+        behind = DEVICE_BUFFER * BITS_PER_BYTE / self.link.baudrate if full else 0.0
         if name == "GoToConfig":
             return CONFIG_TIMEOUT, CONFIG_TRIES + math.ceil(behind / CONFIG_TIMEOUT)
         known = self.session.support
         slow = known is None or known.product.series == "1-series"
-        return TIMEOUTS.get(name, TIMEOUT_SLOW if slow else TIMEOUT) + behind, 1
+        return TIMEOUTS.get(name, SLOW_TIMEOUT if slow else TIMEOUT) + behind, 1
 
     def _answer(self, name: str, timeout: float) -> Reply | Refusal | None:
-        """The answer to the pending command, or None if there is none in time."""
+        """Returns the answer to the pending command, or None if there is none in time."""
         until = self.link.clock() + timeout
         while True:
             while self._answers:
@@ -231,50 +237,50 @@ class Channel:
                 if answer.command == name:
                     return answer
             left = until - self.link.clock()
-            is_there = self.receive(max(0.0, min(left, QUIET)), name)
-            # It may stand behind much that has waited: what counts is when it came, not when it is read.
-            if left <= 0 and (not is_there or self._heard_at > until):
+            has_received = self.receive(max(0.0, min(left, SILENCE_SECONDS)), name)
+            # The answer may follow many queued bytes: its arrival counts, not when it is read.
+            if left <= 0 and (not has_received or self._heard_at > until):
                 return None
 
     # The state
 
     def find_state(self) -> bool:
-        """Finds out the state without changing it: listens, then asks. Whether anything was heard."""
-        heard = self._listen(LISTEN)
+        """Finds out the state without changing it: listens, then asks. Returns whether anything was heard."""
+        heard = self._listen(LISTEN_SECONDS)
         if self.session.state == State.WAKEUP:
-            # It goes on by itself, to Measurement State or, if told so, to Config State.
-            self.wait_for(lambda: self.session.state != State.WAKEUP, WAKING)
+            # The device goes on to Measurement State or, if another program answers, to Config State.
+            self.wait_for(lambda: self.session.state != State.WAKEUP, WAKE_UP_SECONDS)
             if self.session.state == State.WAKEUP:
                 self.session.forget()
         if self.session.state == State.UNKNOWN:
             self.send(self.session.request(PROBE), PROBE)
-            answer = self._answer(PROBE, ANSWER)
+            answer = self._answer(PROBE, PROBE_SECONDS)
             self.session.abandon()
             heard = heard or answer is not None or self.session.state != State.UNKNOWN
         return heard
 
     def find(self, baudrates: Iterable[int]) -> None:
-        """Listens and asks at one baud rate after the other, and stays at the first where something is heard.
+        """Tries one baud rate after the other, and keeps the first at which it hears the device.
 
         Raises:
             XbusTimeout: Nothing was heard at any of them.
         """
-        begun, tried = self.link.clock(), []
+        start, tried = self.link.clock(), []
         for rate in baudrates:
             self.link.baudrate = rate
             if self.find_state():
                 return
             tried.append(str(rate))
         raise XbusTimeout(
-            f"nothing was heard on {self.link.name} at {', '.join(tried)} baud; is the device powered and"
-            " connected, and does no other program (ModemManager?) use the port? restore_communication()"
-            " brings back one that nobody can talk to",
+            f"nothing was heard on {self.link.name} at {', '.join(tried)} baud; check that the device is"
+            " powered and connected, and that no other program, such as ModemManager, uses the port;"
+            " xbus restore recovers a device that answers at no baud rate",
             None,
-            self.link.clock() - begun,
+            self.link.clock() - start,
         )
 
     def _listen(self, seconds: float) -> bool:
-        """Whether anything that makes sense comes within so many seconds."""
+        """Returns whether a message or string comes within some seconds."""
         samples, notices = len(self.samples) + self.lost_samples, len(self.notices)
         return self.wait_for(
             lambda: (
@@ -293,47 +299,47 @@ class Channel:
         *,
         reopen: bool = False,
     ) -> bool:
-        """Takes in what comes until a condition holds; whether it does within so many seconds.
+        """Receives until a condition holds, and returns whether it does in time.
 
         Args:
-            condition: Looked at after each piece.
+            condition: Checked after each piece.
             seconds: How long to wait.
-            command: What it is for, in the text of errors.
-            reopen: Whether the port may go away meanwhile and come again, as that of a device on USB does
-                when it starts anew.
+            command: The command that waits, for error messages.
+            reopen: Whether the port may disappear and come back meanwhile, as that of a USB device does when
+                it restarts.
         """
         until = self.link.clock() + seconds
         while not condition():
             if (left := until - self.link.clock()) <= 0:
                 return False
             try:
-                self.receive(min(left, QUIET), command)
+                self.receive(min(left, SILENCE_SECONDS), command)
             except Disconnected:
                 if self._reconnects and command is None:
-                    self._come_back()
+                    self._reconnect()
                     until = self.link.clock() + left
                 elif reopen:
-                    self.link.pause(min(left, PAUSE))
+                    self.link.pause(min(left, REOPEN_INTERVAL))
                 else:
                     raise
         return True
 
-    def _come_back(self) -> None:
-        """Waits until the device is there again, and brings it into the state in which it was lost."""
-        while not self.come_back():
+    def _reconnect(self) -> None:
+        """Waits until the device is back, and restores the state that it had."""
+        while not self.try_reconnect():
             pass
 
-    def come_back(self) -> bool:
-        """Tries once whether the device is there again, and brings it into the state in which it was lost."""
-        if self.link.acquisition.ended is not None and not self._is_broken:
-            # Who reads the link without this channel has seen its end.
+    def try_reconnect(self) -> bool:
+        """Tries once to reach the device and to restore the state that it had. Returns whether it is back."""
+        if self.link.acquisition.ended is not None and not self._is_disconnected:
+            # A reader that uses the link without this channel, such as a recording, has seen its end.
             with contextlib.suppress(Disconnected):
-                self._lose(ConnectionResetError(self.link.acquisition.ended), None)
+                self._disconnect(ConnectionResetError(self.link.acquisition.ended), None)
         lost_at, state = self._lost or (self.link.clock(), self.session.state)
-        self.link.pause(PAUSE)
-        self._is_coming_back = True  # lost again meanwhile, it is still to be as it was at first
+        self.link.pause(REOPEN_INTERVAL)
+        self._is_reconnecting = True  # a second loss keeps the state of the first
         try:
-            # Whatever goes wrong while it comes back, it is tried again.
+            # The caller tries again after a failure.
             with contextlib.suppress(Disconnected, XbusTimeout, DeviceError, DecodeError):
                 self.command("GoToConfig", None)
                 is_other = self.device_id not in (None, self.command("ReqDID", None).value)
@@ -346,51 +352,59 @@ class Channel:
                     return True
             return False
         finally:
-            self._is_coming_back = False
+            self._is_reconnecting = False
 
     def wait_for_samples(self, count: int, timeout: float) -> None:
-        """Waits until so many samples are there, and no longer than ``timeout`` seconds for the next one.
+        """Waits until some samples are unread.
+
+        Args:
+            count: How many.
+            timeout: Seconds to wait for each.
 
         Raises:
-            StateError: The device is in Config State, where it sends none.
-            XbusTimeout: None came in time.
+            StateError: The device is in Config State, in which it sends no samples.
+            XbusTimeout: No sample came in time.
         """
-        while (there := len(self.samples)) < count:
+        while (unread := len(self.samples)) < count:
             if self.session.state == State.CONFIG:
                 self._refuse_config("read_sample")
-            if not self.wait_for(partial(self._has_more, there), timeout):
-                instead = "; it sends strings: read_string()" if self.strings else ""
+            if not self.wait_for(partial(self._has_more, unread), timeout):
+                advice = (
+                    "; the device sends strings, which read_string() returns"
+                    if self.strings
+                    else ""
+                )
                 raise XbusTimeout(
-                    f"no sample from {self.link.name} within {timeout:g} s{instead}", None, timeout
+                    f"no sample from {self.link.name} within {timeout:g} s{advice}", None, timeout
                 )
 
     def _has_more(self, samples: int) -> bool:
         return len(self.samples) > samples or self.session.state == State.CONFIG
 
     def wait_for_strings(self, timeout: float, *, samples: bool = False) -> None:
-        """Waits until there is a string, but no longer than ``timeout`` seconds.
+        """Waits until a string is unread.
 
         Args:
-            timeout: How long.
-            samples: Whether a sample will do as well.
+            timeout: Seconds to wait.
+            samples: Whether an unread sample also ends the wait.
 
         Raises:
-            StateError: The device is in Config State, where it sends none.
-            XbusTimeout: None came in time.
+            StateError: The device is in Config State, in which it sends no strings.
+            XbusTimeout: No string came in time.
         """
 
-        def is_there() -> bool:
+        def has_data() -> bool:
             return bool(self.strings or (samples and self.samples))
 
-        if not self.wait_for(lambda: is_there() or self.session.state == State.CONFIG, timeout):
+        if not self.wait_for(lambda: has_data() or self.session.state == State.CONFIG, timeout):
             what = "nothing" if samples else "no string"
             raise XbusTimeout(f"{what} from {self.link.name} within {timeout:g} s", None, timeout)
-        if not is_there():
+        if not has_data():
             self._refuse_config("read_string")
 
     def _refuse_config(self, command: str) -> NoReturn:
         raise StateError(
-            "the device is in Config State and measures nothing; go_to_measurement() changes that",
+            "the device is in Config State and sends no data; go_to_measurement() starts it",
             command,
             self.session.state,
         )

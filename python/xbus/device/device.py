@@ -141,7 +141,7 @@ class Device:
         Returns:
             Whether the device is back; `notices` then has the length of the gap.
         """
-        return self._channel.come_back()
+        return self._channel.try_reconnect()
 
     def close(self) -> None:
         """Closes the port. The device stays in its state."""

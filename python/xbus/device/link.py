@@ -1,4 +1,4 @@
-"""What carries the bytes: a port, anything that pyserial opens, or a virtual device in this process."""
+"""Links to a device: a serial port, what else pyserial opens, or a virtual device in this process."""
 
 from __future__ import annotations
 
@@ -20,52 +20,54 @@ if TYPE_CHECKING:
 
 __all__ = ["SerialLink", "open_link"]
 
-#: Bytes to read at a time from what has no descriptor, and seconds to wait for the first of them.
-PIECE, PUMP_TIMEOUT = 1 << 12, 0.05
-#: Seconds within which such a thread hears that its port was closed.
-LONGEST_READ = 1.0
-#: Most bytes that wait to be read, unless told otherwise: a minute at 4 Mbaud.
-QUEUE = 24_000_000
-#: The timer of an FTDI adapter at its fastest, in ms; it comes with 16.
-FAST_TIMER = 1
+#: Maximum bytes of a read from a port without a file descriptor, and seconds to wait for the first byte.
+MAX_READ, READ_TIMEOUT = 1 << 12, 0.05
+#: Seconds within which the thread of such a port ends after the port was closed.
+JOIN_TIMEOUT = 1.0
+#: Default bytes that wait to be read at most: a minute at 4 Mbaud.
+QUEUE_BYTES = 24_000_000
+#: Lowest latency timer of an FTDI adapter, in ms; its default is 16.
+MIN_LATENCY = 1
 
 
 class SerialLink:
-    """A port of pyserial, which opens it, sets it up and writes; a thread without the interpreter reads.
+    """A port of pyserial, which opens, configures and writes it. A native thread reads.
 
     Args:
-        port: An open or closed port. It is closed by `close` only if ``owned``.
+        port: An open or closed port. `close` closes it only if ``owned``.
         owned: Whether it was opened for this link.
-        bound: Most bytes that wait to be read.
+        bound: Maximum number of bytes that wait to be read.
         strings: Strings to look for: see `_core.Scanner`.
 
     Attributes:
-        acquisition: What takes in the bytes that come.
+        acquisition: Reads, counts, queues and records the bytes.
     """
 
-    def __init__(self, port: Any, *, owned: bool, bound: int = QUEUE, strings: int = 0) -> None:
+    def __init__(
+        self, port: Any, *, owned: bool, bound: int = QUEUE_BYTES, strings: int = 0
+    ) -> None:
         self._port = port
         self._bound, self._strings = bound, strings
         self._owned = owned
         self.name = str(port.port or port.name)
-        # Where a URL leads, what the rate is there is not known.
+        # The rate of a port behind a URL is not known.
         self.is_line = "://" not in self.name and not is_usb_of_device(self.name)
         if not port.is_open:
             port.open()
         self._serial_number = serial_number_of(self.name)
-        # Where the driver has no such mode it says so, in several ways.
+        # A driver without this mode raises one of several exceptions.
         with contextlib.suppress(AttributeError, NotImplementedError, OSError, ValueError):
             port.set_low_latency_mode(True)
         self._begin()
 
     @property
     def trouble(self) -> str | None:
-        """What is wrong with the port, and the cure; None if nothing is known to be."""
+        """A problem of the port, with its remedy; None if none is known."""
         timer = latency_timer(self.name)
-        if timer is None or timer <= FAST_TIMER:
+        if timer is None or timer <= MIN_LATENCY:
             return None
         return (
-            f"the adapter of {self.name} keeps bytes back for {timer} ms: samples come in bursts; cure:"
+            f"the adapter of {self.name} holds bytes back for {timer} ms, so samples arrive in bursts; run:"
             f" echo 1 | sudo tee {SYSFS / Path(self.name).resolve().name}/latency_timer"
         )
 
@@ -76,7 +78,7 @@ class SerialLink:
 
     @property
     def epoch(self) -> int:
-        """What to add to an arrival, in ns, for the time since 1970."""
+        """Nanoseconds since 1970 at zero of the clock of arrivals."""
         return self.acquisition.epoch
 
     @property
@@ -90,39 +92,39 @@ class SerialLink:
             return
         self._port.baudrate = rate
         if self.acquisition.recording is None:
-            # What was noise at the other rate shall not be counted.
+            # Noise received at the other rate is not counted.
             self.acquisition.close()
             self._begin()
 
     def read(self, timeout: float) -> Received:
-        """What has come."""
+        """Returns the bytes that arrived, waiting up to ``timeout`` seconds for the first."""
         taken = self.acquisition.read(timeout)
         if taken is None:
             raise ConnectionResetError(self.acquisition.ended)
         return Received(taken.data, taken.ends.tolist(), (taken.arrivals / 1e9).tolist())
 
     def write(self, data: bytes) -> None:
-        """Sends."""
+        """Sends bytes."""
         self._port.write(data)
 
     def clock(self) -> float:
-        """Seconds."""
+        """Returns the time in seconds on the clock of arrivals."""
         return time.monotonic()
 
     def pause(self, seconds: float) -> None:
-        """Lets time pass."""
+        """Waits."""
         time.sleep(seconds)
 
     def reopen(self) -> None:
-        """Opens the port again; queue, counts and recording go on."""
+        """Opens the port again. Queue, counts and recording continue."""
         self.acquisition.end("the port is opened again")
         self._port.close()
         if self._pump is not None:
-            self._pump.join(LONGEST_READ)
+            self._pump.join(JOIN_TIMEOUT)
         try:
             self._port.open()
         except OSError:
-            # Plugged in again it may have another name.
+            # The port may have another name after it was plugged in again.
             if (name := port_of(self._serial_number)) is None:
                 raise
             self._port.port = self.name = name
@@ -134,14 +136,14 @@ class SerialLink:
             self.acquisition.open(number)
 
     def close(self) -> None:
-        """Closes the port, or gives it back open."""
+        """Closes the port if it was opened for this link."""
         self.acquisition.close()
         if self._owned:
             self._port.close()
 
 
 def _descriptor(port: Any) -> int | None:
-    """The descriptor of a port; None for a URL, and where ports have none."""
+    """Returns the file descriptor of a port; None for a URL, and on systems without."""
     if os.name != "posix" or "://" in str(port.port):
         return None
     try:
@@ -151,16 +153,16 @@ def _descriptor(port: Any) -> int | None:
 
 
 def _pump(port: Any, acquisition: _core.Acquisition) -> threading.Thread:
-    """Reads a port that has no descriptor in a thread of its own, until it or the acquisition ends."""
+    """Starts a thread that reads a port without a file descriptor, until the port or the acquisition ends."""
 
     def pump() -> None:
         try:
             while acquisition.ended is None:
-                port.timeout = PUMP_TIMEOUT
+                port.timeout = READ_TIMEOUT
                 data = port.read(1)
-                # A socket of pyserial knows only whether bytes wait, and not how many.
+                # pyserial reports only whether a socket has bytes, and not how many.
                 port.timeout = 0
-                acquisition.push(data + port.read(PIECE) if data else b"")
+                acquisition.push(data + port.read(MAX_READ) if data else b"")
         except Exception as error:  # of any kind of port
             acquisition.end(str(error))
 
@@ -172,22 +174,22 @@ def _pump(port: Any, acquisition: _core.Acquisition) -> threading.Thread:
 def open_link(
     port: str | serial.SerialBase | SimulatedDevice,
     baudrate: int,
-    bound: int = QUEUE,
+    bound: int = QUEUE_BYTES,
     strings: int = 0,
 ) -> Link:
-    """A link to a port: a name, a pyserial URL, a pyserial object, ``"sim:PRODUCT"`` or a virtual device.
+    """Returns a link to a port: a name, pyserial URL, pyserial object, ``"sim:PRODUCT"`` or virtual device.
 
     Raises:
         OSError: The port cannot be opened.
-        ValueError: No such virtual product.
+        ValueError: There is no such virtual product.
     """
     if isinstance(port, serial.SerialBase):
         return SerialLink(port, owned=False, bound=bound, strings=strings)
     if not isinstance(port, str) or port.startswith("sim:"):
-        from xbus.sim.link import SimLink  # whoever has a real device need not wait for it
+        from xbus.sim.link import SimLink  # not needed for real devices
 
         return SimLink(port, strings)
-    made: Any = serial.serial_for_url(port, do_not_open=True, baudrate=baudrate, write_timeout=5)
+    opened: Any = serial.serial_for_url(port, do_not_open=True, baudrate=baudrate, write_timeout=5)
     if "://" not in port:
-        made.exclusive = True
-    return SerialLink(made, owned=True, bound=bound, strings=strings)
+        opened.exclusive = True
+    return SerialLink(opened, owned=True, bound=bound, strings=strings)

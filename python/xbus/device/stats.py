@@ -1,4 +1,4 @@
-"""What was counted of a device's stream."""
+"""Counts of a live stream."""
 
 from __future__ import annotations
 
@@ -9,34 +9,34 @@ from xbus.protocol.tables import QUANTITIES
 
 __all__ = ["LiveStats", "live_stats"]
 
-_NAMES = {it.id: it.name for it in QUANTITIES.values()}
+_NAMES = {row.id: row.name for row in QUANTITIES.values()}
 
 
 @dataclass(frozen=True)
 class LiveStats:
-    """What was counted since the port was opened. Counting goes on whether anybody reads or not.
+    """Counts since the port was opened. Counting does not depend on reading.
 
     Attributes:
-        bytes: Bytes that came.
+        bytes: Received bytes.
         frames: Frames in them.
         samples: MTData2 messages.
         messages: Other messages.
         malformed: MTData2 messages whose packets do not fill them.
-        lost_samples: Samples that the packet counter says are missing.
-        gaps: In how many places.
-        checksum_errors: Candidates refused by their checksum where a frame was due.
+        lost_samples: Samples missing by the packet counter.
+        gaps: Places where samples are missing.
+        checksum_errors: Candidates with a wrong checksum where a frame was expected.
         skipped_bytes: Bytes that belong to neither frame nor string.
-        quantities: How many packets of each quantity came, by name.
-        strings: How many strings came, by name; the name of those that the manual does not list is empty.
-        rates: Both in Hz, since the stats were last asked for (over half a second at least).
-        unread_samples: Samples that have been taken in and that nobody has read.
-        dropped_samples: Samples that were dropped because a million later ones were not read either.
-        queued_bytes: Bytes that wait to be taken in.
-        dropped_bytes: Bytes that were dropped because the queue was full.
-        overruns: How often driver or chip had no room for what came; None where nobody counts.
-        errors: Error messages that came.
-        warnings: Warning messages that came.
-        last_error: The latest of both, in words, or None.
+        quantities: Number of packets by name of the quantity.
+        strings: Number of strings by name; the name is empty for strings that are not in the manual.
+        rates: Both in Hz, between the last two reads of the stats that are at least 0.5 s apart.
+        unread_samples: Samples that wait to be read.
+        dropped_samples: Samples dropped because a million newer ones were unread.
+        queued_bytes: Bytes that wait to be decoded.
+        dropped_bytes: Bytes dropped because the queue was full.
+        overruns: Overruns of the driver or chip; None if the system does not count them.
+        errors: Error messages.
+        warnings: Warning messages.
+        last_error: The latest error or warning in words, or None.
     """
 
     bytes: int
@@ -64,7 +64,7 @@ class LiveStats:
 def live_stats(
     counted: dict[str, Any], rates: dict[str, float], unread: int, dropped: int, waiting: int
 ) -> LiveStats:
-    """The stats of what `_core.Acquisition.stats` has counted."""
+    """Returns the stats from the counts of `_core.Acquisition.stats` and of the queues."""
     names = LiveStats.__dataclass_fields__
     known = {key: value for key, value in counted.items() if key in names}
     known["queued_bytes"] += waiting
@@ -73,5 +73,5 @@ def live_stats(
 
 
 def by_name(quantities: dict[int, int]) -> dict[str, int]:
-    """Counts by name; an identifier that the tables do not have stays a number, in hex."""
+    """Returns counts by name; an identifier without a name is written in hex."""
     return {_NAMES.get(key, f"0x{key:04X}"): count for key, count in quantities.items()}

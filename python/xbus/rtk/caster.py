@@ -150,7 +150,7 @@ class Caster:
                 self._ended(connection, TIMED_OUT)
             return b""
         if isinstance(raw, list):
-            connection.mountpoints = [it[0] for it in raw]
+            connection.mountpoints = [row[0] for row in raw]
         elif not raw:
             self._ended(connection, told)
         elif raw.startswith(b"$"):
@@ -253,8 +253,8 @@ class _Connection:
         self._stop = threading.Event()
         # It makes loggers print, which is for the application to decide.
         logging.getLogger("pygnssutils").addHandler(_NOWHERE)
-        loggers = [logging.getLogger(it) for it in ("pyrtcm", "pyspartn")]
-        before = [list(it.handlers) for it in loggers]
+        loggers = [logging.getLogger(name) for name in ("pyrtcm", "pyspartn")]
+        before = [list(logger.handlers) for logger in loggers]
         # Tries once: when to try again is decided above.
         self._client = _client_class(pygnssutils)(app=self, retries=0, timeout=TIMEOUT)
         for logger, handlers in zip(loggers, before, strict=True):
