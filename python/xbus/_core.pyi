@@ -237,7 +237,9 @@ class ScannedDamage:
 class HostClock:
     """Maps device time to host time: see `xbus.HostClock`."""
 
-    def __new__(cls) -> HostClock: ...
+    def __new__(cls, state: bytes | None = None) -> HostClock:
+        """Creates a clock without samples, or the one whose state `pickle` saved."""
+    def __reduce__(self) -> tuple[type[HostClock], tuple[bytes]]: ...
     def copy(self) -> HostClock:
         """Returns an independent copy."""
     def update(self, time: float, arrival: int, leads: bool) -> float:
@@ -358,6 +360,15 @@ class Decoder:
 class Part:
     """A part of a log, or all of it. Arrays are read-only."""
 
+    def __new__(cls, state: bytes) -> Part:
+        """Restores the part whose state `pickle` saved.
+
+        Raises:
+            ValueError: Another version of xbus saved the state, or it is damaged.
+        """
+    def __reduce__(self) -> tuple[type[Part], tuple[bytes]]: ...
+    def only(self, column: Column) -> Part:
+        """Returns the same samples and times with one of the columns, and nothing else."""
     def __len__(self) -> int:
         """Number of samples."""
     @property

@@ -21,6 +21,7 @@ pub struct Stamps {
 
 /// Samples that the counter says were lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Losses {
     /// How many.
     pub samples: u64,

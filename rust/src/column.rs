@@ -9,6 +9,7 @@ use crate::table::{Field, Kind, Quantity, Wire};
 
 /// The numbers of a column, row by row, in native byte order.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[allow(missing_docs)] // the variants are the types
 pub enum Values {
     U8(Vec<u8>),
@@ -28,6 +29,7 @@ pub enum Values {
 
 /// Byte strings of any length, joined.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pieces {
     /// All bytes.
     pub bytes: Vec<u8>,
@@ -62,11 +64,31 @@ impl Values {
 
 /// What a column contains.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Subject {
     /// A quantity, in one coordinate system if it has any.
-    Known(&'static Quantity, Option<Coordinates>),
+    Known(#[cfg_attr(feature = "serde", serde(with = "by_id"))] &'static Quantity, Option<Coordinates>),
     /// Packets that the tables do not explain, with their identifier as received.
     Unknown(u16),
+}
+
+/// A row of the table as its data identifier.
+#[cfg(feature = "serde")]
+mod by_id {
+    use serde::de::{Deserialize, Deserializer, Error};
+    use serde::ser::Serializer;
+
+    use crate::table::{self, Quantity};
+
+    #[allow(clippy::trivially_copy_pass_by_ref)] // serde's signature
+    pub fn serialize<S: Serializer>(quantity: &&'static Quantity, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_u16(quantity.id)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static Quantity, D::Error> {
+        let id = u16::deserialize(deserializer)?;
+        table::quantity(id).ok_or_else(|| D::Error::custom(format_args!("no quantity has the identifier {id:#06X}")))
+    }
 }
 
 /// How much of the input has been decoded. From it follows how much memory a column will need.
@@ -80,6 +102,7 @@ pub struct Progress {
 
 /// A column, complete or growing.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Column {
     /// What it contains.
     pub subject: Subject,

@@ -206,3 +206,25 @@ impl fmt::Display for EncodeError {
 }
 
 impl std::error::Error for EncodeError {}
+
+/// Why the state of a value cannot be restored.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum StateError {
+    /// This other version made it.
+    Version(String),
+    /// It is cut or changed.
+    Damaged,
+}
+
+impl fmt::Display for StateError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Version(version) => {
+                write!(f, "saved by xbus {version}, and this is {}: read the log again", env!("CARGO_PKG_VERSION"))
+            }
+            Self::Damaged => f.write_str("the saved state is damaged: read the log again"),
+        }
+    }
+}
+
+impl std::error::Error for StateError {}

@@ -52,6 +52,7 @@ const STEPS: usize = 100;
 
 /// Why a new fit began.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Reason {
     /// Device time went back: the device restarted.
     Back,
@@ -75,6 +76,7 @@ impl Reason {
 
 /// A step of one of the clocks, at which a new fit began.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Step {
     /// Device time of the first sample after it, in seconds.
     pub time: f64,
@@ -86,6 +88,7 @@ pub struct Step {
 
 /// A device time `x`, and how much later the arrival is, `y`; in seconds since the fit began.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Point {
     x: f64,
     y: f64,
@@ -93,6 +96,7 @@ struct Point {
 
 /// A lower convex hull, from left to right.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Hull(Vec<Point>);
 
 impl Hull {
@@ -152,6 +156,7 @@ impl Hull {
 
 /// What is known since the last step.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Fit {
     /// Device time of its first sample, to which all others are relative.
     time: f64,
@@ -275,6 +280,7 @@ impl Fit {
 /// The host time of a sample depends on this sample and those before it. It never decreases, unless the host's own clock
 /// was set back. Memory is bounded, and the cost of a sample is constant.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct HostClock {
     fit: Option<Fit>,
     steps: VecDeque<Step>,

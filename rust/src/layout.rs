@@ -109,6 +109,7 @@ struct Block {
 
 /// One packet of a layout: the column that it feeds, and where its data are.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Slot {
     /// Index of the column.
     pub column: usize,
@@ -117,11 +118,13 @@ pub struct Slot {
     /// Data identifier as received.
     pub id: u16,
     /// Form of the data; `None` for a packet that is kept raw.
+    #[cfg_attr(feature = "serde", serde(skip))] // only gathering needs it
     pub form: Option<Form>,
 }
 
 /// A layout: the fixed bytes of a frame, and its packets.
 #[derive(Clone, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Layout {
     /// Bytes of the frame.
     pub frame_length: usize,
@@ -129,6 +132,7 @@ pub struct Layout {
     pub bid: u8,
     /// The packets that columns keep.
     pub slots: Vec<Slot>,
+    #[cfg_attr(feature = "serde", serde(skip))] // only recognition needs them
     blocks: Vec<Block>,
 }
 

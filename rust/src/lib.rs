@@ -68,6 +68,8 @@ pub mod real;
 pub mod requests;
 pub mod scan;
 mod simd;
+#[cfg(feature = "serde")]
+pub mod state;
 pub mod strings;
 pub mod table;
 pub mod utc;

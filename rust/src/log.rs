@@ -50,6 +50,7 @@ impl Default for Options {
 
 /// Messages that are not samples, in order.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Messages {
     /// Message identifier of each.
     pub mid: Vec<u8>,
@@ -65,6 +66,7 @@ pub struct Messages {
 
 /// String outputs, in order.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Strings {
     /// Place of each in [`table::STRINGS`], or [`Strings::UNKNOWN`] if the manual does not list it.
     pub place: Vec<u8>,
@@ -83,6 +85,7 @@ impl Strings {
 
 /// Counts of a part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Stats {
     /// Bytes of input.
     pub bytes: u64,
@@ -104,6 +107,7 @@ pub struct Stats {
 
 /// A sample that the plain path decoded.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Single {
     offset: u64,
     length: u32,
@@ -112,6 +116,7 @@ struct Single {
 
 /// What a message changes about the clock of its device.
 #[derive(Clone, Copy, Debug)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 enum Change {
     Wrap(u64),
     Restart,
@@ -119,6 +124,7 @@ enum Change {
 
 /// A part of a log, or all of it.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Part {
     /// Index of its first sample.
     pub first: u64,
@@ -153,6 +159,27 @@ impl Part {
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.layout.is_empty()
+    }
+
+    /// The same samples with one of the columns, and without frames, messages, strings and damage.
+    ///
+    /// # Panics
+    /// If there is no such column.
+    #[must_use]
+    pub fn only(&self, column: usize) -> Self {
+        let mut layouts = self.layouts.clone();
+        for layout in &mut layouts {
+            layout.slots.retain(|slot| slot.column == column);
+            layout.slots.iter_mut().for_each(|slot| slot.column = 0);
+        }
+        Self {
+            first: self.first,
+            columns: vec![self.columns[column].clone()],
+            layout: self.layout.clone(),
+            layouts,
+            singles: self.singles.clone(),
+            ..Self::default()
+        }
     }
 
     /// For each sample the number of rows that `column` has for it.

@@ -41,6 +41,7 @@ impl Precision {
 
 /// The coordinate systems of Table 17: bits 2 and 3 of the identifier, for orientation and velocity only (note 11).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[repr(u8)]
 pub enum Coordinates {
     /// East, north, up.

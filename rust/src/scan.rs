@@ -26,6 +26,7 @@ use crate::table::{self, BARE_STRINGS};
 
 /// Why bytes were refused where a frame was due.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[repr(u8)]
 pub enum Reason {
     /// No preamble.
@@ -53,6 +54,7 @@ impl Reason {
 
 /// A stretch of bytes that is neither frame nor string.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Damage {
     /// Where it begins in the input.
     pub offset: u64,

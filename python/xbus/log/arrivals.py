@@ -13,7 +13,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -118,16 +118,37 @@ class HostTimes:
         """Seconds since 1970 of each sample, ``(n,)`` float64, read-only; NaN if not known."""
         return read_only(np.full(len(self.part), np.nan)) if self.known is None else self.known
 
-    def arrived(self, end: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
-        """Returns when the bytes before each of these ascending offsets had arrived.
-
-        In seconds since 1970, ``(n,)`` float64; NaN if not known.
-        """
-        times = np.full(len(end), np.nan)
+    @cached_property
+    def strings(self) -> npt.NDArray[np.float64]:
+        """Seconds since 1970 at which each string arrived, ``(n,)`` float64, read-only; NaN if not known."""
+        found = self.part.strings
+        times = np.full(len(found.offset), np.nan)
         if self._arrivals is not None:
-            arrived = self._arrivals.of(end)
+            lengths = np.diff(found.ends.astype(np.int64), prepend=0)
+            arrived = self._arrivals.of(np.asarray(found.offset + lengths, np.int64))
             times[: len(arrived)] = arrived / 1e9
         return read_only(times)
+
+    def for_column(self, part: _core.Part) -> HostTimes:
+        """Returns the host times of the same samples for a part with one of the columns."""
+        return _unpickled(part, None, self.known, {}, np.empty(0))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self.part, self.fault, self.known, self.clocks, self.strings)
+
+
+def _unpickled(
+    part: _core.Part,
+    fault: str | None,
+    known: npt.NDArray[np.float64] | None,
+    clocks: dict[int, HostClock],
+    strings: npt.NDArray[np.float64],
+) -> HostTimes:
+    """Returns host times that are computed already."""
+    host_times = HostTimes(part)
+    host_times.fault, host_times.strings = fault, read_only(strings)
+    host_times._computed = (None if known is None else read_only(known)), clocks
+    return host_times
 
 
 def arrivals_of(source: Source) -> Arrivals | None:

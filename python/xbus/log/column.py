@@ -286,6 +286,10 @@ class Column:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Without the other columns of the part.
+        return _unpickled, (self._host_times.for_column(self._part.only(self._core)),)
+
     def __repr__(self) -> str:
         from xbus.log.rendering import column_text
 
@@ -295,6 +299,10 @@ class Column:
         from xbus.log.rendering import column_html
 
         return column_html(self)
+
+
+def _unpickled(host_times: HostTimes) -> Column:
+    return Column(host_times.part.columns[0], host_times)
 
 
 def _dtype(fields: tuple[Field, ...]) -> np.dtype[Any]:

@@ -62,6 +62,8 @@ class HostClock:
         other._core = self._core.copy()
         return other
 
+    __copy__ = copy
+
     @overload
     def update(self, device_time: float, arrival_ns: int, leads: bool = ...) -> float: ...
     @overload

@@ -401,6 +401,9 @@ class Log(ByQuantity[Column]):
 
     __hash__ = None  # type: ignore[assignment]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _unpickled, (self._core, self._filter, self._earlier, self._host_times)
+
     def __repr__(self) -> str:
         from xbus.log.rendering import log_text
 
@@ -410,3 +413,9 @@ class Log(ByQuantity[Column]):
         from xbus.log.rendering import log_html
 
         return log_html(self)
+
+
+def _unpickled(
+    core: _core.Part, quantities: QuantityFilter | None, identity: Identity, host_times: HostTimes
+) -> Log:
+    return Log(core, quantities=quantities, identity=identity, host_times=host_times)

@@ -85,7 +85,7 @@ class Strings(Sequence[String]):
         """
         if self._host_times is None:
             return read_only(np.full(len(self), np.nan))
-        return self._host_times.arrived(self.end)
+        return self._host_times.strings
 
     def named(self, *kinds: StringType | str) -> list[String]:
         """Returns the strings of these types."""

@@ -7,6 +7,7 @@ use crate::clock::{Clocks, Losses};
 
 /// Times and packet counters of the samples of a part.
 #[derive(Clone, Debug, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Times {
     /// Seconds on the device clock, unwrapped; NaN for a sample without a time stamp.
     pub time: Vec<f64>,
@@ -46,5 +47,21 @@ impl TimedPart {
     /// Times and counters, computed on the first call.
     pub fn times(&self) -> &Times {
         self.times.get_or_init(|| Times::of(&self.part, &mut self.clocks.clone()))
+    }
+
+    /// A part whose times and counters are known already.
+    #[must_use]
+    pub fn of(part: Part, times: Times) -> Self {
+        Self { part, clocks: Clocks::default(), times: times.into() }
+    }
+
+    /// The part with one of its columns and the times of its samples, and nothing else.
+    ///
+    /// # Panics
+    /// If there is no such column.
+    #[must_use]
+    pub fn only(&self, column: usize) -> Self {
+        let times = Times { time: self.times().time.clone(), ..Times::default() };
+        Self::of(self.part.only(column), times)
     }
 }

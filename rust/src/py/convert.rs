@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
-use crate::error::{EncodeError, Fault, HostTimesError, ReadError};
+use crate::error::{EncodeError, Fault, HostTimesError, ReadError, StateError};
 use crate::packet::Coordinates;
 use crate::table::{self, Quantity};
 
@@ -35,6 +35,12 @@ impl From<EncodeError> for PyErr {
 
 impl From<HostTimesError> for PyErr {
     fn from(error: HostTimesError) -> Self {
+        PyValueError::new_err(error.to_string())
+    }
+}
+
+impl From<StateError> for PyErr {
+    fn from(error: StateError) -> Self {
         PyValueError::new_err(error.to_string())
     }
 }

@@ -2,9 +2,11 @@
 
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyType};
 
 use super::array::{Array, hand_over};
 use crate::hostclock;
+use crate::state;
 
 /// Maps device time to host time.
 #[pyclass(module = "xbus._core")]
@@ -15,8 +17,13 @@ pub struct HostClock(hostclock::HostClock);
 #[allow(clippy::needless_pass_by_value)] // arrays are lent by value
 impl HostClock {
     #[new]
-    fn new() -> Self {
-        Self(hostclock::HostClock::default())
+    #[pyo3(signature = (state=None))]
+    fn new(state: Option<&[u8]>) -> PyResult<Self> {
+        Ok(Self(state.map(state::from_bytes).transpose()?.unwrap_or_default()))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (Bound<'py, PyBytes>,)) {
+        (slf.get_type(), (PyBytes::new(slf.py(), &state::to_bytes(&slf.borrow().0)),))
     }
 
     fn copy(&self) -> Self {

@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
-use pyo3::types::IntoPyDict;
+use pyo3::types::{IntoPyDict, PyBytes, PyType};
 
 use super::Row;
 use super::array::{Array, hand_over, hand_over_signed, lend};
@@ -15,6 +15,7 @@ use crate::clock::Clocks;
 use crate::input::PushBuffer;
 use crate::log::{self, Options, TimedPart, Times};
 use crate::scan::Window;
+use crate::state;
 
 /// Reads a log.
 #[pyclass(module = "xbus._core")]
@@ -118,6 +119,22 @@ impl Part {
 
 #[pymethods]
 impl Part {
+    #[new]
+    fn new(py: Python<'_>, state: &[u8]) -> PyResult<Self> {
+        let (part, times) = py.detach(|| state::from_bytes(state))?;
+        Ok(Self(Arc::new(TimedPart::of(part, times))))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (Bound<'py, PyBytes>,)) {
+        let timed = &slf.get().0;
+        let bytes = slf.py().detach(|| state::to_bytes(&(&timed.part, timed.times())));
+        (slf.get_type(), (PyBytes::new(slf.py(), &bytes),))
+    }
+
+    fn only(&self, column: &Column) -> Self {
+        Self(Arc::new(self.0.only(column.index)))
+    }
+
     fn __len__(&self) -> usize {
         self.0.part.len()
     }
