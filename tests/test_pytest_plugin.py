@@ -186,9 +186,28 @@ def test_imports():
     assert status == 0, output
 
 
-def test_pytest_finds_the_plugin() -> None:
+def test_pytest_finds_the_plugin(tmp_path: Path) -> None:
+    """With the entry points of pyproject.toml, as an installed xbus has them."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    assert project["entry-points"]["pytest11"] == {"xbus": PLUGIN}
+    site, suite = tmp_path / "site", tmp_path / "suite"
+    info = site / "xbus_mti-0.dist-info"
+    info.mkdir(parents=True)
+    suite.mkdir()
+    (site / "xbus").symlink_to(ROOT / "python" / "xbus")
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: xbus-mti\nVersion: 0\n")
+    lines = [f"{name} = {target}\n" for name, target in project["entry-points"]["pytest11"].items()]
+    (info / "entry_points.txt").write_text("".join(["[pytest11]\n", *lines]))
+    (suite / "test_driver.py").write_text("def test_driver(xbus_device):\n    pass\n")
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-m", "pytest", "-q"],
+        cwd=suite,
+        env={**os.environ, "PYTHONPATH": str(site)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
 
 
 def test_nothing_else_is_needed() -> None:

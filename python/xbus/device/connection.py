@@ -42,8 +42,8 @@ def connect(
 
     Args:
         port: Name of a serial port, a pyserial URL (``socket://host:port``, ``rfc2217://...``), a
-            pyserial object, ``"sim:MTi-630"`` or a `SimulatedDevice`. None: the one port of this machine
-            that says Xsens.
+            pyserial object, a `SimulatedDevice`, or ``"sim:MTi-630"`` for one, also with options:
+            ``"sim:MTi-630?noise=1&seed=2"``. None: the one port of this machine that says Xsens.
         baudrate: Bits per second. None: tries the rates that devices use, one after the other.
         bid: Bus identifier of the device; 0xFF and 1 are the same device.
         reconnect: Whether to wait for a device that is unplugged while its samples are read, and to bring it
