@@ -1,4 +1,4 @@
-"""Makes the recordings in ``tests/captures``: a virtual MTi-680G on the belt of somebody who walks.
+"""Makes the recordings in ``tests/captures``: a virtual MTi-680G on the belt of a walker.
 
 ``python tests/make_captures.py`` writes them; a test holds the files to this program. The numbers are
 made up; their formats, rates and order are what such a device sends.
@@ -20,7 +20,7 @@ RATE = 100
 SECONDS = 10
 #: Dilutions of precision, Table 25.
 DOPS = ("gdop", "pdop", "tdop", "vdop", "hdop", "ndop", "edop")
-#: Unix time is no part of the protocol; this is just a date to begin at.
+#: The start date.
 START = (2026, 11, 22, 9, 30, 0)
 
 
@@ -49,14 +49,14 @@ def euler_to_quaternion(roll: float, pitch: float, yaw: float) -> list[float]:
 
 
 def walk() -> list[bytes]:
-    """The frames of walk.mtb."""
+    """Returns the frames of walk.mtb."""
     noise = random.Random(680)
     frames = [
         configuration(),
         encode_frame(MessageId.FirmwareRev, bytes([1, 12, 0]) + bytes.fromhex("0000001E 00012345")),
     ]
-    counter = 65000  # so that it wraps on the way
-    start = 4_294_967_296 - 50_000  # and the time as well, after five seconds
+    counter = 65000  # wraps during the recording
+    start = 4_294_967_296 - 50_000  # and the time too, after five seconds
 
     def stamp(ticks: int) -> dict[object, object]:
         nonlocal counter
@@ -114,7 +114,7 @@ def walk() -> list[bytes]:
 def receiver(
     stamps: dict[object, object], utc: dict[str, int], lat: float, lon: float
 ) -> dict[object, object]:
-    """What the GNSS receiver sends, in a message of its own, some tens of milliseconds late."""
+    """Returns a message of the GNSS receiver, which is some tens of milliseconds late."""
     pvt = dict.fromkeys(("velD", "Reserved1", "nano", "headMot", "headVeh", *DOPS), 0)
     date = {"year": utc["year"], "month": utc["month"], "day": utc["day"], "hour": utc["hour"]}
     pvt |= date | {"min": utc["minute"], "sec": utc["second"], "valid": 7, "tAcc": 25}
@@ -126,7 +126,7 @@ def receiver(
 
 
 def field() -> bytes:
-    """The bytes of field.mtb."""
+    """Returns the bytes of field.mtb."""
     frames = walk()
     bad = random.Random(13)
     del frames[300:312], frames[700:701]  # never received
@@ -144,7 +144,7 @@ def field() -> bytes:
 
 
 def captures() -> dict[str, bytes]:
-    """All recordings, by file name."""
+    """Returns all recordings by file name."""
     return {"walk.mtb": b"".join(walk()), "field.mtb": field()}
 
 

@@ -1,4 +1,4 @@
-"""Every message and every setting on every product: session and virtual device do what the tables say."""
+"""Every message and every setting on every product: session and virtual device follow the tables."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ MESSAGE, BAUDRATE, PARAMETER = 4, 32, 33
 
 
 def value_for(row: MessageRow, state: State, known: Support) -> Any:
-    """Something that the message can say in this state, to this product if it knows the message."""
+    """Returns a value that is valid in this state, and for this product if it knows the message."""
     labels = [profile.label for profile in known.filter_profiles]
     numbers = [profile.type for profile in known.filter_profiles]
     is_modern = known.product.series == "600-series"
@@ -103,7 +103,7 @@ def exchange(device: SimulatedDevice, wire: bytes) -> bytes:
 
 
 def with_message(name: str) -> list[int]:
-    """Numbers of the products that know a message."""
+    """Returns the numbers of the products that know a message."""
     return [product for product in PRODUCTS if product in MESSAGES[name].products]
 
 
@@ -121,7 +121,7 @@ def error(code: int) -> bytes:
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("product", PRODUCTS)
 def test_every_message(product: int, state: State) -> None:
-    """Sent, and answered, where product and state are in its row; else nothing is sent, and Error 4 comes."""
+    """A message is sent and answered if its row has product and state; else StateError, and Error 4."""
     device = device_in(state, product)
     for row in COMMANDS:
         if device.state is not state:
@@ -131,7 +131,7 @@ def test_every_message(product: int, state: State) -> None:
         answer = exchange(device, wire)
         is_known = product in row.products
         is_taken = is_known and state in row.states
-        # Whoever has missed WakeUp sends GoToConfig.
+        # A host that missed WakeUp sends GoToConfig.
         is_answered = is_taken or (is_known and row.name == "GoToConfig")
         if row.name == "WakeUpAck" or (is_answered and row.reply is None):
             assert answer == b"", row.name
@@ -144,7 +144,7 @@ def test_every_message(product: int, state: State) -> None:
             assert session.request(row.name, value) == wire
         else:
             name = support(product).product.name
-            reason = "is valid in" if is_known else f"the {name} does not know {row.name}"
+            reason = "is valid in" if is_known else f"the {name} does not support {row.name}"
             with pytest.raises(StateError, match=reason) as caught:
                 session.request(row.name, value)
             assert (caught.value.command, session.pending) == (row.name, None)
@@ -187,7 +187,7 @@ def both(product: int) -> tuple[SimulatedDevice, Support]:
 
 
 def is_sent(known: Support, name: str, value: Any) -> bool:
-    """Whether the host takes a value for this product."""
+    """Whether the host accepts a value for this product."""
     try:
         check(name, value, known)
     except ValueError:
@@ -198,10 +198,10 @@ def is_sent(known: Support, name: str, value: Any) -> bool:
 def is_taken(
     device: SimulatedDevice, known: Support, name: str, value: Any, code: int = PARAMETER
 ) -> bool:
-    """Whether host and device take a value, of which both must think the same; a refusal changes nothing."""
+    """Whether host and device accept a value. Both must agree, and a refusal changes nothing."""
     before = device.settings
     answer = exchange(device, frame(name, value))
-    # The address may change by it.
+    # The setting can change the bus identifier.
     is_refused = answer[2:-1] == error(code)[2:-1]
     if is_refused:
         assert device.settings is before
@@ -211,13 +211,13 @@ def is_taken(
     return not is_refused
 
 
-#: From the slowest to above the fastest, and what asks for the highest.
+#: From the lowest rate to above the highest, and the values that request the highest.
 RATES = (*range(2002), EVERY - 1, EVERY)
 
 
 @pytest.mark.parametrize("product", PRODUCTS)
 def test_every_rate_of_every_quantity(product: int) -> None:
-    """The host takes the rates of the table; the device acknowledges what the table makes of any."""
+    """The host accepts the rates of the table; the device acknowledges any rate as the table says."""
     device, known = both(product)
     rates_of = {name: known.rates_of(name) for name in known.rates}
     for rate in RATES:
@@ -233,7 +233,7 @@ def test_every_rate_of_every_quantity(product: int) -> None:
 
 @pytest.mark.parametrize("product", PRODUCTS)
 def test_every_identifier(product: int) -> None:
-    """One that is not of the product makes the whole message fail."""
+    """An identifier that the product lacks makes the device refuse the whole message."""
     device, known = both(product)
     quantities = {quantity.id: quantity for quantity in QUANTITIES.values()}
     for data_id in range(0, 0x10000, 0x10):
@@ -262,7 +262,7 @@ def test_every_sync_function_on_every_line(product: int) -> None:
 
 @pytest.mark.parametrize("product", PRODUCTS)
 def test_every_option_flag(product: int) -> None:
-    """Also bits without a name. Clearing what a product does not have is no mistake."""
+    """Bits without a name included. Clearing a flag that the product lacks is accepted."""
     device, known = both(product)
     for bit in range(32):
         flag = OptionFlag(1 << bit)
@@ -304,7 +304,7 @@ def test_every_label_of_a_filter_profile(product: int) -> None:
 
 @pytest.mark.parametrize("product", with_message("SetFilterProfileModern"))
 def test_every_pair_of_labels(product: int) -> None:
-    """A profile and a heading behaviour; never two of a kind."""
+    """A profile goes with a heading behaviour, and never with another of its kind."""
     device, known = both(product)
     kinds = {profile.label: profile.type for profile in known.filter_profiles}
     for pair in product_of(LABELS, LABELS):

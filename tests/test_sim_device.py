@@ -1,4 +1,4 @@
-"""The virtual device: what it answers, what its settings do, and what lasts."""
+"""The virtual device: replies, effects of settings, and storage of settings."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def frame(name: str, value: Any = None, **options: Any) -> bytes:
 
 
 def messages(data: bytes) -> list[Message]:
-    """The messages in these bytes, of which all must be frames."""
+    """Returns the messages of bytes that consist of frames only."""
     scanner = Scanner()
     found = scanner.feed(data) + scanner.close()
     assert all(isinstance(message, Message) for message in found), found
@@ -85,7 +85,7 @@ def mids(data: bytes) -> list[int]:
 
 
 def booted(product: str | int, **options: Any) -> SimulatedDevice:
-    """A device that has just sent WakeUp."""
+    """Returns a device that has just sent WakeUp."""
     device = SimulatedDevice(product, **options)
     device.advance(0.1)
     assert device.read() == WAKE_UP
@@ -93,7 +93,7 @@ def booted(product: str | int, **options: Any) -> SimulatedDevice:
 
 
 def configurable(product: str | int, **options: Any) -> SimulatedDevice:
-    """A device in Config."""
+    """Returns a device in Config."""
     device = booted(product, **options)
     device.write(ACK)
     assert device.state is State.CONFIG
@@ -101,7 +101,7 @@ def configurable(product: str | int, **options: Any) -> SimulatedDevice:
 
 
 def exchange(device: SimulatedDevice, data: bytes) -> bytes:
-    """What it answers; on a serial line that takes a moment."""
+    """Returns the reply; on a serial line it takes some time."""
     device.write(data)
     if device.is_serial:
         device.advance(0.05)
@@ -109,7 +109,7 @@ def exchange(device: SimulatedDevice, data: bytes) -> bytes:
 
 
 def ask(device: SimulatedDevice, name: str, value: Any = None) -> Any:
-    """The value of the reply to a request; an error code as a number."""
+    """Returns the value of the reply to a request, or the error code."""
     found = messages(exchange(device, frame(name, value)))
     (reply,) = [message for message in found if message.mid != MessageId.MTData2]
     if reply.name == "Error":
@@ -119,7 +119,7 @@ def ask(device: SimulatedDevice, name: str, value: Any = None) -> Any:
 
 
 def reset(device: SimulatedDevice) -> None:
-    """Reset, and into Config again."""
+    """Resets a device and returns to Config."""
     assert ask(device, "Reset") is None
     device.advance(0.1)
     assert device.state is State.WAKEUP
@@ -128,7 +128,7 @@ def reset(device: SimulatedDevice) -> None:
 
 
 def measuring(device: SimulatedDevice, *outputs: Output | int) -> SimulatedDevice:
-    """A device that goes from Config to Measurement, with these outputs if any."""
+    """Returns a device in Measurement, with these outputs if any."""
     if outputs:
         full = [output if isinstance(output, Output) else Output(output) for output in outputs]
         ask(device, "SetOutputConfiguration", full)
@@ -142,7 +142,7 @@ def log_of(device: SimulatedDevice, seconds: float) -> xbus.Log:
 
 
 def flag(words: Any, name: str) -> list[int]:
-    """A field of status words."""
+    """Returns a field of status words."""
     row = next(row for row in STATUS_FLAGS if row.name == name)
     return [int(word) >> row.bit & (1 << row.width) - 1 for word in words]
 
@@ -158,7 +158,7 @@ EXCHANGES = exchanges()
 @pytest.mark.parametrize("product", EXCHANGES)
 @pytest.mark.parametrize("bid", [0xFF, 0x01])
 def test_published_exchanges(product: str, bid: int) -> None:
-    """Also under the other address: then the reply carries that."""
+    """A request with the other bus identifier gets a reply with that identifier."""
     device = configurable(product)
     lines = EXCHANGES[product]
     for request, reply in zip(lines[::2], lines[1::2], strict=True):
@@ -167,7 +167,7 @@ def test_published_exchanges(product: str, bid: int) -> None:
 
 
 def readdressed(text: str, bid: int) -> bytes:
-    """A frame of the books, with its checksum as printed there, for another address."""
+    """Returns a published frame with another bus identifier; its published checksum must be right."""
     data = bytes.fromhex(text)
     assert sum(data[1:]) % 256 == 0
     return data if bid == 0xFF else encode_frame(data[2], data[4:-1], bid=bid)
@@ -183,10 +183,10 @@ REQUESTS = [row for row in MESSAGES.values() if row.direction == "to device"]
 @pytest.mark.parametrize(
     ("wire", "code"),
     [
-        ("FA FF 99 00 68", MESSAGE),  # nobody knows it
-        ("FA FF 36 00 CB", MESSAGE),  # only devices send it
-        ("FA FF 18 02 00 00 E7", PARAMETER),  # longer than it is
-        ("FA FF EC 00 15", PARAMETER),  # shorter
+        ("FA FF 99 00 68", MESSAGE),  # unknown
+        ("FA FF 36 00 CB", MESSAGE),  # sent by devices only
+        ("FA FF 18 02 00 00 E7", PARAMETER),  # too long
+        ("FA FF EC 00 15", PARAMETER),  # too short
     ],
 )
 def test_invalid_messages_are_refused(wire: str, code: int) -> None:
@@ -299,7 +299,7 @@ def test_too_many_outputs_are_refused() -> None:
 
 @pytest.mark.parametrize("product", PRODUCTS)
 def test_every_quantity_at_every_rate(product: int) -> None:
-    """What is acknowledged is what the table says, and comes so often."""
+    """The acknowledged rate is that of the table, and samples have this rate."""
     device, supported = configurable(product, time_to_fix=0.0), support(product)
     for name in supported.rates:
         for rate in {*supported.rates_of(name), 0, 1, 7, 10_000, EVERY}:
@@ -323,7 +323,7 @@ def quantity(name: str) -> int:
 # ---------------------------------------------------------------------------------------------
 
 Q = (0.5, -0.5, 0.5, 0.5)
-#: Product, message without Set, value, what a request answers (the same where None).
+#: Product, message without Set, value, and the value that is read back (None: the same value).
 SETTINGS: list[tuple[str, str, Any, Any]] = [
     ("MTi-3", "LocationID", 0x1234, None),
     ("MTi-3", "LatLonAlt", LatLonAlt(-33.86, 151.2, 12.5), None),
@@ -363,7 +363,7 @@ SETTINGS: list[tuple[str, str, Any, Any]] = [
 def test_settings_are_read_back_and_persist(
     product: str, name: str, value: Any, answer: Any
 ) -> None:
-    """At once, after Reset and after a power cycle, until the factory's are restored."""
+    """Settings are in effect at once, after Reset and after a power cycle, until a factory reset."""
     device = configurable(product)
     before = ask(device, f"Req{name}")
     answer = value if answer is None else answer
@@ -386,7 +386,7 @@ def test_settings_are_read_back_and_persist(
 @pytest.mark.parametrize(
     ("product", "message", "value", "reply"),
     [
-        # Synchronization settings that are not there take no bytes.
+        # An empty list of synchronization settings has no bytes.
         ("MTi-3", "SyncSettings", (), "FA FF 2D 00 D4"),
         ("MTi-3", "SyncSettings", (sync(0, 0),), "FA FF 2D 00 D4"),
         # Empty lists of outputs are one entry of zeros, in the setting and in the reply (FACTS 2.5, 5.5).
@@ -416,7 +416,7 @@ def test_other_lists_are_never_empty() -> None:
 
 
 def test_a_slow_period_becomes_a_skip_factor() -> None:
-    """SetPeriod: 50 Hz are 100 Hz, of which every other one is left out."""
+    """SetPeriod: 50 Hz is 100 Hz with every other sample skipped."""
     device = configurable(300)
     assert ask(device, "SetPeriod", 2304) is None
     assert (ask(device, "ReqPeriod"), ask(device, "ReqOutputSkipFactor")) == (1152, 1)
@@ -441,7 +441,7 @@ def test_filter_profiles_are_those_of_the_product() -> None:
 
 
 def test_option_flags_are_set_and_cleared() -> None:
-    """What is in both masks is set; clearing what a product lacks is no mistake."""
+    """A flag in both masks is set. Clearing a flag that the product lacks is accepted."""
     device = configurable(3)
     a, b = OptionFlag.ENABLE_AHS, OptionFlag.ENABLE_IN_RUN_COMPASS_CALIBRATION
     for change, flags in [
@@ -457,7 +457,7 @@ def test_option_flags_are_set_and_cleared() -> None:
 
 
 def test_disable_auto_store_loses_settings_at_a_restart() -> None:
-    """Table 8: changes are lost, but for the flags themselves."""
+    """Table 8: changes are lost, except for the flags themselves."""
     device = configurable(3)
     ask(device, "SetLocationID", 1)
     ask(device, "SetOptionFlags", OptionFlags(set=OptionFlag.DISABLE_AUTO_STORE))
@@ -475,7 +475,7 @@ def test_disable_auto_store_loses_settings_at_a_restart() -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# What it says of itself
+# Identity
 # ---------------------------------------------------------------------------------------------
 
 
@@ -506,7 +506,7 @@ def test_the_identity_can_be_chosen() -> None:
     assert ask(device, "ReqProductCode") == "MTi-3-5A"
     assert ask(device, "ReqFWRev") == Firmware(1, 2, 3, 4, 5)
     assert ask(device, "ReqHardwareVersion") == HardwareVersion(3, 1)
-    # Table 23: on which the high rate depends.
+    # Table 23: the highest rate depends on the hardware version.
     fast = [Output(DataId.AccelerationHR)]
     assert ask(device, "SetOutputConfiguration", fast) == (Output(DataId.AccelerationHR, 1000),)
     other = configurable("MTi-3")
@@ -545,18 +545,18 @@ def test_emts() -> None:
 
 @pytest.mark.parametrize("product", PRODUCTS)
 def test_start_without_a_host(product: int) -> None:
-    """Section 4: WakeUp, then from the 10-series on Configuration and eMTS, and samples."""
+    """Section 4: WakeUp, then Configuration and eMTS (not on the 1-series), and samples."""
     device = booted(product)
     device.advance(0.45)
     assert (device.read(), device.state) == (b"", State.WAKEUP)
     device.advance(0.25)
     assert device.state is State.MEASUREMENT
     found = messages(device.read())
-    told = [MessageId.Configuration, MessageId.EmtsData]
+    expected = [MessageId.Configuration, MessageId.EmtsData]
     if PRODUCTS[product].series == "1-series":
         assert {message.mid for message in found} == {MessageId.MTData2}
     else:
-        assert [message.mid for message in found[:2]] == told
+        assert [message.mid for message in found[:2]] == expected
         assert {message.mid for message in found[2:]} == {MessageId.MTData2}
     assert {message.bid for message in found} == {0xFF}
 
@@ -637,7 +637,7 @@ def test_messages_for_other_devices_are_ignored() -> None:
 
 
 def test_a_configurable_bus_id_is_used_in_every_message() -> None:
-    """Table 8: all traffic carries it."""
+    """Table 8: all messages carry the bus identifier."""
     device = configurable(300, bus_id=7)
     assert exchange(device, frame("ReqDID", bid=7)) == b""
     flags = OptionFlags(set=OptionFlag.ENABLE_CONFIGURABLE_BUS_ID)
@@ -667,7 +667,7 @@ def test_chunking_and_garbage_do_not_change_replies() -> None:
 
 def test_the_extended_length_is_accepted_for_any_payload() -> None:
     device = configurable(630)
-    # Also where the short form would do.
+    # Even if the short form is sufficient.
     assert mids(exchange(device, bytes.fromhex("FA FF 00 FF 00 00 02"))) == [MessageId.DeviceID]
     long = frame("ForwardGnssData", bytes(2000))
     device = measuring(configurable(680))
@@ -708,7 +708,7 @@ def test_any_bytes_leave_the_device_working(
     assert mids(exchange(device, frame("GoToConfig"))) == [MessageId.GoToConfigAck]
 
 
-#: What a host may send by mistake: noise, preambles, and beginnings of frames that promise more.
+#: Bytes that a host can send by mistake: noise, preambles, and incomplete frames.
 GARBAGE = st.one_of(
     st.binary(min_size=1, max_size=300),
     st.integers(1, 300).map(lambda count: b"\xfa" * count),
@@ -729,7 +729,7 @@ GARBAGE = st.one_of(
 def test_garbage_does_not_hide_a_later_request(
     product: int, rate: int | None, start: float, pieces: list[tuple[bytes, float]]
 ) -> None:
-    """A tenth of a second after it, GoToConfig is answered."""
+    """GoToConfig is answered a tenth of a second after garbage."""
     device = SimulatedDevice(product, baudrate=rate)
     device.advance(start)
     for data, pause in pieces:
@@ -738,7 +738,7 @@ def test_garbage_does_not_hide_a_later_request(
     device.advance(0.1)
     device.read()
     device.write(frame("GoToConfig"))
-    # EmtsData takes longer than a tenth of a second.
+    # EmtsData takes more than a tenth of a second.
     device.advance(0.3)
     found = mids(device.read())
     assert [mid for mid in found if mid != MessageId.MTData2][-1:] == [MessageId.GoToConfigAck]
@@ -748,7 +748,7 @@ def test_garbage_does_not_hide_a_later_request(
 @pytest.mark.parametrize("size", [1, 7, 4096])
 @pytest.mark.parametrize("pause", [0.0, 0.001])
 def test_garbage_uses_no_memory(size: int, pause: float) -> None:
-    """Whatever comes, and in whatever pieces; nor does what is never finished."""
+    """Memory use is bounded for any bytes in any pieces, incomplete frames included."""
     rng = np.random.default_rng(1)
     pieces = [rng.integers(0, 256, size, np.uint8).tobytes(), bytes.fromhex("FAFF00FF0800") * size]
     device = configurable(630)
@@ -762,7 +762,7 @@ def test_garbage_uses_no_memory(size: int, pause: float) -> None:
 
     tracemalloc.start()
     try:
-        run()  # numpy keeps small blocks for the next array
+        run()  # caches fill in the first run
         before, _ = tracemalloc.get_traced_memory()
         run()
         after, _ = tracemalloc.get_traced_memory()
@@ -815,7 +815,7 @@ def test_a_new_rate_is_used_after_the_next_start(product: str) -> None:
 
 
 def test_a_port_setting_changes_the_rate() -> None:
-    """On the 600-series it is a property of the ports, and SetBaudrate a short form."""
+    """On the 600-series the ports have rates, and SetBaudrate sets those of the Xbus ports."""
     device = configurable("MTi-680G", baudrate=115_200)
     ports = ask(device, "ReqPortConfig")
     assert [(port.protocol, port.baudrate) for port in ports] == [
@@ -840,7 +840,7 @@ def test_an_unsupported_rate_is_refused() -> None:
 
 
 def test_a_fast_line_loses_nothing() -> None:
-    """At 115,200 baud 11,520 bytes a second; a frame is there when its last byte is."""
+    """115,200 baud are 11,520 bytes per second. A frame arrives with its last byte."""
     device = measuring(configurable(630, baudrate=115_200))
     device.read()
     device.advance(0.955)
@@ -853,7 +853,7 @@ def test_a_fast_line_loses_nothing() -> None:
 
 
 def test_a_slow_line_loses_samples_and_reports_it() -> None:
-    """Whole samples are lost, which their counter shows, and Error 41 comes once a second."""
+    """Whole samples are lost, their counter shows it, and Error 41 is sent once a second."""
     device = measuring(configurable(630, baudrate=9600), DataId.PacketCounter, Output(0x4020, 400))
     device.read()
     device.advance(5)
@@ -870,7 +870,7 @@ def test_a_slow_line_loses_samples_and_reports_it() -> None:
 
 
 def test_restore_communication() -> None:
-    """Section 7.2: it then talks at 115,200 baud, with the settings of Table 41."""
+    """Section 7.2: the device then uses 115,200 baud, and the settings of Table 41 are restored."""
     device = configurable(3, baudrate=9600)
     ask(device, "SetOutputConfiguration", [Output(DataId.Acceleration, 10)])
     ask(device, "SetSyncSettings", [sync(LATEST, SyncLine.SOFTWARE)])
@@ -1020,15 +1020,15 @@ def test_the_status_word_follows_the_product_and_the_fix(product: int) -> None:
     device = measuring(configurable(product, time_to_fix=1.0))
     words = log_of(device, 2.0)["status_word"].values
     numbers = {row.name: flag(words[[1, -1]], row.name) for row in STATUS_FLAGS}
-    told = {name: value for name, value in numbers.items() if any(value)}
+    flags = {name: value for name, value in numbers.items() if any(value)}
     expected = {} if PRODUCTS[product].series == "600-series" else {"selftest": [1, 1]}
     if product in GNSS_NUMBERS:
         fix = ["filter_valid", "gnss_fix", "clock_bias_estimation", "have_gnss_time_pulse"]
         expected |= {name: [0, 1] for name in fix} | {"filter_mode": [0, 3]}
     elif product not in IMU_NUMBERS:
         expected |= {"filter_valid": [1, 1]}
-    assert told == expected
-    # Of the first sample only.
+    assert flags == expected
+    # In the first sample only.
     assert flag(words, "filter_input_start") == [1] + [0] * (len(words) - 1)
 
 
@@ -1044,12 +1044,12 @@ def test_alignment_rotations_rotate_measurements() -> None:
 
 
 def angles(device: SimulatedDevice) -> list[float]:
-    """Roll, pitch and yaw of the next sample."""
+    """Returns roll, pitch and yaw of the next sample."""
     return [round(float(value), 3) for value in log_of(device, 0.01)["euler_angles"].values[0]]
 
 
 class Tilted:
-    """At rest: rolled by 10, pitched by 20 and turned by 30 degrees."""
+    """A trajectory at rest with roll 10, pitch 20 and yaw 30 degrees."""
 
     origin = LatLonAlt(52.0, 6.0, 0.0)
 
@@ -1073,16 +1073,16 @@ def tilted(product: str = "MTi-630") -> SimulatedDevice:
     ],
 )
 def test_an_orientation_reset_changes_the_output(code: ResetCode, after: list[float]) -> None:
-    """Table 33: at once, until Measurement begins anew; stored in Config it lasts."""
+    """Table 33: a reset acts at once, until the next Measurement. Stored in Config it persists."""
     device = tilted()
     assert angles(device) == [10, 20, 30]
     assert ask(device, "ResetOrientation", code) is None
     assert angles(device) == after
-    # It is discarded.
+    # The reset is discarded.
     ask(device, "GoToConfig")
     measuring(device)
     assert angles(device) == [10, 20, 30]
-    # It is stored.
+    # The reset is stored.
     ask(device, "ResetOrientation", code)
     device.advance(0.1)
     device.read()
@@ -1134,7 +1134,7 @@ def test_storing_without_a_reset_changes_nothing() -> None:
 
 @pytest.mark.parametrize(("trajectory", "outcome"), [("still", 0), ("turn", 2)])
 def test_a_no_rotation_update_needs_a_device_at_rest(trajectory: str, outcome: int) -> None:
-    """SetNoRotation is acknowledged at once; how it went is in the status word."""
+    """SetNoRotation is acknowledged at once; the status word has the result."""
     device = measuring(configurable(300, trajectory=trajectory))
     assert ask(device, "SetNoRotation", 2) is None
     found = flag(log_of(device, 4.0)["status_word"].values, "no_rotation_update_status")
@@ -1209,7 +1209,7 @@ def synced(
 
 @pytest.mark.parametrize("product", [3, 300, 630])
 def test_req_data_sends_the_newest_sample(product: int) -> None:
-    """With SendLatest on the software line samples come when they are asked for."""
+    """With SendLatest on the software line, samples are sent on request only."""
     device = synced(product, sync(LATEST, SyncLine.SOFTWARE))
     device.advance(1.0)
     assert device.read() == b""
@@ -1237,7 +1237,7 @@ def test_pvt_data_is_sent_once() -> None:
 
 
 def test_an_edge_with_send_latest_sends_a_sample() -> None:
-    """With its delay; other edges and lines do nothing."""
+    """The sample is sent after the delay. Other edges and lines have no effect."""
     device = synced(630, sync(LATEST, SyncLine.IN2, Polarity.FALLING, offset=50))
     device.trigger(SyncLine.IN2)
     device.trigger(SyncLine.IN1, rising=False)
@@ -1272,7 +1272,7 @@ def test_the_setting_decides_which_edges_trigger(options: dict[str, Any], count:
 
 
 def test_the_600_series_sends_triggers_as_data() -> None:
-    """A message of its own, with microseconds and without a counter."""
+    """The trigger is a separate message, with microseconds and without a counter."""
     outputs = (*SAMPLE, DataId.TriggerIn1, DataId.TriggerIn2)
     device = synced(
         630,
@@ -1303,7 +1303,7 @@ def test_a_trigger_that_is_not_an_output_is_not_sent() -> None:
 
 
 def test_older_series_set_a_status_flag_for_a_trigger() -> None:
-    """The SyncIn marker of the next sample."""
+    """The next sample has the SyncIn marker."""
     device = synced(300, sync(TRIGGER, SyncLine.IN1))
     device.advance(0.1)
     device.read()
@@ -1312,7 +1312,7 @@ def test_older_series_set_a_status_flag_for_a_trigger() -> None:
 
 
 def test_clock_bias_estimation_needs_a_reference_clock_on_time() -> None:
-    """A reference clock at the period that was set, within 0.5 %."""
+    """The reference clock must have the configured period within 0.5 %."""
     device = synced(630, sync(CLOCK, SyncLine.IN1, offset=100))
     found = []
     for pause in (0.1, 0.1, 0.1003, 0.11, 0.1, 0.1):
@@ -1336,7 +1336,7 @@ def utc_of(device: SimulatedDevice) -> str:
 
 
 def test_utc_without_gnss_is_that_of_the_calendar() -> None:
-    """It is what it is set to, and what power gives."""
+    """The calendar keeps the time that is set, until the next power-up."""
     device = configurable(630, utc=np.datetime64("2024-02-29T23:59:59", "ns"))
     assert utc_of(device) == "2024-02-29 23:59:59.1000 0"
     device.advance(1.5)
@@ -1358,7 +1358,7 @@ def test_utc_without_gnss_is_that_of_the_calendar() -> None:
 
 
 def test_utc_with_gnss_is_that_of_the_receiver() -> None:
-    """GNSS sets it right (SetUTCTime)."""
+    """GNSS corrects the calendar (SetUTCTime)."""
     device = configurable(670, utc=UTC, time_to_fix=2.0)
     ask(device, "SetUTCTime", UtcTime(0, 2040, 1, 1, 0, 0, 0))
     assert utc_of(device).startswith("2040-01-01")
@@ -1369,7 +1369,7 @@ def test_utc_with_gnss_is_that_of_the_receiver() -> None:
 
 
 def test_position_and_flags_need_a_fix() -> None:
-    """Position comes with the fix, and after a power cycle it takes its time again."""
+    """Position comes with the fix. After a power cycle the fix takes the same time again."""
     device = measuring(configurable(710, time_to_fix=1.5))
     log = log_of(device, 2.9)
     assert (len(log), len(log["lat_lon"])) == (290, 151)
@@ -1380,7 +1380,7 @@ def test_position_and_flags_need_a_fix() -> None:
 
 
 def test_without_an_antenna_the_fix_is_lost() -> None:
-    """Table 27: coasting for a minute, then without GNSS, until there is a fix again."""
+    """Table 27: coasting for a minute, then without GNSS, until the next fix."""
     device = configurable(710, time_to_fix=1.0)
     measuring(
         device,
@@ -1415,7 +1415,7 @@ RTCM = bytes.fromhex("D300133ED7D30202980EDEEF34B4BD62AC0941986F33360B98")
 
 
 def rtk(device: SimulatedDevice, seconds: float) -> list[int]:
-    """RTK status at the end of each second, which must be that of the PVT data."""
+    """Returns the RTK status at the end of each second; the PVT data must have the same."""
     found = []
     for _ in range(round(seconds)):
         log = log_of(device, 1.0)
@@ -1425,7 +1425,7 @@ def rtk(device: SimulatedDevice, seconds: float) -> list[int]:
 
 
 def test_corrections_lead_to_an_rtk_fix() -> None:
-    """RTCM 3 makes floating and then fixed carrier phases, as long as it comes."""
+    """RTCM 3 leads to RTK float and then RTK fixed, as long as corrections arrive."""
     device = configurable(680, time_to_fix=0.0)
     measuring(
         device,
@@ -1437,7 +1437,7 @@ def test_corrections_lead_to_an_rtk_fix() -> None:
     assert rtk(device, 3) == [0, 0, 0]
     found = []
     for _ in range(12):
-        # In any pieces; whatever else the receiver understands does not matter.
+        # Corrections can arrive in any pieces, between other bytes.
         assert ask(device, "ForwardGnssData", b"\xb5\x62\xd3" + RTCM[:5]) is None
         assert ask(device, "ForwardGnssData", RTCM[5:]) is None
         found += rtk(device, 1)

@@ -1,4 +1,4 @@
-"""Lines with faults: what they do to bytes, and that it is the same each time."""
+"""Lines with faults: their damage, and that it is reproducible."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ DATA = np.random.default_rng(1).integers(0, 256, 20_000, np.uint8).tobytes()
 
 
 def through(faults: Faults, data: bytes = DATA, time: float = 0.0) -> bytes:
-    """What comes out of a line of what is sent at one time."""
+    """Returns the bytes that arrive after bytes are sent at one time."""
     line = FaultyLine(faults)
     line.feed(data, time)
     return line.take(1e9)
@@ -75,7 +75,7 @@ def test_chunking_has_no_effect(cuts: list[int]) -> None:
 
 
 def arrivals(faults: Faults, times: list[float], until: float = 20.0) -> dict[str, float]:
-    """When bytes sent at these times come, to a tenth of a second."""
+    """Returns when bytes sent at these times arrive, to a tenth of a second."""
     line = FaultyLine(faults)
     came: dict[str, float] = {}
     for tick in range(round(until * 10) + 1):
@@ -142,7 +142,7 @@ def test_parse(text: str, faults: Faults) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "message"),
     [
         ("flop=1", "'flop=1' is not a fault: use flip=P, "),
         ("seed=1", "'seed=1' is not a fault: use "),
@@ -158,8 +158,8 @@ def test_parse(text: str, faults: Faults) -> None:
         ("unplug=1:-1", "the duration of unplug must be 0 seconds or more, not -1.0"),
     ],
 )
-def test_parse_refuses_other_texts(text: str, said: str) -> None:
-    with pytest.raises(ValueError, match="^" + said.replace("(", r"\(")):
+def test_parse_refuses_other_texts(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match="^" + message.replace("(", r"\(")):
         Faults.parse(text.split())
 
 
@@ -170,11 +170,11 @@ def test_the_constructor_checks_its_values() -> None:
             Faults(**arguments)
 
 
-# On the whole: a device read through such a line
+# A device behind a faulty line
 
 
 def samples_of(device: SimulatedDevice, seconds: float) -> list[Sample]:
-    """What a program gets in the first seconds."""
+    """Returns the bytes that a program receives in the first seconds."""
     host = Device(SimLink(device))
     found = []
     while device.time < seconds:
@@ -204,7 +204,7 @@ def numbers(samples: Iterable[Sample]) -> list[int]:
 def test_received_samples_are_right_and_lost_ones_are_counted(
     faults: Faults, product: str, rate: int | None, seed: int
 ) -> None:
-    """Every sample is one that was sent, once and in order, and the counter shows how many did not come.
+    """Every received sample was sent, once and in order, and the counter shows how many are missing.
 
     Several flipped bits in a frame could make a wrong one right: a sum of eight bits promises no more.
     """
@@ -216,7 +216,7 @@ def test_received_samples_are_right_and_lost_ones_are_counted(
     assert all(before < after for before, after in pairwise(received))
     assert {message.payload for message in came} <= {message.payload for message in sent}
 
-    # An accident costs the frame that it happens to, and no other.
+    # A damaged byte costs its frame and no other.
     sizes = np.array([len(message.payload) + 5 for message in sent[: received[-1] + 1]])
     expected = (1 - (1 - faults.drop) ** sizes * (1 - faults.flip) ** (8 * sizes)).sum()
     missing = len(sizes) - len(received)

@@ -1,4 +1,4 @@
-"""The motion of virtual devices: derivatives that are derivatives, and the Earth below."""
+"""The motion of virtual devices: exact derivatives, rotations and the Earth."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ WALK = xbus.read_log(OWN_CAPTURES / "walk.mtb")
 
 
 def sampled() -> SampledTrajectory:
-    """Rows of another trajectory, unevenly spaced, each quaternion with any sign and length."""
+    """Returns a trajectory through unevenly spaced rows, with quaternions of any sign and norm."""
     rng = np.random.default_rng(5)
     time = np.cumsum(rng.integers(1, 4, 600)) / 16
     rows = trajectory("tumble").at(time).orientation * rng.choice([-2.0, 0.5, 1.0], (600, 1))
@@ -37,7 +37,7 @@ PATHS: dict[str, Callable[[], Trajectory]] = {
     "log": lambda: SampledTrajectory.from_log(WALK),
 }
 
-#: A power of two, so that times a few steps apart are exact at any hour.
+#: A power of two, so that times a few steps apart are exact at any time of the day.
 STEP = 2.0**-10
 
 
@@ -47,7 +47,7 @@ def path(request: pytest.FixtureRequest) -> Trajectory:
 
 
 def derivative(at: Callable[[FloatArray], FloatArray], time: FloatArray) -> FloatArray:
-    """By central differences of fourth order."""
+    """Returns derivatives by central differences of fourth order."""
     near = at(time + STEP) - at(time - STEP)
     far = at(time + 2 * STEP) - at(time - 2 * STEP)
     return (8 * near - far) / (12 * STEP)
@@ -65,7 +65,7 @@ def test_velocity_acceleration_and_rate_of_turn_are_derivatives(
     path: Trajectory, hours: int
 ) -> None:
     bound = 2e-6  # m/s, m/s2, rad/s
-    # Between the rows of the sampled ones, where their third derivatives step.
+    # Third derivatives of a sampled trajectory step between its rows.
     time = 3600 * hours + np.arange(0, 70, 0.25) + 5 * STEP
     motion = path.at(time)
     velocity = derivative(lambda time: path.at(time).position, time)
@@ -86,7 +86,7 @@ def test_the_product_of_delta_q_is_the_quaternion(path: Trajectory, rate: int) -
         odd = product[len(product) & ~1 :]
         product = quaternion.multiply(product[0 : len(product) & ~1 : 2], product[1::2])
         product = np.concatenate([product, odd])
-    # Products of very many unit quaternions lose their length, by 1e-16 each.
+    # Each product of unit quaternions changes the norm by 1e-16.
     product /= np.linalg.norm(product)
     turned = quaternion.multiply(motion.orientation[0], product[0])
     np.testing.assert_allclose(turned, motion.orientation[-1], rtol=0, atol=1e-12)
@@ -182,7 +182,7 @@ def test_a_trajectory_by_name_or_as_it_is() -> None:
         trajectory(3)  # type: ignore[arg-type]
 
 
-# The user's rows
+# Given rows
 
 
 def test_rows_are_passed_through() -> None:
@@ -299,7 +299,7 @@ def test_a_log_gives_the_recorded_motion() -> None:
     lat, lon, _ = earth.enu_to_geodetic(motion.position, path.origin)
     place = np.stack([lat, lon], axis=1)
     np.testing.assert_allclose(place, WALK["lat_lon"].values, rtol=0, atol=1e-9)
-    # The recording's velocity has noise of its own.
+    # The recorded velocity has independent noise.
     level = motion.velocity[:, :2] - WALK["velocity_xyz"].values[:, :2]
     assert np.abs(level).max() < 0.05
 
@@ -309,7 +309,7 @@ QUATERNIONS = trajectory("tumble").at(np.arange(100) / 100).orientation
 
 @pytest.mark.parametrize(
     ("coordinates", "matrix"),
-    # Rows: what the axes of the local frame are in east, north, up.
+    # Rows: the axes of the local coordinates in east, north, up.
     [
         ("ENU", [[1, 0, 0], [0, 1, 0], [0, 0, 1]]),
         ("NED", [[0, 1, 0], [1, 0, 0], [0, 0, -1]]),
@@ -448,7 +448,7 @@ def test_geodetic_and_ecef_and_back() -> None:
     lat, lon, alt = earth.ecef_to_geodetic(earth.geodetic_to_ecef(*expected.T))
     np.testing.assert_allclose(lat, expected[:, 0], rtol=0, atol=1e-9)
     np.testing.assert_allclose(alt, expected[:, 2], rtol=0, atol=1e-6)
-    # At the poles every longitude is the same place: compare metres.
+    # Longitude has no meaning at the poles: compare metres.
     apart = np.radians(lon - expected[:, 1]) * np.cos(np.radians(lat)) * earth.A
     assert np.abs(apart).max() < 1e-6
 

@@ -269,7 +269,7 @@ def test_a_client_who_only_reads_is_not_idle() -> None:
         exchange(server, client, b"here")
         for _ in range(5):
             clock.now += 9
-            device.says = b"sample"
+            device.sends = b"sample"
             server.step(0)
             assert client.read(6) == b"sample"
         assert server.has_client
@@ -283,7 +283,7 @@ def test_a_client_who_never_reads_is_idle() -> None:
 
         def send() -> bool:
             clock.now += 1
-            device.says = bytes(1 << 20)
+            device.sends = bytes(1 << 20)
             return not server.has_client
 
         step_until(server, send)

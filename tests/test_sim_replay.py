@@ -27,17 +27,17 @@ WAKE_UP = frame(0x3E)
 
 
 def at(seconds: float) -> bytes:
-    """A sample with this time stamp."""
+    """Returns a sample with this time stamp."""
     return mtdata2(fine(round(seconds * 10_000)))
 
 
 def gnss(seconds: float) -> bytes:
-    """A sample of the receiver."""
+    """Returns a sample of the receiver."""
     return mtdata2(fine(round(seconds * 10_000)), packet(0x7010, bytes(94)))
 
 
 def played(data: bytes) -> list[tuple[float, bytes]]:
-    """What is sent, and when."""
+    """Returns what is sent, each with its time."""
     return Replay(data).play(0.0).take(1e9)
 
 
@@ -71,16 +71,16 @@ def test_frames_keep_their_pace() -> None:
         ([], []),
         ([at(5.0)], [0.0]),
         ([at(5.0), at(5.5), at(6.5)], [0.0, 0.5, 1.5]),
-        # Without a stamp, and behind the others: between the neighbours.
+        # Without a stamp, or later than the others: between the neighbours.
         ([at(5.0), PLAIN, PLAIN, at(5.3)], [0.0, 0.1, 0.2, 0.3]),
         ([at(5.0), gnss(1.0), at(5.5), gnss(9.0), at(6.0)], [0.0, 0.25, 0.5, 0.75, 1.0]),
         ([PLAIN, at(5.0), at(5.5), PLAIN], [0.0, 0.0, 0.5, 0.5]),
-        # A device that was restarted, and a recording that was interrupted.
+        # A restarted device, and an interrupted recording.
         ([at(60.0), at(60.5), at(0.1), at(0.2)], [0.0, 0.5, 0.5, 0.6]),
         ([at(5.0), at(500.0)], [0.0, LONGEST_PAUSE]),
-        # Without any stamp.
+        # Without stamps.
         ([PLAIN] * 3, [0.0, 1 / UNSTAMPED_RATE, 2 / UNSTAMPED_RATE]),
-        # Other messages come with the next sample.
+        # Other messages are sent with the next sample.
         ([ERROR, at(5.0), UNKNOWN, at(5.5), ERROR], [0.0, 0.0, 0.5, 0.5, 0.5]),
         ([ERROR, UNKNOWN], [0.0, 0.0]),
     ],

@@ -18,21 +18,21 @@ from xbus.sim.serve import QUEUE_SIZE, PtyServer, Server, TcpServer, serve
 
 
 class Fake:
-    """A device that says what it heard, and whatever else a test wants."""
+    """A device that sends back what it receives, and other bytes that a test adds."""
 
     def __init__(self, baudrate: int | None = None) -> None:
         self.is_serial, self.plugged, self.time = baudrate is not None, True, 0.0
-        self.says = b""
+        self.sends = b""
         self.rates: list[int | None] = []
         self.steps: list[float] = []
 
     def write(self, data: bytes, baudrate: int | None = None) -> None:
-        self.says += data
+        self.sends += data
         self.rates.append(baudrate)
 
     def read(self, baudrate: int | None = None) -> bytes:
-        said, self.says = self.says, b""
-        return said
+        sent, self.sends = self.sends, b""
+        return sent
 
     def advance(self, dt: float) -> None:
         self.time += dt
@@ -66,7 +66,7 @@ def open_port(server: Server, **options: Any) -> Any:
 
 
 def step_until(server: Server, done: Callable[[], bool]) -> None:
-    """Steps as long as needed: the kernel takes its time to hand bytes over."""
+    """Steps until a condition holds: the kernel needs time to deliver bytes."""
     for _ in range(1000):
         if done():
             return
@@ -75,7 +75,7 @@ def step_until(server: Server, done: Callable[[], bool]) -> None:
 
 
 def exchange(server: Server, client: Any, data: bytes) -> bytes:
-    """What the fake device sends back."""
+    """Returns what the fake device sends back."""
     client.write(data)
     step_until(server, lambda: client.in_waiting > 0)
     return bytes(client.read(len(data)))
@@ -94,7 +94,7 @@ needs_ipv6 = pytest.mark.skipif(not _has_ipv6(), reason="no IPv6 here")
 ALL_BYTES = bytes(range(256))
 
 
-# On both
+# Both servers
 
 
 def test_all_bytes_go_both_ways_unchanged(server: Server) -> None:
@@ -104,14 +104,14 @@ def test_all_bytes_go_both_ways_unchanged(server: Server) -> None:
 
 def test_a_new_client_receives_no_old_bytes(server: Server) -> None:
     device: Any = server.device
-    device.says = b"before anybody came"
+    device.sends = b"before anybody came"
     server.step(0)
     with open_port(server) as client:
         assert exchange(server, client, b"first") == b"first"
-        device.says = b"while the first one was leaving"
+        device.sends = b"while the first one was leaving"
         server.step(0)
     step_until(server, lambda: not server.has_client)
-    device.says = b"while nobody was there"
+    device.sends = b"without a client"
     server.step(0)
     with open_port(server) as client:
         assert exchange(server, client, b"second") == b"second"
@@ -123,7 +123,7 @@ def test_a_client_that_does_not_read_loses_whole_steps(server: Server) -> None:
         assert exchange(server, client, b"here") == b"here"
         numbers = 0
         while server.lost < 100_000:
-            device.says = b"%9d " % numbers * 5000
+            device.sends = b"%9d " % numbers * 5000
             numbers += 1
             server.step(0)
         assert server.lost % 50_000 == 0
@@ -157,8 +157,8 @@ def test_a_step_ends_when_bytes_arrive(server: Server) -> None:
 
 def test_serve_runs_in_a_thread(server: Server) -> None:
     stop = threading.Event()
-    told: list[str] = []
-    thread = threading.Thread(target=serve, args=(server, stop.is_set, told.append))
+    ports: list[str] = []
+    thread = threading.Thread(target=serve, args=(server, stop.is_set, ports.append))
     thread.start()
     try:
         with open_port(server) as client:
@@ -168,7 +168,7 @@ def test_serve_runs_in_a_thread(server: Server) -> None:
     finally:
         stop.set()
         thread.join()
-    assert told == [server.port]
+    assert ports == [server.port]
 
 
 def test_closing_disconnects_the_client(server: Server) -> None:
@@ -182,7 +182,7 @@ def test_closing_disconnects_the_client(server: Server) -> None:
         serial.serial_for_url(port)
 
 
-# On pseudo-terminals
+# Pseudo-terminals
 
 
 def test_the_terminal_is_raw_again_after_a_client() -> None:
@@ -230,7 +230,7 @@ def test_a_pulled_plug_disconnects_and_a_new_port_appears(tmp_path: Path) -> Non
             with pytest.raises((serial.SerialException, OSError)):
                 client.read(1)
             server.step(0)
-            # The first client still holds the old number.
+            # The first client still has the old terminal open.
             device.plugged = True
             server.step(0)
         assert server.port == str(link)
@@ -242,7 +242,7 @@ def test_a_pulled_plug_disconnects_and_a_new_port_appears(tmp_path: Path) -> Non
 
 def test_each_new_port_is_reported() -> None:
     device = Fake()
-    told: list[str] = []
+    ports: list[str] = []
     steps = iter(range(9))
 
     def until() -> bool:
@@ -251,9 +251,9 @@ def test_each_new_port_is_reported() -> None:
         return step == 8
 
     with on_pty(device) as server:
-        serve(server, until, told.append)
-        assert len(told) == 2
-        assert told[1] == server.port
+        serve(server, until, ports.append)
+        assert len(ports) == 2
+        assert ports[1] == server.port
 
 
 def test_a_stale_link_is_replaced_and_a_file_is_not(tmp_path: Path) -> None:
@@ -265,7 +265,7 @@ def test_a_stale_link_is_replaced_and_a_file_is_not(tmp_path: Path) -> None:
         assert server.port == str(link)
         with pytest.raises(FileExistsError):
             on_pty(Fake(), link=file)
-        # Somebody else's link stays.
+        # A link to another port is kept.
         link.unlink()
         link.symlink_to("elsewhere")
     assert link.readlink() == Path("elsewhere")
@@ -283,12 +283,12 @@ def test_a_terminal_without_a_client_uses_no_processor_time() -> None:
         assert exchange(server, client, b"here") == b"here"
         client.close()
         step_until(server, lambda: not server.has_client)
-        # A terminal that has hung up is always ready: it must not be waited for.
+        # A terminal without a client is always ready, so the server must not wait for it.
         assert isinstance(server._selector, selectors.BaseSelector)
         assert not server._selector.get_map()
 
 
-# On TCP
+# TCP
 
 
 def test_a_second_client_is_rejected_until_the_first_has_left() -> None:

@@ -1,4 +1,4 @@
-"""What a virtual device measures and sends: the encoder, the sensors, and when which message comes."""
+"""Measurements and messages of a virtual device: the encoder, the sensors, and the times of messages."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NAMES = {quantity.id: quantity.name for quantity in QUANTITIES.values()}
 def make(
     product: int, outputs: Sequence[tuple[int, int]], path: str = "walk", **options: Any
 ) -> Stream:
-    """The stream of a product; options of the sensors and of the stream."""
+    """Returns the stream of a product, with options of the sensors and of the stream."""
     kinds = ("noise", "seed", "rot_sensor", "rot_local", "utc", "time_to_fix", "rtk")
     chosen = {key: options.pop(key) for key in kinds if key in options}
     sensors = Sensors(trajectory(path), PRODUCTS[product], **chosen)
@@ -55,7 +55,7 @@ def log_of(stream: Stream, seconds: float, status: int = 0) -> xbus.Log:
 
 
 def names(frame: bytes) -> list[str | None]:
-    """The quantities in a short frame, in order."""
+    """Returns the quantities of a frame, in order."""
     return [packet.name for packet in _core.packets(frame[4:-1] if frame[3] < 255 else frame[6:-1])]
 
 
@@ -63,7 +63,7 @@ def names(frame: bytes) -> list[str | None]:
 
 
 def contents(quantity: Quantity) -> Array:
-    """Four rows of numbers, extremes among them."""
+    """Returns four rows of numbers with extreme values."""
     random = np.random.default_rng(quantity.id)
     if quantity.kind == "real":
         rows = random.normal(0, 1000, (4, quantity.numbers))
@@ -110,7 +110,7 @@ def test_many_samples_encode_like_single_samples(quantity: Quantity) -> None:
 
 
 def test_rows_of_any_layout_in_memory_and_scalars_without_an_axis() -> None:
-    vectors = np.arange(6.0).reshape(3, 2).T  # columns beside one another
+    vectors = np.arange(6.0).reshape(3, 2).T  # not contiguous
     frames = _core.encode_samples([(0x4020, vectors), (0x0810, np.array([1.5, 2.5]))], 0xFF)
     log = xbus.read_log(frames.data)
     assert log["acceleration"].values.tolist() == vectors.tolist()
@@ -158,7 +158,7 @@ def test_invalid_arrays_are_refused(
         _core.encode_samples(packets, 0xFF)
 
 
-# When which message comes ----------------------------------------------------------------------------
+# Times of messages ----------------------------------------------------------------------------
 
 Q, EULER, ACC, GYR, MAG = 0x2010, 0x2030, 0x4020, 0x8020, 0xC020
 DV, DQ, ACC_HR, GYR_HR, PRESSURE, TEMPERATURE = 0x4010, 0x8030, 0x4040, 0x8040, 0x3010, 0x0810
@@ -290,7 +290,7 @@ def test_triggers_are_not_part_of_the_stream() -> None:
 
 # Time and counters -------------------------------------------------------------------------------------
 
-#: A bit of everything: three clocks, seven layouts.
+#: Outputs with three clocks and seven combinations of packets.
 FULL = [
     *STAMPS, (COARSE, EVERY), (UTC, EVERY), (Q, 400), (ACC, 100), (DQ, 50), (LAT_LON, 10), (TEMPERATURE, 1),
     (ACC_HR, 2000), (GYR_HR, 1600), (PVT, EVERY), (SAT, EVERY), (PULSE, EVERY), STATUS,
@@ -337,7 +337,7 @@ def test_counter_and_fine_time_wrap_and_nothing_is_lost(product: int, wrap: int)
 
 
 def test_coarse_time_continues_when_the_fine_time_wraps() -> None:
-    """So from then on the two disagree (section 5.3.6, "valid only until the wraparound")."""
+    """The two disagree after the wrap (section 5.3.6, "valid only until the wraparound")."""
     log = log_of(make(3, [(FINE, EVERY), (COARSE, EVERY), (ACC, 1)], fine_start=U32 - 15_000), 3.0)
     assert log["sample_time_fine"].values.tolist() == [U32 - 5_000, 5_000, 15_000]
     assert log["sample_time_coarse"].values.tolist() == [429_496, 429_497, 429_498]
@@ -476,7 +476,7 @@ def test_send_latest_returns_one_message_of_each_kind() -> None:
     assert (log["temperature"].values == truth["temperature"].values[-1]).all()
 
 
-# What is measured ---------------------------------------------------------------------------------------
+# Measurements ---------------------------------------------------------------------------------------
 
 
 def motion_at(path: str, time: Array) -> Any:
@@ -503,7 +503,7 @@ def test_increments_add_up_to_orientation_and_velocity(rate: int, path: str) -> 
     assert np.abs((turned * q[-1]).sum()) == pytest.approx(1, abs=1e-12)
     assert np.abs(np.cross(turned[0, 1:], q[-1, 1:])).max() < 1e-12
     assert (log["delta_q"].values[:, 0] >= 0).all()
-    # The sum of all, each rotated from the frame in which its interval began.
+    # The sum of all increments, each rotated from the coordinates at the start of its interval.
     gained = quaternion.rotate(q[:-1], log["delta_v"].values[1:]) - gravity() / rate
     assert v[0] + gained.cumsum(axis=0) == pytest.approx(v[1:], abs=1e-9)
 
@@ -522,7 +522,7 @@ def test_acceleration_less_gravity_is_the_derivative_of_velocity(
         log = log_of(make(680, [*STAMPS, *((data_id, rate) for data_id in INERTIAL)], path), 20.0)
         q, v = log["quaternion"].values, log["velocity_xyz"].values
         linear = quaternion.rotate(q, log["acceleration"].values) - gravity()
-        # Of central differences: the third derivative of velocity times dt^2 / 6.
+        # The error of central differences: the third derivative of velocity times dt^2 / 6.
         derivative = (v[2:] - v[:-2]) * rate / 2
         assert linear[1:-1] == pytest.approx(derivative, abs=bound / rate**2)
         assert linear == pytest.approx(log["free_acceleration"].values, abs=1e-9)
@@ -611,7 +611,7 @@ def test_alignment_keeps_orientation_and_vectors_together() -> None:
         assert turned[name].values == pytest.approx(seen, abs=1e-12), name
     advanced = quaternion.multiply(q[:-1], turned["delta_q"].values[1:])
     assert advanced == pytest.approx(q[1:], abs=1e-12)
-    # The same force, seen from the turned local frame.
+    # The same force, in the rotated local coordinates.
     force = quaternion.rotate(
         before, quaternion.rotate(plain["quaternion"].values, plain["acceleration"].values)
     )
@@ -679,7 +679,7 @@ def test_noise_is_white_and_of_the_density_of_a_data_sheet(rate: int) -> None:
         noise = log[name].values - clean[name].values
         assert noise.std(axis=0) == pytest.approx(density * np.sqrt(rate / 2), rel=0.1)
         assert np.abs((noise[1:] * noise[:-1]).mean(axis=0)).max() < 0.1 * noise.var()
-    # The increments are of the same sensor.
+    # The increments come from the same sensor.
     turned = 2 * quaternion.delta(clean["delta_q"].values, log["delta_q"].values)[:, 1:] * rate
     assert turned == pytest.approx(
         log["rate_of_turn"].values - clean["rate_of_turn"].values, abs=1e-6

@@ -1,4 +1,4 @@
-"""A virtual device in the hands of the vendor's software: what that sends, step by step, and insists on."""
+"""A virtual device and the vendor's software: its requests, step by step, and the replies it requires."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from xbus.sim import serving
 from xbus.wire.message import Message
 
 BAUDRATE = 115_200
-#: Seconds that it waits for answers: to GoToConfig while it scans and later, and to most others.
+#: Time-outs in seconds: of GoToConfig during the scan and later, and of most other requests.
 SCAN_TIMEOUT, CONFIG_TIMEOUT, TIMEOUT = 0.1, 0.2, 0.5
 TIMEOUTS = {MessageId.ReqConfiguration: 5.0, MessageId.ReqEmts: 10.0}
-#: Seconds of one read, and bytes.
+#: Seconds and bytes of one read.
 STEP, PIECE = 0.005, 1 << 12
 
 
@@ -34,11 +34,11 @@ class Port(Protocol):
 
 
 class PortInProcess:
-    """A port of a device in this process, whose time goes on while one reads."""
+    """A port of a device in this process, whose time advances during a read."""
 
     def __init__(self, device: SimulatedDevice) -> None:
         self.device = device
-        device.read()  # lost while nobody had it open
+        device.read()  # lost: the port was not open
 
     def write(self, data: bytes) -> None:
         self.device.write(data, baudrate=BAUDRATE)
@@ -49,7 +49,7 @@ class PortInProcess:
 
 
 class Host:
-    """What sits at the port. Every answer must be the only one, and from the address that was asked.
+    """The software at the port. Each request must get one reply, from the bus identifier of the request.
 
     Args:
         port: An open port.
@@ -64,7 +64,7 @@ class Host:
         self._silence = 0
 
     def ask(self, mid: MessageId, data: bytes = b"", timeout: float | None = None) -> bytes | None:
-        """The payload of the answer; None for Error."""
+        """Returns the payload of the reply; None for Error."""
         self.port.write(encode_frame(mid, data))
         timeout = TIMEOUTS.get(mid, TIMEOUT) if timeout is None else timeout
         for _ in range(round(timeout / STEP) * self.patience):
@@ -76,7 +76,7 @@ class Host:
         raise AssertionError(f"no answer to {mid.name} within {timeout} s")
 
     def must(self, mid: MessageId, data: bytes = b"", timeout: float | None = None) -> bytes:
-        """The payload of the answer, which must not be Error."""
+        """Returns the payload of the reply, which must not be Error."""
         answer = self.ask(mid, data, timeout)
         assert answer is not None, mid
         return answer
@@ -85,12 +85,12 @@ class Host:
         assert self.must(MessageId.GoToConfig, data, SCAN_TIMEOUT) == b""
 
     def read(self) -> list[Message]:
-        """What comes in a moment and is no sample."""
+        """Returns the messages of one read that are not samples."""
         data = self.port.read(PIECE)
         self._silence = 0 if data else self._silence + 1
         found = self._scanner.feed(data) if self._silence < 4 else self._scanner.close()
         messages = [message for message in found if isinstance(message, Message)]
-        # Who opens a port while samples come begins in the middle of one.
+        # A port that is opened during a measurement starts in the middle of a sample.
         assert len(messages) == len(found) or not self._is_in_step, found
         self._is_in_step |= bool(messages)
         self.samples += [
@@ -100,15 +100,15 @@ class Host:
 
 
 def scan(host: Host) -> None:
-    """Is anybody there, and who?"""
+    """Finds the device and reads its identity."""
     host.go_to_config()
     assert len(host.must(MessageId.ReqDID)) in (4, 8)
 
 
 def initialise(host: Host, known: Support) -> None:
-    """All that it wants to know before a program gets the device."""
+    """Reads everything that the software needs before a program can use the device."""
     host.go_to_config()
-    # To get through whatever a device may be waiting for.
+    # The thirty bytes complete a frame that the device may wait for.
     host.go_to_config(bytes(30))
     device_id = host.must(MessageId.ReqDID)
     assert device_id == encode("DeviceID", known.identity.device_id)
@@ -149,12 +149,12 @@ def initialise(host: Host, known: Support) -> None:
     assert profile is not None
 
 
-#: Asked for at 0 Hz: as often as there are samples.
+#: Requested at 0 Hz: with every sample.
 WITH_EVERY_SAMPLE = (DataId.PacketCounter, DataId.SampleTimeFine, DataId.StatusWord)
 
 
 def configure(host: Host, *measured: Output) -> None:
-    """No line of an output configuration may get lost."""
+    """The reply must have every line of the output configuration."""
     asked = [*(Output(data_id, 0) for data_id in WITH_EVERY_SAMPLE), *measured]
     answer = host.must(MessageId.SetOutputConfiguration, encode("SetOutputConfiguration", asked))
     assert len(answer) == 4 * len(asked)
@@ -166,7 +166,7 @@ def configure(host: Host, *measured: Output) -> None:
 
 
 def measure(host: Host, known: Support, count: int) -> None:
-    """As many samples, none of which is missing; the gyroscopes' biases are estimated meanwhile."""
+    """Receives samples without a gap, while the gyroscope biases are estimated."""
     assert host.must(MessageId.GoToMeasurement) == b""
     answer = host.ask(MessageId.SetNoRotation, b"\x00\x06")
     assert answer == (b"" if "SetNoRotation" in known.messages else None)
@@ -182,7 +182,7 @@ def measure(host: Host, known: Support, count: int) -> None:
 
 
 def awake(product: int, baudrate: int | None = BAUDRATE) -> SimulatedDevice:
-    """One that has been measuring for a while."""
+    """Returns a device that has been measuring for some time."""
     device = SimulatedDevice(product, baudrate=baudrate)
     device.advance(1.0)
     device.read()
@@ -194,7 +194,7 @@ def use(
     known: Support,
     patience: int = 1,
 ) -> None:
-    """From the first look to the end; the port is closed and opened again in between."""
+    """The whole session, with the port closed and opened again in between."""
     with open_port() as port:
         scan(Host(port, patience))
     with open_port() as port:
@@ -218,7 +218,7 @@ def test_every_product(product: int) -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 @pytest.mark.parametrize("product", [3, 300, 680])
 def test_on_a_port(product: int) -> None:
-    """It locks the port, which nobody else may have done."""
+    """The software locks the port, so no other process may have locked it."""
     with serving(awake(product)) as path:
 
         def on_a_pty() -> serial.Serial:
@@ -227,7 +227,7 @@ def test_on_a_port(product: int) -> None:
         use(on_a_pty, support(product), patience=40)
 
 
-# A serial line that is too slow for all of it has two kilobytes of samples before the answer.
+# A slow serial line has two kilobytes of samples in its buffer before the reply.
 @pytest.mark.parametrize(
     ("baudrate", "timeout"), [(None, SCAN_TIMEOUT), (BAUDRATE, CONFIG_TIMEOUT)]
 )
@@ -249,5 +249,5 @@ def test_go_to_config_is_answered_under_full_load(
         while MessageId.GoToConfigAck not in found:
             found += [message.mid for message in host.read()]
             assert device.time - before <= timeout
-        # That samples are lost is said at most once a second.
+        # Lost samples are reported at most once a second.
         assert found.count(MessageId.Error) <= (device.lost > 0)

@@ -1,4 +1,4 @@
-"""Bytes that mean no good: what they cost, what they hide, and what comes out of them.
+"""Hostile bytes: their cost, the frames that they hide, and the messages that they give.
 
 The attacks are made here, not kept as files: a million false preambles say all there is to say in one line.
 """
@@ -31,13 +31,13 @@ def repeated(pattern: bytes, size: int) -> bytes:
 
 
 def other_identifiers(size: int) -> bytes:
-    """A message of one packet, under 65536 identifiers in turn."""
+    """Returns messages of one packet each, with all 65536 identifiers in turn."""
     one_turn = b"".join(mtdata2(packet(data_id, b"")) for data_id in range(65536))
     return repeated(one_turn, size)
 
 
 def half_tiled(size: int) -> bytes:
-    """MTData2 of 60,000 bytes, one after every header, and each is tiled until far into it."""
+    """Returns overlapping MTData2 messages of 60,000 bytes, which packets tile far into each."""
     header = b"\xfa\xff\x36\xff\xea\x60"
     return repeated(header + b"\x70\x00\x00" * 40, size)
 
@@ -66,13 +66,13 @@ ATTACKS: dict[str, Callable[[int], bytes]] = {
 
 
 # ---------------------------------------------------------------------------------------------
-# What they say
+# Messages
 # ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("attack", ATTACKS.values(), ids=ATTACKS)
 def test_hostile_input_gives_the_expected_messages(attack: Callable[[int], bytes]) -> None:
-    """The same as the oracle reads, in small; alone, and between sound messages."""
+    """The reader and the oracle agree on a small input, alone and between sound messages."""
     data = attack(3000)
     for whole in (data, GOOD * 3 + data + GOOD * 3 + data):
         assert differences(facts(xbus.read_log(whole)), facts_of(reference.decode(whole))) == []
@@ -96,7 +96,7 @@ def test_every_byte_is_counted(attack: Callable[[int], bytes]) -> None:
 
 @pytest.mark.parametrize("attack", ATTACKS.values(), ids=ATTACKS)
 def test_frames_after_hostile_input_are_found(attack: Callable[[int], bytes]) -> None:
-    """A sound recording is not lost to what stands before it.
+    """Hostile bytes do not hide a sound recording behind them.
 
     But for headers of messages that a device may send and that may hold anything: there are a thousand
     of them in the last 8185 bytes, and one in 256 has the right sum.
@@ -111,14 +111,14 @@ def test_frames_after_hostile_input_are_found(attack: Callable[[int], bytes]) ->
 
 
 # ---------------------------------------------------------------------------------------------
-# What they cost
+# Cost
 # ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.timeout(30)
 @pytest.mark.parametrize("attack", ATTACKS.values(), ids=ATTACKS)
 def test_time_is_linear(attack: Callable[[int], bytes], tmp_path: Path) -> None:
-    """Eight megabytes: what looks at every claim anew would take hours."""
+    """Eight megabytes: a reader that checks each header from scratch would take hours."""
     data = attack(8 * MEGABYTE)
     xbus.read_log(data)
     path = tmp_path / "attack.mtb"
@@ -139,7 +139,7 @@ MEASURE = """\
     path, part = sys.argv[1:]
     xbus.read_log(bytes(100_000))
     with open("/proc/self/clear_refs", "w") as file:
-        file.write("5")  # forget the peak
+        file.write("5")  # reset the peak
     before = resident("VmRSS:")
     if part == "whole":
         log = xbus.read_log(path)
@@ -160,7 +160,7 @@ MEASURE = """\
     ],
 )
 def test_memory_is_bounded(name: str, tmp_path: Path) -> None:
-    """Where every few bytes are a message, each costs what it says; elsewhere next to nothing."""
+    """If every few bytes are a message, memory is that of the messages; otherwise it is negligible."""
     data = ATTACKS[name](8 * MEGABYTE)
     path = tmp_path / "attack.mtb"
     path.write_bytes(data)
@@ -172,7 +172,7 @@ def test_memory_is_bounded(name: str, tmp_path: Path) -> None:
     log = xbus.read_log(data)
     bound = 32 * len(data) if log.stats.frames > 100 else len(data)
     assert peak["whole"] < bound, peak
-    # A part of a megabyte costs what a megabyte can cost, twice; 65536 columns stay what they are.
+    # A part of a megabyte costs at most twice a megabyte; 65536 columns have a fixed cost.
     assert peak["parts"] < bound / 8 * 2 + 2000 * len(log.unknown) + 2 * MEGABYTE, peak
 
 
@@ -185,7 +185,7 @@ def test_memory_is_bounded(name: str, tmp_path: Path) -> None:
     "start", [b"\xfa", b"\xfa\xff", b"\xfa\xff\x36", b"\xfa\xff\x36\x10", b"\xfa\xff\x36\xff"]
 )
 def test_a_false_start_costs_one_byte(start: bytes) -> None:
-    """Whatever it claims: the search goes on right behind its preamble."""
+    """For any header, the search continues one byte after its preamble."""
     for claim in (b"", b"\x00\x20", b"\x1f\xf9", b"\xff\xff"):
         data = GOOD + start + claim + GOOD * 40
         log = xbus.read_log(data)
@@ -195,7 +195,7 @@ def test_a_false_start_costs_one_byte(start: bytes) -> None:
 
 @pytest.mark.parametrize("length", [0x20, 254, 1003, 65535])
 def test_a_frame_inside_a_false_one(length: int) -> None:
-    """The false one ends in the middle of a sound one, and its sum holds by chance."""
+    """The false frame ends inside a sound frame, and its checksum is right by chance."""
     sound = b"".join(mtdata2(counter(i), fine(i), real(0x4020, i, 1, 2)) for i in range(3000))
     size = bytes([length]) if length < 255 else b"\xff" + struct.pack(">H", length)
     header = b"\xfa\xff\x36" + size
@@ -203,14 +203,14 @@ def test_a_frame_inside_a_false_one(length: int) -> None:
     end = 1 + len(header) + length
     before = data[end]
     data[end] = -sum(data[2:end]) % 256
-    assert data[end] != before  # one sound frame pays for it
+    assert data[end] != before  # one sound frame is lost
     log = xbus.read_log(bytes(data))
     assert len(log) == 3000 - 1
     assert log.stats.lost_samples == 1
 
 
 def test_a_message_that_holds_messages() -> None:
-    """What a sound frame carries is its own: a recording in an EmtsData is not read as one."""
+    """A payload is not scanned: a recording inside an EmtsData message gives no samples."""
     inner = GOOD * 10
     assert len(inner) > 255
     log = xbus.read_log(GOOD + frame(0x91, inner) + GOOD)
@@ -220,7 +220,7 @@ def test_a_message_that_holds_messages() -> None:
 
 @pytest.mark.parametrize("size", [255, 3000, 65535])
 def test_a_long_message_cut_short(size: int) -> None:
-    """It hides nothing of what comes behind."""
+    """The cut message hides no message behind it."""
     long = frame(0x91, random.Random(size).randbytes(size).replace(b"\xfa", b"\0"))
     assert len(xbus.read_log(GOOD + long[: size // 2] + GOOD * 2000)) == 2001
 
@@ -231,7 +231,7 @@ def test_a_long_message_cut_short(size: int) -> None:
 
 
 def frames_of(data: bytes) -> list[bytes]:
-    """The frames of a sound stream, all of them in standard form."""
+    """Returns the frames of a sound stream, all in standard form."""
     frames, at = [], 0
     while at < len(data):
         end = at + data[at + 3] + 5
@@ -243,7 +243,7 @@ def frames_of(data: bytes) -> list[bytes]:
 def harmed(
     frames: list[bytes], rng: random.Random, flips: float, drops: float, bursts: float
 ) -> tuple[bytes, set[int]]:
-    """A stream with accidents at these rates (per bit, byte and byte), and where intact frames begin."""
+    """Returns a stream damaged at these rates (per bit, byte and byte), and the offsets of intact frames."""
     out, intact = bytearray(), set()
     for sound in frames:
         size = len(sound)
@@ -258,7 +258,7 @@ def harmed(
 
 
 def messages(rng: random.Random, count: int) -> list[bytes]:
-    """What devices send, of all kinds; each would be believed by itself."""
+    """Returns messages of all kinds that devices send; each is plausible."""
     found: list[bytes] = []
     while len(found) < count:
         some = streams.random_frames(rng, 20)
@@ -274,7 +274,7 @@ def messages(rng: random.Random, count: int) -> list[bytes]:
         (1e-4, 0, 0, 0),
         (0, 0, 5e-3, 1),
         (1e-3, 1e-4, 1e-4, 1),
-        # Where a byte of the last packet is lost, the next preamble stands for the checksum: 1 in 256.
+        # If a byte of the last packet is lost, the next preamble is taken for the checksum: 1 in 256.
         (1e-3, 1e-3, 1e-3, 5),
     ],
 )
@@ -282,7 +282,7 @@ def messages(rng: random.Random, count: int) -> list[bytes]:
 def test_intact_frames_are_found(
     flips: float, drops: float, bursts: float, lost: int, limit: int
 ) -> None:
-    """Nearly every one: the rule loses 3 in a million at flips of 1e-3 per bit, 1e-4 of the others."""
+    """The rule loses 3 in a million at flips of 1e-3 per bit, and 1e-4 of the other faults."""
     rng = random.Random(7)
     frames = frames_of(streams.gnssins(20_000)) + frames_of(streams.hr(20_000))
     frames += messages(rng, 2_000)
@@ -291,12 +291,12 @@ def test_intact_frames_are_found(
     log = read(data, limit=limit)
     found = set(log.offset.tolist()) | set(np.asarray(log.messages.offset).tolist())
     assert len(intact - found) <= lost
-    # One damaged frame in 256 has the right sum all the same, and of two flips one in 16 cancel.
+    # One damaged frame in 256 has a right checksum by chance, and one in 16 pairs of flips cancel.
     assert len(found - intact) < 0.03 * (len(frames) - len(intact))
 
 
 def test_every_flipped_bit_of_a_length() -> None:
-    """The byte that lies best: each of its bits, in a stream of messages, costs one message."""
+    """A flipped bit of a length byte costs one message of the stream."""
     rng = random.Random(3)
     sound = frames_of(streams.gnssins(60, 5))
     lost = 0
