@@ -163,6 +163,56 @@ def test_what_the_product_cannot_do(file: Callable[[str], str]) -> None:
     ]
 
 
+def test_a_bench_of_devices(monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]) -> None:
+    sims = [SimulatedDevice("MTi-630", device_id=0x80001000 + number) for number in range(4)]
+    connect(sims[1]).apply(xbus.Settings(location_id=7))
+    there = {f"port{number}": sim for number, sim in enumerate([*sims, SimulatedDevice("MTi-30")])}
+    monkeypatch.setattr(
+        "xbus.device.connect",
+        lambda port, *args, **more: connect(there.get(port, port), *args, **more),
+    )
+    ports = [*there, "sim:MTi-5"]
+    name = file('product = "MTi-630"\nlocation_id = 7\n')
+    planned = run("config", "apply", *ports[:3], name, "--dry-run")
+    assert planned.exit_code == 0
+    assert [row.split("  ")[-1] for row in planned.stdout.splitlines()] == [
+        "result",
+        "1 setting would be set",
+        "nothing differs",
+        "1 setting would be set",
+    ]
+    result = run("config", "apply", *ports, name)
+    assert result.exit_code == 1
+    assert result.stderr == (
+        f"xbus: 2 of 6 devices do not have the settings: {ports[4]}, sim:MTi-5\n"
+    )
+    rows = result.stdout.splitlines()
+    assert rows[0].split() == ["port", "device", "result"]
+    assert rows[1].split(maxsplit=3) == [ports[0], "MTi-630-8A1G6", "0080001000", "1 setting set"]
+    assert rows[2].endswith("nothing differs")
+    assert 'the settings are for "MTi-630", and the product of the device is MTi-30' in rows[5]
+    assert "no product is called 'MTi-5'" in rows[6]
+    assert [connect(sim).settings().location_id for sim in sims] == [7, 7, 7, 7]
+    facts = json.loads(run("config", "apply", *ports, name, "--json").stdout)
+    assert [row["port"] for row in facts] == ports
+    assert [row["problem"] is None for row in facts] == [True, True, True, True, False, False]
+    assert facts[0]["device_id"] == "0080001000"
+
+
+def test_one_device_of_a_bench_refuses(
+    monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]
+) -> None:
+    made = [Stubborn("SetLocationID", says_so=True), connect("sim:MTi-630")]
+    monkeypatch.setattr("xbus.device.connect", lambda *_, **__: made.pop())
+    name = file('location_id = 7\nfilter_profile = "Robust/VRU"')
+    result = run("config", "apply", "one", "other", name, "--json")
+    assert result.exit_code == 1
+    one, other = json.loads(result.stdout)
+    assert one["changes"] == ["filter_profile", "location_id"]
+    assert other["changes"] == ["filter_profile"]
+    assert "not applied: location_id" in other["problem"]
+
+
 def test_all_wrong_lines_are_named(file: Callable[[str], str]) -> None:
     name = file('location = 1\nlocation_id = "x"\nerror_mode = 1\ntransmit_delay = []\n')
     result = run("config", "apply", "/dev/no-such-port", name)

@@ -91,7 +91,7 @@ def diff(port: str, file: str, exit_code: bool, as_json: bool, baudrate: int | N
 
 
 @config.command(epilog="Example: xbus config apply /dev/ttyUSB0 mti.toml --dry-run")
-@_port
+@click.argument("ports", nargs=-1, required=True, metavar="PORT...")
 @_file
 @click.option("--dry-run", is_flag=True, help="Show what would be set, and set nothing.")
 @click.option(
@@ -102,10 +102,15 @@ def diff(port: str, file: str, exit_code: bool, as_json: bool, baudrate: int | N
 @click.option(
     "--no-line", is_flag=True, help="Any output fits: PORT is no serial line (USB of the device)."
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object: what was set and what not.")
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="One JSON object: what was set and what not; for several ports a list.",
+)
 @baudrate_option
 def apply(
-    port: str,
+    ports: tuple[str, ...],
     file: str,
     dry_run: bool,
     force: bool,
@@ -116,13 +121,26 @@ def apply(
     """Sets on a device what a file says otherwise.
 
     First shows what is going to be set: - as it is, + as it will be. Every setting is checked before the
-    first is sent, and read back.
+    first is sent, and read back. With several PORTs, each device is set in turn, and a table shows the
+    results; a problem with one device does not stop the others.
     """
+    from xbus.cli.config_bench import apply_to_all
     from xbus.device.settings import ApplyError
 
     settings = read_file(file)
+    if len(ports) > 1:
+        apply_to_all(
+            ports,
+            settings,
+            dry_run=dry_run,
+            check_baudrate=not no_line,
+            force=force,
+            baudrate=baudrate,
+            as_json=as_json,
+        )
+        return
     try:
-        with connect_device(port, baudrate) as device:
+        with connect_device(ports[0], baudrate) as device:
             done = applied(
                 device,
                 settings,
