@@ -167,7 +167,7 @@ fn a_recording_is_head_and_every_byte() {
     assert!(acquisition.recording().unwrap().active);
     let report = stop(&acquisition);
     acquisition.push(&samples(1));
-    assert_eq!((report.active, &report.error, report.queued), (false, &None, 0));
+    assert_eq!((report.active, &report.error, report.queued_bytes), (false, &None, 0));
     assert_eq!((report.bytes, report.frames), (stream.len() as u64, 200));
     assert_eq!(fs::read(&path).unwrap(), [head, stream].concat());
     assert_eq!(acquisition.recording(), None);

@@ -107,7 +107,7 @@ def test_nothing_is_lost_while_python_holds_its_lock(pty: tuple[int, str], tmp_p
     assert stats["quantities"][0x4040] + stats["quantities"][0x8040] == 60_000
     assert stats["overruns"] is None
     assert report == {
-        "files": [str(tmp_path / "log.mtb")],
+        "files": [tmp_path / "log.mtb"],
         "bytes": len(data),
         "frames": 60_000,
         "queued_bytes": 0,
@@ -326,7 +326,7 @@ def test_time_outs() -> None:
     taken = acquisition.read(0.01, least=4)
     assert taken is not None
     assert taken.data == b"abc", "what there is when the time is up"
-    with pytest.raises(ValueError, match="timeout is a number of seconds, not -1"):
+    with pytest.raises(ValueError, match="timeout must be a number of seconds, not -1"):
         acquisition.read(-1.0)
 
 
@@ -361,9 +361,9 @@ def test_mistakes(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError) as failed:
         acquisition.record(tmp_path / "no" / "log.mtb")
     assert failed.value.filename == str(tmp_path / "no" / "log.mtb")
-    with pytest.raises(ValueError, match="rotate later"):
+    with pytest.raises(ValueError, match="must be greater than 0"):
         acquisition.record(tmp_path / "log.mtb", rotate_bytes=0)
-    with pytest.raises(ValueError, match="flush is a number of seconds, not NaN"):
+    with pytest.raises(ValueError, match="flush must be a number of seconds, not NaN"):
         acquisition.record(tmp_path / "log.mtb", flush=float("nan"))
     assert acquisition.recording is None
     assert acquisition.stop_recording() is None

@@ -63,6 +63,7 @@ pub fn product_code(payload: &[u8]) -> Option<String> {
 
 /// The Configuration message (Tables 13 and 14; the tail, which the manual calls reserved, as devices fill it).
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "python", derive(pyo3::IntoPyObject))]
 pub struct Configuration {
     /// Device identifier.
     pub device_id: u64,

@@ -70,7 +70,7 @@ class Recording:
         """Paths of the files; the last one is being written."""
         files = self._facts().get("files", [])
         assert isinstance(files, list)  # noqa: S101 - see `_core.Acquisition.recording`
-        return files
+        return [str(path) for path in files]
 
     @property
     def bytes(self) -> int:

@@ -62,4 +62,5 @@ class Configuration:
         """What a payload of 118 bytes says; None for one that is shorter."""
         if (fields := _core.configuration(payload)) is None:
             return None
-        return cls(**{**fields, "firmware": Firmware(*fields["firmware"])})
+        firmware, filter_version = Firmware(*fields["firmware"]), tuple(fields["filter_version"])
+        return cls(**{**fields, "firmware": firmware, "filter_version": filter_version})

@@ -90,6 +90,7 @@ impl Recording {
 
 /// The state of a recording.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "python", derive(pyo3::IntoPyObject))]
 pub struct Report {
     /// The files, in order.
     pub files: Vec<PathBuf>,
@@ -98,7 +99,7 @@ pub struct Report {
     /// Frames in the files.
     pub frames: u64,
     /// Bytes that wait for the disk.
-    pub queued: usize,
+    pub queued_bytes: usize,
     /// Whether it is in progress.
     pub active: bool,
     /// Why it failed.
@@ -175,7 +176,7 @@ impl Recorder {
     /// The state of the recording.
     pub fn report(&self) -> Report {
         let queue = lock(&self.shared.queue);
-        Report { queued: queue.bytes.len(), ..queue.report.clone() }
+        Report { queued_bytes: queue.bytes.len(), ..queue.report.clone() }
     }
 
     /// Accepts no more bytes; those in the queue will be written.

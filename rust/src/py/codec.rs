@@ -4,9 +4,8 @@ use numpy::{PyArray1, PyReadonlyArrayDyn, PyUntypedArray, PyUntypedArrayMethods}
 use pyo3::IntoPyObjectExt;
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::PyBytes;
 
-use super::Row;
 use super::array::hand_over;
 use super::convert::{quantity, variant};
 use crate::device;
@@ -114,36 +113,16 @@ pub fn packets(py: Python<'_>, payload: &[u8]) -> PyResult<Vec<Packet>> {
     crate::packet::packets(payload).map_while(Result::ok).map(packet).collect()
 }
 
-/// The fields of a Configuration payload, or None if it is none.
 #[pyfunction]
-pub fn configuration<'py>(py: Python<'py>, payload: &[u8]) -> PyResult<Option<Row<'py>>> {
-    let Some(it) = device::Configuration::read(payload) else { return Ok(None) };
-    let row = PyDict::new(py);
-    row.set_item("device_id", it.device_id)?;
-    row.set_item("product_code", it.product_code)?;
-    row.set_item("sampling_period", it.sampling_period)?;
-    row.set_item("output_skip_factor", it.output_skip_factor)?;
-    row.set_item("date", it.date)?;
-    row.set_item("time", it.time)?;
-    row.set_item("devices", it.devices)?;
-    row.set_item("filter_profile", it.filter_profile)?;
-    let [major, minor, revision] = it.firmware;
-    row.set_item("firmware", (major, minor, revision))?;
-    row.set_item("output_mode", it.output_mode)?;
-    row.set_item("output_settings", it.output_settings)?;
-    row.set_item("filter_type", it.filter_type)?;
-    let [major, minor] = it.filter_version;
-    row.set_item("filter_version", (major, minor))?;
-    Ok(Some(row))
+pub fn configuration(payload: &[u8]) -> Option<device::Configuration> {
+    device::Configuration::read(payload)
 }
 
-/// The device identifier of a DeviceID payload, or None if it is none.
 #[pyfunction]
 pub fn device_id(payload: &[u8]) -> Option<u64> {
     device::device_id(payload)
 }
 
-/// The text of a ProductCode payload, or None if it is empty.
 #[pyfunction]
 pub fn product_code(payload: &[u8]) -> Option<String> {
     device::product_code(payload)

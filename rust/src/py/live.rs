@@ -13,10 +13,10 @@ use super::array::hand_over;
 use super::convert::os_error;
 use crate::live::{self, QUEUE, Recording, Report, Taken};
 
-// Signatures show numbers, not names.
+// The signatures below show this number.
 const _: () = assert!(QUEUE == 24_000_000);
 
-/// A wait is interrupted so often to hear of signals.
+/// A wait is interrupted at this interval to check for signals.
 const SLICE: Duration = Duration::from_millis(50);
 
 /// Bytes that were received, and the pieces in which they arrived.
@@ -28,7 +28,7 @@ pub struct Received {
     arrivals: Py<PyArray1<i64>>,
 }
 
-/// A stream of bytes that is taken in by a thread, or pushed.
+/// Receives a stream of bytes in a thread, or what is pushed.
 #[pyclass(module = "xbus._core", frozen)]
 pub struct Acquisition(live::Acquisition);
 
@@ -53,7 +53,7 @@ impl Acquisition {
     #[cfg(not(unix))]
     #[allow(clippy::unused_self)]
     fn open(&self, _fd: i32) -> PyResult<()> {
-        Err(PyOSError::new_err("this system's ports have no descriptors; push what you read from them"))
+        Err(PyOSError::new_err("ports of this system have no descriptors; push what you read from them"))
     }
 
     #[pyo3(signature = (timeout=None, *, least=1))]
@@ -86,34 +86,34 @@ impl Acquisition {
     }
 
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
-        let it = self.0.stats();
+        let stats = self.0.stats();
         let row = PyDict::new(py);
-        row.set_item("bytes", it.counts.bytes)?;
-        row.set_item("frames", it.counts.frames)?;
-        row.set_item("samples", it.counts.samples)?;
-        row.set_item("messages", it.counts.messages)?;
-        row.set_item("malformed", it.counts.malformed)?;
-        row.set_item("strings", it.counts.strings)?;
-        row.set_item("quantities", it.counts.quantities)?;
-        row.set_item("lost_samples", it.counts.losses.samples)?;
-        row.set_item("gaps", it.counts.losses.gaps)?;
-        row.set_item("checksum_errors", it.counts.checksum_errors)?;
-        row.set_item("skipped_bytes", it.counts.skipped_bytes)?;
-        row.set_item("errors", it.counts.errors)?;
-        row.set_item("warnings", it.counts.warnings)?;
-        row.set_item("last_error", it.counts.last_error)?;
-        row.set_item("queued_bytes", it.queued)?;
-        row.set_item("most_queued_bytes", it.most_queued)?;
-        row.set_item("dropped_bytes", it.dropped)?;
-        row.set_item("overruns", it.overruns)?;
-        row.set_item("last_arrival", it.last_arrival)?;
+        row.set_item("bytes", stats.counts.bytes)?;
+        row.set_item("frames", stats.counts.frames)?;
+        row.set_item("samples", stats.counts.samples)?;
+        row.set_item("messages", stats.counts.messages)?;
+        row.set_item("malformed", stats.counts.malformed)?;
+        row.set_item("strings", stats.counts.strings)?;
+        row.set_item("quantities", stats.counts.quantities)?;
+        row.set_item("lost_samples", stats.counts.losses.samples)?;
+        row.set_item("gaps", stats.counts.losses.gaps)?;
+        row.set_item("checksum_errors", stats.counts.checksum_errors)?;
+        row.set_item("skipped_bytes", stats.counts.skipped_bytes)?;
+        row.set_item("errors", stats.counts.errors)?;
+        row.set_item("warnings", stats.counts.warnings)?;
+        row.set_item("last_error", stats.counts.last_error)?;
+        row.set_item("queued_bytes", stats.queued)?;
+        row.set_item("most_queued_bytes", stats.most_queued)?;
+        row.set_item("dropped_bytes", stats.dropped)?;
+        row.set_item("overruns", stats.overruns)?;
+        row.set_item("last_arrival", stats.last_arrival)?;
         Ok(row)
     }
 
     #[pyo3(signature = (
         path, head=b"".as_slice(), flush=0.5, fsync=false, rotate_bytes=None, rotate_seconds=None, times=true, *, overwrite=false, bound=24_000_000
     ))]
-    #[allow(clippy::too_many_arguments)] // each has its name
+    #[allow(clippy::too_many_arguments)] // by keyword
     fn record(
         &self,
         py: Python<'_>,
@@ -128,8 +128,8 @@ impl Acquisition {
         bound: usize,
     ) -> PyResult<()> {
         let rotate_after = rotate_seconds.map(seconds("rotate_seconds")).transpose()?;
-        if rotate_bytes == Some(0) || rotate_after.is_some_and(|it| it.is_zero()) {
-            return Err(PyValueError::new_err("a file that is full at once holds nothing; rotate later than at 0"));
+        if rotate_bytes == Some(0) || rotate_after.is_some_and(|duration| duration.is_zero()) {
+            return Err(PyValueError::new_err("rotate_bytes and rotate_seconds must be greater than 0"));
         }
         let flush = seconds("flush")(flush)?;
         let head = head.to_vec();
@@ -139,18 +139,17 @@ impl Acquisition {
     }
 
     #[getter]
-    fn recording<'py>(&self, py: Python<'py>) -> PyResult<Option<Row<'py>>> {
-        self.0.recording().map(|it| row_of(py, it)).transpose()
+    fn recording(&self) -> Option<Report> {
+        self.0.recording()
     }
 
-    fn stop_recording<'py>(&self, py: Python<'py>) -> PyResult<Option<Row<'py>>> {
-        // Whoever else stops it gets the report.
+    fn stop_recording(&self, py: Python<'_>) -> PyResult<Option<Report>> {
+        // If another thread stops it at the same time, that thread gets the report.
         let stopped = |slice| match self.0.stop_recording(slice) {
             None if self.0.recording().is_some() => None,
             report => Some(report),
         };
-        let report = wait(py, None, stopped)?.flatten();
-        report.map(|it| row_of(py, it)).transpose()
+        Ok(wait(py, None, stopped)?.flatten())
     }
 
     fn close(&self, py: Python<'_>) {
@@ -160,12 +159,12 @@ impl Acquisition {
 
 impl Drop for Acquisition {
     fn drop(&mut self) {
-        // The threads end without the interpreter, but the disk may take its time.
+        // The threads end without the GIL, but the disk may be slow.
         Python::try_attach(|py| py.detach(|| self.0.close()));
     }
 }
 
-/// Asks again and again, without the interpreter, until there is an answer or the time is up.
+/// Calls `ask` without the GIL until it answers or the time is up. Between calls it checks for signals.
 fn wait<T: Send>(
     py: Python<'_>,
     timeout: Option<Duration>,
@@ -173,10 +172,10 @@ fn wait<T: Send>(
 ) -> PyResult<Option<T>> {
     let began = Instant::now();
     loop {
-        let left = timeout.map(|it| it.saturating_sub(began.elapsed()));
-        let slice = left.map_or(SLICE, |it| it.min(SLICE));
+        let left = timeout.map(|timeout| timeout.saturating_sub(began.elapsed()));
+        let slice = left.map_or(SLICE, |left| left.min(SLICE));
         let answer = py.detach(|| ask(slice));
-        if answer.is_some() || left.is_some_and(|it| it <= slice) {
+        if answer.is_some() || left.is_some_and(|left| left <= slice) {
             return Ok(answer);
         }
         py.check_signals()?;
@@ -202,23 +201,10 @@ fn received(py: Python<'_>, taken: Taken) -> PyResult<Received> {
     })
 }
 
-fn row_of(py: Python<'_>, report: Report) -> PyResult<Row<'_>> {
-    let row = PyDict::new(py);
-    let files =
-        report.files.into_iter().map(|it| it.into_os_string().into_pyobject(py)).collect::<Result<Vec<_>, _>>()?;
-    row.set_item("files", files)?;
-    row.set_item("bytes", report.bytes)?;
-    row.set_item("frames", report.frames)?;
-    row.set_item("queued_bytes", report.queued)?;
-    row.set_item("active", report.active)?;
-    row.set_item("error", report.error)?;
-    Ok(row)
-}
-
 /// Seconds from Python.
 fn seconds(name: &'static str) -> impl Fn(f64) -> PyResult<Duration> {
     move |value| {
         Duration::try_from_secs_f64(value)
-            .map_err(|_| PyValueError::new_err(format!("{name} is a number of seconds, not {value}")))
+            .map_err(|_| PyValueError::new_err(format!("{name} must be a number of seconds, not {value}")))
     }
 }

@@ -41,7 +41,7 @@ fn lengths(text: &str) -> Lengths {
 fn messages_are_those_of_the_specification() {
     let mut seen = BTreeSet::new();
     for row in rows(MESSAGES_SPEC) {
-        let [mid, name, direction, states, payload_lengths, reply, status, on] = row;
+        let [mid, name, direction, states, payload_lengths, reply, remark, on] = row;
         let mid = u8::from_str_radix(mid, 16).unwrap();
         let found = messages(mid).find(|message| message.name.eq_ignore_ascii_case(name));
         let message = found.unwrap_or_else(|| panic!("{mid:02X} {name} is missing"));
@@ -60,7 +60,7 @@ fn messages_are_those_of_the_specification() {
         assert_eq!(message.direction, expected_direction, "{name}");
         assert_eq!(message.states, expected_states, "{name}");
         assert_eq!(message.reply.map_or(String::new(), |reply| format!("{reply:02X}")), reply, "{name}");
-        assert_eq!(message.status, status, "{name}");
+        assert_eq!(message.status, remark, "{name}");
         assert_eq!(message.products, products(on), "{name}");
         if message.direction == Direction::ToDevice {
             assert_eq!(payload_lengths, "", "{name}");
