@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use xbus::clock::{Clocks, Losses, Stamps};
+use xbus::clock::{Change, Clocks, Gap, Losses, Stamps};
 use xbus::column::{Column, Pieces, Subject, Values};
 use xbus::device;
 use xbus::error::Fault;
@@ -26,7 +26,7 @@ pub struct Log {
     pub bids: Vec<u8>,
     pub times: Vec<Bits>,
     pub counters: Vec<i64>,
-    pub losses: Losses,
+    pub gaps: Vec<Gap>,
     pub messages: Vec<Message>,
     pub strings: Vec<Text>,
     pub damage: Vec<Damage>,
@@ -127,7 +127,7 @@ impl Log {
             sample: strings.sample[i],
             bytes: texts.next().expect("one each"),
         };
-        let (times, counters, losses) = part.unwrap(clocks);
+        let (times, counters, gaps) = part.unwrap(clocks);
         let log = Self {
             first: part.first,
             columns: part.columns.iter().map(|column| Contents::of(part, column)).collect(),
@@ -135,7 +135,7 @@ impl Log {
             bids: part.bids(),
             times: times.into_iter().map(|it| Bits(it.to_bits())).collect(),
             counters,
-            losses,
+            gaps,
             messages: (0..messages.mid.len()).map(message).collect(),
             strings: (0..strings.place.len()).map(text).collect(),
             damage: part.damage.clone(),
@@ -146,6 +146,11 @@ impl Log {
             assert_eq!(length, part.len());
         }
         log
+    }
+
+    /// What was lost.
+    pub fn losses(&self) -> Losses {
+        Losses::of(&self.gaps)
     }
 
     /// Adds what the next part says.
@@ -161,8 +166,7 @@ impl Log {
         self.bids.extend(next.bids);
         self.times.extend(next.times);
         self.counters.extend(next.counters);
-        self.losses.samples += next.losses.samples;
-        self.losses.gaps += next.losses.gaps;
+        self.gaps.extend(next.gaps);
         self.messages.extend(next.messages);
         self.strings.extend(next.strings);
         self.damage.extend(next.damage);
@@ -390,7 +394,7 @@ impl ByHand {
         let tiles: Result<Vec<_>, _> = packets(frame.payload).collect();
         match tiles {
             Ok(packets) if frame.mid == table::MTDATA2 && !packets.is_empty() => {
-                self.sample(frame.bid, &packets, offset);
+                self.sample(frame, &packets, offset);
             }
             tiles => {
                 if frame.mid == table::MTDATA2 {
@@ -404,16 +408,16 @@ impl ByHand {
     fn message(&mut self, frame: Frame<'_>, offset: u64) {
         let Frame { bid, mid, payload } = frame;
         if let Some(ticks) = device::wrap_of_message(mid, payload) {
-            self.clocks.of(bid).set_wrap(ticks);
+            self.clocks.of(bid).change(Change::Wrap(ticks));
         }
         if [0x11, 0x41, 0x3E].contains(&mid) {
-            self.clocks.of(bid).restart();
+            self.clocks.of(bid).change(Change::Restart);
         }
         let sample = self.log.offsets.len() as u64;
         self.log.messages.push(Message { mid, bid, offset, sample, payload: payload.to_vec() });
     }
 
-    fn sample(&mut self, bid: u8, packets: &[Packet<'_>], offset: u64) {
+    fn sample(&mut self, frame: Frame<'_>, packets: &[Packet<'_>], offset: u64) {
         let (mut stamps, mut triggers) = (Stamps::default(), [None; 3]);
         if let Some(packet) = packets.iter().find(|it| !it.is_sound()) {
             self.faults.push(Fault::Size { offset, id: packet.id, size: packet.data.len() });
@@ -422,11 +426,16 @@ impl ByHand {
             self.packet(packet, &mut stamps, &mut triggers);
         }
         stamps.trigger = triggers.into_iter().flatten().next_back(); // of several lines the highest counts
-        let (time, counter) = self.clocks.of(bid).sample(stamps, &mut self.log.losses);
+        assert_eq!(Stamps::read(frame.payload), stamps, "a live sample has the stamps of a logged one");
+        let moment = self.clocks.of(frame.bid).sample(stamps);
+        if moment.lost > 0 {
+            let sample = self.log.offsets.len() as u64;
+            self.log.gaps.push(Gap { sample, lost: moment.lost, bid: frame.bid });
+        }
         self.log.offsets.push(offset.cast_signed());
-        self.log.bids.push(bid);
-        self.log.times.push(Bits(time.to_bits()));
-        self.log.counters.push(counter);
+        self.log.bids.push(frame.bid);
+        self.log.times.push(Bits(moment.seconds.to_bits()));
+        self.log.counters.push(moment.counter);
     }
 
     fn packet(&mut self, packet: &Packet<'_>, stamps: &mut Stamps, triggers: &mut [Option<u32>; 3]) {

@@ -1,7 +1,7 @@
 """The compiled core: an internal module. Users call the packages beside it, which call this."""
 
 import os
-from typing import Any, Literal, final
+from typing import Any, Literal, final, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,7 @@ __all__ = [
     "DamageArrays",
     "Decoder",
     "EncodedFrames",
+    "GapArrays",
     "HostClock",
     "MessageArrays",
     "Packet",
@@ -21,6 +22,8 @@ __all__ = [
     "Reader",
     "Received",
     "RequestScanner",
+    "RestartArrays",
+    "SampleClock",
     "ScannedDamage",
     "ScannedFrame",
     "ScannedString",
@@ -30,9 +33,12 @@ __all__ = [
     "configuration",
     "damage_reasons",
     "device_id",
+    "device_of",
     "encode_frame",
     "encode_packet",
     "encode_samples",
+    "frame_size",
+    "is_sample",
     "message_name",
     "messages",
     "packets",
@@ -149,8 +155,35 @@ def configuration(payload: bytes) -> dict[str, Any] | None:
 def device_id(payload: bytes) -> int | None:
     """The device identifier of a DeviceID payload, or None."""
 
+@overload
+def device_of(bid: int) -> int: ...
+@overload
+def device_of(bid: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    """The bus identifier by which a device is counted: 1 for FF, which is the same device."""
+
+def frame_size(head: bytes) -> int | None:
+    """Bytes of the frame that begins with these, checksum included; None if the header is incomplete."""
+
+def is_sample(payload: bytes) -> bool:
+    """Whether an MTData2 payload has packets, and they fill it."""
+
 def product_code(payload: bytes) -> str | None:
     """The text of a ProductCode payload, or None."""
+
+@final
+class SampleClock:
+    """The clocks of devices: times of samples by the rules by which a log has them."""
+
+    def __new__(cls) -> SampleClock: ...
+    def message(self, bid: int, mid: int, payload: bytes) -> None:
+        """Takes note of a message that is not a sample: it may name the device, or start a new run."""
+    def sample(self, bid: int, payload: bytes) -> tuple[float, bool]:
+        """The time of the next sample, and whether it leads the clock.
+
+        Returns:
+            Seconds on the device clock, unwrapped, NaN without a time stamp; and False for samples of the
+            GNSS receiver and of triggers, which come later than they were taken.
+        """
 
 @final
 class Scanner:
@@ -393,6 +426,12 @@ class Part:
     def time(self) -> npt.NDArray[np.float64]:
         """Seconds on the device clock, unwrapped, ``(n,)``; NaN for samples without a time stamp."""
     @property
+    def gaps(self) -> GapArrays:
+        """The places where samples are missing, by the packet counters."""
+    @property
+    def restarts(self) -> RestartArrays:
+        """The places where a device starts a new run, with GoToMeasurementAck, ResetAck or WakeUp."""
+    @property
     def packet_counter(self) -> npt.NDArray[np.int64]:
         """The packet counter, unwrapped, ``(n,)``; -1 for samples without one."""
     @property
@@ -418,6 +457,31 @@ class DamageArrays:
     @property
     def reason(self) -> npt.NDArray[np.uint8]:
         """Index in `damage_reasons` of each, ``(n,)``."""
+
+@final
+class GapArrays:
+    """Places where samples are missing. Arrays are read-only."""
+
+    @property
+    def sample(self) -> npt.NDArray[np.int64]:
+        """Index of the sample behind each, ``(n,)``."""
+    @property
+    def lost(self) -> npt.NDArray[np.int64]:
+        """Samples that are missing at each, ``(n,)``."""
+    @property
+    def bid(self) -> npt.NDArray[np.uint8]:
+        """Bus identifier of the device, ``(n,)``."""
+
+@final
+class RestartArrays:
+    """Places where a device starts a new run. Arrays are read-only."""
+
+    @property
+    def sample(self) -> npt.NDArray[np.int64]:
+        """Index of the next sample of any device, ``(n,)``."""
+    @property
+    def bid(self) -> npt.NDArray[np.uint8]:
+        """Bus identifier of the device, ``(n,)``."""
 
 @final
 class MessageArrays:

@@ -2,7 +2,10 @@
 //!
 //! Everything is decided from what came before, so a log that is read in parts gives the same as one that is read whole.
 
-use crate::table::Series;
+use crate::device;
+use crate::frame::device_of;
+use crate::packet::{Reading, packets};
+use crate::table::{self, ClockRole, Series, Wire};
 
 /// What the packets of one sample say about when it was taken; the last one counts where there are several.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -19,6 +22,44 @@ pub struct Stamps {
     pub gnss: bool,
 }
 
+impl Stamps {
+    /// Whether the sample comes when it was taken. Samples with data of the GNSS receiver or of a trigger come later.
+    #[must_use]
+    pub const fn lead(&self) -> bool {
+        !self.gnss && self.trigger.is_none()
+    }
+
+    /// The stamps of a sample's packets.
+    #[must_use]
+    pub fn read(payload: &[u8]) -> Self {
+        let mut stamps = Self::default();
+        // Of several trigger lines the highest counts, whatever the order of the packets.
+        let mut line = 0;
+        for packet in packets(payload).flatten() {
+            let Some(Reading { quantity, .. }) = packet.reading() else { continue };
+            match (quantity.clock, packet.data) {
+                (Some(ClockRole::Counter), &[a, b]) => stamps.counter = Some(u16::from_be_bytes([a, b])),
+                (Some(ClockRole::Fine), data) => stamps.fine = u32_of(data),
+                (Some(ClockRole::Coarse), data) => stamps.coarse = u32_of(data),
+                (Some(ClockRole::Trigger), data) if quantity.id >= line => {
+                    line = quantity.id;
+                    stamps.trigger = u32_of(&data[TRIGGER_STAMP..]);
+                }
+                (Some(ClockRole::Receiver), _) => stamps.gnss = true,
+                _ => {}
+            }
+        }
+        stamps
+    }
+}
+
+fn u32_of(data: &[u8]) -> Option<u32> {
+    data.first_chunk().map(|bytes| u32::from_be_bytes(*bytes))
+}
+
+/// Where a trigger's record has its time stamp: behind line and polarity.
+pub(crate) const TRIGGER_STAMP: usize = 2 * Wire::U1.size();
+
 /// Samples that the counter says were lost.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -27,6 +68,63 @@ pub struct Losses {
     pub samples: u64,
     /// At how many places.
     pub gaps: u64,
+}
+
+impl Losses {
+    /// What was lost in these gaps.
+    #[must_use]
+    pub fn of(gaps: &[Gap]) -> Self {
+        Self { samples: gaps.iter().map(|gap| gap.lost).sum(), gaps: gaps.len() as u64 }
+    }
+
+    /// Adds what was lost before one sample.
+    pub fn add(&mut self, lost: u64) {
+        self.samples += lost;
+        self.gaps += u64::from(lost > 0);
+    }
+}
+
+/// A place where samples are missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Gap {
+    /// Index of the sample behind the gap.
+    pub sample: u64,
+    /// Number of samples that are missing.
+    pub lost: u64,
+    /// Bus identifier of the device.
+    pub bid: u8,
+}
+
+/// When a sample was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moment {
+    /// Seconds on the device clock, unwrapped; NaN without a time stamp.
+    pub seconds: f64,
+    /// The packet counter, unwrapped; -1 without one.
+    pub counter: i64,
+    /// Number of samples that are missing before this one.
+    pub lost: u64,
+}
+
+/// What a message says about how a clock goes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Change {
+    /// It names the device, whose fine time wraps after so many ticks.
+    Wrap(u64),
+    /// A new run starts: the counter may start again, and nothing was lost.
+    Restart,
+}
+
+impl Change {
+    /// What this message changes, if anything.
+    #[must_use]
+    pub fn of(mid: u8, payload: &[u8]) -> Option<Self> {
+        if table::restarts(mid) {
+            return Some(Self::Restart);
+        }
+        device::wrap_of_message(mid, payload).map(Self::Wrap)
+    }
 }
 
 /// Clock and counter of one device.
@@ -49,19 +147,20 @@ const U32: i64 = Series::SixHundred.fine_wrap().cast_signed();
 const TICKS: i64 = 10_000;
 
 impl Clock {
-    /// The log names the device: its fine time wraps after so many ticks.
-    pub fn set_wrap(&mut self, ticks: u64) {
-        self.wrap = Some(ticks.cast_signed());
+    /// Takes note of a message between two samples.
+    pub fn change(&mut self, change: Change) {
+        match change {
+            Change::Wrap(ticks) => self.wrap = Some(ticks.cast_signed()),
+            Change::Restart => self.restarted = true,
+        }
     }
 
-    /// The device has gone to Measurement or has been reset: its counter may start anew, and nothing was lost.
-    pub fn restart(&mut self) {
-        self.restarted = true;
-    }
-
-    /// Seconds on the device clock, and the counter, of the next sample; NaN and -1 where it carries none.
-    pub fn sample(&mut self, stamps: Stamps, losses: &mut Losses) -> (f64, i64) {
-        (self.seconds(stamps), stamps.counter.map_or(-1, |counter| self.count(counter, losses)))
+    /// The moment of the next sample.
+    #[inline]
+    pub fn sample(&mut self, stamps: Stamps) -> Moment {
+        let seconds = self.seconds(stamps);
+        let (counter, lost) = stamps.counter.map_or((-1, 0), |counter| self.count(counter));
+        Moment { seconds, counter, lost }
     }
 
     #[allow(clippy::cast_precision_loss)] // below 2^53 for centuries
@@ -119,23 +218,21 @@ impl Clock {
         micros + U32 * ((now - micros + U32 / 2).div_euclid(U32)).max(0)
     }
 
-    fn count(&mut self, counter: u16, losses: &mut Losses) -> i64 {
+    /// The counter, continued from the last one, and the samples that are missing between the two.
+    fn count(&mut self, counter: u16) -> (i64, u64) {
         let counter = i64::from(counter);
         let restarted = std::mem::take(&mut self.restarted);
-        let Some(last) = self.counter.replace(counter) else { return counter };
+        let Some(last) = self.counter.replace(counter) else { return (counter, 0) };
         let step = (counter - last).rem_euclid(1 << 16);
         // Shorter backwards than forwards: an older sample, unless that would lead below zero.
         let step = if step < 1 << 15 || last + step < 1 << 16 { step } else { step - (1 << 16) };
-        if step > 1 && !restarted {
-            losses.gaps += 1;
-            losses.samples += step.unsigned_abs() - 1;
-        }
+        let missing = if step > 1 && !restarted { step.unsigned_abs() - 1 } else { 0 };
         self.counter = Some(last + step);
-        last + step
+        (last + step, missing)
     }
 }
 
-/// The clocks of all devices of a log. A stand-alone device answers to FF and to 1: they are the same one.
+/// The clocks of all devices of a log.
 #[derive(Clone, Debug)]
 pub struct Clocks(Box<[Clock; 256]>);
 
@@ -148,6 +245,6 @@ impl Default for Clocks {
 impl Clocks {
     /// The clock of the device with this bus identifier.
     pub fn of(&mut self, bid: u8) -> &mut Clock {
-        &mut self.0[usize::from(if bid == crate::frame::MASTER { 1 } else { bid })]
+        &mut self.0[usize::from(device_of(bid))]
     }
 }

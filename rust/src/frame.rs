@@ -18,6 +18,14 @@ pub const EXTENDED_FROM: usize = 255;
 pub const MAX_PAYLOAD: usize = 0xFFFF;
 /// Bus identifier of a stand-alone device, which also answers to 1.
 pub const MASTER: u8 = 0xFF;
+/// The other bus identifier of a stand-alone device, which is also that of the first one on a bus.
+pub const FIRST: u8 = 1;
+
+/// The device that a bus identifier belongs to (section 5.1): FF and 1 are the same one.
+#[must_use]
+pub const fn device_of(bid: u8) -> u8 {
+    if bid == MASTER { FIRST } else { bid }
+}
 
 /// Positions of the header's fields in a frame.
 pub mod field {

@@ -10,9 +10,8 @@ use std::sync::Arc;
 
 use rustc_hash::FxHashMap;
 
-use crate::clock::{Clocks, Losses, Stamps};
+use crate::clock::{Change, Clocks, Gap, Stamps, TRIGGER_STAMP};
 use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
-use crate::device;
 use crate::error::{Fault, ReadError};
 use crate::frame::{Frame, HEADER_SIZE, MAX_PAYLOAD};
 use crate::huge_pages;
@@ -20,7 +19,7 @@ use crate::input::{PushBuffer, Stream};
 use crate::layout::{Batch, Layout, Layouts, Slot};
 use crate::packet::{Coordinates, PACKET_HEADER, packets};
 use crate::scan::{Damage, Scanner, Step, Window, is_bid};
-use crate::table::{self, Quantity, data_id};
+use crate::table::{self, ClockRole, QUANTITIES, Quantity};
 
 pub use timed::{TimedPart, Times};
 
@@ -112,14 +111,6 @@ struct Single {
     offset: u64,
     length: u32,
     bid: u8,
-}
-
-/// What a message changes about the clock of its device.
-#[derive(Clone, Copy, Debug)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-enum Change {
-    Wrap(u64),
-    Restart,
 }
 
 /// A part of a log, or all of it.
@@ -262,19 +253,22 @@ impl Part {
         self.layout.iter().map(bid).collect()
     }
 
-    /// For each sample its time in seconds on the device clock, NaN without a time stamp, and its packet counter, -1 without
-    /// one, both unwrapped; and the losses. `clocks` are those at the beginning of the part, and on return those at its end.
+    /// For each sample its time in seconds on the device clock, NaN without a time stamp, and its packet counter, -1
+    /// without one, both unwrapped; and the gaps. `clocks` are those at the beginning of the part, and on return those at
+    /// its end.
     #[must_use]
-    pub fn unwrap(&self, clocks: &mut Clocks) -> (Vec<f64>, Vec<i64>, Losses) {
-        let [mut counter, mut fine, mut coarse] = [PACKET_COUNTER, FINE, COARSE].map(|id| self.track(id));
-        let mut triggers = TRIGGERS.map(|id| self.track(id));
-        let mut gnss = GNSS.map(|id| self.track(id));
+    pub fn unwrap(&self, clocks: &mut Clocks) -> (Vec<f64>, Vec<i64>, Vec<Gap>) {
+        let [mut counter] = self.tracks(ClockRole::Counter);
+        let [mut fine] = self.tracks(ClockRole::Fine);
+        let [mut coarse] = self.tracks(ClockRole::Coarse);
+        let mut triggers = self.tracks::<3>(ClockRole::Trigger);
+        let mut gnss = self.tracks::<2>(ClockRole::Receiver);
         let mut changes = self.changes.iter().peekable();
-        let mut losses = Losses::default();
+        let mut gaps = Vec::new();
         let (mut times, mut counters) = (huge_pages::with_capacity(self.len()), huge_pages::with_capacity(self.len()));
         for ((&layout, bid), sample) in self.layout.iter().zip(self.bids()).zip(self.first..) {
             while let Some((_, bid, change)) = changes.next_if(|change| change.0 <= sample) {
-                change.apply(*bid, clocks);
+                clocks.of(*bid).change(*change);
             }
             let stamps = Stamps {
                 #[allow(clippy::cast_possible_truncation)] // a U2
@@ -285,37 +279,33 @@ impl Part {
                 trigger: triggers.iter_mut().fold(None, |stamp, track| track.last(layout, sample).or(stamp)),
                 gnss: gnss.iter_mut().map(|track| track.rows(layout, sample)).sum::<usize>() > 0,
             };
-            let (time, count) = clocks.of(bid).sample(stamps, &mut losses);
-            times.push(time);
-            counters.push(count);
+            let moment = clocks.of(bid).sample(stamps);
+            times.push(moment.seconds);
+            counters.push(moment.counter);
+            if moment.lost > 0 {
+                gaps.push(Gap { sample, lost: moment.lost, bid });
+            }
         }
-        changes.for_each(|(_, bid, change)| change.apply(*bid, clocks));
-        (times, counters, losses)
+        changes.for_each(|(_, bid, change)| clocks.of(*bid).change(*change));
+        (times, counters, gaps)
     }
 
-    fn track(&self, id: u16) -> Track<'_> {
-        let is = |column: &&Column| matches!(column.subject, Subject::Known(quantity, _) if quantity.id == id);
-        Track::new(self, self.columns.iter().map(Arc::as_ref).find(is))
+    /// Where runs start: index of the next sample, and bus identifier of the device. The first run of a device starts
+    /// with its first sample.
+    pub fn restarts(&self) -> impl Iterator<Item = (u64, u8)> {
+        self.changes.iter().filter(|(.., change)| *change == Change::Restart).map(|(sample, bid, _)| (*sample, *bid))
     }
-}
 
-const PACKET_COUNTER: u16 = data_id("packet_counter");
-const FINE: u16 = data_id("sample_time_fine");
-const COARSE: u16 = data_id("sample_time_coarse");
-const TRIGGERS: [u16; 3] = [data_id("trigger_in1"), data_id("trigger_in2"), data_id("trigger_in3")];
-const GNSS: [u16; 2] = [data_id("gnss_pvt_data"), data_id("gnss_sat_info")];
-
-/// Whether clocks or counters need this quantity.
-fn is_stamp(id: u16) -> bool {
-    [PACKET_COUNTER, FINE, COARSE].contains(&id) || TRIGGERS.contains(&id) || GNSS.contains(&id)
-}
-
-impl Change {
-    fn apply(self, bid: u8, clocks: &mut Clocks) {
-        match self {
-            Self::Wrap(ticks) => clocks.of(bid).set_wrap(ticks),
-            Self::Restart => clocks.of(bid).restart(),
-        }
+    /// The columns of the `N` quantities that have this role, by identifier.
+    fn tracks<const N: usize>(&self, role: ClockRole) -> [Track<'_>; N] {
+        let mut quantities = QUANTITIES.iter().filter(|quantity| quantity.clock == Some(role));
+        let tracks = std::array::from_fn(|_| {
+            let id = quantities.next().expect("a quantity for each track").id;
+            let is = |column: &&Column| matches!(column.subject, Subject::Known(quantity, _) if quantity.id == id);
+            Track::new(self, self.columns.iter().map(Arc::as_ref).find(is))
+        });
+        assert!(quantities.next().is_none(), "a track for each quantity");
+        tracks
     }
 }
 
@@ -367,9 +357,8 @@ impl<'a> Track<'a> {
             Values::U16(values) => Some(values[self.row - 1].into()),
             Values::U32(values) => Some(values[self.row - 1]),
             Values::Records(bytes) => {
-                const STAMP: usize = 2; // after line and polarity
                 let record = &bytes[(self.row - 1) * column.width..];
-                record[STAMP..].first_chunk().map(|bytes| u32::from_ne_bytes(*bytes))
+                record[TRIGGER_STAMP..].first_chunk().map(|bytes| u32::from_ne_bytes(*bytes))
             }
             _ => None,
         }
@@ -626,7 +615,7 @@ impl Reader {
         let includes = |(wanted, system): &(&Quantity, Option<Coordinates>)| {
             wanted.id == quantity.id && (system.is_none() || *system == coordinates)
         };
-        is_stamp(quantity.id) || wanted.iter().any(includes)
+        quantity.clock.is_some() || wanted.iter().any(includes)
     }
 
     fn message(&mut self, frame: Frame<'_>, offset: u64) {
@@ -637,11 +626,8 @@ impl Reader {
         messages.offset.push(offset);
         messages.sample.push(sample);
         messages.payload.push(frame.payload);
-        if let Some(ticks) = device::wrap_of_message(frame.mid, frame.payload) {
-            self.part.changes.push((sample, frame.bid, Change::Wrap(ticks)));
-        }
-        if table::restarts(frame.mid) {
-            self.part.changes.push((sample, frame.bid, Change::Restart));
+        if let Some(change) = Change::of(frame.mid, frame.payload) {
+            self.part.changes.push((sample, frame.bid, change));
         }
     }
 

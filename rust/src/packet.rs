@@ -191,6 +191,12 @@ pub const fn packets(payload: &[u8]) -> Packets<'_> {
     Packets { payload, at: 0 }
 }
 
+/// Whether an MTData2 payload is a sample: it has packets, and they tile it.
+#[must_use]
+pub fn is_well_formed(payload: &[u8]) -> bool {
+    !payload.is_empty() && packets(payload).all(|packet| packet.is_ok())
+}
+
 impl<'a> Iterator for Packets<'a> {
     type Item = Result<Packet<'a>, Overrun>;
 

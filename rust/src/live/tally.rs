@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use crate::clock::{Clocks, Losses, Stamps};
+use crate::clock::{Change, Clocks, Losses, Stamps};
 use crate::frame::Frame;
 use crate::input::PushBuffer;
+use crate::packet::is_well_formed;
 use crate::scan::{Damage, Scanner, Step};
 use crate::table::{self, data_id};
 
@@ -136,14 +137,14 @@ impl Counts {
     fn frame(&mut self, frame: Frame<'_>, clocks: &mut Clocks) {
         self.frames += 1;
         if frame.mid == table::MTDATA2 {
-            if !frame.payload.is_empty() && frame.packets().all(|packet| packet.is_ok()) {
+            if is_well_formed(frame.payload) {
                 return self.sample(frame, clocks);
             }
             self.malformed += 1;
         }
         self.messages += 1;
         if table::restarts(frame.mid) {
-            clocks.of(frame.bid).restart();
+            clocks.of(frame.bid).change(Change::Restart);
         }
         match (frame.mid, frame.payload) {
             (table::ERROR, [code, ..]) => {
@@ -168,7 +169,7 @@ impl Counts {
                 stamps.counter = Some(u16::from_be_bytes([high, low]));
             }
         }
-        clocks.of(frame.bid).sample(stamps, &mut self.losses);
+        self.losses.add(clocks.of(frame.bid).sample(stamps).lost);
     }
 }
 

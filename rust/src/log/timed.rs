@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use super::{Part, Reader};
-use crate::clock::{Clocks, Losses};
+use crate::clock::{Clocks, Gap, Losses};
 
 /// Times and packet counters of the samples of a part.
 #[derive(Clone, Debug, Default)]
@@ -13,14 +13,20 @@ pub struct Times {
     pub time: Vec<f64>,
     /// The packet counter, unwrapped; -1 for a sample without one.
     pub counter: Vec<i64>,
-    /// What the counters say was lost.
-    pub losses: Losses,
+    /// Where samples are missing.
+    pub gaps: Vec<Gap>,
 }
 
 impl Times {
     fn of(part: &Part, clocks: &mut Clocks) -> Self {
-        let (time, counter, losses) = part.unwrap(clocks);
-        Self { time, counter, losses }
+        let (time, counter, gaps) = part.unwrap(clocks);
+        Self { time, counter, gaps }
+    }
+
+    /// What the counters say was lost.
+    #[must_use]
+    pub fn losses(&self) -> Losses {
+        Losses::of(&self.gaps)
     }
 }
 

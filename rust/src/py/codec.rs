@@ -9,7 +9,7 @@ use pyo3::types::PyBytes;
 use super::array::hand_over;
 use super::convert::{quantity, variant};
 use crate::device;
-use crate::frame::Frame;
+use crate::frame::{Frame, Header};
 use crate::input::PushBuffer;
 use crate::packet::{Coordinates, Form, Precision};
 use crate::requests::Requests;
@@ -116,6 +116,11 @@ pub fn packets(py: Python<'_>, payload: &[u8]) -> PyResult<Vec<Packet>> {
 #[pyfunction]
 pub fn configuration(payload: &[u8]) -> Option<device::Configuration> {
     device::Configuration::read(payload)
+}
+
+#[pyfunction]
+pub fn frame_size(head: &[u8]) -> Option<usize> {
+    Header::read(head).map(|header| header.frame())
 }
 
 #[pyfunction]

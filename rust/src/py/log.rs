@@ -151,7 +151,7 @@ impl Part {
 
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
-        let (stats, losses) = (&self.0.part.stats, self.times(py).losses);
+        let (stats, losses) = (&self.0.part.stats, self.times(py).losses());
         let counts = [
             ("bytes", stats.bytes),
             ("frames", stats.frames),
@@ -213,6 +213,25 @@ impl Part {
     }
 
     #[getter]
+    fn gaps(&self, py: Python<'_>) -> GapArrays {
+        let gaps = &self.times(py).gaps;
+        GapArrays {
+            sample: hand_over_signed(py, gaps.iter().map(|gap| gap.sample)).unbind(),
+            lost: hand_over_signed(py, gaps.iter().map(|gap| gap.lost)).unbind(),
+            bid: hand_over(py, gaps.iter().map(|gap| gap.bid).collect()).unbind(),
+        }
+    }
+
+    #[getter]
+    fn restarts(&self, py: Python<'_>) -> RestartArrays {
+        let restarts: Vec<_> = self.0.part.restarts().collect();
+        RestartArrays {
+            sample: hand_over_signed(py, restarts.iter().map(|(sample, _)| *sample)).unbind(),
+            bid: hand_over(py, restarts.iter().map(|(_, bid)| *bid).collect()).unbind(),
+        }
+    }
+
+    #[getter]
     fn offset<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
         hand_over(py, py.detach(|| self.0.part.offsets()))
     }
@@ -234,6 +253,21 @@ pub struct DamageArrays {
     offset: Py<PyArray1<i64>>,
     length: Py<PyArray1<i64>>,
     reason: Py<PyArray1<u8>>,
+}
+
+/// The places of a part where samples are missing.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct GapArrays {
+    sample: Py<PyArray1<i64>>,
+    lost: Py<PyArray1<i64>>,
+    bid: Py<PyArray1<u8>>,
+}
+
+/// The places of a part where runs start.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct RestartArrays {
+    sample: Py<PyArray1<i64>>,
+    bid: Py<PyArray1<u8>>,
 }
 
 /// The messages of a part that are not samples.

@@ -3,6 +3,7 @@
 
 mod array;
 mod arrow;
+mod clock;
 mod codec;
 mod column;
 mod convert;
@@ -21,9 +22,11 @@ mod _core {
     #[pymodule_export]
     use super::arrow::ArrowStream;
     #[pymodule_export]
+    use super::clock::{SampleClock, device_of, is_sample};
+    #[pymodule_export]
     use super::codec::{
         EncodedFrames, Packet, RequestScanner, ScannedDamage, ScannedFrame, ScannedString, Scanner, configuration,
-        device_id, encode_frame, encode_packet, encode_samples, packets, product_code,
+        device_id, encode_frame, encode_packet, encode_samples, frame_size, packets, product_code,
     };
     #[pymodule_export]
     use super::column::Column;
@@ -32,7 +35,7 @@ mod _core {
     #[pymodule_export]
     use super::live::{Acquisition, Received};
     #[pymodule_export]
-    use super::log::{DamageArrays, Decoder, MessageArrays, Part, Reader, StringArrays};
+    use super::log::{DamageArrays, Decoder, GapArrays, MessageArrays, Part, Reader, RestartArrays, StringArrays};
     #[pymodule_export]
     use super::tables::{
         damage_reasons, message_name, messages, products, quantities, result_codes, status_flags, strings,

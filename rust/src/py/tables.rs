@@ -6,7 +6,7 @@ use pyo3::types::PyDict;
 use super::Row;
 use crate::packet::record_size;
 use crate::scan::Reason;
-use crate::table::{self, Content, Direction, Field, Kind, MessageField, Payload};
+use crate::table::{self, ClockRole, Content, Direction, Field, Kind, MessageField, Payload};
 
 fn fields<'py>(py: Python<'py>, fields: &[Field]) -> PyResult<Vec<Row<'py>>> {
     let row = |field: &Field| {
@@ -55,6 +55,8 @@ pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row.set_item("components", quantity.components.to_vec())?;
         row.set_item("unit", quantity.unit)?;
         row.set_item("coordinates", quantity.rotates)?;
+        row.set_item("clock", quantity.clock.map(ClockRole::name))?;
+        row.set_item("has_flags", quantity.has_flags)?;
         row.set_item("products", quantity.products.iter().map(|it| it.number).collect::<Vec<_>>())?;
         row.set_item("source", quantity.source)?;
         let (kind, count, size, head, entry) = match quantity.kind {

@@ -102,6 +102,36 @@ pub enum Kind {
     List(&'static [Field], &'static [Field]),
 }
 
+/// What a quantity says about when its sample was taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClockRole {
+    /// It counts the samples.
+    Counter,
+    /// It is the device's clock, in 0.1 ms.
+    Fine,
+    /// It is the device's clock in whole seconds, which does not wrap.
+    Coarse,
+    /// It has a time stamp of its own, in µs, and its sample comes late: the sample does not move the clock.
+    Trigger,
+    /// It comes from the GNSS receiver. Its sample comes late, and without a fix its time is arbitrary: it does not
+    /// move the clock.
+    Receiver,
+}
+
+impl ClockRole {
+    /// The name in Python: `"counter"`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Counter => "counter",
+            Self::Fine => "fine",
+            Self::Coarse => "coarse",
+            Self::Trigger => "trigger",
+            Self::Receiver => "receiver",
+        }
+    }
+}
+
 /// One data identifier: a row of the manual's Table 16.
 #[derive(Clone, Copy, Debug)]
 pub struct Quantity {
@@ -121,6 +151,10 @@ pub struct Quantity {
     pub unit: &'static str,
     /// Whether the coordinate bits of the identifier mean something (Table 17, note 11).
     pub rotates: bool,
+    /// What it says about time.
+    pub clock: Option<ClockRole>,
+    /// Whether its integer has the bits of [`STATUS_FLAGS`].
+    pub has_flags: bool,
     /// Products that offer it (Table 16); none where the manual does not list it.
     pub products: Products,
     /// Where the layout is written down.

@@ -6,8 +6,9 @@
 //! data of other product lines (from C810 to CA40), and two messages of the old MTi-G-700 whose layouts in circulation
 //! disagree about their size or were never checked (8840, 88A0).
 
+use super::ClockRole::{Coarse, Counter, Fine, Receiver, Trigger};
 use super::Wire::{F4, I1, I2, I4, U1, U2, U4, U8};
-use super::{Field, Kind, Products, Quantity, StatusFlag, Wire};
+use super::{ClockRole, Field, Kind, Products, Quantity, StatusFlag, Wire};
 
 const ALL: Products = Products::ALL;
 /// All that compute an orientation: everything but the IMUs.
@@ -40,12 +41,12 @@ pub const QUANTITIES: &[Quantity] = &[
     real  (0x0810, "temperature",         "Temperature",         ONE, "degC").on(ALL),
 
     record(0x1010, "utc_time",            "UtcTime",             UTC_TIME).on(ALL).from("Table 35, device bytes"),
-    fixed (0x1020, "packet_counter",      "PacketCounter",       U2, ONE, "").on(ALL),
+    fixed (0x1020, "packet_counter",      "PacketCounter",       U2, ONE, "").on(ALL).clock(Counter),
     fixed (0x1030, "itow",                "Itow",                U4, ONE, "ms").from(VENDOR),
     fixed (0x1040, "gnss_age",            "GnssAge",             U1, ONE, "").from(VENDOR),
     fixed (0x1050, "pressure_age",        "PressureAge",         U1, ONE, "").from(VENDOR),
-    fixed (0x1060, "sample_time_fine",    "SampleTimeFine",      U4, ONE, "0.1 ms").on(ALL),
-    fixed (0x1070, "sample_time_coarse",  "SampleTimeCoarse",    U4, ONE, "s").on(ALL),
+    fixed (0x1060, "sample_time_fine",    "SampleTimeFine",      U4, ONE, "0.1 ms").on(ALL).clock(Fine),
+    fixed (0x1070, "sample_time_coarse",  "SampleTimeCoarse",    U4, ONE, "s").on(ALL).clock(Coarse),
     record(0x1080, "frame_range",         "FrameRange",          FRAME_RANGE).from(VENDOR),
     fixed (0x1090, "packet_counter8",     "PacketCounter8",      U1, ONE, "").from(VENDOR),
     // What a tick is worth is not written down.
@@ -65,19 +66,19 @@ pub const QUANTITIES: &[Quantity] = &[
     real  (0x4030, "free_acceleration",   "FreeAcceleration",    XYZ, "m/s2").on(ORIENTED),
     real  (0x4040, "acceleration_hr",     "AccelerationHR",      XYZ, "m/s2").on(ALL).from("5.3.6, Table 23"),
 
-    record(0x4810, "trigger_in1",         "TriggerIn1",          TRIGGER).on(SERIES_600).from(TRIGGER_GUIDE),
-    record(0x4820, "trigger_in2",         "TriggerIn2",          TRIGGER).on(SERIES_600).from(TRIGGER_GUIDE),
+    record(0x4810, "trigger_in1",         "TriggerIn1",          TRIGGER).on(SERIES_600).clock(Trigger).from(TRIGGER_GUIDE),
+    record(0x4820, "trigger_in2",         "TriggerIn2",          TRIGGER).on(SERIES_600).clock(Trigger).from(TRIGGER_GUIDE),
     // An identifier without a decoder there, too; taken to be like the other two.
-    record(0x4830, "trigger_in3",         "TriggerIn3",          TRIGGER).on(Products::of(&[680])).from(VENDOR),
+    record(0x4830, "trigger_in3",         "TriggerIn3",          TRIGGER).on(Products::of(&[680])).clock(Trigger).from(VENDOR),
 
     real  (0x5010, "altitude_msl",        "AltitudeMsl",         ONE, "m").from(VENDOR),
     real  (0x5020, "altitude_ellipsoid",  "AltitudeEllipsoid",   ONE, "m").on(GNSS),
     real  (0x5030, "position_ecef",       "PositionEcef",        XYZ, "m").on(GNSS),
     real  (0x5040, "lat_lon",             "LatLon",              LAT_LON, "deg").on(GNSS),
 
-    record(0x7010, "gnss_pvt_data",       "GnssPvtData",         PVT).on(GNSS).from("5.3.6, Table 25"),
+    record(0x7010, "gnss_pvt_data",       "GnssPvtData",         PVT).on(GNSS).clock(Receiver).from("5.3.6, Table 25"),
     list  (0x7020, "gnss_sat_info",       "GnssSatInfo",         SAT_INFO, SATELLITE)
-           .on(Products::of(&[710, 670, 680])).from("5.3.6, Table 26"),
+           .on(Products::of(&[710, 670, 680])).clock(Receiver).from("5.3.6, Table 26"),
     fixed (0x7030, "gnss_pvt_pulse",      "GnssPvtPulse",        U4, ONE, "0.1 ms").on(Products::of(&[670, 680])),
 
     real  (0x8020, "rate_of_turn",        "RateOfTurn",          XYZ, "rad/s").on(ALL),
@@ -105,8 +106,8 @@ pub const QUANTITIES: &[Quantity] = &[
 
     real  (0xD010, "velocity_xyz",        "VelocityXYZ",         XYZ, "m/s").rotates().on(GNSS).from(BYTES),
 
-    fixed (0xE010, "status_byte",         "StatusByte",          U1, ONE, "").on(ALL).from("5.3.6, Table 27"),
-    fixed (0xE020, "status_word",         "StatusWord",          U4, ONE, "").on(ALL).from("5.3.6, Table 27"),
+    fixed (0xE010, "status_byte",         "StatusByte",          U1, ONE, "").flags().on(ALL).from("5.3.6, Table 27"),
+    fixed (0xE020, "status_word",         "StatusWord",          U4, ONE, "").flags().on(ALL).from("5.3.6, Table 27"),
     fixed (0xE040, "rssi",                "Rssi",                I1, ONE, "dBm").from(VENDOR),
     new   (0xE080, "device_id",           "DeviceId",            Kind::Id).on(SERIES_10_100),
     fixed (0xE090, "location_id",         "LocationId",          U2, ONE, "").on(SERIES_10_100),
@@ -293,9 +294,20 @@ const fn group(id: u16) -> &'static str {
 
 /// A row, found in section 5.3.6 and on no product unless it says otherwise.
 const fn new(id: u16, name: &'static str, manual: &'static str, kind: Kind) -> Quantity {
-    let products = Products::NONE;
-    let source = "5.3.6";
-    Quantity { id, name, manual, group: group(id), kind, components: &[], unit: "", rotates: false, products, source }
+    Quantity {
+        id,
+        name,
+        manual,
+        group: group(id),
+        kind,
+        components: &[],
+        unit: "",
+        rotates: false,
+        clock: None,
+        has_flags: false,
+        products: Products::NONE,
+        source: "5.3.6",
+    }
 }
 
 /// Numbers of type ℝ.
@@ -343,6 +355,14 @@ const fn count(components: &[&str]) -> usize {
 impl Quantity {
     const fn rotates(self) -> Self {
         Self { rotates: true, ..self }
+    }
+
+    const fn clock(self, role: ClockRole) -> Self {
+        Self { clock: Some(role), ..self }
+    }
+
+    const fn flags(self) -> Self {
+        Self { has_flags: true, ..self }
     }
 
     const fn on(self, products: Products) -> Self {
