@@ -24,6 +24,11 @@ class Precision(IntEnum):
     Fp1632 = 2
     Float64 = 3
 
+    @property
+    def size(self) -> int:
+        """Bytes of one number."""
+        return (4, 4, 6, 8)[self]
+
 
 class Coordinates(IntEnum):
     """Coordinate systems: bits 2 and 3 of a data identifier (Table 17)."""

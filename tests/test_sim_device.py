@@ -143,7 +143,7 @@ def log_of(device: SimulatedDevice, seconds: float) -> xbus.Log:
 
 def flag(words: Any, name: str) -> list[int]:
     """Returns a field of status words."""
-    row = next(row for row in STATUS_FLAGS if row.name == name)
+    row = STATUS_FLAGS[name]
     return [int(word) >> row.bit & (1 << row.width) - 1 for word in words]
 
 
@@ -1019,7 +1019,7 @@ def test_the_status_word_follows_the_product_and_the_fix(product: int) -> None:
     """Table 27, before and after the fix."""
     device = measuring(configurable(product, time_to_fix=1.0))
     words = log_of(device, 2.0)["status_word"].values
-    numbers = {row.name: flag(words[[1, -1]], row.name) for row in STATUS_FLAGS}
+    numbers = {row.name: flag(words[[1, -1]], row.name) for row in STATUS_FLAGS.values()}
     flags = {name: value for name, value in numbers.items() if any(value)}
     expected = {} if PRODUCTS[product].series == "600-series" else {"selftest": [1, 1]}
     if product in GNSS_NUMBERS:

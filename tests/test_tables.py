@@ -160,7 +160,7 @@ def test_table_17() -> None:
 
 def test_table_27() -> None:
     """What the manual says of each bit of StatusWord; its text is checked for the words."""
-    flags = {it.name: (it.bit, it.width) for it in STATUS_FLAGS}
+    flags = {it.name: (it.bit, it.width) for it in STATUS_FLAGS.values()}
     assert {name: bits for name, bits in flags.items() if bits[1] > 1} == {
         "no_rotation_update_status": (3, 2),
         "filter_mode": (23, 3),

@@ -173,7 +173,7 @@ def status() -> list[nodes.Node]:
     def bits(first: int, width: int) -> str:
         return str(first) if width == 1 else f"{first} to {first + width - 1}"
 
-    rows = ((bits(it.bit, it.width), code(it.name), it.meaning) for it in STATUS_FLAGS)
+    rows = ((bits(it.bit, it.width), code(it.name), it.meaning) for it in STATUS_FLAGS.values())
     return [table(("bits", "name", "meaning"), rows)]
 
 

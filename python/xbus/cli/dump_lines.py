@@ -7,10 +7,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from xbus import _core
-from xbus.describe.text import describe_message, describe_packet, message_dict, packet_dict, seconds
+from xbus.describe.text import describe_message, describe_packet, message_dict, packet_dict
 from xbus.log.source import LONGEST
 from xbus.protocol.ids import MessageId
-from xbus.wire.codec import Damage, Scanner, is_malformed
+from xbus.wire.codec import Damage, Scanner
 from xbus.wire.message import Message
 from xbus.wire.strings import String
 
@@ -83,9 +83,8 @@ class Teller:
     def _frame(self, message: Message) -> bytes:
         """The frame of a message, byte by byte as it came."""
         at = message.offset - (self.size - len(self._kept))
-        # A length byte of FF says that two more bytes tell the length (section 5.1).
-        around = 7 if self._kept[at + 3] == 0xFF else 5
-        return bytes(self._kept[at : at + around + len(message.payload)])
+        frame = bytes(self._kept[at:])
+        return frame[: _core.frame_size(frame)]
 
 
 def _damage(damage: Damage, *, as_json: bool) -> str:
@@ -106,10 +105,10 @@ def _words(message: Message, frame: bytes | None) -> str:
     stamp = ""
     if message.mid == MessageId.MTData2:
         packets = _core.packets(message.payload)
-        if (at := seconds(packets)) is not None:
+        if (at := _core.time_stamp(message.payload)) is not None:
             stamp = f"{at:.4f}"
         parts = [describe_packet(it) for it in packets]
-        if is_malformed(message.payload):
+        if not _core.is_sample(message.payload):
             parts.append("malformed: its packets do not fill it")
         text = "; ".join(parts)
     else:
@@ -125,8 +124,8 @@ def _facts(message: Message, frame: bytes | None) -> str:
     if message.mid == MessageId.MTData2:
         packets = _core.packets(message.payload)
         facts |= {"bid": message.bid, "mid": message.mid, "name": message.name}
-        facts["time_s"] = seconds(packets)
-        facts["malformed"] = is_malformed(message.payload)
+        facts["time_s"] = _core.time_stamp(message.payload)
+        facts["malformed"] = not _core.is_sample(message.payload)
         facts["packets"] = [packet_dict(it) for it in packets]
     else:
         facts |= message_dict(message)

@@ -17,13 +17,10 @@ from xbus.log.log import Log, steady_time
 from xbus.log.stats import Stats
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import MASTER, STANDALONE, UTC_VALID
+from xbus.protocol.tables import QUANTITIES, UTC_VALID
 from xbus.wire.message import Message
 
 __all__ = ["Event", "Gap", "LogSummary", "QuantitySummary"]
-
-#: After these a device counts its samples anew, and nothing is lost.
-RESTARTS = (MessageId.GoToMeasurementAck, MessageId.ResetAck, MessageId.WakeUp)
 
 
 class Gap(NamedTuple):
@@ -117,7 +114,7 @@ class QuantitySummary:
     @property
     def data_id(self) -> int:
         """The one data identifier, or the base identifier."""
-        return next(iter(self._ids)) if len(self._ids) == 1 else next(iter(self._ids)) & 0xFFF0
+        return next(iter(self._ids)) if len(self._ids) == 1 else QUANTITIES[self.name].id
 
     def facts(self) -> dict[str, Any]:
         """For programs."""
@@ -163,9 +160,6 @@ class LogSummary:
         self.utc_rows = self.utc_valid = 0
         self._steady, self._receiver = Span(), Span()
         self._last_time: float | None = None
-        #: Per device: its last counter, and whether it begins anew.
-        self._counters: dict[int, int] = {}
-        self._restarted: set[int] = set()
         for part in parts:
             self.add(part)
 
@@ -208,7 +202,7 @@ class LogSummary:
             count[0] += len(packets)
             count[1] += packets._bytes.size
         messages = list(part.messages)
-        self._add_gaps(part, [it for it in messages if it.mid in RESTARTS])
+        self._add_gaps(part)
         steady = steady_time(part)
         self._add_messages(part, messages, steady)
         is_steady = np.isfinite(steady)
@@ -244,30 +238,13 @@ class LogSummary:
             time = self._last_time if at < 0 else float(steady[at])
             self.events.append(Event(it.offset, it.sample, time, it.name, read_notice(it)))
 
-    def _add_gaps(self, part: Log, restarts: Iterable[Message]) -> None:
-        """Finds where the unwrapped counter of a device steps by more than one."""
-        devices = np.where(part.bid == MASTER, STANDALONE, part.bid)
-        counted = part.packet_counter != -1
-        anew: dict[int, list[int]] = {it: [0] for it in self._restarted}
-        for it in restarts:
-            device = STANDALONE if it.bid == MASTER else it.bid
-            anew.setdefault(device, []).append(it.sample - part.first_sample)
-        self._restarted = set(anew)
-        found: list[Gap] = []
-        for device in np.unique(devices[counted]).tolist():
-            rows = np.flatnonzero(counted & (devices == device))
-            counters = part.packet_counter[rows]
-            steps = np.diff(counters, prepend=self._counters.get(device, counters[0]))
-            self._counters[device] = int(counters[-1])
-            first_anew = np.searchsorted(rows, anew.get(device, []))
-            steps[first_anew[first_anew < len(rows)]] = 1
-            if len(first_anew) and first_anew[-1] < len(rows):
-                self._restarted.discard(device)
-            found += [
-                Gap(part.first_sample + row, finite(float(part.time[row])), int(step) - 1)
-                for row, step in zip(rows[steps > 1].tolist(), steps[steps > 1], strict=True)
-            ]
-        self.gaps += sorted(found)
+    def _add_gaps(self, part: Log) -> None:
+        gaps = part.gaps
+        times = part.time[gaps["sample"] - part.first_sample].tolist()
+        self.gaps += [
+            Gap(sample, finite(time), lost)
+            for (sample, lost, _), time in zip(gaps.tolist(), times, strict=True)
+        ]
 
     def facts(self, file: str) -> dict[str, Any]:
         """For programs: all of it; null where the log does not say, and for NaN."""

@@ -17,7 +17,7 @@ from xbus.log.identity import Identity
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.messages import LAYOUTS
-from xbus.protocol.tables import QUANTITIES, RESULT_CODES, STATUS_FLAGS, Field
+from xbus.protocol.tables import QUANTITIES, RESULT_CODES, Field, Quantity
 from xbus.protocol.values import Output
 from xbus.wire.message import Message
 
@@ -31,7 +31,6 @@ __all__ = [
     "packet_dict",
     "read_notice",
     "recording_date",
-    "seconds",
     "value_text",
 ]
 
@@ -190,22 +189,6 @@ def printable(data: bytes) -> str:
 # Packets
 
 
-def seconds(packets: Sequence[_core.Packet]) -> float | None:
-    """The time stamp of a sample, s, as the device sent it: it wraps; None where it has none."""
-    stamps = {packet.name: packet.numbers[0] for packet in packets if packet.name in STAMPS}
-    fine = stamps.get("sample_time_fine")
-    if fine is None:
-        return None
-    # With both, the manual's "big timestamp" (section 5.3.6).
-    coarse = stamps.get("sample_time_coarse")
-    return fine / TICKS if coarse is None else coarse + fine % TICKS / TICKS
-
-
-STAMPS = ("sample_time_fine", "sample_time_coarse")
-#: The fine time counts 0.1 ms.
-TICKS = 10_000
-
-
 def describe_packet(packet: _core.Packet) -> str:
     """A packet in words: name, values and unit; format and coordinates where they are not the default."""
     if packet.name is None:
@@ -224,8 +207,8 @@ def _writer(
     unit = f" {row.unit}" if row.unit else ""
     if name == "utc_time":
         return lambda it: f"{label} {_date(it)} valid={it[7]}"
-    if name in ("status_word", "status_byte"):
-        return lambda it: f"{label} {_status(it[0], 2 * (row.size or 1))}"
+    if row.has_flags:
+        return lambda it: f"{label} {_status(row, it[0])}"
     if row.kind == "list":
         return lambda it: f"{label} {_satellites(row.fields, row.entry, it)}"
     if row.kind == "struct":
@@ -243,11 +226,13 @@ def _date(it: Sequence[int]) -> str:
     return f"{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02}.{ns:09}"
 
 
-def _status(word: int, digits: int) -> str:
+def _status(row: Quantity, word: int) -> str:
     """The names of the bits that are set, with their value where they have several."""
-    values = ((it, word >> it.bit & ((1 << it.width) - 1)) for it in STATUS_FLAGS)
-    set_ones = (it.name if it.width == 1 else f"{it.name}={value}" for it, value in values if value)
-    return " ".join([f"0x{word:0{digits}X}", *set_ones])
+    values = ((flag, flag.of(word)) for flag in row.flags)
+    names = (
+        flag.name if flag.width == 1 else f"{flag.name}={value}" for flag, value in values if value
+    )
+    return " ".join([f"0x{word:0{2 * (row.size or 1)}X}", *names])
 
 
 def _record(fields: Sequence[Field], values: Sequence[int]) -> str:
@@ -257,8 +242,7 @@ def _record(fields: Sequence[Field], values: Sequence[int]) -> str:
 def _scaled(field: Field, raw: int) -> str:
     if raw == field.missing:
         return "none"
-    # A power of ten is exact as a divisor, not as a factor.
-    value = raw if field.scale == 1 else raw / round(1 / field.scale)
+    value = field.scaled(raw)
     return f"{value} {field.unit}" if field.unit else f"{value}"
 
 

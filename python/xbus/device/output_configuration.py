@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Any
 
+from xbus.protocol.ids import Precision
 from xbus.protocol.keys import Key
 from xbus.protocol.products import Support
 from xbus.protocol.tables import QUANTITIES
@@ -101,7 +102,7 @@ def _messages_per_second(rates: list[int]) -> int:
 def _packet_bytes(output: Output) -> int:
     row = QUANTITIES[output.quantity or ""]
     if row.kind == "real":
-        return _PACKET_BYTES + row.numbers * (4, 4, 6, 8)[output.data_id & 3]
+        return _PACKET_BYTES + row.numbers * Precision(output.precision or 0).size
     if row.kind == "list":
         head = sum(int(field.type[1]) for field in row.fields)
         entry = sum(int(field.type[1]) for field in row.entry)

@@ -160,4 +160,4 @@ def _value(packet: _core.Packet) -> Any:
     if not row.components:
         return numbers[0]
     values = np.array(numbers, _REALS[packet.precision] if packet.precision else row.kind)
-    return values.reshape(3, 3).T if row.name == "rotation_matrix" else values
+    return values.reshape(row.shape).T if row.is_matrix else values

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from xbus.log.hostclock import HostClock
-from xbus.protocol.tables import FOLLOWING
+from xbus.protocol.tables import LATE
 
 if TYPE_CHECKING:
     from xbus.device.sample import Sample
@@ -37,7 +37,7 @@ class Timing:
         fine = sample.get("sample_time_fine")
         if fine is None:
             return math.nan, math.nan
-        follows = any(it in sample for it in FOLLOWING)
+        follows = any(it in sample for it in LATE)
         ticks = fine if self._ticks is None else self._nearest(fine)
         if not follows:
             self._ticks = ticks

@@ -22,7 +22,7 @@ from xbus import _core
 from xbus.log.arrays import read_only
 from xbus.log.hostclock import HostClock
 from xbus.log.source import Source
-from xbus.protocol.tables import FOLLOWING, MASTER, STANDALONE
+from xbus.protocol.tables import LATE, device_of
 
 __all__ = ["Arrivals", "HostTimes", "arrivals_of", "joined"]
 
@@ -92,11 +92,11 @@ class HostTimes:
             return None, clocks
         leads = np.ones(len(part), np.bool_)
         for column in part.columns:
-            if column.name in FOLLOWING:
+            if column.name in LATE:
                 leads[column.sample - part.first] = False
         time = np.full(len(part), np.nan)
         arrival = self._arrivals.of(part.end)
-        bids = np.where(part.bid == MASTER, STANDALONE, part.bid)[: len(arrival)]
+        bids = device_of(part.bid)[: len(arrival)]
         for bid in np.unique(bids).tolist():
             clock = clocks.setdefault(bid, HostClock())
             rows = np.flatnonzero(bids == bid)

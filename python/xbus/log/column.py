@@ -15,7 +15,6 @@ from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.flags import Flags
 from xbus.protocol.tables import QUANTITIES, Field, Quantity
-from xbus.wire.struct import scaled
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +85,9 @@ class Column:
         if self._row.fields:
             return self.values[index]
         place = self.fields.index(index)
-        return self.values[:, place // 3, place % 3] if self._is_matrix else self.values[:, place]
+        return (
+            self.values[:, place // 3, place % 3] if self._row.is_matrix else self.values[:, place]
+        )
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self.values)
@@ -114,11 +115,7 @@ class Column:
         """
         if self._row.fields:
             return tuple(field.name for field in self._row.fields)
-        return tuple(sorted(self._row.components)) if self._is_matrix else self._row.components
-
-    @property
-    def _is_matrix(self) -> bool:
-        return self.name == "rotation_matrix"
+        return tuple(sorted(self._row.components)) if self._row.is_matrix else self._row.components
 
     # Arrays
 
@@ -134,10 +131,9 @@ class Column:
         flat: npt.NDArray[Any] = self._core.values
         if self._row.fields:
             return flat.view(_dtype(self._row.fields))
-        if self._is_matrix:
-            # Column by column on the wire (section 5.3.6).
-            return flat.reshape(-1, 3, 3).transpose(0, 2, 1)
-        return flat.reshape(-1, len(self._row.components)) if self._row.components else flat
+        rows = flat.reshape(-1, *self._row.shape)
+        # A matrix is column by column on the wire (section 5.3.6).
+        return rows.transpose(0, 2, 1) if self._row.is_matrix else rows
 
     @cached_property
     def sample(self) -> npt.NDArray[np.int64]:
@@ -179,9 +175,9 @@ class Column:
         >>> xbus.read_log(xbus.encode_sample({"status_word": 0b10}))["status_word"].flags["filter_valid"]
         array([ True])
         """
-        if self.name not in ("status_word", "status_byte"):
+        if not self._row.has_flags:
             self._refuse("flags", "status_word and status_byte have")
-        return Flags(self.values)
+        return Flags(self.values, self._row)
 
     @cached_property
     def datetime(self) -> npt.NDArray[np.datetime64]:
@@ -310,7 +306,7 @@ def _dtype(fields: tuple[Field, ...]) -> np.dtype[Any]:
 
 
 def _scaled(values: npt.NDArray[Any], fields: tuple[Field, ...]) -> npt.NDArray[Any]:
-    columns = {field.name: scaled(field, values[field.name]) for field in fields}
+    columns = {field.name: field.scaled(values[field.name]) for field in fields}
     table = np.empty(len(values), [(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
         table[name] = column

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.log.arrays import identical, read_only
-from xbus.protocol.tables import STATUS_FLAGS
+from xbus.protocol.tables import Quantity
 
 __all__ = ["Flags"]
 
@@ -21,27 +21,19 @@ class Flags(Mapping[str, npt.NDArray[Any]]):
     Two are equal if they are of the same words.
     """
 
-    def __init__(self, words: npt.NDArray[Any]) -> None:
+    def __init__(self, words: npt.NDArray[Any], row: Quantity) -> None:
         self._words = words
-
-    def _rows(self) -> Iterator[tuple[str, int, int]]:
-        bits = 8 * self._words.dtype.itemsize
-        for flag in STATUS_FLAGS:
-            if flag.bit + flag.width <= bits:
-                yield flag.name, flag.bit, flag.width
+        self._flags = {flag.name: flag for flag in row.flags}
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
-        for known, bit, width in self._rows():
-            if known == name:
-                value = self._words >> bit & ((1 << width) - 1)
-                return read_only(value.astype(bool if width == 1 else np.uint8))
-        raise KeyError(name)
+        flag = self._flags[name]
+        return read_only(flag.of(self._words).astype(bool if flag.width == 1 else np.uint8))
 
     def __iter__(self) -> Iterator[str]:
-        return (name for name, _, _ in self._rows())
+        return iter(self._flags)
 
     def __len__(self) -> int:
-        return sum(1 for _ in self._rows())
+        return len(self._flags)
 
     def __eq__(self, other: object) -> bool:
         return identical(self._words, other._words) if isinstance(other, Flags) else NotImplemented

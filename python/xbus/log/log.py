@@ -211,6 +211,19 @@ class Log(ByQuantity[Column]):
         return read_only(damage)
 
     @cached_property
+    def gaps(self) -> npt.NDArray[Any]:
+        """Places where samples are missing, as a structured array of sample, lost and bid.
+
+        ``sample`` is the index of the sample behind the gap, ``lost`` the number of samples that are missing
+        by the packet counter of the device ``bid``. `Stats.gaps` and `Stats.lost_samples` count them.
+        """
+        found = self._core.gaps
+        gaps = np.empty(len(found.sample), [("sample", "i8"), ("lost", "i8"), ("bid", "u1")])
+        gaps["sample"], gaps["lost"], gaps["bid"] = found.sample, found.lost, found.bid
+        gaps.flags.writeable = False
+        return gaps
+
+    @cached_property
     def stats(self) -> Stats:
         """Counts of what was read."""
         return Stats(**self._core.stats)

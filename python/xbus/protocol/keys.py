@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import ItemsView, Iterable, Iterator, KeysView, Mapping, ValuesView
 from typing import Any, Generic, NamedTuple, TypeVar, overload
 
+from xbus.protocol.formats import format_of
 from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.tables import QUANTITIES, Quantity
 
@@ -20,10 +21,6 @@ EntryKey = str | tuple[str, str]
 
 V = TypeVar("V")
 D = TypeVar("D")
-
-_BY_ID = {row.id: row for row in QUANTITIES.values()}
-#: The format bits of a data identifier (Table 17): precision, coordinates, both.
-_PRECISION, _COORDINATES, _FORMAT = 0x3, 0xC, 0xF
 
 
 class QuantityKey(NamedTuple):
@@ -64,15 +61,15 @@ def resolve_key(key: Key) -> QuantityKey:
             hint = _suggestion(subject, QUANTITIES, "xbus quantities lists them")
             raise ValueError(f"no quantity is called {subject!r}; {hint}")
     elif isinstance(subject, int) and not isinstance(subject, bool | Coordinates | Precision):
-        if (row := _BY_ID.get(subject & ~_FORMAT)) is None:
+        row, precision, system = format_of(subject)
+        if row is None:
             raise ValueError(f"no quantity has the data identifier 0x{subject:04X}")
-        # Devices set format bits on integers too, where they mean nothing.
-        if row.kind == "real" and subject & _PRECISION:
-            formats.append(Precision(subject & _PRECISION))
-        if row.coordinates and (system := subject & _COORDINATES):
-            if system not in set(Coordinates):
+        if precision:
+            formats.append(precision)
+        if system:
+            if not isinstance(system, Coordinates):
                 raise ValueError(f"0x{subject:04X} has format bits that are no coordinate system")
-            formats.append(Coordinates(system))
+            formats.append(system)
     else:
         raise TypeError(
             "a key is a name, a DataId, or a tuple of one of these with coordinates and precision, "

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from xbus import _core
+from xbus._core import device_of
 
 __all__ = [
-    "FOLLOWING",
+    "LATE",
     "MASTER",
     "MESSAGES",
     "PREAMBLE",
@@ -15,7 +18,6 @@ __all__ = [
     "QUANTITIES",
     "RECEIVER",
     "RESULT_CODES",
-    "STANDALONE",
     "STATUS_FLAGS",
     "UTC_VALID",
     "Field",
@@ -24,8 +26,13 @@ __all__ = [
     "Product",
     "Quantity",
     "StatusFlag",
+    "device_of",
     "message_name",
 ]
+
+
+#: The bits of a data identifier that name precision and coordinates (Table 17).
+FORMAT_BITS = 0xF
 
 
 class Field(NamedTuple):
@@ -45,6 +52,52 @@ class Field(NamedTuple):
     unit: str
     missing: int | None
 
+    @property
+    def per_unit(self) -> int:
+        """Counts in one ``unit``."""
+        return round(1 / self.scale)
+
+    def scaled(self, raw: Any) -> Any:
+        """Raw integers in ``unit``; NaN for those that mean "not provided".
+
+        Args:
+            raw: An integer, or a numpy array of them.
+
+        Returns:
+            A float, or float64 of the same shape; the integers themselves if one count is worth 1.
+
+        >>> lat = next(it for it in QUANTITIES["gnss_pvt_data"].fields if it.name == "lat")
+        >>> lat.scaled(522404917)
+        52.2404917
+        """
+        if self.scale == 1:
+            return raw
+        # A power of ten is exact as a divisor, not as a factor.
+        values = raw / self.per_unit
+        if self.missing is None:
+            return values
+        if getattr(raw, "ndim", 0) == 0:
+            return math.nan if raw == self.missing else values
+        values[raw == self.missing] = math.nan
+        return values
+
+
+class StatusFlag(NamedTuple):
+    """A field of ``StatusWord`` (Table 27): its lowest bit and how many bits it has."""
+
+    name: str
+    bit: int
+    width: int
+    meaning: str
+
+    def of(self, word: Any) -> Any:
+        """The value of the field in a word, or in an array of words.
+
+        >>> STATUS_FLAGS["rtk_status"].of(0x1000_0081)
+        2
+        """
+        return word >> self.bit & ((1 << self.width) - 1)
+
 
 class Quantity(NamedTuple):
     """A data identifier: a row of the manual's Table 16.
@@ -61,7 +114,11 @@ class Quantity(NamedTuple):
         fields: Fields of a struct, or of the head of a list.
         entry: Fields of the entries of a list.
         unit: Unit of the numbers.
+        is_matrix: Whether the numbers are a matrix of 3 by 3, column by column.
         coordinates: Whether the identifier names a coordinate system.
+        clock: What it says about the time of its sample: it is the ``"counter"``, the ``"fine"`` or the
+            ``"coarse"`` time, or the sample comes late, from a ``"trigger"`` or the GNSS ``"receiver"``.
+        has_flags: Whether its integer has the bits of `STATUS_FLAGS`.
         products: Numbers of the products that offer it.
         source: Where the layout is written down.
     """
@@ -77,9 +134,50 @@ class Quantity(NamedTuple):
     fields: tuple[Field, ...]
     entry: tuple[Field, ...]
     unit: str
+    is_matrix: bool
     coordinates: bool
+    clock: str | None
+    has_flags: bool
     products: tuple[int, ...]
     source: str
+
+    @classmethod
+    def of(cls, data_id: int) -> Quantity | None:
+        """The quantity of a data identifier, whatever its format bits; None for an unknown one.
+
+        >>> Quantity.of(0x2016).name
+        'quaternion'
+        """
+        return _BY_ID.get(data_id & ~FORMAT_BITS)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the numbers of one packet: ``()``, ``(k,)``, or ``(3, 3)`` for a matrix."""
+        if self.is_matrix:
+            return 3, 3
+        return (self.numbers,) if self.components else ()
+
+    @property
+    def flags(self) -> tuple[StatusFlag, ...]:
+        """The flags in its integer; none where it has no flags."""
+        bits = 8 * (self.size or 0) if self.has_flags else 0
+        return tuple(flag for flag in STATUS_FLAGS.values() if flag.bit + flag.width <= bits)
+
+    def fields_of(self, word: int) -> dict[str, int]:
+        """The values of the flags in a word, by name.
+
+        >>> QUANTITIES["status_byte"].fields_of(0x83)["filter_valid"]
+        1
+        """
+        return {flag.name: flag.of(word) for flag in self.flags}
+
+    def scaled(self, record: Mapping[str, Any]) -> dict[str, Any]:
+        """The fields of a struct in their units, by name: see `Field.scaled`.
+
+        Args:
+            record: The raw integers by name.
+        """
+        return {field.name: field.scaled(record[field.name]) for field in self.fields}
 
 
 class MessageField(NamedTuple):
@@ -165,15 +263,6 @@ class Product(NamedTuple):
     fine_wrap: int
 
 
-class StatusFlag(NamedTuple):
-    """A field of ``StatusWord`` (Table 27): its lowest bit and how many bits it has."""
-
-    name: str
-    bit: int
-    width: int
-    meaning: str
-
-
 def _tuples(row: dict[str, Any]) -> dict[str, Any]:
     return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
 
@@ -190,14 +279,15 @@ def _message(row: dict[str, Any]) -> MessageRow:
 
 #: All data identifiers, by name.
 QUANTITIES = {row["name"]: _quantity(row) for row in _core.quantities()}
-#: Samples with these have a time of the GNSS receiver's own: behind the others, and arbitrary without a fix.
-RECEIVER = ("gnss_pvt_data", "gnss_sat_info")
-#: Samples with these do not move a clock.
-FOLLOWING = (*RECEIVER, "trigger_in1", "trigger_in2", "trigger_in3")
+_BY_ID = {quantity.id: quantity for quantity in QUANTITIES.values()}
+#: Quantities of the GNSS receiver, whose samples come late, and without a fix with an arbitrary time.
+RECEIVER = tuple(name for name, row in QUANTITIES.items() if row.clock == "receiver")
+#: Quantities whose samples come later than they were taken.
+LATE = tuple(name for name, row in QUANTITIES.items() if row.clock in ("receiver", "trigger"))
+#: The bus identifier of a stand-alone device, which has 1 as well (section 5.1): see `device_of`.
+MASTER = 0xFF
 #: First byte of every frame (section 5.1).
 PREAMBLE = 0xFA
-#: Bus identifiers (section 5.1, "BID or Address"): both are the one device at the other end of the cable.
-MASTER, STANDALONE = 0xFF, 1
 #: All messages by name, in the order of their MIDs.
 MESSAGES = {row["name"]: _message(row) for row in _core.messages()}
 
@@ -213,8 +303,8 @@ def message_name(mid: int, length: int) -> str:
 
 #: All products, by number.
 PRODUCTS = {row["number"]: Product(**row) for row in _core.products()}
-#: The fields of ``StatusWord``, from bit 0.
-STATUS_FLAGS = [StatusFlag(**row) for row in _core.status_flags()]
+#: The fields of ``StatusWord`` by name, from bit 0.
+STATUS_FLAGS = {row["name"]: StatusFlag(**row) for row in _core.status_flags()}
 #: What the numbers in Error and Warning messages mean.
 RESULT_CODES = dict(_core.result_codes())
 #: The device vouches for date, time and UTC (Tables 25 and 35). Higher bits may be set, too.

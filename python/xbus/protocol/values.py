@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from enum import IntEnum, IntFlag, StrEnum
 from typing import NamedTuple, TypeVar
 
+from xbus.protocol.formats import format_of
 from xbus.protocol.ids import Coordinates, Precision
-from xbus.protocol.tables import QUANTITIES
 
 __all__ = [
     "BAUD_CODES",
@@ -354,22 +354,18 @@ class Output(NamedTuple):
     @property
     def quantity(self) -> str | None:
         """Name of the quantity, or None where the tables do not have the identifier."""
-        return _NAMES.get(self.data_id & 0xFFF0)
+        row = format_of(self.data_id).quantity
+        return None if row is None else row.name
 
     @property
     def precision(self) -> Precision | None:
         """Precision; None where the quantity is no real number."""
-        row = QUANTITIES.get(self.quantity or "")
-        return Precision(self.data_id & 3) if row and row.kind == "real" else None
+        return format_of(self.data_id).precision
 
     @property
     def coordinates(self) -> Coordinates | int | None:
         """Coordinate system; None where the quantity has none."""
-        row = QUANTITIES.get(self.quantity or "")
-        return known(Coordinates, self.data_id & 0xC) if row and row.coordinates else None
-
-
-_NAMES = {it.id: it.name for it in QUANTITIES.values()}
+        return format_of(self.data_id).coordinates
 
 
 #: Sampling periods for strings, 1/115200 s: 512 to 100 Hz (Table 18).

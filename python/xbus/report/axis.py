@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.log.log import Log, steady_time
-from xbus.protocol.tables import MASTER, STANDALONE
+from xbus.protocol.tables import MASTER, device_of
 from xbus.report.thin import BoolArray, FloatArray
 
 __all__ = ["Axis"]
@@ -41,7 +41,7 @@ class Axis:
         self.restarts = 0
         self.devices: set[int] = set()
         #: The device that defines the axis, and whether only samples of its GNSS receiver have a time.
-        self._device = STANDALONE
+        self._device = device_of(MASTER)
         self._is_receiver = False
         #: Last value and last step of the clock, and its offset on the axis.
         self._clock = np.nan
@@ -55,10 +55,10 @@ class Axis:
         """
         if not len(part):
             return np.empty(0)
-        devices = np.where(part.bid == MASTER, STANDALONE, part.bid)
+        devices = device_of(part.bid)
         self.devices |= set(np.unique(devices).tolist())
         if not self.kind:
-            self._start(part, devices.astype(np.int64))
+            self._start(part, devices)
         if self.kind == "sample":
             x = (part.first_sample + np.arange(len(part))).astype(np.float64)
         else:
@@ -66,7 +66,7 @@ class Axis:
         self.last = float(x[-1])
         return x
 
-    def _start(self, part: Log, devices: npt.NDArray[np.int64]) -> None:
+    def _start(self, part: Log, devices: npt.NDArray[np.uint8]) -> None:
         for kind, is_receiver in (("time", False), ("time", True), ("packet counter", False)):
             self.kind, self._is_receiver = kind, is_receiver
             stamps = self._stamps(part)

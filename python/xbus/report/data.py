@@ -47,7 +47,7 @@ VALID_WITHOUT_FIX = ("fix type and satellites",)
 NOISY = ("acceleration", "acceleration_hr", "rate_of_turn", "rate_of_turn_hr")
 STATUS = ("status_word", "status_byte")
 #: Flags that should be set.
-EXPECTED = [flag for flag in STATUS_FLAGS if flag.name in ("filter_valid", "gnss_fix")]
+EXPECTED = [STATUS_FLAGS[name] for name in ("filter_valid", "gnss_fix")]
 EVENTS = (MessageId.Error, MessageId.Warning)
 #: Maximum number of listed settings; a log with many commands contains more.
 MAX_SETTINGS = 100
@@ -297,7 +297,7 @@ class ReportData:
         if not len(words):
             return
         for field in EXPECTED:
-            if len(missing := np.flatnonzero(words >> field.bit & 1 == 0)):
+            if len(missing := np.flatnonzero(field.of(words) == 0)):
                 self.last_unset[field.name] = float(time[missing[-1]])
         # Each stretch of equal words lasts until the next one, or for the usual time of a row.
         changes = np.concatenate(([True], (words[1:] != words[:-1]) | breaks[1:]))
@@ -307,10 +307,8 @@ class ReportData:
         end = time[first + rows - 1] + (usual if np.isfinite(usual) else 0.0)
         follows = np.append(~breaks[first[1:]], False)
         end = np.where(follows, np.append(start[1:], 0.0), end)
-        for field in STATUS_FLAGS:
-            if field.bit + field.width > 8 * words.dtype.itemsize:
-                continue
-            values = words[first] >> field.bit & ((1 << field.width) - 1)
+        for field in QUANTITIES[column.name].flags:
+            values = field.of(words[first])
             for value in np.unique(values[values != 0]).tolist():
                 flag = self.flags.setdefault((field.name, value), Flag(field, value))
                 on = values == value

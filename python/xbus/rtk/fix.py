@@ -16,7 +16,6 @@ FIX_TYPES = ("none", "dead reckoning", "2D", "3D", "GNSS and dead reckoning", "t
 #: Those with a position.
 WITH_POSITION = ("2D", "3D", "GNSS and dead reckoning")
 RTK = ("none", "float", "fixed")
-_FLAGS = {flag.name: flag for flag in STATUS_FLAGS}
 _PVT = {field.name: field for field in QUANTITIES["gnss_pvt_data"].fields}
 
 
@@ -72,9 +71,9 @@ class Fix:
         """Updates the fix from a sample, or from a mapping with the same keys and values."""
         if (word := sample.get("status_word")) is not None:
             self._has_status = True
-            self.rtk = _rtk_name(_flag(word, "rtk_status"))
+            self.rtk = _rtk_name(STATUS_FLAGS["rtk_status"].of(int(word)))
             if not self._has_pvt:
-                self.type = "yes" if _flag(word, "gnss_fix") else "none"
+                self.type = "yes" if STATUS_FLAGS["gnss_fix"].of(int(word)) else "none"
         if (pvt := sample.get("gnss_pvt_data")) is not None:
             self._update_from_pvt(pvt)
         elif not self._has_pvt and "lat_lon" in sample and self.type != "none":
@@ -92,28 +91,17 @@ class Fix:
             self.rtk = _rtk_name(pvt["flags"] >> 6 & 3)
         if self.type in WITH_POSITION:
             self.position = Position(
-                _scaled("lat", pvt["lat"]),
-                _scaled("lon", pvt["lon"]),
-                _scaled("hMSL", pvt["hMSL"]),
-                _scaled("height", pvt["height"] - pvt["hMSL"]),
+                _PVT["lat"].scaled(pvt["lat"]),
+                _PVT["lon"].scaled(pvt["lon"]),
+                _PVT["hMSL"].scaled(pvt["hMSL"]),
+                _PVT["height"].scaled(pvt["height"] - pvt["hMSL"]),
                 pvt["numSV"],
-                _scaled("hdop", pvt["hdop"]),
+                _PVT["hdop"].scaled(pvt["hdop"]),
             )
 
     def __repr__(self) -> str:
         where = f", {self.position.lat:.5f}, {self.position.lon:.5f}" if self.position else ""
         return f"<Fix {self.type}, RTK {self.rtk}{where}>"
-
-
-def _scaled(name: str, count: int) -> float:
-    """Returns a field of gnss_pvt_data in its unit."""
-    # A power of ten is exact as a divisor, and not as a factor.
-    return count / round(1 / _PVT[name].scale)
-
-
-def _flag(word: Any, name: str) -> int:
-    flag = _FLAGS[name]
-    return int(word) >> flag.bit & ((1 << flag.width) - 1)
 
 
 def _rtk_name(status: int) -> str:

@@ -44,12 +44,10 @@ TRIGGERS = {SyncLine.IN1: DataId.TriggerIn1, SyncLine.IN2: DataId.TriggerIn2}
 #: Quantities that carry status flags.
 STATUS_QUANTITIES = ("status_word", "status_byte")
 
-_STATUS_BITS = {flag.name: flag.bit for flag in STATUS_FLAGS}
-
 
 def status_word(**fields: int) -> int:
     """Returns the status word with these fields (Table 27)."""
-    return sum(int(value) << _STATUS_BITS[name] for name, value in fields.items())
+    return sum(int(value) << STATUS_FLAGS[name].bit for name, value in fields.items())
 
 
 class Source(Protocol):

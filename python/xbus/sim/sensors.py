@@ -59,7 +59,7 @@ DOPS = {"gdop": 165, "pdop": 144, "tdop": 80, "vdop": 120, "hdop": 79, "ndop": 6
 NO_DOP = 9999
 #: The fields of `gnss_pvt_data`, and counts per unit of each field.
 PVT_FIELDS = {field.name: field for field in QUANTITIES["gnss_pvt_data"].fields}
-PVT_COUNTS = {name: round(1 / field.scale) for name, field in PVT_FIELDS.items()}
+PVT_COUNTS = {name: field.per_unit for name, field in PVT_FIELDS.items()}
 #: Values and flags of Table 25: a 3D fix; the fix is valid, corrections are applied, bit of the RTK status.
 FIX_3D = 3
 FIX_VALID, CORRECTIONS_BIT, RTK_BIT = 0x01, 1, 6

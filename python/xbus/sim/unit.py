@@ -14,7 +14,7 @@ from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import decode, encode
 from xbus.protocol.products import FactoryIdentity, Support
-from xbus.protocol.tables import MASTER, MESSAGES, STANDALONE, MessageRow
+from xbus.protocol.tables import MASTER, MESSAGES, MessageRow, device_of
 from xbus.protocol.values import (
     DeviceErrorInfo,
     ErrorCode,
@@ -141,7 +141,7 @@ class Unit:
         """
         if self._has_bus_id:
             return self._bus_id if bid in (self._bus_id, MASTER) else None
-        return bid if bid in (MASTER, STANDALONE) else None
+        return bid if device_of(bid) == device_of(MASTER) else None
 
     @property
     def _has_bus_id(self) -> bool:

@@ -23,7 +23,6 @@ __all__ = [
     "encode_frame",
     "encode_packet",
     "encode_sample",
-    "is_malformed",
 ]
 
 #: The longest payload that a live device is believed to send: the vendor's limit of 8192 bytes a frame.
@@ -83,21 +82,13 @@ class Scanner:
                 case _core.ScannedFrame(offset=offset, bid=bid, mid=mid, payload=payload):
                     name = message_name(mid, len(payload))
                     found.append(Message(mid, name, bid, payload, offset, self._samples))
-                    self._samples += mid == MessageId.MTData2 and not is_malformed(payload)
+                    self._samples += mid == MessageId.MTData2 and _core.is_sample(payload)
                 case _core.ScannedString():
                     kind = type_at(item.place)
                     found.append(String(kind, item.data, item.offset, self._samples))
                 case _core.ScannedDamage():
                     found.append(Damage(item.offset, item.length, item.reason))
         return found
-
-
-def is_malformed(payload: bytes) -> bool:
-    """Whether the packets of an MTData2 payload do not fill it."""
-    at = 0
-    while at + 3 <= len(payload):
-        at += 3 + payload[at + 2]
-    return at != len(payload) or not payload
 
 
 def encode_frame(mid: int, payload: bytes = b"", *, bid: int = 0xFF) -> bytes:
@@ -178,9 +169,9 @@ def _numbers(quantity: Quantity, values: Any) -> npt.NDArray[Any]:
     if quantity.kind == "struct":
         return _record(quantity.fields, values)
     array = np.asarray(values)
-    if quantity.name == "rotation_matrix":
-        if array.shape == (9,):
-            array = array.reshape(3, 3)
+    if quantity.is_matrix:
+        if array.ndim == 1:
+            array = array.reshape(quantity.shape)
         array = array.T  # column by column on the wire
     return _exact(array.reshape(-1))
 

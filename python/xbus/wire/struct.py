@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-import numpy as np
-
 from xbus.protocol.tables import Field, Quantity
 
-__all__ = ["Struct", "scaled", "struct_of"]
+__all__ = ["Struct", "struct_of"]
 
 
 class Struct(dict[str, int]):
@@ -40,7 +37,7 @@ class Struct(dict[str, int]):
 
         Counts, dates and bits are integers.
         """
-        return {field.name: scaled(field, self[field.name]) for field in self._fields}
+        return {field.name: field.scaled(self[field.name]) for field in self._fields}
 
     @property
     def units(self) -> dict[str, str]:
@@ -66,15 +63,3 @@ def struct_of(row: Quantity, numbers: Sequence[int]) -> Struct:
     starts = range(head, len(numbers), size) if size else ()
     satellites = [Struct(row.entry, numbers[start : start + size]) for start in starts]
     return Struct(row.fields, numbers[:head], satellites)
-
-
-def scaled(field: Field, raw: Any) -> Any:
-    """Returns raw integers, one or an array, in the unit of their field.
-
-    NaN for the integer that means "not provided". A field without a scale stays an integer.
-    """
-    if field.scale == 1:
-        return raw
-    # Dividing by a power of ten is exact, multiplying by its inverse is not.
-    value = np.where(raw == field.missing, math.nan, raw / round(1 / field.scale))
-    return value if np.ndim(raw) else float(value)

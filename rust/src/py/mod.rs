@@ -22,7 +22,7 @@ mod _core {
     #[pymodule_export]
     use super::arrow::ArrowStream;
     #[pymodule_export]
-    use super::clock::{SampleClock, device_of, is_sample};
+    use super::clock::{SampleClock, device_of, is_sample, time_stamp};
     #[pymodule_export]
     use super::codec::{
         EncodedFrames, Packet, RequestScanner, ScannedDamage, ScannedFrame, ScannedString, Scanner, configuration,

@@ -54,6 +54,7 @@ pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row.set_item("group", quantity.group)?;
         row.set_item("components", quantity.components.to_vec())?;
         row.set_item("unit", quantity.unit)?;
+        row.set_item("is_matrix", quantity.is_matrix)?;
         row.set_item("coordinates", quantity.rotates)?;
         row.set_item("clock", quantity.clock.map(ClockRole::name))?;
         row.set_item("has_flags", quantity.has_flags)?;

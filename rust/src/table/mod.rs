@@ -149,6 +149,8 @@ pub struct Quantity {
     pub components: &'static [&'static str],
     /// Unit of every component, empty where there is none.
     pub unit: &'static str,
+    /// Whether its numbers are a matrix of 3 by 3, column by column.
+    pub is_matrix: bool,
     /// Whether the coordinate bits of the identifier mean something (Table 17, note 11).
     pub rotates: bool,
     /// What it says about time.

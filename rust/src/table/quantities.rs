@@ -55,7 +55,7 @@ pub const QUANTITIES: &[Quantity] = &[
     fixed (0x10B0, "packet_counter32",    "PacketCounter32",     U4, ONE, "").from(VENDOR),
 
     real  (0x2010, "quaternion",          "Quaternion",          QUATERNION, "").rotates().on(ORIENTED),
-    real  (0x2020, "rotation_matrix",     "RotationMatrix",      MATRIX, "").rotates().on(ORIENTED).from(BYTES),
+    real  (0x2020, "rotation_matrix",     "RotationMatrix",      MATRIX, "").matrix().rotates().on(ORIENTED).from(BYTES),
     real  (0x2030, "euler_angles",        "EulerAngles",         EULER, "deg").rotates().on(ORIENTED),
 
     fixed (0x3010, "baro_pressure",       "BaroPressure",        U4, ONE, "Pa").on(BAROMETER),
@@ -302,6 +302,7 @@ const fn new(id: u16, name: &'static str, manual: &'static str, kind: Kind) -> Q
         kind,
         components: &[],
         unit: "",
+        is_matrix: false,
         rotates: false,
         clock: None,
         has_flags: false,
@@ -353,6 +354,10 @@ const fn count(components: &[&str]) -> usize {
 }
 
 impl Quantity {
+    const fn matrix(self) -> Self {
+        Self { is_matrix: true, ..self }
+    }
+
     const fn rotates(self) -> Self {
         Self { rotates: true, ..self }
     }

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from xbus.cli.monitor.attitude import Attitude
-from xbus.cli.monitor.model import Model
+from xbus.cli.monitor.model import Model, QuantityState
 from xbus.cli.monitor.values import format_rate, format_unit, format_value, set_flags
 from xbus.describe.formatting import format_count, format_size
 from xbus.protocol.values import State
@@ -91,8 +91,7 @@ def status_rows(model: Model, glyphs: Glyphs) -> list[StatusRow]:
     if model.fix.type is not None and _has_receiver(model):
         rows.append(StatusRow("GNSS", _gnss(model)))
     if (status := model.status) is not None:
-        bits = 8 * status.value.dtype.itemsize
-        parts = _flags(int(status.value), bits, has_filter=model.attitude is not None)
+        parts = _flags(status, has_filter=model.attitude is not None)
         rows.append(StatusRow("status", parts, " "))
     rows.append(StatusRow("losses", _losses(model)))
     return rows
@@ -176,9 +175,9 @@ def _format_length(metres: float) -> str:
     return f"{1000 * metres:.0f} mm" if metres < 1 else f"{metres:.1f} m"
 
 
-def _flags(word: int, bits: int, *, has_filter: bool) -> list[Span]:
+def _flags(status: QuantityState, *, has_filter: bool) -> list[Span]:
     """Returns the flags by name; problems come first."""
-    flags = set_flags(word, bits)
+    flags = set_flags(status.name, int(status.value))
     parts = []
     if has_filter and "filter_valid" not in dict(flags):
         parts.append(("filter not valid", WARNING))

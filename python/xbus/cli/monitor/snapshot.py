@@ -40,7 +40,7 @@ def snapshot_dict(model: Model) -> dict[str, Any]:
     status = model.status
     flags = None
     if status is not None:
-        flags = dict(set_flags(int(status.value), 8 * status.value.dtype.itemsize))
+        flags = dict(set_flags(status.name, int(status.value)))
     return {
         "source": model.name,
         "state": None if model.state is None else str(model.state),

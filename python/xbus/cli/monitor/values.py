@@ -9,7 +9,7 @@ import numpy as np
 
 from xbus.cli.monitor.model import QuantityState
 from xbus.describe.text import device_name, finite
-from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, UTC_VALID
+from xbus.protocol.tables import QUANTITIES, UTC_VALID
 
 __all__ = ["format_rate", "format_unit", "format_value", "set_flags", "value_json"]
 
@@ -29,8 +29,6 @@ DEFAULT_DECIMALS = 4
 INTEGER_COLUMNS = 5
 #: Numbers of this size and above have an exponent.
 LARGE = 1e7
-#: Hexadecimal digits of status words.
-HEX_DIGITS = {"status_word": 8, "status_byte": 2}
 
 
 def format_unit(quantity: QuantityState) -> str:
@@ -52,8 +50,9 @@ def format_value(quantity: QuantityState) -> str:
         return value
     if isinstance(value, bytes):
         return value.hex(" ").upper() or "empty"
-    if name in HEX_DIGITS:
-        return f"0x{int(value):0{HEX_DIGITS[name]}X}"
+    row = QUANTITIES[name]
+    if row.has_flags:
+        return f"0x{int(value):0{2 * (row.size or 1)}X}"
     if name in _FORMATTERS:
         return _FORMATTERS[name](value)
     if value.dtype.names:
@@ -61,23 +60,19 @@ def format_value(quantity: QuantityState) -> str:
         return " ".join(
             f"{field}={_format_field(number)}{quantity.units[field]}" for field, number in pairs
         )
-    if QUANTITIES[name].kind == "id":
+    if row.kind == "id":
         return device_name(int(value))
     decimals = DECIMALS.get(name, DECIMALS.get(quantity.unit, DEFAULT_DECIMALS))
     # Nine numbers need narrow columns.
-    width = 5 if name == "rotation_matrix" else INTEGER_COLUMNS + decimals
+    width = 5 if row.is_matrix else INTEGER_COLUMNS + decimals
     numbers = np.ravel(value).tolist()
     return " ".join(f"{_format_number(number, decimals):>{width}}" for number in numbers)
 
 
-def set_flags(word: int, bits: int) -> list[tuple[str, int]]:
-    """Returns the fields of a status word that are not zero, with their values."""
-    values = (
-        (field.name, word >> field.bit & ((1 << field.width) - 1))
-        for field in STATUS_FLAGS
-        if field.bit + field.width <= bits
-    )
-    return [(name, value) for name, value in values if value]
+def set_flags(quantity: str, word: int) -> list[tuple[str, int]]:
+    """Returns the fields of a status word or byte that are not zero, with their values."""
+    fields = QUANTITIES[quantity].fields_of(word)
+    return [(name, value) for name, value in fields.items() if value]
 
 
 def value_json(quantity: QuantityState) -> Any:
