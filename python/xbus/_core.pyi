@@ -166,7 +166,7 @@ def frame_size(head: bytes) -> int | None:
     """Bytes of the frame that begins with these, checksum included; None if the header is incomplete."""
 
 def time_stamp(payload: bytes) -> float | None:
-    """The time stamp of a sample as the device sent it, in seconds; it wraps. None without one."""
+    """The fine time of a sample as the device sent it, in seconds; it wraps. None without one."""
 
 def is_sample(payload: bytes) -> bool:
     """Whether an MTData2 payload has packets, and they fill it."""

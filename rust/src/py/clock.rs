@@ -30,8 +30,8 @@ pub fn device_of<'py>(py: Python<'py>, bid: Bids<'py>) -> PyResult<Bound<'py, Py
 
 #[pyfunction]
 pub fn time_stamp(payload: &[u8]) -> Option<f64> {
-    let seconds = Clock::default().sample(Stamps::read(payload)).seconds;
-    (!seconds.is_nan()).then_some(seconds)
+    let stamps = Stamps::read(payload);
+    stamps.fine.map(|_| Clock::default().sample(stamps).seconds)
 }
 
 #[pyfunction]
