@@ -86,6 +86,7 @@ impl Losses {
 
 /// A place where samples are missing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Gap {
     /// Index of the sample behind the gap.
     pub sample: u64,
