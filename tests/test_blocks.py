@@ -39,20 +39,22 @@ def test_blocks_joined_are_the_log(size: int) -> None:
         for block, _ in zip(measuring().blocks(samples=size), range(700 // size), strict=False)
     ]
     assert sum(map(len, blocks)) == 700
-    assert np.array_equal(np.concatenate([it.time for it in blocks]), log.time)
-    assert np.array_equal(np.concatenate([it.packet_counter for it in blocks]), log.packet_counter)
+    assert np.array_equal(np.concatenate([block.time for block in blocks]), log.time)
+    assert np.array_equal(
+        np.concatenate([block.packet_counter for block in blocks]), log.packet_counter
+    )
     for key in log:
-        parts = [it[key] for it in blocks if key in it]
-        assert np.array_equal(np.concatenate([it.values for it in parts]), log[key].values)
-        assert np.array_equal(np.concatenate([it.sample for it in parts]), log[key].sample)
+        parts = [block[key] for block in blocks if key in block]
+        assert np.array_equal(np.concatenate([part.values for part in parts]), log[key].values)
+        assert np.array_equal(np.concatenate([part.sample for part in parts]), log[key].sample)
 
 
 def test_host_time_of_a_virtual_device_is_its_own_time() -> None:
     """No transport, no drift: late is only what the link's steps make late; the clock sees through it."""
     device = measuring()
     blocks = [block for block, _ in zip(device.blocks(samples=100), range(30), strict=False)]
-    host = np.concatenate([it.host_time for it in blocks])
-    time = np.concatenate([it.time for it in blocks])
+    host = np.concatenate([block.host_time for block in blocks])
+    time = np.concatenate([block.time for block in blocks])
     assert np.isfinite(host).all()
     assert (np.diff(host) >= 0).all()
     assert np.ptp((host - time)[1000:]) < 1e-3
@@ -62,9 +64,11 @@ def test_samples_have_the_times_of_blocks() -> None:
     one, other = measuring(), measuring()
     blocks = [block for _, block in zip(range(10), other.blocks(samples=50), strict=False)]
     samples = [sample for _, sample in zip(range(500), one, strict=False)]
-    assert [it.time for it in samples] == np.concatenate([it.time for it in blocks]).tolist()
-    assert [it.host_time for it in samples] == np.concatenate(
-        [it.host_time for it in blocks]
+    assert [sample.time for sample in samples] == np.concatenate(
+        [block.time for block in blocks]
+    ).tolist()
+    assert [sample.host_time for sample in samples] == np.concatenate(
+        [block.host_time for block in blocks]
     ).tolist()
 
 
@@ -128,10 +132,10 @@ def test_the_clock_wraps_as_that_of_the_product(monkeypatch: pytest.MonkeyPatch)
     """One day on the 100-series, known from the identity that `configure` read."""
     device = measuring(product="MTi-300")
     stamps = [864_000_000 - 100, 0]
-    frames = [xbus.encode_sample({"sample_time_fine": it}) for it in stamps]
+    frames = [xbus.encode_sample({"sample_time_fine": stamp}) for stamp in stamps]
     channel = device._channel
     channel.samples.clear()
-    received = [Received.at(it, 0.0) for it in frames]
+    received = [Received.at(frame, 0.0) for frame in frames]
     monkeypatch.setattr(
         channel.link, "read", lambda _: received.pop(0) if received else NOTHING_RECEIVED
     )

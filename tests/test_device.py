@@ -32,7 +32,7 @@ from xbus.protocol.tables import MESSAGES, PRODUCTS
 from xbus.sim.link import SimLink
 from xbus.wire.link import Received
 
-PRODUCT_NAMES = [it.name for it in PRODUCTS.values()]
+PRODUCT_NAMES = [product.name for product in PRODUCTS.values()]
 
 
 class Meddler(SimLink):
@@ -281,7 +281,7 @@ def test_samples_are_what_a_log_of_them_says() -> None:
         with device.configure() as cfg:
             cfg.set_output_configuration(outputs, check_baudrate=False)
         samples = [device.read_sample() for _ in range(300)]
-    log = xbus.read_log(b"".join(encode_frame(0x36, it.payload) for it in samples))
+    log = xbus.read_log(b"".join(encode_frame(0x36, sample.payload) for sample in samples))
     assert set(log) == set().union(*samples)
     for key in log:
         column = log[key]
@@ -292,7 +292,7 @@ def test_samples_are_what_a_log_of_them_says() -> None:
                 assert tuple(found.values()) == column.values[row].item()
                 if satellites is not None:
                     first, last = column.offsets[row : row + 2]
-                    rows = [tuple(it.values()) for it in satellites]
+                    rows = [tuple(satellite.values()) for satellite in satellites]
                     assert rows == column.satellites[first:last].tolist()
             else:
                 assert np.array_equal(found, column.values[row])
@@ -328,12 +328,15 @@ def test_a_silent_device_is_noticed() -> None:
 # What goes wrong in the middle of every command
 
 REQUESTS = [
-    it for it in MESSAGES.values()
-    if it.direction == "to device" and it.reply is not None and 680 in it.products and "config" in it.states
+    row for row in MESSAGES.values()
+    if row.direction == "to device" and row.reply is not None
+    if 680 in row.products and "config" in row.states
 ]  # fmt: skip
-#: Requests whose answer has a known length, so that a wrong one can be told.
+#: Requests whose answer has a known length, so that a wrong length can be sent.
 MEASURED = [
-    it for it in REQUESTS if all(row.lengths for row in MESSAGES.values() if row.mid == it.reply)
+    request
+    for request in REQUESTS
+    if all(row.lengths for row in MESSAGES.values() if row.mid == request.reply)
 ]
 
 
@@ -365,7 +368,7 @@ def works_again(device: Device) -> None:
     assert device.commands.req_did() == device.device_id
 
 
-@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
 def test_no_answer(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
@@ -377,7 +380,7 @@ def test_no_answer(row: xbus.protocol.tables.MessageRow) -> None:
     works_again(device)
 
 
-@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
 def test_ctrl_c(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
@@ -406,7 +409,7 @@ def test_ctrl_c_inside_configure_restores_the_state() -> None:
     assert device.state == link.device.state == State.MEASUREMENT
 
 
-@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
 def test_a_pulled_plug(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
@@ -427,7 +430,7 @@ def test_a_pulled_plug(row: xbus.protocol.tables.MessageRow) -> None:
     works_again(device)
 
 
-@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
 def test_an_error_for_an_answer(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
@@ -439,12 +442,12 @@ def test_an_error_for_an_answer(row: xbus.protocol.tables.MessageRow) -> None:
     works_again(device)
 
 
-@pytest.mark.parametrize("row", MEASURED, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", MEASURED, ids=lambda row: row.name)
 def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
-    rows = [it for it in MESSAGES.values() if it.mid == row.reply]
-    wrong = next(n for n in range(300) if not any(n in (it.lengths or ()) for it in rows))
+    rows = [reply for reply in MESSAGES.values() if reply.mid == row.reply]
+    wrong = next(n for n in range(300) if not any(n in (row.lengths or ()) for row in rows))
     assert row.reply is not None
     frame = encode_frame(row.reply, bytes(wrong))
     link.meddle = lambda data: frame if data else b""
@@ -455,7 +458,7 @@ def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> 
     works_again(device)
 
 
-@pytest.mark.parametrize("row", MEASURED, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", MEASURED, ids=lambda row: row.name)
 def test_garbage_before_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
     """A header that claims more than comes holds nothing back for longer than silence lasts."""
     device, link = identified()

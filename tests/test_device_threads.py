@@ -61,10 +61,10 @@ def test_two_threads_with_commands(device: Device) -> None:
         found.extend(device.commands.req_did() for _ in range(20))
 
     threads = [threading.Thread(target=ask) for _ in range(3)]
-    for it in threads:
-        it.start()
-    for it in threads:
-        it.join()
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
     assert found == [expected] * 60
 
 

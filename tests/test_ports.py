@@ -30,7 +30,7 @@ def test_a_slow_adapter_is_reported_with_the_cure(
         (folder / "latency_timer").write_text(timer)
         monkeypatch.setattr(ports, "SYSFS", tmp_path)
         with connect(port) as device:
-            troubles = [it.value for it in device.notices if it.name == "Port"]
+            troubles = [notice.value for notice in device.notices if notice.name == "Port"]
     assert len(troubles) == (says is not None)
     if says is not None:
         assert says in troubles[0]

@@ -28,7 +28,9 @@ def measuring(sim: SimulatedDevice, *, reconnect: bool) -> Device:
 
 def gaps(device: Device) -> list[float]:
     return [
-        it.value for it in device.notices if isinstance(it, Notice) and it.name == "Reconnected"
+        notice.value
+        for notice in device.notices
+        if isinstance(notice, Notice) and notice.name == "Reconnected"
     ]
 
 

@@ -135,7 +135,7 @@ def test_rotation_by_size(tmp_path: Path) -> None:
             assert len(head) + len(body) < 20_000 + 100
             bodies.append(body)
             assert xbus.read_log(file).stats.skipped_bytes == 0
-    assert [Path(it).name for it in recording.files[:3]] == [
+    assert [Path(file).name for file in recording.files[:3]] == [
         "log.mtb",
         "log-0001.mtb",
         "log-0002.mtb",
@@ -151,7 +151,7 @@ def test_rotation_by_time(tmp_path: Path) -> None:
         device.record(tmp_path / "log.mtb", rotate_seconds=0.1) as recording,
     ):
         wait_until(lambda: len(recording.files) >= 3)
-    assert b"".join(parted(it)[1] for it in recording.files) in sent
+    assert b"".join(parted(file)[1] for file in recording.files) in sent
     for file in recording.files[:-1]:
         assert 0.05 < xbus.read_log(file).duration < 1
 
@@ -179,7 +179,7 @@ def test_times_beside_the_file(tmp_path: Path) -> None:
 def test_no_times(tmp_path: Path) -> None:
     with xbus.connect("sim:MTi-3") as device, device.record(tmp_path / "log.mtb", times=False):
         next(device.blocks(samples=10))
-    assert [it.name for it in tmp_path.iterdir()] == ["log.mtb"]
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mtb"]
 
 
 # Meanwhile
@@ -194,7 +194,7 @@ def test_commands_go_on(tmp_path: Path) -> None:
                 device.commands.req_output_configuration()
         next(device.blocks(samples=100))
     log = xbus.read_log(path)
-    names = [it.name for it in log.messages]
+    names = [message.name for message in log.messages]
     assert names.count("GoToConfigAck") == names.count("GoToMeasurementAck") - 1 == 3
     assert log.stats.skipped_bytes == 0
     assert sent.endswith(parted(path)[1])
@@ -252,7 +252,7 @@ def test_a_plug_that_is_pulled_and_put_in_again(tmp_path: Path) -> None:
         try:
             with xbus.connect(str(tmp_path / "port"), reconnect=True) as device:
                 with device.record(path):
-                    while not any(it.name == "Reconnected" for it in device.notices):
+                    while not any(notice.name == "Reconnected" for notice in device.notices):
                         next(device.blocks(samples=10))
                     next(device.blocks(samples=50))
                 assert device.stats.samples > 150
@@ -261,7 +261,7 @@ def test_a_plug_that_is_pulled_and_put_in_again(tmp_path: Path) -> None:
             thread.join()
     log = xbus.read_log(path)
     assert len(log) > 150
-    assert sum(it.name == "GoToMeasurementAck" for it in log.messages) >= 2
+    assert sum(message.name == "GoToMeasurementAck" for message in log.messages) >= 2
     assert log.stats.skipped_bytes < 100
     assert len(parted(path)[1]) < len(sent)
 
@@ -365,7 +365,7 @@ def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
         with device.record(path, rotate_bytes=2000) as recording:
             while len(recording.files) < 3:
                 device.read_sample()
-        names = [Path(it).name for it in recording.files]
+        names = [Path(file).name for file in recording.files]
         assert names == ["log.mtb", *(f"log-{i:04}.mtb" for i in range(2, len(names) + 1))]
         assert taken.read_bytes() == b"yesterday's"
         before = path.read_bytes()

@@ -96,8 +96,10 @@ def payloads(link: Meddler) -> list[bytes]:
     """What the receiver was given."""
     scanner = Scanner()
     found = [*scanner.feed(b"".join(link.written)), *scanner.close()]
-    assert {it.name for it in found if isinstance(it, xbus.Message)} <= {"ForwardGnssData"}
-    return [it.payload for it in found if isinstance(it, xbus.Message)]
+    assert {message.name for message in found if isinstance(message, xbus.Message)} <= {
+        "ForwardGnssData"
+    }
+    return [message.payload for message in found if isinstance(message, xbus.Message)]
 
 
 # Frames
@@ -112,7 +114,7 @@ def test_frames_are_found_however_they_come(size: int) -> None:
 
 @given(st.lists(st.sampled_from([*JUNK, *FRAMES])))
 def test_nothing_else_is_a_frame(pieces: list[bytes]) -> None:
-    assert list(rtcm_frames(pieces)) == [it for it in pieces if it in FRAMES]
+    assert list(rtcm_frames(pieces)) == [piece for piece in pieces if piece in FRAMES]
 
 
 def test_a_false_start_costs_no_frame() -> None:
@@ -124,9 +126,9 @@ def test_the_next_chunk_is_asked_for_only_when_it_is_needed() -> None:
     asked: list[int] = []
 
     def chunks() -> Iterator[bytes]:
-        for at, it in enumerate(FRAMES):
+        for at, chunk in enumerate(FRAMES):
             asked.append(at)
-            yield it
+            yield chunk
 
     found = rtcm_frames(chunks())
     for at in range(len(FRAMES)):
@@ -139,7 +141,7 @@ def test_the_next_chunk_is_asked_for_only_when_it_is_needed() -> None:
 
 def test_only_rtcm_reaches_the_receiver() -> None:
     device, link = opened()
-    mixed = [it for piece in JUNK for it in (piece, *FRAMES)]
+    mixed = [frame for piece in JUNK for frame in (piece, *FRAMES)]
     forwarder = device.forward_gnss([*mixed, b"\x00" * 100])
     assert payloads(link) == FRAMES * len(JUNK)
     assert forwarder.messages == len(FRAMES) * len(JUNK)
@@ -251,7 +253,7 @@ def test_the_receiver_tells_more_than_the_status_word() -> None:
 
         device.forward_gnss(corrections())
     assert list(dict.fromkeys(types)) == ["none", "3D"]
-    assert list(dict.fromkeys(it for it in fixes if it)) == ["none", "float", "fixed"]
+    assert list(dict.fromkeys(fix for fix in fixes if fix)) == ["none", "float", "fixed"]
     at = fix.position
     assert at is not None
     assert (at.lat, at.lon) == pytest.approx((52.23976, 6.83799), abs=1e-3)
@@ -398,8 +400,8 @@ class _Visit(socketserver.StreamRequestHandler):
                     return
                 lines += received or b""
                 *whole, lines = lines.split(b"\r\n")
-                for it in whole:
-                    caster.gga.put(it + b"\r\n")
+                for chunk in whole:
+                    caster.gga.put(chunk + b"\r\n")
                 if caster.style == "chunked":
                     data = b"%x\r\n%b\r\n" % (len(data), data)
                 try:
@@ -439,7 +441,7 @@ def test_frames_come_from_casters_of_both_kinds(
     local.sends = [NMEA, STATION, b"\x00" * 9, UBX, PROPRIETARY]
     with Caster(local.address, "BASE", ntrip=ntrip) as caster:
         assert caster.state == "idle"
-        found = [it for it, _ in zip(caster, range(6), strict=False)]
+        found = [received for received, _ in zip(caster, range(6), strict=False)]
         assert caster.state == "streaming"
     assert set(found) == {STATION, PROPRIETARY}
     assert len(local.requests) == 1
@@ -551,7 +553,7 @@ def test_a_gga_sentence_has_at_most_82_characters(local: LocalCaster, position: 
     assert found.lon == pytest.approx(position.lon, abs=2e-7)
     assert found.alt == pytest.approx(position.alt, abs=0.0051)
     assert found.sep == pytest.approx(position.sep, abs=0.051)
-    assert all(len(it.partition(".")[2]) <= 2 for it in sentence.split(",")[7:11])
+    assert all(len(field.partition(".")[2]) <= 2 for field in sentence.split(",")[7:11])
 
 
 def test_what_was_not_measured_is_not_in_the_sentence(local: LocalCaster) -> None:
@@ -618,7 +620,7 @@ def test_from_a_caster_to_a_device(local: LocalCaster) -> None:
     device, link = opened()
     local.sends = FRAMES
     with Caster(local.address, "BASE") as caster:
-        chunks = (it for it, _ in zip(caster, range(5), strict=False))
+        chunks = (received for received, _ in zip(caster, range(5), strict=False))
         assert device.forward_gnss(chunks).messages == 5
     assert set(payloads(link)) <= set(FRAMES)
 

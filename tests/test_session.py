@@ -33,23 +33,23 @@ from xbus.protocol import (
 from xbus.protocol.products import support
 from xbus.protocol.tables import MESSAGES
 
-REQUESTS = [it for it in MESSAGES.values() if it.direction == "to device"]
-ANSWERED = [it for it in REQUESTS if it.reply is not None]
+REQUESTS = [row for row in MESSAGES.values() if row.direction == "to device"]
+ANSWERED = [row for row in REQUESTS if row.reply is not None]
 #: Of these, the ones of whose answer it is known how long it is.
 KNOWN = [
-    it
-    for it in ANSWERED
-    if all(row.lengths is not None for row in MESSAGES.values() if row.mid == it.reply)
+    request
+    for request in ANSWERED
+    if all(row.lengths is not None for row in MESSAGES.values() if row.mid == request.reply)
 ]
 EXCHANGES = exchanges()
 SAMPLE = encode_sample({"packet_counter": 7, "acceleration": [0, 0, 9.81]})
 
 
 def session(state: State = State.CONFIG, product: str | None = None, bid: int = 0xFF) -> Session:
-    it = Session(bid=bid)
-    it.state = state
-    it.identify(None if product is None else support(product))
-    return it
+    host = Session(bid=bid)
+    host.state = state
+    host.identify(None if product is None else support(product))
+    return host
 
 
 def value_for(name: str) -> Any:
@@ -83,15 +83,15 @@ FILLED_UP = "FA FF 64 41"
 @pytest.mark.parametrize("product", EXCHANGES)
 def test_published_exchanges(product: str) -> None:
     """Byte for byte, from what the frames say; however the answer is cut, and with samples in between."""
-    it = session(State.CONFIG, product)
+    host = session(State.CONFIG, product)
     lines = EXCHANGES[product]
     for sent, came in zip(lines[::2], lines[1::2], strict=True):
         request, answer = bytes.fromhex(sent), bytes.fromhex(came)
         name = command_of(request, product)
         value = xbus.protocol.decode(name, request[4:-1])
         if not sent.startswith(FILLED_UP):
-            assert it.request(name, value) == request
-            assert_answered(it, name, answer)
+            assert host.request(name, value) == request
+            assert_answered(host, name, answer)
         for cut in range(len(answer)):
             other = session(State(MESSAGES[name].states[0]), product)
             other.request(name, value)
@@ -102,20 +102,20 @@ def command_of(request: bytes, product: str) -> str:
     """The command that a frame is, of those that the product knows."""
     known = support(product).messages
     length = len(request) - 5
-    rows = [it for it in REQUESTS if it.mid == request[2] and it.name in known]
-    return next((it.name for it in rows if length in (it.lengths or ())), rows[-1].name)
+    rows = [row for row in REQUESTS if row.mid == request[2] and row.name in known]
+    return next((row.name for row in rows if length in (row.lengths or ())), rows[-1].name)
 
 
-def assert_answered(it: Session, command: str, answer: bytes, cut: int = 0) -> Reply:
+def assert_answered(host: Session, command: str, answer: bytes, cut: int = 0) -> Reply:
     """That it takes an answer, which comes in two pieces and with samples before and behind."""
-    assert it.pending == command
-    events = it.receive(SAMPLE + answer[:cut])
-    events += it.receive(answer[cut:] + SAMPLE)
+    assert host.pending == command
+    events = host.receive(SAMPLE + answer[:cut])
+    events += host.receive(answer[cut:] + SAMPLE)
     (reply,) = (event for event in events if isinstance(event, Reply))
     assert (reply.command, reply.payload) == (command, answer[4:-1])
     assert (reply.value is None) == (not reply.payload)
     assert sum(isinstance(event, Sample) for event in events) == 2
-    assert it.pending is None
+    assert host.pending is None
     return reply
 
 
@@ -143,31 +143,31 @@ ANSWERS: list[tuple[str, Any, str, str, Any]] = [
 def test_answers(command: str, value: Any, sent: str, came: str, says: Any) -> None:
     answer = bytes.fromhex(came)
     for cut in range(len(answer)):
-        it = session(State.CONFIG if "config" in MESSAGES[command].states else State.MEASUREMENT)
-        assert it.request(command, value) == bytes.fromhex(sent)
-        assert assert_answered(it, command, answer, cut).value == says
+        host = session(State.CONFIG if "config" in MESSAGES[command].states else State.MEASUREMENT)
+        assert host.request(command, value) == bytes.fromhex(sent)
+        assert assert_answered(host, command, answer, cut).value == says
 
 
 # States
 
 
 @pytest.mark.parametrize("state", list(State))
-@pytest.mark.parametrize("row", REQUESTS, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", REQUESTS, ids=lambda host: host.name)
 def test_a_command_is_sent_in_its_states_only(
     row: xbus.protocol.tables.MessageRow, state: State
 ) -> None:
-    it = session(state)
+    host = session(state)
     allowed = state in row.states or row.name in ("GoToConfig", "Reset")
     allowed |= (state, row.name) == (State.UNKNOWN, "ReqDID")
     if allowed:
-        frame = it.request(row.name, value_for(row.name))
+        frame = host.request(row.name, value_for(row.name))
         assert frame[2] == row.mid
-        assert it.pending == (None if row.reply is None else row.name)
+        assert host.pending == (None if row.reply is None else row.name)
     else:
         with pytest.raises(StateError, match=f"{row.name} is valid in") as caught:
-            it.request(row.name, value_for(row.name))
+            host.request(row.name, value_for(row.name))
         assert (caught.value.command, caught.value.state) == (row.name, state)
-        assert it.pending is None
+        assert host.pending is None
 
 
 # state, what comes, state then
@@ -176,26 +176,26 @@ CHANGES = [
     (State.WAKEUP, SAMPLE, State.MEASUREMENT),
     (State.CONFIG, SAMPLE, State.CONFIG),
     (State.MEASUREMENT, SAMPLE, State.MEASUREMENT),
-    *((it, encode_frame(0x3E), State.WAKEUP) for it in State),
-    *((it, encode_frame(0x31), State.CONFIG) for it in State),
-    *((it, encode_frame(0x11), State.MEASUREMENT) for it in State),
-    *((it, encode_frame(0x41), State.UNKNOWN) for it in State),
+    *((state, encode_frame(0x3E), State.WAKEUP) for state in State),
+    *((state, encode_frame(0x31), State.CONFIG) for state in State),
+    *((state, encode_frame(0x11), State.MEASUREMENT) for state in State),
+    *((state, encode_frame(0x41), State.UNKNOWN) for state in State),
     (State.UNKNOWN, encode_frame(0x43, b"\0\0\1\x91no fix"), State.UNKNOWN),
 ]
 
 
 @pytest.mark.parametrize(("before", "comes", "after"), CHANGES)
 def test_what_comes_changes_the_state(before: State, comes: bytes, after: State) -> None:
-    it = session(before)
-    it.receive(comes)
-    assert it.state == after
+    host = session(before)
+    host.receive(comes)
+    assert host.state == after
 
 
 def test_wake_up_is_answered_once_and_leads_to_config() -> None:
-    it = session(State.UNKNOWN)
-    assert it.receive(encode_frame(0x3E)) == [Notice("WakeUp", None, b"", 0xFF, 0x3E)]
-    assert it.request("WakeUpAck") == bytes.fromhex("FA FF 3F 00 C2")
-    assert (it.state, it.pending) == (State.CONFIG, None)
+    host = session(State.UNKNOWN)
+    assert host.receive(encode_frame(0x3E)) == [Notice("WakeUp", None, b"", 0xFF, 0x3E)]
+    assert host.request("WakeUpAck") == bytes.fromhex("FA FF 3F 00 C2")
+    assert (host.state, host.pending) == (State.CONFIG, None)
 
 
 @pytest.mark.parametrize(
@@ -203,32 +203,32 @@ def test_wake_up_is_answered_once_and_leads_to_config() -> None:
     [("FA FF 01 04 03 60 08 A6 EB", State.CONFIG), ("FA FF 42 01 04 BA", State.MEASUREMENT)],
 )
 def test_a_silent_device_tells_its_state_by_how_it_answers_req_did(came: str, state: State) -> None:
-    it = session(State.UNKNOWN)
-    it.request("ReqDID")
-    it.receive(bytes.fromhex(came))
-    assert it.state == state
+    host = session(State.UNKNOWN)
+    host.request("ReqDID")
+    host.receive(bytes.fromhex(came))
+    assert host.state == state
 
 
-@pytest.mark.parametrize("row", ANSWERED, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", ANSWERED, ids=lambda host: host.name)
 def test_an_abandoned_command_leaves_a_state_that_is_true(
     row: xbus.protocol.tables.MessageRow,
 ) -> None:
     state = State(row.states[0])
-    it = session(state)
-    it.request(row.name, value_for(row.name))
-    it.abandon()
+    host = session(state)
+    host.request(row.name, value_for(row.name))
+    host.abandon()
     changes = row.name in ("GoToConfig", "GoToMeasurement", "Reset")
-    assert (it.pending, it.state) == (None, State.UNKNOWN if changes else state)
-    it.request("GoToConfig")
-    it.receive(encode_frame(0x31))
-    assert it.state == State.CONFIG
+    assert (host.pending, host.state) == (None, State.UNKNOWN if changes else state)
+    host.request("GoToConfig")
+    host.receive(encode_frame(0x31))
+    assert host.state == State.CONFIG
 
 
 def test_one_command_at_a_time() -> None:
-    it = session()
-    it.request("ReqDID")
+    host = session()
+    host.request("ReqDID")
     with pytest.raises(StateError, match="ReqDID is not answered yet"):
-        it.request("ReqFWRev")
+        host.request("ReqFWRev")
 
 
 # Products
@@ -277,69 +277,69 @@ REFUSED: list[tuple[str, str, Any, str]] = [
 def test_what_a_product_cannot_do_is_not_sent(
     product: str, command: str, value: Any, says: str
 ) -> None:
-    it = session(State(MESSAGES[command].states[-1]), product)
+    host = session(State(MESSAGES[command].states[-1]), product)
     with pytest.raises(ValueError, match=says):
-        it.request(command, value)
-    assert it.pending is None
+        host.request(command, value)
+    assert host.pending is None
 
 
 # What goes wrong, in the middle of every command
 
 
-@pytest.mark.parametrize("row", ANSWERED, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", ANSWERED, ids=lambda host: host.name)
 def test_an_error_is_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
-    it = session(State(row.states[0]))
-    it.request(row.name, value_for(row.name))
-    (refusal,) = it.receive(SAMPLE + encode_frame(0x42, b"\x21"))[1:]
+    host = session(State(row.states[0]))
+    host.request(row.name, value_for(row.name))
+    (refusal,) = host.receive(SAMPLE + encode_frame(0x42, b"\x21"))[1:]
     assert isinstance(refusal, Refusal)
     assert isinstance(refusal.error, DeviceError)
     assert (refusal.error.code, refusal.error.command) == (0x21, row.name)
     assert "parameter is invalid" in str(refusal.error)
-    assert (it.pending, it.state) == (None, State(row.states[0]))
+    assert (host.pending, host.state) == (None, State(row.states[0]))
 
 
-@pytest.mark.parametrize("row", KNOWN, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", KNOWN, ids=lambda row: row.name)
 def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> None:
-    rows = [it for it in MESSAGES.values() if it.mid == row.reply]
+    rows = [reply for reply in MESSAGES.values() if reply.mid == row.reply]
     assert row.reply is not None
-    wrong = next(n for n in range(300) if not any(n in (it.lengths or ()) for it in rows))
-    it = session(State(row.states[0]))
-    it.request(row.name, value_for(row.name))
-    events = it.receive(encode_frame(row.reply, bytes(wrong))) + it.quiet()
+    wrong = next(n for n in range(300) if not any(n in (row.lengths or ()) for row in rows))
+    host = session(State(row.states[0]))
+    host.request(row.name, value_for(row.name))
+    events = host.receive(encode_frame(row.reply, bytes(wrong))) + host.quiet()
     (refusal,) = events
     assert isinstance(refusal, Refusal)
     assert isinstance(refusal.error, DecodeError)
     assert refusal.error.command == row.name
     assert row.name in str(refusal.error)
-    assert it.pending is None
+    assert host.pending is None
 
 
-@pytest.mark.parametrize("row", KNOWN, ids=lambda it: it.name)
+@pytest.mark.parametrize("row", KNOWN, ids=lambda row: row.name)
 def test_garbage_does_not_hide_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
     assert row.reply is not None
-    length = min(next(it.lengths or () for it in MESSAGES.values() if it.mid == row.reply))
+    length = min(next(reply.lengths or () for reply in MESSAGES.values() if reply.mid == row.reply))
     answer = encode_frame(row.reply, b"M" * length)
-    it = session(State(row.states[0]))
-    it.request(row.name, value_for(row.name))
-    events = it.receive(b"\xfa\xff\x36\x20\x99\xfa" + answer + SAMPLE) + it.quiet()
+    host = session(State(row.states[0]))
+    host.request(row.name, value_for(row.name))
+    events = host.receive(b"\xfa\xff\x36\x20\x99\xfa" + answer + SAMPLE) + host.quiet()
     assert [type(event) for event in events][-1] is Sample
     assert any(isinstance(event, (Reply, Refusal)) for event in events)
-    assert it.pending is None
+    assert host.pending is None
 
 
 def test_errors_about_the_stream_answer_no_command() -> None:
-    it = session(State.MEASUREMENT)
-    it.request("SetNoRotation", 3)
-    (notice,) = it.receive(bytes.fromhex("FA FF 42 01 29 95"))
+    host = session(State.MEASUREMENT)
+    host.request("SetNoRotation", 3)
+    (notice,) = host.receive(bytes.fromhex("FA FF 42 01 29 95"))
     assert isinstance(notice, Notice)
-    assert (notice.name, notice.value.code, it.pending) == ("Error", 41, "SetNoRotation")
+    assert (notice.name, notice.value.code, host.pending) == ("Error", 41, "SetNoRotation")
 
 
 @pytest.mark.parametrize("name", ["ReqBaudrate", "ReqLatLonAlt", "ReqLocationID", "ReqUTCTime"])
 def test_an_empty_answer_to_a_request_is_none(name: str) -> None:
-    it = session()
-    it.request(name)
-    (refusal,) = it.receive(encode_frame(MESSAGES[name].reply or 0))
+    host = session()
+    host.request(name)
+    (refusal,) = host.receive(encode_frame(MESSAGES[name].reply or 0))
     assert isinstance(refusal, Refusal)
     assert "the payload is empty" in str(refusal.error)
 
@@ -348,25 +348,25 @@ def test_an_empty_answer_to_a_request_is_none(name: str) -> None:
     "name", ["ReqOutputConfiguration", "ReqSyncSettings", "ReqCanOutputConfig"]
 )
 def test_an_empty_list_is_a_list(name: str) -> None:
-    it = session()
-    it.request(name)
-    (reply,) = it.receive(encode_frame(MESSAGES[name].reply or 0))
+    host = session()
+    host.request(name)
+    (reply,) = host.receive(encode_frame(MESSAGES[name].reply or 0))
     assert isinstance(reply, Reply)
     assert reply.value == ()
 
 
 def test_an_error_without_a_code() -> None:
-    it = session()
-    it.request("ReqDID")
-    (refusal,) = it.receive(encode_frame(0x42) + SAMPLE)[:1]
+    host = session()
+    host.request("ReqDID")
+    (refusal,) = host.receive(encode_frame(0x42) + SAMPLE)[:1]
     assert isinstance(refusal, Refusal)
     assert isinstance(refusal.error, DecodeError)
 
 
 def test_code_40_keeps_its_four_bytes() -> None:
-    it = session()
-    it.request("ReqDID")
-    (refusal,) = it.receive(encode_frame(0x42, bytes.fromhex("28 00000008")))
+    host = session()
+    host.request("ReqDID")
+    (refusal,) = host.receive(encode_frame(0x42, bytes.fromhex("28 00000008")))
     assert isinstance(refusal, Refusal)
     assert "00 00 00 08" in str(refusal.error)
 
@@ -388,9 +388,9 @@ BUS = [
 
 @pytest.mark.parametrize(("bid", "sender", "heard"), BUS)
 def test_bus_identifiers(bid: int, sender: int, heard: bool) -> None:
-    it = session(bid=bid)
-    assert it.request("ReqDID")[1] == bid
-    events = it.receive(encode_frame(0x01, bytes.fromhex("036008A6"), bid=sender))
+    host = session(bid=bid)
+    assert host.request("ReqDID")[1] == bid
+    events = host.receive(encode_frame(0x01, bytes.fromhex("036008A6"), bid=sender))
     assert bool(events) == heard
 
 
@@ -409,15 +409,15 @@ def test_published_host_frames_are_what_the_session_sends() -> None:
     count = 0
     for line in lines:
         raw = bytes.fromhex(line.split("#")[0])
-        rows = [it for it in REQUESTS if raw[2:3] == bytes([it.mid])]
+        rows = [row for row in REQUESTS if raw[2:3] == bytes([row.mid])]
         if not rows or "Config.FilterProfile" in line:  # the latter is filled up by MT Manager
             continue
         payload = raw[4:-1]
-        name = next(it.name for it in rows if it.lengths and len(payload) in it.lengths)
+        name = next(row.name for row in rows if row.lengths and len(payload) in row.lengths)
         if name == "SetFilterProfileModern" and len(payload) == 2:
             name = "SetFilterProfile"
         value = xbus.protocol.decode(name, payload)
-        it = session(State(MESSAGES[name].states[0]))
-        assert it.request(name, value) == raw, line
+        host = session(State(MESSAGES[name].states[0]))
+        assert host.request(name, value) == raw, line
         count += 1
     assert count > 30

@@ -56,7 +56,7 @@ def changed(product: int) -> Settings:
     known, has = support(product), connect(SimulatedDevice(product)).settings()
     function, lines = next(iter(known.sync.items()))
     pulse = 5 if function in SYNC_OUT_FUNCTIONS else 0
-    profiles = [it.label for it in known.filter_profiles]
+    profiles = [profile.label for profile in known.filter_profiles]
     wanted: dict[str, Any] = {
         "output_configuration": (Output(0x1020), Output(0x4026, 50), Output(0x8020, 10)),
         "filter_profile": profiles[1] if len(profiles) > 1 else None,
@@ -89,7 +89,9 @@ def changed(product: int) -> Settings:
         )
     if has.gnss_receiver_settings:
         wanted["gnss_receiver_settings"] = replace(has.gnss_receiver_settings, rate=1)
-    there = {key: it for key, it in wanted.items() if getattr(has, key) is not None and it}
+    there = {
+        name: value for name, value in wanted.items() if getattr(has, name) is not None and value
+    }
     return replace(has, **there)
 
 
@@ -102,7 +104,9 @@ def test_dumped_reset_applied_and_dumped_again(product: int) -> None:
     device = connect(sim)
     factory, wanted = device.settings(), changed(product)
     applied = device.apply(wanted)
-    assert {it.name for it in applied.changes} == {it.name for it in factory.diff(wanted)}
+    assert {change.name for change in applied.changes} == {
+        change.name for change in factory.diff(wanted)
+    }
     assert not applied.rounded
     text = device.settings().to_toml()
     assert Settings.from_toml(text) == wanted
@@ -119,16 +123,19 @@ def test_dumped_reset_applied_and_dumped_again(product: int) -> None:
 def test_all_that_can_be_read_is_there(product: int) -> None:
     """What the product has a message to read for; identifiers, times and procedures are no settings."""
     readable = {
-        it[3:]
-        for it in support(product).messages
-        if it.startswith("Req") and f"Set{it[3:]}" in support(product).messages
+        message[3:]
+        for message in support(product).messages
+        if message.startswith("Req") and f"Set{message[3:]}" in support(product).messages
     }
-    readable = {it for it in readable if not it.endswith("Ack")} - {"UTCTime"}
-    expected = {_attribute(it) for it in readable}
+    readable = {name for name in readable if not name.endswith("Ack")} - {"UTCTime"}
+    expected = {_attribute(name) for name in readable}
     if support(product).filter_profiles:  # the 600-series has another message to set it
         expected |= {"filter_profile"}
     settings = connect(SimulatedDevice(product)).settings()
-    found = {key for key, it in vars(settings).items() if it is not None} - {"product", "lines"}
+    found = {key for key, setting in vars(settings).items() if setting is not None} - {
+        "product",
+        "lines",
+    }
     rotations = {"rot_sensor", "rot_local"}
     optional = {"baudrate"} if "port_config" in expected else set()
     assert found - rotations == expected - {"alignment_rotation"} - optional
@@ -136,7 +143,7 @@ def test_all_that_can_be_read_is_there(product: int) -> None:
 
 
 def _attribute(message: str) -> str:
-    words = "".join(f"_{it.lower()}" if it.isupper() else it for it in message)
+    words = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in message)
     return words.lstrip("_").replace("location_i_d", "location_id")
 
 
@@ -157,7 +164,7 @@ def test_what_is_left_out_stays() -> None:
     device = connect("sim:MTi-630")
     before = device.settings()
     applied = device.apply(Settings(location_id=7))
-    assert [it.name for it in applied.changes] == ["location_id"]
+    assert [change.name for change in applied.changes] == ["location_id"]
     assert device.settings() == replace(before, location_id=7)
 
 
@@ -222,7 +229,7 @@ def test_a_profile_in_whichever_case_or_by_number() -> None:
 
 def order(product: str, settings: Settings) -> list[str]:
     changes = connect(f"sim:{product}").apply(settings, dry_run=True).changes
-    return [it.name for it in changes]
+    return [change.name for change in changes]
 
 
 def test_ports_come_last_and_flags_before_them() -> None:
@@ -255,9 +262,9 @@ def test_outputs_are_checked_against_the_rate_that_the_ports_will_have() -> None
         device.apply(FAST)
     ports = device.settings().port_config
     assert ports is not None
-    faster = tuple(replace(it, baud_code=0x80) if it.protocol else it for it in ports)
+    faster = tuple(replace(port, baud_code=0x80) if port.protocol else port for port in ports)
     applied = device.apply(replace(FAST, port_config=faster))
-    assert [it.name for it in applied.changes] == ["output_configuration", "port_config"]
+    assert [change.name for change in applied.changes] == ["output_configuration", "port_config"]
     device.reset()
     slower = Settings(port_config=ports)
     device = connect(device.link.device)  # type: ignore[attr-defined]
@@ -277,7 +284,9 @@ def test_strings_are_checked_and_not_the_outputs_that_they_overrule() -> None:
         device.apply(Settings(output_skip_factor=0))
     assert device.apply(Settings(output_skip_factor=0xFFFF)).changes
     off = StringOutput(StringType(0))
-    many = Settings(output_configuration=tuple(Output(it, 400) for it in (0x2013, 0x4023, 0x8023)))
+    many = Settings(
+        output_configuration=tuple(Output(data_id, 400) for data_id in (0x2013, 0x4023, 0x8023))
+    )
     with pytest.raises(
         ValueError,
         match=r"strings are on \(PSONCMS, GPGGA\) and replace the outputs; add string_out",
@@ -332,7 +341,7 @@ def test_a_file_for_another_product_says_all_that_cannot_be_applied() -> None:
     with pytest.raises(ValueError) as caught:
         connect("sim:MTi-30").apply(settings)
     reasons = str(caught.value).splitlines()
-    assert [it.partition(":")[0] for it in reasons] == [
+    assert [reason.partition(":")[0] for reason in reasons] == [
         "product", "output_configuration", "filter_profile", "sync_settings", "string_output_type",
         "gnss_lever_arm", "gnss_receiver_settings", "can_config", "can_output_config", "port_config",
     ]  # fmt: skip
@@ -575,17 +584,17 @@ def test_the_link_cut_after_each_message_in_turn(product: int) -> None:
             continue
         assert isinstance(error.__cause__, XbusTimeout)
         assert error.before == factory
-        assert all(getattr(found, it.name) == it.after for it in error.applied)
-        assert all(getattr(found, it.name) == it.before for it in error.not_applied)
+        assert all(getattr(found, change.name) == change.after for change in error.applied)
+        assert all(getattr(found, change.name) == change.before for change in error.not_applied)
         assert getattr(found, error.failed.name) in (error.failed.before, error.failed.after)
-        names = {it.name for it in (*error.applied, error.failed, *error.not_applied)}
-        assert names == {it.name for it in factory.diff(wanted)}
+        names = {change.name for change in (*error.applied, error.failed, *error.not_applied)}
+        assert names == {change.name for change in factory.diff(wanted)}
         assert f"unknown: {error.failed.name}" in str(error)
         seen.add(error.failed.name)
         again = connect(sim)
         again.apply(error.before)
         assert again.settings() == factory
-    assert seen == {it.name for it in factory.diff(wanted)}
+    assert seen == {change.name for change in factory.diff(wanted)}
 
 
 class Stubborn(Device):

@@ -73,4 +73,4 @@ def test_an_error_of_the_device_is_told() -> None:
     assert stats.lost_samples > 100
     assert stats.errors > 0
     assert "41" in (stats.last_error or "")
-    assert any(it.name == "Error" and it.value.code == 41 for it in device.notices)
+    assert any(notice.name == "Error" and notice.value.code == 41 for notice in device.notices)

@@ -34,7 +34,7 @@ from xbus.sim.sensors import Sensors, Ticks
 from xbus.sim.trajectories import trajectory
 
 #: The products that have strings: all but the 1-series.
-WITH_STRINGS = [number for number, it in PRODUCTS.items() if support(it).string_types]
+WITH_STRINGS = [number for number, product in PRODUCTS.items() if support(product).string_types]
 EM1000 = bytes.fromhex("00 90 7B 00 38 FE 00 00 39 30")
 
 
@@ -172,14 +172,14 @@ def test_every_string_of_every_product(product: int) -> None:
     device = sending(product, types, 10, time_to_fix=0.0, noise=1.0)
     assert device.state == State.MEASUREMENT
     strings = [device.read_string() for _ in range(20 * len(types))]
-    assert [it.type for it in strings] == list(types) * 20
-    for it in strings:
-        assert it.type is not None
-        assert len(it.data) <= LAYOUTS[it.type].length
-        assert it.values.keys() == it.units.keys()
-        assert it.arrival is not None
+    assert [string.type for string in strings] == list(types) * 20
+    for string in strings:
+        assert string.type is not None
+        assert len(string.data) <= LAYOUTS[string.type].length
+        assert string.values.keys() == string.units.keys()
+        assert string.arrival is not None
     assert device.session.skipped == device.stats.skipped_bytes == 0
-    assert set(device.stats.strings) == {str(it.name) for it in types}
+    assert set(device.stats.strings) == {str(kind.name) for kind in types}
     assert not device._channel.samples
     with device.configure() as cfg:
         cfg.set_output_configuration({"packet_counter": None, "acceleration": 100})
@@ -192,7 +192,9 @@ def test_strings_come_at_their_rate(rate: float) -> None:
     device = sending("MTi-300", ["GPZDA"], rate)
     device.read_string()
     moments = [device.read_string().values["time"] for _ in range(50)]
-    seconds = np.array([it.minute * 60 + it.second + it.microsecond / 1e6 for it in moments])
+    seconds = np.array(
+        [moment.minute * 60 + moment.second + moment.microsecond / 1e6 for moment in moments]
+    )
     assert np.diff(seconds).mean() == pytest.approx(1 / rate, abs=0.01 / 49)
     assert abs(np.diff(seconds) - 1 / rate).max() < 0.0101
 
@@ -207,7 +209,7 @@ def test_strings_say_what_samples_say(motion: str) -> None:
     )
     rounds = [[device.read_string() for _ in range(15)] for _ in range(40)]
     for strings in rounds:
-        said = {it.type: it.values for it in strings}
+        said = {string.type: string.values for string in strings}
         moment = said[StringType.GPZDA]["time"]
         tick = round((moment.second + moment.microsecond / 1e6) * 10)
         ticks = Ticks(tick, 1, 10)
@@ -254,7 +256,7 @@ def test_strings_say_what_samples_say(motion: str) -> None:
             assert (place["lat"], place["lon"]) == pytest.approx(
                 (lat, lon), abs=0.51 * 10**-digits / 60
             )
-        pvt = dict(zip((it.name for it in xbus.protocol.tables.QUANTITIES["gnss_pvt_data"].fields),
+        pvt = dict(zip((field.name for field in xbus.protocol.tables.QUANTITIES["gnss_pvt_data"].fields),
                        read("gnss_pvt_data"), strict=True))  # fmt: skip
         gga, rmc = said[StringType.GPGGA], said[StringType.GPRMC]
         assert gga["height_msl"] == pytest.approx(pvt["hMSL"] / 1000, abs=0.051)
@@ -394,14 +396,14 @@ def test_a_mixed_stream_live_loses_nothing(how: str) -> None:
     with serving(virtual) as port, connect(port) as device:
         blocks = device.blocks(samples=100) if how == "samples" else device.blocks(seconds=0.2)
         found: list[xbus.Log] = []
-        while sum(len(it) for it in found) < 1100:
+        while sum(len(block) for block in found) < 1100:
             found.append(next(blocks))
-        joined = [it.values["heading"] for block in found for it in block.strings]
-        counters = np.concatenate([it.packet_counter for it in found])
+        joined = [string.values["heading"] for block in found for string in block.strings]
+        counters = np.concatenate([block.packet_counter for block in found])
         assert np.diff(counters).tolist() == [1] * (len(counters) - 1)
         first = round(joined[0] * 100)
         assert joined == [i / 100 for i in range(first, first + len(joined))]
-        samples = [it.sample for block in found for it in block.strings]
+        samples = [string.sample for block in found for string in block.strings]
         # Each stands behind its sample.
         assert samples == [
             counters[0] * 0 + i + 1 + first - counters[0] for i in range(len(samples))
@@ -417,8 +419,8 @@ def test_samples_and_strings_each_by_their_own_call() -> None:
         sample = device.read_sample()
     strings = [device.read_string() for _ in range(49)]
     assert sample["packet_counter"] >= 49
-    assert np.diff([it.offset for it in strings]).tolist() == [37] * 48
-    assert all((it.arrival or -1) >= 0 for it in strings)
+    assert np.diff([string.offset for string in strings]).tolist() == [37] * 48
+    assert all((string.arrival or -1) >= 0 for string in strings)
 
 
 def test_a_recording_has_its_strings(tmp_path: Path) -> None:
@@ -431,9 +433,9 @@ def test_a_recording_has_its_strings(tmp_path: Path) -> None:
     with device.record(path):
         live = [device.read_string() for _ in range(200)]
     log = xbus.read_log(path, strict=True)
-    recorded = [it.data for it in log.strings]
+    recorded = [string.data for string in log.strings]
     first = recorded.index(live[10].data)
-    assert recorded[first : first + 190] == [it.data for it in live[10:]]
+    assert recorded[first : first + 190] == [string.data for string in live[10:]]
     assert log.stats.skipped_bytes == 0
     times = log.strings.host_time
     assert np.isfinite(times).all()
@@ -533,7 +535,9 @@ def test_the_monitor_shows_strings(behind: Callable[[SimulatedDevice], str], fol
     with connect(virtual) as device, device.configure():
         device.set_strings(["HCMTW", "EM1000"], 50)
     lines = run("monitor", behind(virtual), "--once", "3", "--string", "EM1000").stdout.splitlines()
-    found = {it.split()[0]: it.split()[1:] for it in lines if it.startswith(("HCMTW", "EM1000"))}
+    found = {
+        line.split()[0]: line.split()[1:] for line in lines if line.startswith(("HCMTW", "EM1000"))
+    }
     assert found["HCMTW"] == ["50.0", "$HCMTW,25.1,C*1E"]
     assert found["EM1000"][:3] == ["50.0", "00", "90"]
     page = run("monitor", "mixed.mtb", "--once", "1").stdout
@@ -547,9 +551,9 @@ def test_rotated_files_end_with_whole_strings(tmp_path: Path, strings: list[str]
     with device.record(tmp_path / "log.mtb", rotate_bytes=3000) as recording:
         while len(recording.files) < 4:
             device.read_string()
-    logs = [xbus.read_log(it, strict=True, strings=strings) for it in recording.files]
-    assert all(it.stats.strings > 20 for it in logs[:-1])
-    assert recording.frames == sum(it.stats.messages for it in logs) - 2 * len(logs) - (
+    logs = [xbus.read_log(file, strict=True, strings=strings) for file in recording.files]
+    assert all(log.stats.strings > 20 for log in logs[:-1])
+    assert recording.frames == sum(log.stats.messages for log in logs) - 2 * len(logs) - (
         len(logs) if strings == ["EM1000"] else 0
     )
     assert device.stats.skipped_bytes == 0
@@ -569,9 +573,9 @@ def test_each_file_says_which_strings_are_on(tmp_path: Path) -> None:
             device.set_strings(["HEHDT"], 100)
         for _ in range(500):
             device.read_string()
-    logs = [xbus.read_log(it) for it in recording.files]
-    assert [it.stats.skipped_bytes for it in logs] == [0] * len(logs)
-    assert [sum(it.strings.counts.get(name, 0) for it in logs) >= least for name, least in (
+    logs = [xbus.read_log(file) for file in recording.files]
+    assert [log.stats.skipped_bytes for log in logs] == [0] * len(logs)
+    assert [sum(log.strings.counts.get(name, 0) for log in logs) >= least for name, least in (
         ("EM1000", 1500), ("HEHDT", 600))] == [True, True]  # fmt: skip
 
 

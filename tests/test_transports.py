@@ -90,9 +90,9 @@ def round_of_measurement(device: Device) -> list[tuple[str, Any]]:
         "ForwardGnssData": b"\xd3\0\0",
     }
     return [
-        (it, device.command(it, value).value)
-        for it, value in commands.items()
-        if it in known.messages
+        (command, device.command(command, value).value)
+        for command, value in commands.items()
+        if command in known.messages
     ]
 
 
@@ -101,8 +101,10 @@ def exercise(device: Device) -> list[tuple[str, Any]]:
     with device.configure() as cfg:
         said = round_of_config(cfg)
         assert cfg.support is not None
-        sync = [it for it in cfg.support.sync if 6 in cfg.support.sync[it]]
-        cfg.commands.set_sync_settings([xbus.protocol.SyncSetting(it, 6) for it in sync])
+        sync = [function for function in cfg.support.sync if 6 in cfg.support.sync[function]]
+        cfg.commands.set_sync_settings(
+            [xbus.protocol.SyncSetting(function, 6) for function in sync]
+        )
         cfg.set_output_configuration([Output(0x1020), Output(0x4020, 50)])
         cfg.go_to_measurement()
         cfg.commands.req_data()
@@ -124,8 +126,10 @@ def awake(product: xbus.protocol.tables.Product) -> SimulatedDevice:
     return sim
 
 
-@pytest.mark.parametrize("product", PRODUCTS.values(), ids=lambda it: it.name)
-@pytest.mark.parametrize("transport", [in_process, on_a_pty, on_tcp], ids=lambda it: it.__name__)
+@pytest.mark.parametrize("product", PRODUCTS.values(), ids=lambda product: product.name)
+@pytest.mark.parametrize(
+    "transport", [in_process, on_a_pty, on_tcp], ids=lambda transport: transport.__name__
+)
 def test_all_commands(
     product: xbus.protocol.tables.Product,
     transport: Callable[..., contextlib.AbstractContextManager[Any]],
