@@ -1,9 +1,9 @@
-"""How old live data are: from being written to a pty until a program, and a disk, has them.
+"""Measures the age of live data, from the write to a pty until a program or a disk has them.
 
     python benches/delay.py [SECONDS]
 
-Every sample carries the time at which another process wrote it, so its age can be told wherever it is met: in
-a loop over samples, in blocks of 20 ms, and in the file that is recorded (written every half second).
+Every sample carries the time at which another process writes it, which gives its age: in a loop over samples,
+in blocks of 20 ms, and in the recorded file, which is written every half second.
 """
 
 import os
@@ -22,23 +22,24 @@ import xbus
 from xbus.device import Device
 from xbus.device.link import SerialLink
 
-RATE = 2000
-BLOCK = 0.02
+#: Samples per second, and seconds of a block.
+SAMPLE_RATE = 2000
+BLOCK_SECONDS = 0.02
 
 
 def write(descriptor: int, seconds: float) -> None:
-    """The other process: a sample every half millisecond."""
+    """Writes a sample every half millisecond, in another process."""
     begun = time.monotonic()
-    for number in range(int(seconds * RATE)):
-        while (wait := begun + number / RATE - time.monotonic()) > 0:
+    for number in range(int(seconds * SAMPLE_RATE)):
+        while (wait := begun + number / SAMPLE_RATE - time.monotonic()) > 0:
             time.sleep(wait)
         packets = {"packet_counter": number % 65536, "sample_time64": time.monotonic_ns()}
         os.write(descriptor, xbus.encode_sample(packets))
 
 
-def tell(what: str, ages: "np.typing.NDArray[np.float64]") -> None:
-    median, late = np.percentile(ages * 1000, [50, 99])
-    print(f"{what:28} median {median:8.2f} ms, 99 % below {late:8.2f} ms")
+def print_ages(what: str, ages: "np.typing.NDArray[np.float64]") -> None:
+    median, most = np.percentile(ages * 1000, [50, 99])
+    print(f"{what:28} median {median:8.2f} ms, 99 % below {most:8.2f} ms")
 
 
 def main() -> None:
@@ -50,17 +51,17 @@ def main() -> None:
         os.close(slave)
         command = [sys.executable, __file__, "write", str(master), str(seconds)]
         with subprocess.Popen(command, pass_fds=(master,)) as writer, Device(link) as device:
-            ages = np.array(what(device, int(seconds * RATE)))
+            ages = np.array(what(device, int(seconds * SAMPLE_RATE)))
             writer.wait()
             assert device.stats.lost_samples == 0, device.stats
         os.close(master)
-        assert len(ages) >= 0.9 * seconds * RATE, len(ages)
+        assert len(ages) >= 0.9 * seconds * SAMPLE_RATE, len(ages)
         assert (ages > 0).all()
-        tell(what.__name__, ages)
+        print_ages(what.__name__, ages)
 
 
 def samples(device: Device, count: int) -> list[float]:
-    """One by one."""
+    """Returns the ages of samples that are read one by one."""
     ages = []
     for _ in range(count):
         written = device.read_sample()["sample_time64"]
@@ -69,10 +70,10 @@ def samples(device: Device, count: int) -> list[float]:
 
 
 def blocks(device: Device, count: int) -> list[float]:
-    """In blocks: the age of each sample when its block is there."""
+    """Returns the ages of samples when their blocks are complete."""
     ages: list[float] = []
     while len(ages) < count:
-        for block in device.blocks(seconds=BLOCK):
+        for block in device.blocks(seconds=BLOCK_SECONDS):
             now = time.monotonic_ns()
             ages += ((now - block["sample_time64"].values.astype(np.int64)) / 1e9).tolist()
             if len(ages) >= 0.95 * count:
@@ -81,31 +82,29 @@ def blocks(device: Device, count: int) -> list[float]:
 
 
 def disk(device: Device, count: int) -> list[float]:
-    """In the file, which another thread looks at every millisecond."""
+    """Returns the ages of samples in the file, which another thread reads every millisecond."""
     ages: list[float] = []
-    done = threading.Event()
+    stop = threading.Event()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.mtb"
         device.link.acquisition.record(path)
 
-        def look() -> None:
-            seen = 0
+        def watch() -> None:
             with path.open("rb") as file:
-                while not done.wait(0.001):
+                while not stop.wait(0.001):
                     if (data := file.read()) and (now := time.monotonic_ns()):
                         log = xbus.read_log(data)
                         if "sample_time64" in log:
                             stamps = log["sample_time64"].values.astype(np.int64)
                             ages.extend(((now - stamps) / 1e9).tolist())
-                            seen += len(stamps)
 
-        watcher = threading.Thread(target=look)
+        watcher = threading.Thread(target=watch)
         watcher.start()
         for _ in range(count):
             device.read_sample()
         device.link.acquisition.stop_recording()
-        done.wait(0.1)
-        done.set()
+        stop.wait(0.1)
+        stop.set()
         watcher.join()
     return ages
 

@@ -1,8 +1,7 @@
-"""``xbus decode big.mtb -o big.parquet`` against pyarrow alone: ``python benches/export.py``.
+"""Compares ``xbus decode big.mtb -o big.parquet`` with pyarrow: ``python benches/export.py [MIB]``.
 
-The yardstick is what pyarrow takes to write the same table when it is in memory already: as it does when
-nobody says how, and with the settings that xbus uses. The command is measured as a whole process, start-up
-and reading included.
+The reference is the time in which pyarrow writes the same table from memory, with its default settings and
+with those of xbus. The command is a whole process, with start-up and reading.
 """
 
 from __future__ import annotations
@@ -34,15 +33,18 @@ def main() -> None:
                 [sys.executable, "-m", "xbus", "decode", "-q", log, "-o", ours], check=True
             )
 
-        def default() -> None:
+        def pyarrow_default() -> None:
             pq.write_table(table, theirs)
 
-        def alike() -> None:
+        def pyarrow_same_settings() -> None:
             pq.write_table(table, theirs, **parquet_options(table.schema))
 
         command()
         print(f"{table.num_rows} rows, {table.num_columns} columns, MiB of Parquet:")
-        for name, write in (("pyarrow's settings", default), ("the settings of xbus", alike)):
+        for name, write in (
+            ("its default settings", pyarrow_default),
+            ("the settings of xbus", pyarrow_same_settings),
+        ):
             write()
             assert pq.read_table(ours).equals(pq.read_table(theirs))
             mine, other = medians(5, command, write)

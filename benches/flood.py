@@ -1,10 +1,9 @@
-"""4 Mbaud on a pty while Python holds its lock for a second at a time: nothing may be lost.
+"""Receives 4 Mbaud on a pty while Python holds the GIL for a second at a time: nothing may be lost.
 
     python benches/flood.py [SECONDS]
 
-Another process writes high-rate frames at 400 kB/s, in bursts of 16 ms as a USB-serial adapter does; this
-one computes, reads once in a while, and records. What was read and what was recorded is compared with
-what was written.
+Another process writes high-rate frames at 400 kB/s, in bursts of 16 ms like a USB-serial adapter. This
+process computes, reads now and then, and records. The bytes read and recorded must be the bytes written.
 """
 
 import hashlib
@@ -21,8 +20,9 @@ import serial
 import xbus
 from xbus.device.link import SerialLink
 
-RATE = 400_000
-BURST = 0.016
+#: Bytes per second, and seconds between two bursts.
+BYTE_RATE = 400_000
+BURST_PERIOD = 0.016
 
 
 def sample(counter: int) -> bytes:
@@ -32,11 +32,11 @@ def sample(counter: int) -> bytes:
 
 
 def write(descriptor: int, seconds: float) -> None:
-    """The other process: writes, and prints what."""
+    """Writes frames in another process, and prints their bytes, count and digest."""
     digest, written, counter = hashlib.sha256(), 0, 0
     begun = time.monotonic()
     while time.monotonic() - begun < seconds:
-        due = int((time.monotonic() - begun) * RATE) - written
+        due = int((time.monotonic() - begun) * BYTE_RATE) - written
         count = due // len(sample(0))
         data = b"".join(map(sample, range(counter, counter + count)))
         counter += count
@@ -44,12 +44,12 @@ def write(descriptor: int, seconds: float) -> None:
         written += len(data)
         while data:
             data = data[os.write(descriptor, data) :]
-        time.sleep(BURST)
+        time.sleep(BURST_PERIOD)
     print(written, counter, digest.hexdigest())
 
 
-def hold_the_lock(seconds: float) -> None:
-    """Computes with one call after the other that lets nobody else run."""
+def hold_the_gil(seconds: float) -> None:
+    """Computes with calls that do not release the GIL."""
     until = time.monotonic() + seconds
     while time.monotonic() < until:
         pow(7, 1_000_000)
@@ -69,7 +69,7 @@ def main() -> None:
         read = hashlib.sha256()
         size = 0
         while writer.poll() is None:
-            hold_the_lock(1)
+            hold_the_gil(1)
             size, read = take(link, size, read)
         assert writer.stdout is not None
         written, samples, digest = writer.stdout.read().split()
@@ -79,15 +79,15 @@ def main() -> None:
         link.acquisition.stop_recording()
         link.close()
         recorded = path.read_bytes()
-    assert read.hexdigest() == digest, "what was read is not what was written"
+    assert read.hexdigest() == digest, "the bytes read are not the bytes written"
     assert hashlib.sha256(recorded).hexdigest() == digest, (
-        "what was recorded is not what was written"
+        "the bytes recorded are not the bytes written"
     )
     assert stats["samples"] == int(samples), stats
     assert stats["dropped_bytes"] == stats["lost_samples"] == stats["skipped_bytes"] == 0, stats
     print(
         f"{size:,} bytes in {seconds:.0f} s ({size / seconds / 1000:.0f} kB/s), {samples} samples:"
-        f" 0 lost, read and recorded; at most {stats['most_queued_bytes'] / 1000:.0f} kB waited"
+        f" none lost, read or recorded; at most {stats['most_queued_bytes'] / 1000:.0f} kB queued"
     )
 
 

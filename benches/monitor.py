@@ -1,10 +1,10 @@
-"""What the monitor costs: 2 kHz acceleration and 1.6 kHz rate of turn, drawn on a terminal.
+"""Measures ``xbus monitor`` with 2 kHz acceleration and 1.6 kHz rate of turn on a terminal.
 
     python benches/monitor.py [SECONDS]
 
-The source is another process, on a pty; the monitor a third one, on a pty of its own, which pyte reads as a
-terminal would. Processor time of the monitor over elapsed time, without its start. The rates on the screen
-must be right, and nothing lost.
+The device is another process on a pty. The monitor is a third process on a second pty, whose output pyte
+renders like a terminal. The bench prints the processor time of the monitor relative to the elapsed time,
+without its start. The rates on the screen must be right, and no sample may be lost.
 """
 
 import fcntl
@@ -16,24 +16,17 @@ import subprocess
 import sys
 import termios
 import time
-from pathlib import Path
 
 import pyte
-from live import measuring
+from common import processor_seconds, seconds_argument, virtual_device
 
 COLUMNS, LINES = 80, 24
-#: Seconds that it takes to start, and until the rates are those of all of their span.
-BEFORE = 6.0
+#: Seconds until the monitor has started and its rates cover their whole time span.
+WARM_UP = 6.0
 
 
-def used(process: int) -> float:
-    """Processor time of a process, in seconds."""
-    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def shown(master: int, seconds: float, terminal: pyte.ByteStream) -> None:
-    """Reads what is drawn within so many seconds."""
+def render(master: int, seconds: float, terminal: pyte.ByteStream) -> None:
+    """Renders the output of the next seconds."""
     until = time.monotonic() + seconds
     while (left := until - time.monotonic()) > 0:
         if select.select([master], [], [], left)[0]:
@@ -41,8 +34,8 @@ def shown(master: int, seconds: float, terminal: pyte.ByteStream) -> None:
 
 
 def main() -> None:
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 10
-    with measuring() as device:
+    seconds = seconds_argument(10)
+    with virtual_device() as (device, _):
         port = device.link.name
         device.close()
         master, slave = pty.openpty()
@@ -52,10 +45,11 @@ def main() -> None:
         command = [sys.executable, "-m", "xbus", "monitor", port]
         streams = {"stdin": slave, "stdout": slave, "stderr": slave}
         with subprocess.Popen(command, **streams) as monitor:
-            shown(master, BEFORE, terminal)
-            began, before = time.perf_counter(), used(monitor.pid)
-            shown(master, seconds, terminal)
-            share = (used(monitor.pid) - before) / (time.perf_counter() - began)
+            render(master, WARM_UP, terminal)
+            began, before = time.perf_counter(), processor_seconds(monitor.pid)
+            render(master, seconds, terminal)
+            used = processor_seconds(monitor.pid) - before
+            share = used / (time.perf_counter() - began)
             lines = screen.display
             os.write(master, b"q")
             assert monitor.wait() == 0

@@ -1,9 +1,9 @@
-"""xbus against what people write themselves: ``python benches/peers.py``.
+"""Compares xbus with hand-written parsers: ``python benches/peers.py``.
 
-Three ways to get acceleration, rate of turn, orientation and the rest out of the same recording, all with
-the same answer, all in one process: a loop over ``struct.unpack``, numpy over one fixed layout (which
-needs a sound recording whose messages are all alike), and `xbus.read_log` (which needs neither). A copy
-of the bytes is the yardstick.
+Three parsers read the same quantities of the same recording in one process, with equal results: a loop over
+``struct.unpack``; numpy with one fixed layout, which needs a recording without damage whose messages all have
+the same packets; and `xbus.read_log`, which works for any recording. Times are relative to a copy of the
+bytes.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from common import ahrs_stream, medians
 
 import xbus
 
-#: name, data identifier, struct format, numpy type, numbers
-LAYOUT = [
+#: The packets of a message: name, data identifier, struct format, numpy type, count of numbers.
+PACKETS = [
     ("packet_counter", 0x1020, "H", ">u2", 1),
     ("sample_time_fine", 0x1060, "I", ">u4", 1),
     ("quaternion", 0x2010, "4f", ">f4", 4),
@@ -26,12 +26,12 @@ LAYOUT = [
     ("magnetic_field", 0xC020, "3f", ">f4", 3),
     ("status_word", 0xE020, "I", ">u4", 1),
 ]
-BY_ID = {id_: (name, struct.Struct(">" + fmt)) for name, id_, fmt, _, _ in LAYOUT}
+BY_ID = {id_: (name, struct.Struct(">" + fmt)) for name, id_, fmt, _, _ in PACKETS}
 
 
 def by_struct(data: bytes) -> dict[str, list[Any]]:
-    """Message by message, packet by packet, checksums included."""
-    columns: dict[str, list[Any]] = {name: [] for name, *_ in LAYOUT}
+    """Parses message by message and packet by packet, and verifies checksums."""
+    columns: dict[str, list[Any]] = {name: [] for name, *_ in PACKETS}
     at = 0
     while at + 5 <= len(data):
         length = data[at + 3]
@@ -50,27 +50,27 @@ def by_struct(data: bytes) -> dict[str, list[Any]]:
 
 
 def by_numpy(data: bytes) -> dict[str, Any]:
-    """All messages at once, trusting that each is like the first; checksums included."""
+    """Parses all messages at once, with the packets of the first, and verifies checksums."""
     fields: list[Any] = [("head", "V4")]
-    for name, _, _, type_, count in LAYOUT:
+    for name, _, _, type_, count in PACKETS:
         fields += [(f"{name}_head", "V3"), (name, type_, (count,)) if count > 1 else (name, type_)]
     table = np.frombuffer(data, np.dtype([*fields, ("checksum", "u1")]))
     raw = np.frombuffer(data, np.uint8).reshape(len(table), -1)
     if (raw[:, 0] != 0xFA).any() or raw[:, 1:].sum(axis=1, dtype=np.uint8).any():
-        raise ValueError("not one layout, or damaged")
-    return {name: table[name].astype(table[name].dtype.newbyteorder("=")) for name, *_ in LAYOUT}
+        raise ValueError("the recording is damaged, or its messages differ")
+    return {name: table[name].astype(table[name].dtype.newbyteorder("=")) for name, *_ in PACKETS}
 
 
 def by_xbus(data: bytes) -> dict[str, Any]:
     log = xbus.read_log(data)
-    return {name: log[name].values for name, *_ in LAYOUT}
+    return {name: log[name].values for name, *_ in PACKETS}
 
 
 def main() -> None:
     small, large = ahrs_stream(4), ahrs_stream(128)
 
     answers = by_xbus(small), by_numpy(small), by_struct(small)
-    for name, *_ in LAYOUT:
+    for name, *_ in PACKETS:
         ours, theirs, plain = (np.asarray(answer[name]) for answer in answers)
         assert np.array_equal(ours, theirs), name
         assert np.array_equal(ours, plain.reshape(ours.shape).astype(ours.dtype)), name

@@ -1,8 +1,8 @@
-"""``xbus report`` of a long recording at 2 kHz: ``python benches/report.py [MINUTES]``.
+"""Measures ``xbus report`` of a long recording at 2 kHz: ``python benches/report.py [MINUTES]``.
 
-A virtual MTi-630 lies still and sends acceleration and rate of turn at 2,000 and 1,600 Hz. Prints how long
-the report takes in times of `read_log` of the same file, the size of the page, and on Linux the peak of
-memory beside that of ``xbus info``; and checks that one wrong value in the middle of it all can be seen.
+A virtual MTi-630 at rest sends acceleration and rate of turn at 2,000 and 1,600 Hz. The bench prints the time
+of the report relative to `read_log` of the same file, the size of the page, and on Linux the peak memory of
+``xbus report`` and ``xbus info``. It checks that one outlier in the middle of the recording is visible.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from xbus import SimulatedDevice
 from xbus.report import write_report
 
 MINUTES = float(sys.argv[1]) if len(sys.argv) > 1 else 60
-#: Pages do not get larger than this, whatever the recording is.
-MOST = 15e6
+#: Limit of the page size in bytes, for a recording of any length.
+MOST_BYTES = 15e6
 OUTPUTS = {
     "packet_counter": None,
     "sample_time_fine": None,
@@ -47,7 +47,7 @@ print(next(line for line in lines if line.startswith("VmHWM")).split()[1], file=
 
 
 def record(path: Path) -> None:
-    """The recording, with one sample too many in the middle."""
+    """Writes the recording, with one additional sample in the middle."""
     virtual = SimulatedDevice("MTi-630", trajectory="still", noise=1)
     with xbus.connect(virtual) as device, device.configure() as cfg:
         cfg.set_output_configuration(OUTPUTS, check_baudrate=False)
@@ -59,23 +59,21 @@ def record(path: Path) -> None:
                 out.write(xbus.encode_sample({"acceleration_hr": [0, SPIKE, 0]}))
 
 
-def drawn(page: Path, name: str) -> float:
-    """The greatest value that is drawn of a quantity."""
+def largest_drawn(page: Path, name: str) -> float:
+    """Returns the largest value in the figures of a quantity."""
     text = re.search(r'id="figures">(.*?)</script>', page.read_text("utf-8"), re.DOTALL)
     assert text is not None
     figures = [figure for figure in json.loads(text[1]) if figure["name"] == name]
-    curves = [curve["y"] for figure in figures for curve in figure["curve"]]
+    curves = [curve["y"] for figure in figures for curve in figure["data"]]
     arrays = [np.frombuffer(base64.b64decode(y["bdata"]), f"<{y['dtype']}") for y in curves]
     return max(float(np.nanmax(array)) for array in arrays)
 
 
 def peak(*args: str | Path) -> int:
-    """MiB that a command takes at most."""
-    run = [sys.executable, "-c", PEAK, *map(str, args)]
-    return (
-        int(subprocess.run(run, check=True, capture_output=True, text=True).stderr.split()[-1])
-        >> 10
-    )
+    """Returns the peak memory of a command in MiB."""
+    command = [sys.executable, "-c", PEAK, *map(str, args)]
+    run = subprocess.run(command, check=True, capture_output=True, text=True)
+    return int(run.stderr.split()[-1]) >> 10
 
 
 def main() -> None:
@@ -87,11 +85,11 @@ def main() -> None:
         times = ratio(1, lambda: write_report(path, page), lambda: xbus.read_log(path))
         size = page.stat().st_size
         print(f"report: {times:.1f} times read_log, a page of {size / 1e6:.1f} MB")
-        assert drawn(page, "acceleration_hr") == SPIKE
-        assert size < MOST
+        assert largest_drawn(page, "acceleration_hr") == SPIKE
+        assert size < MOST_BYTES
         if STATUS.exists():
-            both = peak("report", "-q", path, "-o", page), peak("info", path)
-            print(f"peak memory {both[0]} MiB, of xbus info {both[1]} MiB")
+            report, info = peak("report", "-q", path, "-o", page), peak("info", path)
+            print(f"peak memory {report} MiB; xbus info {info} MiB")
 
 
 if __name__ == "__main__":

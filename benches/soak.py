@@ -1,10 +1,10 @@
-"""4 Mbaud for long, with damage on the line: memory flat, every intact frame recorded, every loss counted.
+"""Receives 4 Mbaud with damage for a long time: constant memory, no intact frame lost, every loss counted.
 
     python benches/soak.py [SECONDS]
 
-Another process writes high-rate frames at 400 kB/s and damages one in a thousand. Afterwards the
-recording is read: it must have the frames that were left intact (but for what a checksum of eight bits
-lets pass), and the samples that it misses must be those that its counter tells.
+Another process writes high-rate frames at 400 kB/s and damages one in a thousand. The recording must have all
+intact frames, except for the few that an 8-bit checksum cannot protect, and the counter must show the missing
+ones.
 """
 
 import os
@@ -19,28 +19,30 @@ from pathlib import Path
 
 import numpy as np
 import serial
-from flood import BURST, RATE, sample
+from flood import BURST_PERIOD, BYTE_RATE, sample
 
 import xbus
 from xbus.device.link import SerialLink
 
-DAMAGED = 1e-3
-#: A frame that lost a byte takes one of the next: one in 256 such passes the checksum, and costs that one.
-CHANCE = 1e-5
-#: Part of the time after which memory must not grow, and by how many MiB it may.
-WARM, GROWTH = 0.2, 8
+#: Fraction of damaged frames.
+DAMAGE = 1e-3
+#: Fraction of intact frames that can be lost: a frame without one of its bytes takes the first byte of the
+#: next frame for its checksum, which is right by chance once in 256.
+MOST_LOST = 1e-5
+#: Fraction of the time after which memory is measured, and the MiB by which it may grow from then on.
+WARM_UP, MOST_GROWTH = 0.2, 8
 
 
 def write(descriptor: int, seconds: float) -> None:
-    """The other process: writes, and prints how many frames, and which of them are damaged."""
+    """Writes frames in another process, and prints their count and the numbers of the damaged ones."""
     draw, counter, damaged = random.Random(1), 0, []
     begun = time.monotonic()
     size = len(sample(0))
     while time.monotonic() - begun < seconds:
         pieces = []
-        for _ in range(int((time.monotonic() - begun) * RATE / size) - counter):
+        for _ in range(int((time.monotonic() - begun) * BYTE_RATE / size) - counter):
             frame = bytearray(sample(counter))
-            if draw.random() < DAMAGED:
+            if draw.random() < DAMAGE:
                 damaged.append(counter)
                 if draw.random() < 0.5:
                     frame[draw.randrange(size)] ^= 1 << draw.randrange(8)
@@ -51,12 +53,12 @@ def write(descriptor: int, seconds: float) -> None:
         data = b"".join(pieces)
         while data:
             data = data[os.write(descriptor, data) :]
-        time.sleep(BURST)
+        time.sleep(BURST_PERIOD)
     print(counter, *damaged)
 
 
 def memory() -> float:
-    """The most memory that this process has had, in MiB."""
+    """Returns the peak memory of this process in MiB."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
@@ -65,40 +67,40 @@ def main() -> None:
     master, slave = os.openpty()
     tty.setraw(slave)
     with tempfile.TemporaryDirectory() as folder:
-        path, told = Path(folder) / "log.mtb", Path(folder) / "told"
+        path, report = Path(folder) / "log.mtb", Path(folder) / "written"
         link = SerialLink(serial.Serial(os.ttyname(slave), 4_000_000), owned=True)
         os.close(slave)
         link.acquisition.record(path)
         command = [sys.executable, __file__, "write", str(master), str(seconds)]
-        with told.open("w") as output:  # more than a pipe holds
+        with report.open("w") as output:  # too long for the buffer of a pipe
             writer = subprocess.Popen(command, stdout=output, pass_fds=(master,))
         begun, warm = time.monotonic(), 0.0
         while writer.poll() is None:
             link.read(0.5)
-            if not warm and time.monotonic() - begun > WARM * seconds:
+            if not warm and time.monotonic() - begun > WARM_UP * seconds:
                 warm = memory()
         grown = memory() - warm
-        sent, *damaged = map(int, told.read_text().split())
+        sent, *damaged = map(int, report.read_text().split())
         while link.read(0.5).data:
             pass
         stats = link.acquisition.stats()
         link.acquisition.stop_recording()
         link.close()
         log = xbus.read_log(path)
-    there = np.zeros(sent, np.bool_)
+    is_recorded = np.zeros(sent, np.bool_)
     counters = log.packet_counter
-    there[counters[(counters >= 0) & (counters < sent)]] = True
-    missing = np.flatnonzero(~there)
-    wrong = np.setdiff1d(missing, damaged)
+    is_recorded[counters[(counters >= 0) & (counters < sent)]] = True
+    missing = np.flatnonzero(~is_recorded)
+    lost_intact = np.setdiff1d(missing, damaged)
     print(
-        f"{sent:,} frames in {seconds:.0f} s, {len(damaged):,} damaged: {len(missing):,} not there, of these"
-        f" {len(wrong)} intact ones; counted as lost {stats['lost_samples']:,}; memory grew {grown:.1f} MiB"
+        f"{sent:,} frames in {seconds:.0f} s, {len(damaged):,} damaged: {len(missing):,} missing, of these"
+        f" {len(lost_intact)} intact; counted as lost {stats['lost_samples']:,}; memory grew {grown:.1f} MiB"
     )
-    assert len(wrong) <= CHANCE * sent + 1, wrong
+    assert len(lost_intact) <= MOST_LOST * sent + 1, lost_intact
     assert stats["dropped_bytes"] == 0, stats
-    # The counter cannot know what is missing behind the last sample.
+    # The counter does not show what is missing after the last sample.
     assert abs(stats["lost_samples"] - len(missing)) <= 2, stats
-    assert grown < GROWTH, f"memory grew by {grown:.1f} MiB"
+    assert grown < MOST_GROWTH, f"memory grew by {grown:.1f} MiB"
 
 
 if __name__ == "__main__":

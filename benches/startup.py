@@ -1,7 +1,7 @@
-"""What importing costs: ``python benches/startup.py``.
+"""Measures start-up time: ``python benches/startup.py``.
 
-``import xbus`` with all that reading takes, over ``import numpy``, and the processor time of
-``xbus --help``.
+Prints the time of ``import xbus`` with everything that `read_log` needs, minus ``import numpy``, and the
+processor time of ``xbus --help``.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ import sys
 ROUNDS = 15
 
 
-def cpu(*args: str) -> float:
-    """Processor seconds of a whole Python process, the least of several runs."""
+def processor_seconds(*args: str) -> float:
+    """Returns the processor seconds of a Python process, the minimum of several runs."""
 
     def once() -> float:
         before = os.times()
@@ -31,9 +31,10 @@ def cpu(*args: str) -> float:
 
 
 def main() -> None:
-    with_numpy, with_xbus = cpu("-c", "import numpy"), cpu("-c", "import xbus; xbus.read_log")
-    print(f"import xbus: {1000 * (with_xbus - with_numpy):.0f} ms over import numpy")
-    print(f"xbus --help: {cpu('-m', 'xbus', '--help'):.2f} s of processor time")
+    with_numpy = processor_seconds("-c", "import numpy")
+    with_xbus = processor_seconds("-c", "import xbus; xbus.read_log")
+    print(f"import xbus: {1000 * (with_xbus - with_numpy):.0f} ms more than import numpy")
+    print(f"xbus --help: {processor_seconds('-m', 'xbus', '--help'):.2f} s of processor time")
 
 
 if __name__ == "__main__":
