@@ -8,9 +8,6 @@ from xbus.cli.connection import open_port
 
 __all__ = ["restore"]
 
-#: The rate at which a device listens for the procedure.
-DEFAULT_BAUDRATE = 115_200
-
 
 @click.command(epilog="Example: xbus restore /dev/ttyUSB0")
 @click.argument("port")
@@ -33,6 +30,7 @@ def restore(port: str, timeout: float) -> None:
     again.
     """
     from xbus.device import Device
+    from xbus.protocol.products import DEFAULT_BAUDRATE
 
     with Device(open_port(port, DEFAULT_BAUDRATE)) as device:
         click.echo(f"xbus: switch the device off and on now, within {timeout:g} s", err=True)

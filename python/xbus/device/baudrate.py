@@ -11,10 +11,7 @@ from xbus.protocol.values import PortProtocol, baud_code
 if TYPE_CHECKING:
     from xbus.device.device import Device
 
-__all__ = ["DEFAULT_BAUDRATE", "change_baudrate"]
-
-#: The baud rate of a device with factory settings, and after the restore procedure (section 7.2).
-DEFAULT_BAUDRATE = 115_200
+__all__ = ["change_baudrate"]
 
 
 def change_baudrate(device: Device, baudrate: int) -> None:

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import serial
 
-from xbus.device.baudrate import DEFAULT_BAUDRATE
 from xbus.device.device import Device
 from xbus.device.link import open_link
 from xbus.device.ports import find_ports
+from xbus.protocol.products import DEFAULT_BAUDRATE
 from xbus.protocol.values import StringType
 from xbus.wire.strings import mask_of
 

@@ -9,7 +9,7 @@ from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
 from types import TracebackType
 from typing import Any
 
-from xbus.device.baudrate import DEFAULT_BAUDRATE, change_baudrate
+from xbus.device.baudrate import change_baudrate
 from xbus.device.blocks import Blocks
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
@@ -28,7 +28,7 @@ from xbus.device.string_output import check_strings_fit, plan_strings
 from xbus.errors import DeviceError, XbusError, XbusTimeout
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.keys import Key
-from xbus.protocol.products import Support, product_of_code, support
+from xbus.protocol.products import DEFAULT_BAUDRATE, Support, product_of_code, support
 from xbus.protocol.tables import Product
 from xbus.protocol.values import ErrorCode, HardwareVersion, Output, State, StringType
 from xbus.rtk.forward import Forwarder
