@@ -4,15 +4,18 @@
 #[path = "../fuzz/src/lib.rs"]
 mod fuzz;
 
+use std::io::{self, Read};
+
 use proptest::prelude::*;
 
 use fuzz::checks::{decode, fast_is_plain, parts};
 use fuzz::logs::{Bits, Log};
 use fuzz::streams::{Random, extended, frame, frame_of, packet, sample};
 use xbus::clock::Clocks;
-use xbus::error::Fault;
+use xbus::error::{Fault, ReadError};
 use xbus::frame::MASTER;
-use xbus::log::{Options, Reader};
+use xbus::input::{PushBuffer, Stream};
+use xbus::log::{Options, Reader, TimedPart};
 use xbus::packet::Coordinates;
 use xbus::scan::{Damage, Reason, Window};
 use xbus::table::{self, quantity_named};
@@ -81,6 +84,81 @@ fn a_log_is_the_same_cut_at_any_byte() {
         assert!(reader.is_finished());
         joined.same_as(&whole, &format!("cut at {cut}"));
     }
+}
+
+/// A log with 1.5 MB of samples, damage and another message.
+fn long_stream() -> Vec<u8> {
+    let samples = |count: usize| (0..=u8::MAX).cycle().take(count).flat_map(|i| counted(i, 0x4020, &[0x41; 12]));
+    samples(30_000).chain([0xAA; 7]).chain(frame(0x42, &[4])).chain(samples(30_000)).collect()
+}
+
+#[test]
+fn a_stream_is_read_as_from_memory() {
+    let bytes = long_stream();
+    let mut reader = Reader::new(Options::default(), 0);
+    let mut stream = Stream::new(&bytes[..]);
+    let (mut clocks, mut joined, mut parts) = (Clocks::default(), Log::default(), 0);
+    while !reader.is_finished() {
+        let until = reader.at() + 400_000;
+        reader.read_stream(&mut stream, until).unwrap();
+        assert!(reader.is_finished() || reader.at() >= until);
+        joined.join(Log::of(&reader.take(), &mut clocks));
+        parts += 1;
+    }
+    assert_eq!(parts, 4);
+    joined.same_as(&Log::whole(&bytes, Options::default()), "stream, memory");
+}
+
+#[test]
+fn pushed_bytes_are_read_as_from_memory() {
+    let bytes = long_stream();
+    let frame = counted(0, 0x4020, &[0x41; 12]).len();
+    let (mut reader, mut buffer) = (Reader::new(Options::default(), 0), PushBuffer::default());
+    for piece in bytes.chunks(77_777) {
+        buffer.push(piece);
+        reader.read_pushed(&mut buffer, false).unwrap();
+        assert!(buffer.window(false).bytes.len() < frame, "only an incomplete frame is kept");
+    }
+    reader.read_pushed(&mut buffer, true).unwrap();
+    assert!(reader.is_finished());
+    Log::of(&reader.take(), &mut Clocks::default()).same_as(&Log::whole(&bytes, Options::default()), "pushed, memory");
+}
+
+#[test]
+fn a_stream_ends_with_the_error_of_its_input_or_the_first_fault() {
+    struct Broken;
+    impl Read for Broken {
+        fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
+            Err(io::ErrorKind::ConnectionReset.into())
+        }
+    }
+    let bytes = long_stream();
+    let error =
+        Reader::new(Options::default(), 0).read_stream(&mut Stream::new(bytes.chain(Broken)), u64::MAX).unwrap_err();
+    assert!(matches!(&error, ReadError::Io(error) if error.kind() == io::ErrorKind::ConnectionReset), "{error}");
+
+    let options = Options { strict: true, ..Options::default() };
+    let error = Reader::new(options, 0).read_stream(&mut Stream::new(&bytes[..]), u64::MAX).unwrap_err();
+    let place = 30_000 * counted(0, 0x4020, &[0x41; 12]).len() as u64;
+    assert!(matches!(&error, ReadError::Fault(fault) if fault.offset() == place), "{error}");
+    assert!(error.to_string().starts_with(&format!("no frame at byte {place} (no preamble)")));
+}
+
+#[test]
+fn timed_parts_continue_where_the_last_one_ended() {
+    let bytes = long_stream();
+    let window = Window { bytes: &bytes, offset: 0, last: true };
+    let (mut reader, mut clocks, mut counters, mut gaps) =
+        (Reader::new(Options::default(), 0), Clocks::default(), vec![], 0);
+    while !reader.is_finished() {
+        reader.read(window, reader.at() + 400_000).unwrap();
+        let part = TimedPart::take(&mut reader, &mut clocks);
+        assert_eq!(part.times().counter.len(), part.part.len());
+        counters.extend_from_slice(&part.times().counter);
+        gaps += part.times().losses.gaps;
+    }
+    let whole = Log::whole(&bytes, Options::default());
+    assert_eq!((counters, gaps), (whole.counters, whole.losses.gaps));
 }
 
 #[test]
