@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import base64
 import http.server
+import socket
 import socketserver
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -300,7 +302,8 @@ class LocalCaster(socketserver.ThreadingTCPServer):
 
     Attributes:
         style: 1 for ICY, 2 for HTTP, "chunked" for HTTP in chunks, "garbage" for neither, "silent" to hang
-            up without an answer, "table" to answer every request with the source table.
+            up without an answer, "reset" to do it with a reset, "table" to answer every request with the
+            source table.
         account: User and password that are asked for, or None.
         sends: What each connection gets in turn, again and again; the pause between two is `PAUSE`.
         once: Whether to hang up when each was sent a few times.
@@ -345,6 +348,10 @@ class _Visit(socketserver.StreamRequestHandler):
         request = b"".join(iter(self.rfile.readline, b"\r\n")).decode()
         caster.requests.append(request)
         if caster.style == "silent":
+            return
+        if caster.style == "reset":
+            at_once = struct.pack("ii", 1, 0)
+            self.connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, at_once)
             return
         if caster.style == "garbage":
             self.wfile.write(b"SSH-2.0-OpenSSH_9.2p1 Debian\r\n")
@@ -469,7 +476,7 @@ def problem(address: str, mountpoint: str = "BASE", **options: Any) -> str:
 def test_what_a_caster_does_instead_of_sending_corrections(local: LocalCaster) -> None:
     """A wrong mountpoint, a source table, no answer, another server: each gives a message of its own."""
     found = {"mountpoint": problem(local.address, "NOWHERE")}
-    for style in (1, "table", "silent", "garbage"):
+    for style in (1, "table", "silent", "reset", "garbage"):
         local.style = style
         found[str(style)] = problem(local.address, "NOWHERE" if style == 1 else "BASE")
     assert found == {
@@ -480,6 +487,9 @@ def test_what_a_caster_does_instead_of_sending_corrections(local: LocalCaster) -
             " may be off, or the account may not include it"
         ),
         "silent": (
+            "CASTER hangs up without an answer; check the port, and whether the address needs https://"
+        ),
+        "reset": (
             "CASTER hangs up without an answer; check the port, and whether the address needs https://"
         ),
         "garbage": "what answers at CASTER is no NTRIP caster",
@@ -554,6 +564,11 @@ def test_a_gga_sentence_has_at_most_82_characters(local: LocalCaster, position: 
     assert found.alt == pytest.approx(position.alt, abs=0.0051)
     assert found.sep == pytest.approx(position.sep, abs=0.051)
     assert all(len(field.partition(".")[2]) <= 2 for field in sentence.split(",")[7:11])
+
+
+def test_impossible_heights_do_not_make_a_sentence_longer(local: LocalCaster) -> None:
+    sentence = sentence_of(local, Position(-89.99, -179.99, -2147483.648, -4294967.3, 99, 655.35))
+    assert len(sentence) <= 82
 
 
 def test_what_was_not_measured_is_not_in_the_sentence(local: LocalCaster) -> None:

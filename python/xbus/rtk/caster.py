@@ -30,8 +30,10 @@ POSITION_INTERVAL = 0.1
 QUEUE_SIZE = 1000
 #: Maximum number of mountpoints in an error message.
 MAX_NAMED = 10
+#: Metres: receivers work up to 50 km, and sea level is within 110 m of the ellipsoid.
+MAX_HEIGHT, MAX_SEPARATION = 99_999.0, 999.0
 #: How pygnssutils reports that the connection was closed before a status line, and that no data came.
-NO_STATUS, TIMED_OUT = "KeyError('code')", "TimeoutError"
+NO_STATUS, TIMED_OUT = ("KeyError('code')", "ConnectionResetError"), "TimeoutError"
 
 
 class CasterError(XbusError):
@@ -194,7 +196,7 @@ class Caster:
     def _why(self, connection: _Connection, told: str | None) -> str:
         """Why a connection has ended, in a sentence."""
         code, mountpoint, told = connection.code, self._request["mountpoint"], told or ""
-        if code is None and told == NO_STATUS:
+        if code is None and told.startswith(NO_STATUS):
             return no_answer(self.host)
         if code == 401:
             return no_access(self.host)
@@ -304,13 +306,14 @@ class _Connection:
         at = self._position()
         if at is None:
             raise ValueError("no position")  # it sends none then
-        # An empty text leaves a field of the sentence empty: what was not measured is not sent. Rounded, no
-        # sentence is longer than the 82 characters that NMEA 0183 allows.
+        # An empty text leaves a field of the sentence empty: what was not measured is not sent. Rounded, and
+        # without the impossible heights of a damaged sample, no sentence is longer than the 82 characters
+        # that NMEA 0183 allows.
         return {
             "lat": at.lat,
             "lon": at.lon,
-            "alt": round(at.alt, 2),
-            "sep": round(at.sep, 1),
+            "alt": round(max(-MAX_HEIGHT, min(at.alt, MAX_HEIGHT)), 2),
+            "sep": round(max(-MAX_SEPARATION, min(at.sep, MAX_SEPARATION)), 1),
             "fix": "3D",
             "sip": "" if at.satellites is None else min(at.satellites, 99),
             "hdop": "" if at.hdop is None else min(round(at.hdop, 2), 99.99),
@@ -326,7 +329,8 @@ def _client_class(pygnssutils: Any) -> Any:
     class Client(pygnssutils.GNSSNTRIPClient):  # type: ignore[misc]
         def _do_request(self, *args: Any) -> int:
             if super()._do_request(*args) and not self.stopevent.is_set():
-                # The caster has hung up. By itself the client would wait, and ask again in secret.
+                # The caster has hung up. The client itself would wait and repeat the request,
+                # without a word to `Caster`.
                 raise ConnectionResetError
             return 0
 
