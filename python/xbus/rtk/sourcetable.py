@@ -109,7 +109,11 @@ def _ask(address: Address, request: bytes) -> bytes:
             connection.sendall(request)
             while END not in answer[-4096:] and len(answer) < MAX_TABLE:
                 connection.settimeout(max(until - time.monotonic(), 0.001))
-                if not (piece := connection.recv(2048)):
+                try:
+                    piece = connection.recv(2048)
+                except ConnectionResetError:
+                    break
+                if not piece:
                     break
                 answer += piece
     except OSError as error:
