@@ -112,7 +112,7 @@ impl<'a> Frame<'a> {
         Self { bid: header.bid, mid: header.mid, payload: &bytes[header.size..header.size + header.payload] }
     }
 
-    /// The packets of an MTData2 frame: see [`packets`](crate::packet::packets).
+    /// The packets of an MTData2 frame: see [`packets`].
     #[must_use]
     pub const fn packets(&self) -> Packets<'a> {
         packets(self.payload)

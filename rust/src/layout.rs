@@ -10,7 +10,7 @@
 //! 2. when the batch is full, each column *gathers* its packets from all frames of the batch in one loop.
 //!
 //! One byte per sample, the number of its layout, replaces row indices and presence bitmaps: the samples of a column's rows
-//! and the offsets of frames are derived from it when somebody asks (see `log::Part`).
+//! and the offsets of frames are derived from it on request (see `log::Part`).
 //!
 //! ```text
 //! recognize(bytes, at):                                     gather(batch):
@@ -20,24 +20,25 @@
 //!     if fixed bytes differ or sum != 0:
 //!       try the other layouts of the family, or stop
 //!     batch.push(at, layout)
-//!     at += family.frame              the next frame is expected right behind, with the same length
+//!     at += family.frame_length       the next frame is expected to follow, with the same length
 //! ```
 //!
 //! # Invariants
 //!
 //! - *Fast is plain.* A recognized frame is one that the scanner accepts as plausible, and its columns get exactly what the
 //!   plain path would give them. Only intact, plausible MTData2 frames in standard form, whose packets all have sound sizes,
-//!   are learned; so equal fixed bytes and a good sum imply the rest. Every fuzz target and property test compares both.
+//!   are learned; so equal fixed bytes and a good sum imply the rest. Fuzz targets and property tests
+//!   compare both.
 //! - *The answer does not depend on history.* What is not recognized, for whatever reason (not learned yet, caps reached,
-//!   cut by the end of the window), goes through the plain path with the same result. All caps are about speed only.
+//!   cut by the end of the window), goes through the plain path with the same result. All caps concern speed only.
 //! - *A layout feeds a column at most once* (one that would feed it twice is never learned), *and the layouts in use agree on
-//!   the [`Form`] in which each column is fed*. So one loop per column and batch suffices. After the device was configured
-//!   anew, the new layouts replace all others once they have been seen often enough.
+//!   the [`Form`] in which each column is fed*. So one loop per column and batch suffices. When the device was reconfigured,
+//!   the new layouts replace all others once they have been seen often enough.
 //! - *Layout numbers are stable*: `known` only grows during a part, because samples refer to it. What is in use can change.
 //! - *Frames of a batch lie in one window*, in order. The caller gathers before it moves the window, before it decodes a
 //!   frame by itself, and before it takes a part.
-//! - *No read outside the window.* A frame is compared in whole blocks, so the last frame of a window, behind which less than
-//!   a block is left, is left to the plain path.
+//! - *No read outside the window.* A frame is compared in whole blocks, so the plain path decodes a frame at the end of the
+//!   window whose last block is not complete.
 //!
 //! # What makes it fast
 //!
@@ -58,7 +59,7 @@
 //! |---|---|
 //! | `set_len` instead of `resize` (no zeroing) | 0 to 13 %, but unsafe |
 //! | reads without bounds checks | 5 %, but unsafe |
-//! | 16-byte shuffles per layout instead of typed loops | .40 instead of .38 on fresh output: not worth the intrinsics |
+//! | intrinsics: 16-byte shuffles per layout instead of typed loops | .40 in a prototype, .34 to .40 here |
 //! | AVX-512; AVX2 intrinsics; non-temporal stores; `prefetchw` | nothing, or a loss |
 //! | batches of 256; of 4096 | a loss; 2 to 9 % more in one prototype, nothing here |
 //! | other prefetch distances; huge-page alignment of columns; page colouring | nothing, or at most 5 % |

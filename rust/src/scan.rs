@@ -161,7 +161,7 @@ impl<'a> Iterator for Frames<'a> {
     }
 }
 
-/// Finds the frames of an input that comes in windows.
+/// Finds the frames of an input that is handed over in windows.
 #[derive(Debug)]
 pub struct Scanner {
     limit: usize,

@@ -27,7 +27,7 @@
 //!
 //! Positions and arrivals never decrease. A piece that arrives less than 10 ms after the last record is left out (unless it
 //! is the last piece of the file), so records take at most 1.6 kB/s. After a crash the last records may be missing, or, if
-//! the log was truncated, lie behind its end.
+//! the log was truncated, be beyond its end.
 
 mod file;
 mod times;

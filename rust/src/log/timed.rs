@@ -23,7 +23,7 @@ impl Times {
         Self { time, counter, gaps }
     }
 
-    /// What the counters say was lost.
+    /// Losses according to the counters.
     #[must_use]
     pub fn losses(&self) -> Losses {
         Losses::of(&self.gaps)

@@ -1,4 +1,4 @@
-//! Where the bytes of a log come from.
+//! Sources of the bytes of a log.
 
 use std::fs::{self, File};
 use std::io::{self, Read};
@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use super::convert::os_error;
 use crate::input::Stream;
 
-/// An array, which is used where it lies, or a stream.
+/// An array, which is not copied, or a stream.
 pub enum Source {
     Array(Py<PyArray1<u8>>),
     Stream(Stream<Box<dyn Read + Send + Sync>>),
