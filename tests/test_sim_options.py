@@ -222,13 +222,13 @@ def test_no_speed(speed: float) -> None:
         on_pty(Fake(), speed=speed)
 
 
-def test_a_client_reads_minutes_in_seconds() -> None:
+def test_a_client_reads_a_faster_device_without_loss() -> None:
     device = SimulatedDevice("MTi-630")
-    with serving(device, speed=50) as port, xbus.connect(port) as client:
+    with serving(device, speed=10) as port, xbus.connect(port) as client:
         before = device.time
-        samples = [client.read_sample() for _ in range(1000)]
-        assert device.time - before > 9
-    assert np.diff([sample["sample_time_fine"] for sample in samples]).tolist() == [100] * 999
+        samples = [client.read_sample() for _ in range(300)]
+        assert device.time - before > 2.9
+    assert np.diff([sample["sample_time_fine"] for sample in samples]).tolist() == [100] * 299
 
 
 def test_a_link_leads_to_the_served_port(tmp_path: Path) -> None:
