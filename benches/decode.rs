@@ -1,9 +1,9 @@
-//! Bytes to columns, as a ratio to `memcpy` of the same bytes: `cargo bench --bench decode`.
+//! Measures bytes to columns, relative to `memcpy` of the same bytes: `cargo bench --bench decode`.
 //!
-//! Each stream is decoded whole into fresh columns; the plain path stands beside the fast one. Before anything is timed
-//! the two are compared on a part of the stream, and each run checks its number of samples.
+//! Each stream is decoded as a whole into fresh columns, by the fast and by the plain path. Before the measurement the two
+//! are compared on a part of the stream, and each run checks its number of samples.
 
-#![allow(clippy::print_stdout, clippy::type_complexity, clippy::cast_possible_truncation)] // it reports
+#![allow(clippy::print_stdout, clippy::type_complexity, clippy::cast_possible_truncation)] // the bench prints its results
 
 mod common;
 
@@ -19,8 +19,8 @@ fn read(bytes: &[u8], fast: bool) -> Part {
 }
 
 fn main() {
-    let megabytes = std::env::var("XBUS_BENCH_MIB").ok().and_then(|it| it.parse().ok()).unwrap_or(256);
-    let rounds = std::env::var("XBUS_BENCH_ROUNDS").ok().and_then(|it| it.parse().ok()).unwrap_or(9);
+    let megabytes = std::env::var("XBUS_BENCH_MIB").ok().and_then(|text| text.parse().ok()).unwrap_or(256);
+    let rounds = std::env::var("XBUS_BENCH_ROUNDS").ok().and_then(|text| text.parse().ok()).unwrap_or(9);
     let size: usize = megabytes << 20;
     let streams: [(&str, fn(usize) -> Vec<u8>, usize, f64, f64); 5] = [
         ("ahrs", common::ahrs, 88, 0.28, 0.38),
@@ -33,9 +33,9 @@ fn main() {
         "{:<18}{:>10}{:>10}{:>10}{:>10}   x memcpy, {megabytes} MiB, fresh columns",
         "", "fast", "plain", "must", "goal"
     );
-    let chosen: Vec<String> = std::env::args().skip(1).filter(|it| !it.starts_with('-')).collect();
+    let chosen: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with('-')).collect();
     for (name, make, frame, must, goal) in streams {
-        if !chosen.is_empty() && !chosen.iter().any(|it| it == name) {
+        if !chosen.is_empty() && !chosen.iter().any(|argument| argument == name) {
             continue;
         }
         let bytes = make(size / frame);

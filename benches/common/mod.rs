@@ -1,10 +1,10 @@
-//! What the benches share: the streams, and the yardstick.
+//! What the benches share: the streams, and the comparison with `memcpy`.
 //!
-//! Every figure is a ratio to `memcpy` of the same bytes into memory that has been touched before, measured in the same
-//! run and in turns with it, so that a busy machine slows both.
+//! Every figure is relative to `memcpy` of the same bytes into memory that is already mapped. The two are measured in turns
+//! in one run, so that a busy machine slows both.
 
-#![allow(dead_code)] // each bench uses some of it
-#![allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_precision_loss)] // made-up numbers
+#![allow(dead_code)] // each bench uses a part
+#![allow(clippy::cast_possible_truncation, clippy::cast_possible_wrap, clippy::cast_precision_loss)] // synthetic numbers
 
 use std::hint::black_box;
 use std::time::Instant;
@@ -14,7 +14,7 @@ use xbus::packet::{Coordinates, Precision};
 use xbus::table;
 use xbus::value::{Number, write_packet};
 
-/// A small generator of numbers that look alike everywhere (xorshift).
+/// A small random number generator (xorshift), the same on every machine.
 pub struct Random(pub u64);
 
 impl Random {
@@ -48,14 +48,14 @@ impl Sample {
     }
 
     pub fn integers(mut self, name: &str, values: &[i64]) -> Self {
-        let numbers: Vec<_> = values.iter().map(|it| Number::Integer(*it)).collect();
+        let numbers: Vec<_> = values.iter().map(|value| Number::Integer(*value)).collect();
         write_packet(&mut self.payload, table::quantity_named(name).unwrap(), None, None, &numbers).unwrap();
         self
     }
 
     pub fn reals(mut self, name: &str, precision: Precision, values: &[f64]) -> Self {
         let quantity = table::quantity_named(name).unwrap();
-        let numbers: Vec<_> = values.iter().map(|it| Number::Double(*it)).collect();
+        let numbers: Vec<_> = values.iter().map(|value| Number::Double(*value)).collect();
         let coordinates = quantity.rotates.then_some(Coordinates::Enu);
         write_packet(&mut self.payload, quantity, Some(precision), coordinates, &numbers).unwrap();
         self
@@ -144,21 +144,21 @@ pub fn dirty(n: usize) -> Vec<u8> {
     out
 }
 
-/// How many times as fast as `yardstick` is `work`? The two run in turns, and the median of the ratios counts: a machine
-/// that slows down or speeds up meanwhile does so for both.
-pub fn ratio(rounds: usize, mut yardstick: impl FnMut(), mut work: impl FnMut()) -> f64 {
+/// Returns the speed of `work` relative to `reference`: the median of the ratios of alternating runs, so that changes in
+/// the speed of the machine affect both.
+pub fn ratio(rounds: usize, mut reference: impl FnMut(), mut work: impl FnMut()) -> f64 {
     let time = |work: &mut dyn FnMut()| {
         let start = Instant::now();
         work();
         start.elapsed().as_secs_f64()
     };
-    let _warm = (time(&mut yardstick), time(&mut work));
-    let mut ratios: Vec<f64> = (0..rounds).map(|_| time(&mut yardstick) / time(&mut work)).collect();
+    let _warm = (time(&mut reference), time(&mut work));
+    let mut ratios: Vec<f64> = (0..rounds).map(|_| time(&mut reference) / time(&mut work)).collect();
     ratios.sort_by(f64::total_cmp);
     ratios[rounds / 2]
 }
 
-/// `work` against `memcpy` of `bytes`: how many times as fast as the copy it is.
+/// Returns the speed of `work` relative to a `memcpy` of `bytes`.
 pub fn against_memcpy(bytes: &[u8], rounds: usize, work: impl FnMut()) -> f64 {
     let mut target = vec![1u8; bytes.len()];
     let copy = || {

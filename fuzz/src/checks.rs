@@ -1,4 +1,4 @@
-//! The laws. Each takes any bytes and panics where one does not hold.
+//! The laws. Each function takes any bytes and panics if the law does not hold.
 
 use xbus::clock::Clocks;
 use xbus::error::Fault;
@@ -12,17 +12,17 @@ use super::logs::{ByHand, Log};
 use super::scans::{Scan, credit_suffices};
 use super::streams::{Input, Random};
 
-/// Limits that matter: shorter than any message, the longest standard form, a live port's, a log's.
+/// Payload limits: shorter than most messages, around the longest standard form, and those of a live port and a log.
 const LIMITS: [usize; 6] = [16, 254, 255, 8185, 65535, 65535];
 
-/// How the input is cut does not matter, and the scanner finds what the plain rules find.
+/// Chunking has no effect, and the scanner finds what the plain rules find.
 pub fn chunking(data: &[u8]) {
     let Input { mut random, stream } = Input::of(data);
     let limit = random.pick(&LIMITS);
     scanning(&stream, limit, &mut random);
 }
 
-/// The same for a stream that was made elsewhere.
+/// The same law for a given stream.
 pub fn scanning(stream: &[u8], limit: usize, random: &mut Random) {
     let whole = Scan::whole(stream, limit);
     whole.covers(stream);
@@ -37,7 +37,7 @@ pub fn scanning(stream: &[u8], limit: usize, random: &mut Random) {
     }
 }
 
-/// Any bytes are a log, and what is in it is what one finds by hand.
+/// Any bytes are a log, and its contents are those that the plain reader finds.
 pub fn decode(data: &[u8]) {
     let Input { mut random, stream } = Input::of(data);
     let limit = random.pick(&LIMITS);
@@ -48,18 +48,18 @@ pub fn decode(data: &[u8]) {
         let strict = Options { strict: true, ..options };
         let found = Log::apart(&stream, strict, &mut random).err();
         assert_eq!(found.as_ref(), faults.first(), "fast: {fast}");
-        said(found);
+        check_sentence(found);
     }
 }
 
-/// A fault has a sentence, and says where.
-fn said(fault: Option<Fault>) {
+/// The message of a fault contains its offset.
+fn check_sentence(fault: Option<Fault>) {
     if let Some(fault) = fault {
         assert!(fault.to_string().contains(&fault.offset().to_string()));
     }
 }
 
-/// The fast path reads what the plain one reads, part by part: each part ends at the same byte.
+/// The fast path reads what the plain path reads, part by part: each part ends at the same byte.
 pub fn fast_is_plain(data: &[u8]) {
     let Input { mut random, stream } = Input::of(data);
     let options = options(&mut random);
@@ -72,12 +72,12 @@ pub fn fast_is_plain(data: &[u8]) {
         fast.read(window, until).expect("not strict");
         plain.read(window, until).expect("not strict");
         assert_eq!(fast.at(), plain.at());
-        let [fast, plain] = [&mut fast, &mut plain].map(|it| Log::of(&it.take(), &mut Clocks::default()));
+        let [fast, plain] = [&mut fast, &mut plain].map(|reader| Log::of(&reader.take(), &mut Clocks::default()));
         fast.same_as(&plain, "fast, plain");
     }
 }
 
-/// Parts joined are the whole, wherever they end.
+/// Joined parts are the whole, wherever they end.
 pub fn parts(data: &[u8]) {
     let Input { mut random, stream } = Input::of(data);
     let options = options(&mut random);
@@ -89,7 +89,7 @@ pub fn parts(data: &[u8]) {
     }
 }
 
-/// Any limit, and any choice of quantities.
+/// Options with any limit and any choice of quantities.
 fn options(random: &mut Random) -> Options {
     let wanted = random.once_in(3).then(|| {
         let some = |_| (&QUANTITIES[random.below(QUANTITIES.len())], random.pick(&[None, Some(Coordinates::Ned)]));
@@ -98,14 +98,14 @@ fn options(random: &mut Random) -> Options {
     Options { limit: random.pick(&LIMITS), wanted, fast: !random.once_in(4), ..Options::default() }
 }
 
-/// Bytes that the encoder could have written are written again, bit by bit; whatever it is given, it writes a packet
-/// that reads as one, or nothing.
+/// Decoded packets are encoded to the same bytes if these are canonical. For any numbers the encoder writes a packet that
+/// can be read, or nothing.
 pub fn codec(data: &[u8]) {
     let Input { mut random, stream } = Input::of(data);
     for packet in packets(&stream).flatten() {
         rewrite(&packet);
     }
-    // The same bytes as the data of packets whose sizes are right.
+    // The same bytes as data of packets with valid sizes.
     let mut rest = &stream[..];
     while !rest.is_empty() {
         let quantity = random.pick(QUANTITIES);
@@ -140,7 +140,7 @@ pub fn rewrite(packet: &Packet<'_>) {
     assert_eq!(again.quantity.id, reading.quantity.id);
 }
 
-/// Gives the encoder numbers made of `data`, right ones and wrong ones.
+/// Encodes numbers made of `data`, valid and invalid ones.
 fn write_anything(data: &[u8], random: &mut Random) {
     let quantity = random.pick(QUANTITIES);
     let some = |chunk: &[u8]| {

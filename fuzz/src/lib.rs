@@ -1,10 +1,10 @@
-//! What fuzz targets and tests share: streams to read, and laws to hold the readers to.
+//! The code that fuzz targets and tests share: streams, and laws that the readers must satisfy.
 //!
 //! ```text
-//! bytes → streams (a stream, and a source of choices) → checks: scans, logs
+//! bytes → streams (a stream, and a source of random choices) → checks: scans, logs
 //! ```
 //!
-//! The tests include this file by its path, so that one law is written once.
+//! The tests include this file by its path, so that each law is written once.
 
 pub mod checks;
 pub mod logs;

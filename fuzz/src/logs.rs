@@ -1,4 +1,4 @@
-//! A log, in a form in which two ways of reading it can be compared, and a third way of reading it: by hand.
+//! The contents of a log in a form that can be compared, and a plain reader that shares no code with the two paths.
 
 use std::collections::HashMap;
 
@@ -16,7 +16,7 @@ use xbus::value::{Number, numbers};
 use super::scans::Scan;
 use super::streams::Random;
 
-/// All of a log that a user can see, numbers as their bits.
+/// Everything of a log that users can see, with numbers as their bits.
 #[derive(Debug, Default, PartialEq)]
 pub struct Log {
     /// Index of the first sample.
@@ -33,22 +33,22 @@ pub struct Log {
     pub stats: Stats,
 }
 
-/// What is in a column.
+/// The contents of a column.
 #[derive(Debug, PartialEq)]
 pub struct Contents {
-    /// Name and coordinates, or the identifier of packets that the tables cannot explain.
+    /// Name and coordinates, or the identifier of packets that the tables do not explain.
     pub subject: String,
-    /// Type of its numbers.
+    /// Type of the numbers.
     pub numbers: &'static str,
     pub id: u16,
     pub mixed_ids: bool,
     pub mixed_precisions: bool,
     pub samples: Vec<i64>,
-    /// The rows: each has the numbers of its packet in the order of the wire, entries of lists too.
+    /// Rows: the numbers of each packet in the order of the wire, with the entries of lists.
     pub rows: Vec<Vec<Bits>>,
 }
 
-/// A message that is no sample.
+/// A message that is not a sample.
 #[derive(Debug, PartialEq, Eq)]
 pub struct Message {
     pub mid: u8,
@@ -78,7 +78,7 @@ impl std::fmt::Debug for Bits {
 }
 
 impl Log {
-    /// In one window and one part.
+    /// Reads the log in one window and one part.
     pub fn whole(bytes: &[u8], options: Options) -> Self {
         let mut reader = Reader::new(options, bytes.len() as u64);
         reader.read(Window { bytes, offset: 0, last: true }, u64::MAX).expect("strict only where it says so");
@@ -86,7 +86,7 @@ impl Log {
         Self::of(&reader.take(), &mut Clocks::default())
     }
 
-    /// In windows and parts as they come, and joined again.
+    /// Reads the log in random windows and parts, and joins the parts.
     pub fn apart(bytes: &[u8], options: Options, random: &mut Random) -> Result<Self, Fault> {
         let mut reader = Reader::new(options, random.pick(&[0, bytes.len() as u64, 3 * bytes.len() as u64]));
         let mut clocks = Clocks::default();
@@ -110,7 +110,7 @@ impl Log {
         Ok(log)
     }
 
-    /// What a part says; `clocks` are those at its beginning, and afterwards those at its end.
+    /// The contents of a part. `clocks` are updated from its beginning to its end.
     pub fn of(part: &Part, clocks: &mut Clocks) -> Self {
         let (messages, strings) = (&part.messages, &part.strings);
         let (mut payloads, mut texts) = (pieces(&messages.payload), pieces(&strings.bytes));
@@ -133,7 +133,7 @@ impl Log {
             columns: part.columns.iter().map(|column| Contents::of(part, column)).collect(),
             offsets: part.offsets(),
             bids: part.bids(),
-            times: times.into_iter().map(|it| Bits(it.to_bits())).collect(),
+            times: times.into_iter().map(|time| Bits(time.to_bits())).collect(),
             counters,
             gaps,
             messages: (0..messages.mid.len()).map(message).collect(),
@@ -148,16 +148,16 @@ impl Log {
         log
     }
 
-    /// What was lost.
+    /// Lost samples and gaps.
     pub fn losses(&self) -> Losses {
         Losses::of(&self.gaps)
     }
 
-    /// Adds what the next part says.
+    /// Adds the contents of the next part.
     pub fn join(&mut self, next: Self) {
         assert_eq!(next.first, self.first + self.offsets.len() as u64);
         for rows in next.columns {
-            match self.columns.iter_mut().find(|it| it.subject == rows.subject) {
+            match self.columns.iter_mut().find(|column| column.subject == rows.subject) {
                 None => self.columns.push(rows),
                 Some(before) => before.join(rows),
             }
@@ -181,14 +181,16 @@ impl Log {
         sum.checksum_errors += more.checksum_errors;
     }
 
-    /// Panics where another log differs, and says where.
+    /// Panics with the place of the first difference to another log.
     pub fn same_as(&self, other: &Self, what: &str) {
         for (one, other) in self.columns.iter().zip(&other.columns) {
-            let head = |it: &Contents| (it.subject.clone(), it.numbers, it.id, it.mixed_ids, it.mixed_precisions);
+            let head = |contents: &Contents| {
+                (contents.subject.clone(), contents.numbers, contents.id, contents.mixed_ids, contents.mixed_precisions)
+            };
             assert_eq!(head(one), head(other), "{what}");
             assert_eq!(one.samples, other.samples, "{what}: {}", one.subject);
             let differs = one.rows.iter().zip(&other.rows).position(|(one, other)| one != other);
-            assert_eq!(differs.map(|it| (it, &one.rows[it], &other.rows[it])), None, "{what}: {}", one.subject);
+            assert_eq!(differs.map(|row| (row, &one.rows[row], &other.rows[row])), None, "{what}: {}", one.subject);
         }
         assert_eq!(self.subjects(), other.subjects(), "{what}");
         assert_eq!(self.messages, other.messages, "{what}");
@@ -203,13 +205,13 @@ impl Log {
 
     /// The column of a quantity, in its only coordinate system.
     pub fn column(&self, subject: &str) -> &Contents {
-        let named = |it: &&Contents| it.subject == subject;
+        let named = |column: &&Contents| column.subject == subject;
         self.columns.iter().find(named).unwrap_or_else(|| panic!("there is no {subject} among {:?}", self.subjects()))
     }
 
-    /// What there are columns of.
+    /// The subjects of all columns.
     pub fn subjects(&self) -> Vec<&str> {
-        self.columns.iter().map(|it| &it.subject[..]).collect()
+        self.columns.iter().map(|column| &column.subject[..]).collect()
     }
 }
 
@@ -231,17 +233,17 @@ impl Contents {
         let once_each = samples.iter().copied().eq((part.first.cast_signed()..).take(part.len()));
         assert_eq!(part.is_dense(column), once_each);
         let (numbers, cells): (_, Vec<u64>) = match &column.values {
-            Values::U8(values) => ("u1", values.iter().map(|&it| it.into()).collect()),
-            Values::U16(values) => ("u2", values.iter().map(|&it| it.into()).collect()),
-            Values::U32(values) => ("u4", values.iter().map(|&it| it.into()).collect()),
+            Values::U8(values) => ("u1", values.iter().map(|&value| value.into()).collect()),
+            Values::U16(values) => ("u2", values.iter().map(|&value| value.into()).collect()),
+            Values::U32(values) => ("u4", values.iter().map(|&value| value.into()).collect()),
             Values::U64(values) => ("u8", values.clone()),
-            Values::I8(values) => ("i1", values.iter().map(|&it| i64::from(it).cast_unsigned()).collect()),
-            Values::I16(values) => ("i2", values.iter().map(|&it| i64::from(it).cast_unsigned()).collect()),
-            Values::I32(values) => ("i4", values.iter().map(|&it| i64::from(it).cast_unsigned()).collect()),
-            Values::F32(values) => ("f4", values.iter().map(|&it| it.to_bits().into()).collect()),
-            Values::F64(values) => ("f8", values.iter().map(|&it| it.to_bits()).collect()),
-            Values::Records(bytes) => ("record", bytes.iter().map(|&it| it.into()).collect()),
-            Values::Raw(pieces) => ("raw", pieces.bytes.iter().map(|&it| it.into()).collect()),
+            Values::I8(values) => ("i1", values.iter().map(|&value| i64::from(value).cast_unsigned()).collect()),
+            Values::I16(values) => ("i2", values.iter().map(|&value| i64::from(value).cast_unsigned()).collect()),
+            Values::I32(values) => ("i4", values.iter().map(|&value| i64::from(value).cast_unsigned()).collect()),
+            Values::F32(values) => ("f4", values.iter().map(|&value| value.to_bits().into()).collect()),
+            Values::F64(values) => ("f8", values.iter().map(|&value| value.to_bits()).collect()),
+            Values::Records(bytes) => ("record", bytes.iter().map(|&value| value.into()).collect()),
+            Values::Raw(pieces) => ("raw", pieces.bytes.iter().map(|&value| value.into()).collect()),
         };
         let cells: Vec<Bits> = cells.into_iter().map(Bits).collect();
         let mut entries = &column.entries[..];
@@ -254,7 +256,7 @@ impl Contents {
                 let row = |bytes: &[u8]| match quantity.kind {
                     Kind::List(head, entry) => {
                         let mut row = fields(bytes, head);
-                        let size: usize = entry.iter().map(|it| it.wire.size()).sum();
+                        let size: usize = entry.iter().map(|field| field.wire.size()).sum();
                         for _ in 0..row[1].0 {
                             let (first, rest) = entries.split_at(size);
                             row.extend(fields(first, entry));
@@ -280,13 +282,14 @@ impl Contents {
         Self { subject, numbers, id, mixed_ids, mixed_precisions, samples, rows }
     }
 
-    /// Adds the rows of the next part, widened where either side is wider.
+    /// Adds the rows of the next part, and widens the narrower side.
     fn join(&mut self, mut next: Self) {
         if self.rows.is_empty() {
             *self = next;
             return;
         }
-        let real = matches!(table::quantity(self.id).map(|it| it.kind), Some(Kind::Real(_))) && self.numbers != "raw";
+        let real = matches!(table::quantity(self.id).map(|quantity| quantity.kind), Some(Kind::Real(_)))
+            && self.numbers != "raw";
         self.mixed_ids |= next.mixed_ids || self.id != next.id;
         self.mixed_precisions |= next.mixed_precisions || (real && Precision::of(self.id) != Precision::of(next.id));
         if self.numbers != next.numbers {
@@ -302,7 +305,7 @@ impl Contents {
         match self.numbers {
             "f4" => {
                 self.numbers = "f8";
-                self.rows.iter_mut().flatten().for_each(|it| *it = wide(*it));
+                self.rows.iter_mut().flatten().for_each(|number| *number = wide(*number));
             }
             "u4" => self.numbers = "u8",
             _ => {}
@@ -316,14 +319,14 @@ fn wide(single: Bits) -> Bits {
 }
 
 fn name(quantity: &Quantity, coordinates: Option<Coordinates>) -> String {
-    coordinates.map_or(quantity.name.into(), |it| format!("{} {}", quantity.name, it.name()))
+    coordinates.map_or(quantity.name.into(), |coordinates| format!("{} {}", quantity.name, coordinates.name()))
 }
 
 fn unknown(id: u16) -> String {
     format!("{id:04X}")
 }
 
-/// The fields of a record in the machine's byte order.
+/// The fields of a record in native byte order.
 fn fields(bytes: &[u8], fields: &[Field]) -> Vec<Bits> {
     let mut rest = bytes;
     let mut number = |field: &Field| {
@@ -345,24 +348,24 @@ fn fields(bytes: &[u8], fields: &[Field]) -> Vec<Bits> {
     numbers
 }
 
-/// A log read by hand: the plain scanner, packet after packet, number after number.
+/// A log read plainly: with the plain scanner, packet by packet and number by number.
 pub struct ByHand {
     pub log: Log,
-    /// Where a strict reader would stop, in order.
+    /// The faults at which a strict reader stops, in order.
     pub faults: Vec<Fault>,
     clocks: Clocks,
     places: HashMap<String, usize>,
 }
 
 impl ByHand {
-    /// Reads the frames that `scan` has found in `bytes`.
+    /// Reads the frames of `scan` in `bytes`.
     pub fn read(bytes: &[u8], scan: &Scan) -> Self {
         let mut this =
             Self { log: Log::default(), faults: vec![], clocks: Clocks::default(), places: HashMap::default() };
         let mut damage = scan.damage.iter().peekable();
-        let fault = |it: &Damage| Fault::Damage { offset: it.offset, reason: it.reason };
+        let fault = |damage: &Damage| Fault::Damage { offset: damage.offset, reason: damage.reason };
         for &(offset, length) in &scan.frames {
-            while let Some(damage) = damage.next_if(|it| it.offset < offset as u64) {
+            while let Some(damage) = damage.next_if(|damage| damage.offset < offset as u64) {
                 this.faults.push(fault(damage));
             }
             this.frame(Frame::of(&bytes[offset..offset + length]), offset as u64);
@@ -372,7 +375,7 @@ impl ByHand {
         let text = |&(at, length, place): &(usize, usize, Option<u8>)| Text {
             place,
             offset: at as u64,
-            sample: offsets.partition_point(|it| it.cast_unsigned() < at as u64) as u64,
+            sample: offsets.partition_point(|offset| offset.cast_unsigned() < at as u64) as u64,
             bytes: bytes[at..at + length].to_vec(),
         };
         this.log.strings = scan.strings.iter().map(text).collect();
@@ -383,8 +386,8 @@ impl ByHand {
             samples: this.log.offsets.len() as u64,
             messages: this.log.messages.len() as u64,
             strings: scan.strings.len() as u64,
-            malformed: this.log.messages.iter().filter(|it| it.mid == table::MTDATA2).count() as u64,
-            skipped_bytes: scan.damage.iter().map(|it| it.length).sum(),
+            malformed: this.log.messages.iter().filter(|message| message.mid == table::MTDATA2).count() as u64,
+            skipped_bytes: scan.damage.iter().map(|damage| damage.length).sum(),
             checksum_errors: scan.checksum_errors,
         };
         this
@@ -398,7 +401,7 @@ impl ByHand {
             }
             tiles => {
                 if frame.mid == table::MTDATA2 {
-                    self.faults.push(Fault::Malformed { offset, id: tiles.err().and_then(|it| it.id) });
+                    self.faults.push(Fault::Malformed { offset, id: tiles.err().and_then(|error| error.id) });
                 }
                 self.message(frame, offset);
             }
@@ -419,7 +422,7 @@ impl ByHand {
 
     fn sample(&mut self, frame: Frame<'_>, packets: &[Packet<'_>], offset: u64) {
         let (mut stamps, mut triggers) = (Stamps::default(), [None; 3]);
-        if let Some(packet) = packets.iter().find(|it| !it.is_sound()) {
+        if let Some(packet) = packets.iter().find(|packet| !packet.is_sound()) {
             self.faults.push(Fault::Size { offset, id: packet.id, size: packet.data.len() });
         }
         for packet in packets {
@@ -440,7 +443,7 @@ impl ByHand {
 
     fn packet(&mut self, packet: &Packet<'_>, stamps: &mut Stamps, triggers: &mut [Option<u32>; 3]) {
         let Some(reading) = packet.reading() else {
-            let row = packet.data.iter().map(|it| Bits((*it).into())).collect();
+            let row = packet.data.iter().map(|byte| Bits((*byte).into())).collect();
             self.row(unknown(packet.id), packet.id, "raw", row);
             return;
         };

@@ -1,4 +1,4 @@
-//! Everything a scanner says about an input, in whatever pieces it gets it.
+//! All results of a scanner for an input, in any pieces.
 
 use xbus::frame::{EXTENDED, PREAMBLE};
 use xbus::scan::{Damage, Scanner, Step, Window, plain};
@@ -7,8 +7,8 @@ use xbus::table;
 
 use super::streams::Random;
 
-/// What a scanner found: offset and length of each frame; the same of each string, and its place in the table; the damage;
-/// the candidates that their checksum refused.
+/// The results of a scanner: offset and length of each frame; offset, length and place in the table of each string; the
+/// damage; the number of candidates with a wrong checksum.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Scan {
     pub frames: Vec<(usize, usize)>,
@@ -18,18 +18,18 @@ pub struct Scan {
 }
 
 impl Scan {
-    /// By the plain rules.
+    /// Scans by the plain rules.
     pub fn plainly(input: &[u8], limit: usize) -> Self {
         let plain::Scan { frames, strings, damage, checksum_errors } = plain::scan(input, limit, 0);
         Self { frames, strings, damage, checksum_errors }
     }
 
-    /// In one window.
+    /// Scans in one window.
     pub fn whole(input: &[u8], limit: usize) -> Self {
         Self::in_windows(input, limit, |_| 0..input.len())
     }
 
-    /// One byte more at a time, and none that the scanner needs no more.
+    /// Scans in windows that grow by one byte and have no byte that the scanner has passed.
     pub fn byte_by_byte(input: &[u8], limit: usize) -> Self {
         let mut end = 0;
         Self::in_windows(input, limit, |at| {
@@ -38,7 +38,7 @@ impl Scan {
         })
     }
 
-    /// Cut where it happens to be cut; a window may still have some bytes from before.
+    /// Scans in windows that end at random; a window can begin with some bytes that the scanner has passed.
     pub fn at_random(input: &[u8], limit: usize, random: &mut Random) -> Self {
         let mut end = 0;
         let longest = random.pick(&[3, 20, 300, 3000]);
@@ -48,8 +48,8 @@ impl Scan {
         })
     }
 
-    /// In the windows that `window` gives for the scanner's position. That the input ends becomes known late: after the
-    /// last byte there is once more a window without anything new.
+    /// Scans in the windows that `window` gives for the scanner's position. The end of the input is announced late: after
+    /// the last byte there is another window without new bytes.
     pub fn in_windows(input: &[u8], limit: usize, mut window: impl FnMut(usize) -> std::ops::Range<usize>) -> Self {
         let position = |at: u64| usize::try_from(at).expect("a position in memory");
         let mut scanner = Scanner::new(limit);
@@ -70,7 +70,7 @@ impl Scan {
                         scan.damage.extend(damage);
                     }
                     Step::More => {
-                        assert!(!last, "the scanner waits for bytes behind the end");
+                        assert!(!last, "the scanner waits for bytes after the end");
                         let held_back = range.end - position(scanner.at());
                         assert!(held_back < 2 * (limit + 7).max(LONGEST_STRING), "{held_back} bytes are held back");
                         break;
@@ -88,10 +88,10 @@ impl Scan {
         }
     }
 
-    /// Frames, strings and damage cover the input, no byte twice.
+    /// Panics unless frames, strings and damage cover each byte of the input once.
     pub fn covers(&self, input: &[u8]) {
         let position = |at: u64| usize::try_from(at).expect("a position in memory");
-        let damage = self.damage.iter().map(|it| (position(it.offset), position(it.length)));
+        let damage = self.damage.iter().map(|damage| (position(damage.offset), position(damage.length)));
         let strings = self.strings.iter().map(|&(offset, length, _)| (offset, length));
         let mut stretches: Vec<_> = damage.chain(strings).chain(self.frames.iter().copied()).collect();
         stretches.sort_unstable();
@@ -107,9 +107,10 @@ impl Scan {
     }
 }
 
-/// Whether no scanner can run out of credit on `input`, wherever it is: the plain rules know no credit.
+/// Whether the scanner's credit is sufficient for `input`, from any position. The plain rules have no credit.
 pub fn credit_suffices(input: &[u8]) -> bool {
     const CREDIT: usize = 1 << 16;
-    let claims = input.windows(4).filter(|it| [it[0], it[2], it[3]] == [PREAMBLE, table::MTDATA2, EXTENDED]);
+    let claims =
+        input.windows(4).filter(|bytes| [bytes[0], bytes[2], bytes[3]] == [PREAMBLE, table::MTDATA2, EXTENDED]);
     claims.count() * (input.len() / 3) < CREDIT
 }

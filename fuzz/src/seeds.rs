@@ -1,11 +1,11 @@
-//! What the corpus begins with: `tests/corpus.rs` keeps `corpus/<target>/seed-*` equal to this.
+//! The seeds of the corpus: `tests/corpus.rs` keeps `corpus/<target>/seed-*` equal to them.
 
 use xbus::frame::{MASTER, PREAMBLE};
 use xbus::table;
 
 use super::streams::{Random, extended, frame, frame_of, packet, sample};
 
-/// Name and bytes of the seeds of a target.
+/// Names and bytes of the seeds of a target.
 pub fn seeds(target: &str) -> Vec<(String, Vec<u8>)> {
     let streams = [
         ("sound", sound()),
@@ -17,7 +17,7 @@ pub fn seeds(target: &str) -> Vec<(String, Vec<u8>)> {
         ("gaps", gaps()),
         ("triggers", triggers()),
     ];
-    // An even seed: the rest is the stream. An odd one: it is a recipe.
+    // After an even seed of the random choices the rest is a stream, after an odd seed it is a recipe.
     let streams =
         streams.into_iter().map(|(name, stream)| (format!("seed-{name}"), [&[1, 2, 4], &stream[..]].concat()));
     let salt = target.bytes().fold(0_u64, |salt, byte| salt << 5 ^ u64::from(byte));
@@ -29,7 +29,7 @@ pub fn seeds(target: &str) -> Vec<(String, Vec<u8>)> {
     streams.chain(recipes).collect()
 }
 
-/// A device starts, says who it is, and measures.
+/// A device starts, sends its identity, and measures.
 fn sound() -> Vec<u8> {
     let start = [frame(0x3E, &[]), frame(0x01, &[0x03, 0x60, 0x08, 0xA6]), frame(0x11, &[])];
     start.into_iter().chain((0..6).map(inertial)).collect::<Vec<_>>().concat()
@@ -40,7 +40,7 @@ fn inertial(i: u8) -> Vec<u8> {
     sample(&[(0x1020, &counter), (0x1060, &time), (0x4020, &acceleration), (0xE020, &[0, 0, 0, 3])])
 }
 
-/// The same with a flipped bit, a lost byte, one too many, and the end cut off.
+/// The same with a flipped bit, a lost byte, an additional byte, and without its end.
 fn damaged() -> Vec<u8> {
     let mut stream = sound();
     stream[30] ^= 0x10;
@@ -50,13 +50,13 @@ fn damaged() -> Vec<u8> {
     stream
 }
 
-/// Headers that claim what is not theirs.
+/// Headers that announce more bytes than follow.
 fn hostile() -> Vec<u8> {
     let claim = [PREAMBLE, MASTER, table::MTDATA2, 0xFF, 0x01, 0x00, 0xF0, 0x00, 0x00];
     [&[PREAMBLE; 20][..], &claim.repeat(8), &inertial(1), &[PREAMBLE, MASTER, 0x31, 0xFF, 0x02]].concat()
 }
 
-/// What nobody has heard of, and what does not add up, in step.
+/// Unknown and malformed messages, in step.
 fn odd() -> Vec<u8> {
     let odd = [
         frame(0x08, &[1, 2, 3]),
@@ -72,7 +72,7 @@ fn odd() -> Vec<u8> {
     odd.concat()
 }
 
-/// Three layouts in turns, often enough to be learned: lists of two lengths, idle format bits, a packet that is twice there.
+/// Three layouts in turns, often enough to be learned: lists of two lengths, unused format bits, a packet that occurs twice.
 fn layouts() -> Vec<u8> {
     let list = |count: u8| [&[0, 0, 0, 1, count, 0, 0, 0], &[7; 4].repeat(count.into())[..]].concat();
     let turn = |i: u8| {
@@ -86,13 +86,13 @@ fn layouts() -> Vec<u8> {
     (0..12).map(turn).collect::<Vec<_>>().concat()
 }
 
-/// Frames at even distances, and fewer bytes than that behind the last: once a row was lost there.
+/// Frames at even distances, and fewer bytes after the last: a reader once lost a row there.
 fn gaps() -> Vec<u8> {
     let one = [vec![0; 50], inertial(3)].concat();
     [one.repeat(5), vec![0; 10], inertial(4).repeat(3), inertial(5), vec![0; 40]].concat()
 }
 
-/// Two triggers in one sample, then one: once the second was looked for in the wrong row.
+/// Two triggers in one sample, then one: a reader once read the second from the wrong row.
 fn triggers() -> Vec<u8> {
     let stamp = |i: u8| [9, 1, 0, 0, i, 0, 0, 0];
     let both = |i| sample(&[(0x4810, &stamp(i)), (0x4820, &stamp(i + 1)), (0x1020, &[0, i])]);
@@ -100,7 +100,7 @@ fn triggers() -> Vec<u8> {
     (0..5).flat_map(|i| [both(10 * i), first(10 * i + 5)].concat()).collect()
 }
 
-/// No frames but packets: one in each precision, a record, a list.
+/// Packets without frames: one in each precision, a record, a list.
 fn packets() -> Vec<u8> {
     let packets = [
         packet(0x0810, &[0x41, 0xDB, 0x80, 0x00]),

@@ -1,15 +1,15 @@
-//! Streams to read: frames by hand, and anything at all from a recipe.
+//! Streams: frames that are built explicitly, and arbitrary streams from a recipe.
 
 use xbus::frame::{EXTENDED, Frame, MASTER, PREAMBLE, sum};
 use xbus::packet::{Coordinates, PACKET_HEADER, Precision, record_size};
 use xbus::table::{self, Direction, End, Kind, MESSAGES, QUANTITIES, Quantity};
 
-/// A small generator of numbers that look alike everywhere (xorshift).
+/// A small random number generator (xorshift), the same on every machine.
 #[derive(Clone, Debug)]
 pub struct Random(u64);
 
 impl Random {
-    /// Any seed will do.
+    /// Any seed is valid.
     pub fn new(seed: u64) -> Self {
         Self(seed ^ 0x9E37_79B9_7F4A_7C15)
     }
@@ -32,7 +32,7 @@ impl Random {
         self.below(n) == 0
     }
 
-    /// One of them.
+    /// A random element.
     pub fn pick<T: Copy>(&mut self, list: &[T]) -> T {
         list[self.below(list.len())]
     }
@@ -41,14 +41,14 @@ impl Random {
         self.next().to_be_bytes()[3]
     }
 
-    /// Bytes in which headers begin more often than by chance.
+    /// Random bytes with more headers than chance gives.
     pub fn noise(&mut self, length: usize) -> Vec<u8> {
         (0..length)
             .map(|_| if self.once_in(6) { self.pick(&[PREAMBLE, MASTER, table::MTDATA2]) } else { self.byte() })
             .collect()
     }
 
-    /// The data of a packet: mostly any numbers, now and then all zeros or ones.
+    /// The data of a packet: mostly random, sometimes all zeros or ones.
     fn data(&mut self, length: usize) -> Vec<u8> {
         match self.below(8) {
             0 => vec![0; length],
@@ -58,7 +58,7 @@ impl Random {
     }
 }
 
-/// A frame in its shortest form, as from a device that stands alone.
+/// A frame in its shortest form, from a stand-alone device.
 pub fn frame(mid: u8, payload: &[u8]) -> Vec<u8> {
     frame_of(MASTER, mid, payload)
 }
@@ -68,7 +68,7 @@ pub fn frame_of(bid: u8, mid: u8, payload: &[u8]) -> Vec<u8> {
     Frame { bid, mid, payload }.encode().expect("a payload of at most 65535 bytes")
 }
 
-/// A frame in extended form, which only long ones should have and short ones may.
+/// A frame in extended form, which readers accept for any length.
 pub fn extended(bid: u8, mid: u8, payload: &[u8]) -> Vec<u8> {
     let [.., high, low] = payload.len().to_be_bytes();
     let mut bytes = vec![PREAMBLE, bid, mid, EXTENDED, high, low];
@@ -90,16 +90,16 @@ pub fn sample(packets: &[(u16, &[u8])]) -> Vec<u8> {
     frame(table::MTDATA2, &packets.concat())
 }
 
-/// What the fuzzer's bytes stand for.
+/// The meaning of the fuzzer's bytes.
 pub struct Input {
-    /// Decides everything that is not in the stream: where it is cut, how it is read.
+    /// The source of random choices: where the stream is cut, and how it is read.
     pub random: Random,
-    /// What is read.
+    /// The stream.
     pub stream: Vec<u8>,
 }
 
 impl Input {
-    /// The first bytes are the seed of the choices; those behind them are the stream, or the recipe for one.
+    /// The first bytes are the seed of the choices. The rest is the stream, or a recipe for a stream.
     pub fn of(data: &[u8]) -> Self {
         let (seed, rest) = data.split_at(data.len().min(SEED));
         let seed = seed.iter().fold(0, |seed, byte| seed << 8 | u64::from(*byte));
@@ -113,7 +113,7 @@ impl Input {
 /// Bytes of the seed. An odd one makes the rest a recipe.
 pub const SEED: usize = 3;
 
-/// A recipe: any bytes are one, each step takes what it needs, and behind the end there are zeros.
+/// A recipe. Any bytes are a recipe: each step takes the bytes that it needs, and zeros follow the end.
 struct Recipe<'a>(&'a [u8]);
 
 impl Recipe<'_> {
@@ -135,13 +135,14 @@ type Layout = Vec<Shape>;
 struct Shape {
     id: u16,
     size: usize,
-    /// Where a list counts its entries, and how many it has.
+    /// Position of the count of entries of a list, and the count.
     count: Option<(usize, u8)>,
 }
 
-/// Makes a stream of about the `longest` length from a recipe: sound frames of all kinds, layouts that come again and again, and every kind of damage.
+/// Makes a stream of about `longest` bytes from a recipe: sound frames of all kinds, recurring layouts, and every kind of
+/// damage.
 ///
-/// A frame that is wrong in one place only is what finds faults, and random bytes hardly ever make one.
+/// Frames that are wrong in one place find most faults, and random bytes hardly ever contain one.
 pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
     let mut recipe = Recipe(recipe);
     let mut layouts: Vec<Layout> = vec![];
@@ -226,13 +227,15 @@ pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
     stream
 }
 
-/// A string output by its place in the table; behind the last one, what tells that EM1000 is on.
+/// A string output by its place in the table; after the last place, the message that enables EM1000.
 pub fn string(place: usize, random: &mut Random) -> Vec<u8> {
     let Some(row) = table::STRINGS.get(place) else {
         return frame(table::STRING_OUTPUT_TYPE, &table::BARE_STRINGS.to_be_bytes()[2..]);
     };
     let mut digits = |mask: &[u8]| -> Vec<u8> {
-        mask.iter().map(|it| if *it == b'D' { b"0123456789 "[random.below(11)] } else { *it }).collect()
+        mask.iter()
+            .map(|character| if *character == b'D' { b"0123456789 "[random.below(11)] } else { *character })
+            .collect()
     };
     let mut string = row.start.to_vec();
     match row.end {
@@ -244,7 +247,7 @@ pub fn string(place: usize, random: &mut Random) -> Vec<u8> {
         End::Numbers(count) => string.extend(digits(b"-DD.D,".repeat(count).strip_suffix(b",").expect("some"))),
         End::Checksum => {
             string.extend(digits(b"DD.D,A, -D.DD"));
-            let sum = string[1..].iter().fold(0, |sum, it| sum ^ it);
+            let sum = string[1..].iter().fold(0, |sum, byte| sum ^ byte);
             string.extend(format!("*{sum:02X}").bytes());
         }
     }
@@ -262,7 +265,7 @@ fn bid(recipe: &mut Recipe<'_>) -> u8 {
     [MASTER, MASTER, MASTER, 1, 2, 31, 0, 32, PREAMBLE][recipe.below(9)]
 }
 
-/// A packet of any quantity, or now and then of none.
+/// A packet of any quantity, sometimes with an unknown identifier.
 fn shape(recipe: &mut Recipe<'_>) -> Shape {
     let row = recipe.below(QUANTITIES.len() + 4);
     let format = recipe.byte();
