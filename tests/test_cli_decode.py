@@ -394,4 +394,4 @@ def test_time_is_unwrapped() -> None:
 
 def test_without_a_counter_nobody_knows_what_was_lost(tmp_path: Path) -> None:
     Path("a.mtb").write_bytes(xbus.encode_sample({"temperature": 20.0}) * 3)
-    assert "no counter to tell losses" in decoded("a.mtb", "-o", "a.csv")
+    assert "no packet counter to detect losses" in decoded("a.mtb", "-o", "a.csv")

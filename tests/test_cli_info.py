@@ -58,8 +58,8 @@ device    not named in this log, firmware 1.12.0 build 30
 UTC       2026-11-22 09:30:00.000 to 2026-11-22 09:30:09.990
 duration  9.99 s
 samples   1,016
-lost      23 in 12 gaps, by the packet counter
-damage    1,816 bytes in 12 places, 1.1 % of the file
+losses    23 samples lost in 12 gaps
+damage    1,816 bytes of damage in 12 places, 1.1 % of the file
 messages  FirmwareRev 1, Error 1
 
 quantity            coord.   rows  rate/Hz  precision  unit
@@ -119,8 +119,8 @@ def test_page_of_a_sound_log() -> None:
         "UTC       2026-11-22 09:30:00.000 to 2026-11-22 09:30:09.990",
         "duration  9.99 s",
         "samples   1,040",
-        "lost      none",
-        "damage    none",
+        "losses    no samples lost",
+        "damage    no damage",
         "messages  Configuration 1, FirmwareRev 1",
     ]
     assert "\n\n" not in rest
@@ -250,7 +250,7 @@ def test_json_of_a_log_that_names_its_device() -> None:
 def test_parts_make_no_difference(data: bytes, block: int) -> None:
     """Neither does it matter that a log is gathered part by part, so that it need not fit into memory."""
     log, whole, parts = xbus.read_log(data), facts_of(data), facts_of(data, block)
-    assert json.dumps(parts.facts("")) == json.dumps(whole.facts(""))
+    assert json.dumps(parts.to_dict("")) == json.dumps(whole.to_dict(""))
     assert parts.stats == log.stats
     assert len(parts.gaps) == log.stats.gaps
     assert sum(it.lost for it in parts.gaps) == log.stats.lost_samples
@@ -362,7 +362,7 @@ def test_unknown_identifiers_and_malformed_samples(tmp_path: Path) -> None:
     ]
     assert said["malformed"] == said["messages"]["MTData2"] == 1
     text = run("info", str(tmp_path / "log.mtb")).stdout
-    assert "malformed 1, by packets that do not fill their message\n" in text
+    assert "malformed 1: the packets do not fill the message\n" in text
     _, _, rows = text.partition("\nunknown data identifiers\n")
     assert rows.splitlines() == [
         "id      packets  bytes",
@@ -403,7 +403,10 @@ def test_a_log_without_samples(tmp_path: Path) -> None:
 def test_a_log_without_counter_and_time(tmp_path: Path) -> None:
     said = said_of(sample(packet(0x3010, bytes(4))) * 2, tmp_path)
     assert said["quantities"][0]["rate_hz"] is None
-    assert "lost      no counter to tell\n" in run("info", str(tmp_path / "log.mtb")).stdout
+    assert (
+        "losses    no packet counter to detect losses\n"
+        in run("info", str(tmp_path / "log.mtb")).stdout
+    )
 
 
 @pytest.mark.parametrize("name", [f"mtig710-{i}" for i in range(1, 6)])

@@ -242,7 +242,7 @@ def test_status_by_name() -> None:
     said = words(known(encode_sample(sample)))
     assert said["status"] == "clip_acc_x clipping filter_mode=3"
     assert "GNSS" not in said
-    assert said["losses"] == "nothing lost  no damage  queue empty"
+    assert said["losses"] == "no samples lost  no damage  queue empty"
     said = words(known(encode_sample({"status_byte": 0b111})))
     assert said["status"] == "selftest filter_valid gnss_fix"
 

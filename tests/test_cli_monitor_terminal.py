@@ -117,7 +117,7 @@ def monitoring(
 def test_a_device() -> None:
     with simulated() as (port, _), monitoring(port) as (seen, _):
         text = seen.wait_for(
-            "packet_counter", "heading", "nothing lost", "Measurement State", "fix"
+            "packet_counter", "heading", "no samples lost", "Measurement State", "fix"
         )
         assert port in text
         assert "▄" in text
@@ -271,11 +271,11 @@ def test_no_colour_and_no_characters_but_ascii() -> None:
 
 def test_colours() -> None:
     with monitoring("sim:MTi-680G") as (seen, _):
-        seen.wait_for("nothing lost", "heading")
+        seen.wait_for("no samples lost", "heading")
         at = seen.text.splitlines().index(
-            next(it for it in seen.text.splitlines() if "nothing lost" in it)
+            next(it for it in seen.text.splitlines() if "no samples lost" in it)
         )
-        column = seen.screen.display[at].index("nothing lost")
+        column = seen.screen.display[at].index("no samples lost")
         assert seen.screen.buffer[at][column].fg == "green"
         assert {seen.screen.buffer[1][it].bg for it in range(20)} == {"blue"}
         seen.press("q")

@@ -53,7 +53,7 @@ def test_so_many_seconds(tmp_path: Path) -> None:
     size = len(parted(path)[1])
     log = xbus.read_log(path)
     assert result.stderr == (
-        f"{path}: 3.0 s, {len(log)} samples, {size / 1000:.1f} kB; nothing lost\n"
+        f"{path}: 3.0 s, {len(log)} samples, {size / 1000:.1f} kB; no samples lost\n"
     )
     assert result.stdout == ""
     assert len(log) == pytest.approx(300, abs=2)
@@ -66,7 +66,7 @@ def test_outputs(tmp_path: Path) -> None:
     args = [word for it in outputs for word in ("--output", it)]
     result = run("record", "sim:MTi-630", "-o", str(path), "--duration", "2", "--no-times", *args)
     assert result.exit_code == 0
-    assert result.stderr.endswith("; no counter to tell losses\n")
+    assert result.stderr.endswith("; no packet counter to detect losses\n")
     log = xbus.read_log(path)
     assert set(log) == {"sample_time_fine", "quaternion", "acceleration"}
     assert len(log["acceleration"]) == pytest.approx(400, abs=4)
@@ -127,7 +127,7 @@ def test_a_signal_ends_it(tmp_path: Path, number: int) -> None:
     assert code == 0
     assert line.startswith(f"{path}: ")
     assert f" s, {len(log):,} samples, " in line
-    assert line.endswith("; nothing lost")
+    assert line.endswith("; no samples lost")
     assert (log.stats.lost_samples, log.stats.skipped_bytes) == (0, 0)
 
 
@@ -241,7 +241,8 @@ def test_a_line_that_changes_on_a_terminal(tmp_path: Path) -> None:
             assert child.wait() == 0
     assert any(
         re.fullmatch(
-            r"0:00:01  [0-9.]+ kB  [0-9]+ samples/s  nothing lost  [0-9.]+ (kB|bytes) queued *", it
+            r"0:00:01  [0-9.]+ kB  [0-9]+ samples/s  no samples lost  [0-9.]+ (kB|bytes) queued *",
+            it,
         )
         for it in shown
     )

@@ -231,7 +231,7 @@ def test_what_the_recording_does_not_say() -> None:
     assert any(it.startswith("no packet counter") for it in texts)
     it = page_of(rows)
     assert "No damage, no errors" in it.text
-    assert "no counter to tell" in it.text
+    assert "no packet counter to detect losses" in it.text
     figure = it.figure("acceleration")
     assert figure["layout"]["xaxis"]["title"]["text"] == "sample"
     assert array(figure["data"][2]["x"]).tolist() == list(range(50))

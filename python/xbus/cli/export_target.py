@@ -13,7 +13,7 @@ import click
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import STDIN, label
-from xbus.describe.formatting import format_count
+from xbus.describe.formatting import describe_damage, describe_losses, format_count
 
 if TYPE_CHECKING:
     from xbus.describe.log_summary import LogSummary
@@ -52,12 +52,10 @@ def writing(out: str) -> Iterator[None]:
 
 
 def _is_counted(log: Log | LogSummary) -> bool:
-    """Whether a packet counter tells what was lost."""
+    """Whether samples have a packet counter."""
     from xbus.log.log import Log
 
-    if isinstance(log, Log):
-        return bool((log.packet_counter != -1).any())
-    return any(it.name == "packet_counter" for it in log.quantities)
+    return bool((log.packet_counter != -1).any()) if isinstance(log, Log) else log.has_counter
 
 
 def summary(log: Log | LogSummary) -> str:
@@ -66,18 +64,7 @@ def summary(log: Log | LogSummary) -> str:
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
     if stats.strings:
         parts.append(format_count(stats.strings, "string"))
-    if stats.lost_samples:
-        parts.append(
-            f"{format_count(stats.lost_samples, 'sample')} lost in {format_count(stats.gaps, 'gap')}"
-        )
-    elif _is_counted(log):
-        parts.append("no samples lost")
-    else:
-        parts.append("no counter to tell losses")
-    if stats.skipped_bytes:
-        places = format_count(len(log.damage), "place")
-        parts.append(f"{format_count(stats.skipped_bytes, 'byte')} of damage in {places}")
-    else:
-        parts.append("no damage")
+    parts.append(describe_losses(stats.lost_samples, stats.gaps, has_counter=_is_counted(log)))
+    parts.append(describe_damage(stats.skipped_bytes, len(log.damage)))
     fault = getattr(log, "times_fault", None)
     return ", ".join([*parts, fault] if fault else parts)

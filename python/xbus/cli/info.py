@@ -45,7 +45,7 @@ def info(files: tuple[str, ...], strings: tuple[str, ...], as_json: bool) -> Non
             failures += 1
             said.append({"file": file, "error": failure.message})
             continue
-        said.append(facts.facts(file))
+        said.append(facts.to_dict(file))
         if not as_json:
             print_line(page(label(file), facts) + ("\n" if len(files) > 1 else ""), now=True)
     if as_json:

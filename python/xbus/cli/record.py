@@ -17,7 +17,7 @@ from xbus.cli.config import applied, read_file
 from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import label
-from xbus.describe.formatting import format_count, format_size
+from xbus.describe.formatting import describe_losses, format_count, format_size
 from xbus.errors import StateError, XbusError
 
 if TYPE_CHECKING:
@@ -305,9 +305,9 @@ class _Shown:
         """What is missing or damaged, by all that can tell."""
         before = self.before
         said = []
-        if lost := stats.lost_samples - before.lost_samples:
-            gaps = format_count(stats.gaps - before.gaps, "gap")
-            said.append(f"{format_count(lost, 'sample')} lost in {gaps}")
+        lost, gaps = stats.lost_samples - before.lost_samples, stats.gaps - before.gaps
+        if lost:
+            said.append(describe_losses(lost, gaps, has_counter=True))
         if skipped := stats.skipped_bytes - before.skipped_bytes:
             said.append(f"{format_count(skipped, 'byte')} damaged")
         if overruns := (stats.overruns or 0) - (before.overruns or 0):
@@ -319,7 +319,7 @@ class _Shown:
         if said:
             return ", ".join(said)
         counted = [it.quantities.get("packet_counter", 0) for it in (before, stats)]
-        return "nothing lost" if counted[0] < counted[1] else "no counter to tell losses"
+        return describe_losses(0, 0, has_counter=counted[0] < counted[1])
 
     def _line(self, text: str) -> None:
         width = shutil.get_terminal_size().columns - 1

@@ -1,1 +1,1 @@
-"""Logs, messages and packets in words, for people, and as plain values, for programs."""
+"""Descriptions of logs, messages and packets: text for people, and plain values for JSON."""

@@ -1,4 +1,4 @@
-"""What ``xbus info`` knows about a log, gathered part by part: a log need not fit into memory."""
+"""A summary of a log, built part by part: the log need not fit into memory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from xbus.describe.text import Notice, device_name, finite, read_notice, recording_date
 from xbus.log.column import Column
 from xbus.log.identity import Identity
-from xbus.log.log import Log, steady_time
+from xbus.log.log import DAMAGE, Log, steady_time
 from xbus.log.stats import Stats
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
@@ -27,9 +27,9 @@ class Gap(NamedTuple):
     """A place where samples are missing.
 
     Attributes:
-        sample: Index of the sample behind it.
-        time: Time of that sample in seconds on the device clock, unwrapped; None where it has none.
-        lost: How many are missing.
+        sample: Index of the sample after the gap.
+        time: Time of that sample in seconds on the device clock, unwrapped; None without a time stamp.
+        lost: Number of missing samples.
     """
 
     sample: int
@@ -41,11 +41,11 @@ class Event(NamedTuple):
     """An Error or Warning message.
 
     Attributes:
-        offset: Where its frame begins, in bytes.
+        offset: Byte offset in the input at which its frame begins.
         sample: Index of the next sample.
-        time: Time of the sample before it in seconds on the device clock, or None.
+        time: Time of the previous sample with a time stamp, in seconds on the device clock, or None.
         name: ``"Error"`` or ``"Warning"``.
-        notice: What it says.
+        notice: Its code and text.
     """
 
     offset: int
@@ -56,14 +56,14 @@ class Event(NamedTuple):
 
 
 class Span:
-    """From the earliest to the latest time stamp, and how many there are."""
+    """The earliest and the latest time stamp, and the number of time stamps."""
 
     def __init__(self) -> None:
         self.start = self.end = float("nan")
         self.stamps = 0
 
     def add(self, stamps: npt.NDArray[np.float64]) -> None:
-        """Takes in the next ones, in any order."""
+        """Adds time stamps, in any order."""
         if len(stamps):
             self.start = float(np.fmin(self.start, stamps.min()))
             self.end = float(np.fmax(self.end, stamps.max()))
@@ -71,12 +71,12 @@ class Span:
 
     @property
     def duration(self) -> float:
-        """Seconds; NaN for fewer than two stamps."""
+        """Seconds; NaN for fewer than two time stamps."""
         return self.end - self.start if self.stamps > 1 else float("nan")
 
 
 class QuantitySummary:
-    """One quantity of a log."""
+    """One quantity of a log: name, format, number of rows and rate."""
 
     def __init__(self, column: Column) -> None:
         self.name = column.name
@@ -89,7 +89,7 @@ class QuantitySummary:
         self._ids: set[int] = set()
 
     def add(self, column: Column) -> None:
-        """Takes in what the next part says."""
+        """Adds the column of the next part."""
         self.rows += len(column)
         self._precisions.add(column.precision)
         self._ids.add(column.data_id)
@@ -102,22 +102,22 @@ class QuantitySummary:
 
     @property
     def rate(self) -> float:
-        """Rows per second, as `Column.rate` has it."""
+        """Rows per second, as `Column.rate`."""
         span = self._last - self._first
         return (self._stamped - 1) / span if span > 0 else float("nan")
 
     @property
     def precision(self) -> str | None:
-        """The one precision, or None."""
+        """The precision; None if several occur, and for integers."""
         return next(iter(self._precisions)) if len(self._precisions) == 1 else None
 
     @property
     def data_id(self) -> int:
-        """The one data identifier, or the base identifier."""
+        """The data identifier as received; the one with format bits zero if several occur."""
         return next(iter(self._ids)) if len(self._ids) == 1 else QUANTITIES[self.name].id
 
-    def facts(self) -> dict[str, Any]:
-        """For programs."""
+    def to_dict(self) -> dict[str, Any]:
+        """Returns the summary as plain values for JSON."""
         return {
             "name": self.name,
             "coordinates": self.coordinates,
@@ -130,24 +130,32 @@ class QuantitySummary:
 
 
 class LogSummary:
-    """What is in a log.
+    """The contents of a log, summarized: the source of ``xbus info`` and of reports.
+
+    Args:
+        parts: The parts of the log, in order; more can be added with `add`.
 
     Attributes:
-        stats: What was counted.
-        identity: What the log says about the device.
-        quantities: In the order in which they were first seen.
-        gaps: Where samples are missing, in order.
-        damage: Offset, length and reason of each stretch that is neither frame nor string.
-        messages: How many there are of each name.
-        strings: The same of string outputs; those that the manual does not list are "others".
-        events: Errors and warnings that the device sent.
-        unknown: How many packets and bytes there are of each identifier that the tables cannot explain.
-        utc: Earliest and latest UTC time that the device calls valid, or None.
-        utc_rows, utc_valid: UTC times, and how many of them the device calls valid.
+        stats: Counts of what was read.
+        identity: Identifier, product code, firmware and configuration of the device.
+        gaps: The places where samples are missing, in order.
+        damage: Offset, length and reason of each range of bytes that is neither frame nor string.
+        messages: Number of messages by name.
+        strings: Number of string outputs by name; those that the manual does not list are ``"others"``.
+        events: Errors and warnings that the device sent, in order.
+        unknown: Number of packets and bytes by data identifier, of packets that the tables do not explain.
+        utc: Earliest and latest UTC time that the device marks as valid, or None.
+        utc_rows: Number of UTC times.
+        utc_valid: Number of those that the device marks as valid.
+
+    >>> import xbus
+    >>> summary = LogSummary([xbus.read_log("tests/captures/walk.mtb")])
+    >>> summary.stats.samples, summary.has_counter, len(summary.gaps)
+    (1040, True, 0)
     """
 
     def __init__(self, parts: Iterable[Log]) -> None:
-        self.stats = Stats(**{it.name: 0 for it in fields(Stats)})
+        self.stats = Stats(**{field.name: 0 for field in fields(Stats)})
         self.identity = Identity()
         self._quantities: dict[tuple[str, str | None], QuantitySummary] = {}
         self.gaps: list[Gap] = []
@@ -165,12 +173,17 @@ class LogSummary:
 
     @property
     def quantities(self) -> list[QuantitySummary]:
-        """In the order in which they were first seen."""
+        """The quantities, in the order in which they were first seen."""
         return list(self._quantities.values())
 
     @property
+    def has_counter(self) -> bool:
+        """Whether samples have a packet counter, without which losses are not detected."""
+        return any(quantity.name == "packet_counter" for quantity in self.quantities)
+
+    @property
     def start(self) -> float:
-        """Earliest time stamp in seconds on the device clock, as `Log.duration` has it; NaN without any."""
+        """Earliest time stamp in seconds on the device clock, as for `Log.duration`; NaN without any."""
         return self._span.start
 
     @property
@@ -183,14 +196,13 @@ class LogSummary:
         return self._steady if self._steady.stamps else self._receiver
 
     def add(self, part: Log) -> None:
-        """Takes in the next part."""
+        """Adds the next part."""
         counts = asdict(self.stats)
-        self.stats = Stats(**{key: counts[key] + it for key, it in asdict(part.stats).items()})
+        self.stats = Stats(**{name: counts[name] + n for name, n in asdict(part.stats).items()})
         self.identity = part.identity
         self.damage += part.damage.tolist()
-        self.strings.update({name or "others": it for name, it in part.strings.counts.items()})
-        for key in part:
-            column = part[key]
+        self.strings.update({name or "others": n for name, n in part.strings.counts.items()})
+        for column in part.values():
             known = self._quantities.setdefault(
                 (column.name, column.coordinates), QuantitySummary(column)
             )
@@ -200,7 +212,7 @@ class LogSummary:
         for data_id, packets in part.unknown.items():
             count = self.unknown.setdefault(data_id, [0, 0])
             count[0] += len(packets)
-            count[1] += packets._bytes.size
+            count[1] += packets.size
         messages = list(part.messages)
         self._add_gaps(part)
         steady = steady_time(part)
@@ -224,19 +236,20 @@ class LogSummary:
         self, part: Log, messages: Iterable[Message], steady: npt.NDArray[np.float64]
     ) -> None:
         events = []
-        for it in messages:
-            self.messages[it.name] += 1
-            if it.mid in (MessageId.Error, MessageId.Warning):
-                events.append(it)
+        for message in messages:
+            self.messages[message.name] += 1
+            if message.mid in (MessageId.Error, MessageId.Warning):
+                events.append(message)
         if not events:
             return
-        # For each sample the last one up to it that has a time stamp, -1 where none has.
+        # For each sample, the last sample up to it with a time stamp, or -1.
         stamped = np.where(np.isfinite(steady), np.arange(len(part)), -1)
         latest = [-1, *np.maximum.accumulate(stamped).tolist()]
-        for it in events:
-            at = latest[it.sample - part.first_sample]
-            time = self._last_time if at < 0 else float(steady[at])
-            self.events.append(Event(it.offset, it.sample, time, it.name, read_notice(it)))
+        for message in events:
+            row = latest[message.sample - part.first_sample]
+            time = self._last_time if row < 0 else float(steady[row])
+            notice = read_notice(message)
+            self.events.append(Event(message.offset, message.sample, time, message.name, notice))
 
     def _add_gaps(self, part: Log) -> None:
         gaps = part.gaps
@@ -246,39 +259,49 @@ class LogSummary:
             for (sample, lost, _), time in zip(gaps.tolist(), times, strict=True)
         ]
 
-    def facts(self, file: str) -> dict[str, Any]:
-        """For programs: all of it; null where the log does not say, and for NaN."""
-        told, firmware, stats = self.identity, self.identity.firmware, self.stats
+    def to_dict(self, file: str) -> dict[str, Any]:
+        """Returns the summary as plain values for JSON: None for what is not known, and for NaN."""
+        identity, firmware, stats = self.identity, self.identity.firmware, self.stats
+        configuration = identity.configuration
         return {
             "file": file,
             "bytes": stats.bytes,
             "device": {
-                "product_code": told.product_code,
-                "device_id": None if told.device_id is None else device_name(told.device_id),
+                "product_code": identity.product_code,
+                "device_id": None
+                if identity.device_id is None
+                else device_name(identity.device_id),
                 "firmware": None if firmware is None else str(firmware),
                 "firmware_build": None if firmware is None else firmware.build,
                 "firmware_source": None if firmware is None else firmware.scm,
             },
-            "recorded": told.configuration and recording_date(told.configuration),
-            "configuration": told.configuration and _settings(told.configuration),
-            "utc": self._utc_facts(),
+            "recorded": configuration and recording_date(configuration),
+            "configuration": configuration and _settings(configuration),
+            "utc": self._utc_dict(),
             "start_s": finite(self.start),
             "duration_s": finite(self.duration),
             "frames": stats.frames,
             "samples": stats.samples,
             "lost_samples": stats.lost_samples,
-            "gaps": [{"sample": it.sample, "time_s": it.time, "lost": it.lost} for it in self.gaps],
-            "quantities": [it.facts() for it in self.quantities],
+            "gaps": [
+                {"sample": gap.sample, "time_s": gap.time, "lost": gap.lost} for gap in self.gaps
+            ],
+            "quantities": [quantity.to_dict() for quantity in self.quantities],
             "skipped_bytes": stats.skipped_bytes,
             "checksum_errors": stats.checksum_errors,
-            "damage": [{"offset": at, "length": n, "reason": why} for at, n, why in self.damage],
+            "damage": [dict(zip(DAMAGE.names or (), row, strict=True)) for row in self.damage],
             "malformed": stats.malformed,
             "messages": dict(self.messages),
             "strings": dict(self.strings),
             "events": [
-                {"offset": it.offset, "sample": it.sample, "time_s": it.time, "name": it.name}
-                | it.notice._asdict()
-                for it in self.events
+                {
+                    "offset": event.offset,
+                    "sample": event.sample,
+                    "time_s": event.time,
+                    "name": event.name,
+                    **event.notice._asdict(),
+                }
+                for event in self.events
             ],
             "unknown": [
                 {"data_id": f"0x{data_id:04X}", "packets": packets, "bytes": size}
@@ -286,16 +309,14 @@ class LogSummary:
             ],
         }
 
-    def _utc_facts(self) -> dict[str, Any] | None:
+    def _utc_dict(self) -> dict[str, Any] | None:
         if not self.utc_rows:
             return None
-        first, last = (f"{it}Z" for it in self.utc) if self.utc else (None, None)
+        first, last = (f"{time}Z" for time in self.utc) if self.utc else (None, None)
         return {"first": first, "last": last, "rows": self.utc_rows, "valid": self.utc_valid}
 
 
 def _settings(configuration: Configuration) -> dict[str, Any]:
-    """What the Configuration says beside the device's name."""
-    settings = asdict(configuration)
-    for it in ("device_id", "product_code", "firmware"):
-        del settings[it]
-    return settings
+    """The fields of a Configuration that do not identify the device."""
+    identifying = ("device_id", "product_code", "firmware")
+    return {name: v for name, v in asdict(configuration).items() if name not in identifying}

@@ -218,7 +218,7 @@ class ReportData:
     @property
     def has_counter(self) -> bool:
         """Whether the log has a packet counter."""
-        return any(quantity.name == "packet_counter" for quantity in self.summary.quantities)
+        return self.summary.has_counter
 
     @property
     def series(self) -> list[Series]:

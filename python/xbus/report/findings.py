@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from xbus.describe.formatting import format_count
+from xbus.describe.formatting import describe_damage, describe_losses, format_count
 from xbus.protocol.tables import QUANTITIES
 from xbus.report.data import ReportData, Series
 
@@ -39,8 +39,8 @@ def _losses(data: ReportData) -> Iterator[Finding]:
     summary, stats = data.summary, data.summary.stats
     if stats.lost_samples:
         share = percent(stats.lost_samples, stats.lost_samples + stats.samples)
-        samples, gaps = format_count(stats.lost_samples, "sample"), format_count(stats.gaps, "gap")
-        text = f"{samples} lost in {gaps}, {share}"
+        text = describe_losses(stats.lost_samples, stats.gaps, has_counter=data.has_counter)
+        text += f", {share}"
         if len(summary.gaps) > 1:
             gap, x = max(zip(summary.gaps, data.gaps, strict=True), key=lambda pair: pair[0].lost)
             where = f" before {x:,.2f} s" if data.axis.kind == "time" else ""
@@ -48,9 +48,8 @@ def _losses(data: ReportData) -> Iterator[Finding]:
         yield Finding(True, text, "gaps")
     if stats.skipped_bytes:
         share = percent(stats.skipped_bytes, stats.bytes)
-        places = format_count(len(summary.damage), "place")
-        text = f"{format_count(stats.skipped_bytes, 'byte')} of damage in {places}, {share} of the file"
-        yield Finding(True, text, "damage")
+        text = describe_damage(stats.skipped_bytes, len(summary.damage))
+        yield Finding(True, f"{text}, {share} of the file", "damage")
     if stats.malformed:
         samples = format_count(stats.malformed, "malformed sample")
         yield Finding(True, f"{samples}: the packets do not fill the message", "messages")
@@ -134,8 +133,7 @@ def _missing(data: ReportData) -> Iterator[Finding]:
         yield Finding(True, f"no samples, only {things}", "messages")
         return
     if not data.has_counter:
-        text = "no packet counter: lost samples cannot be detected"
-        yield Finding(False, text, "quantities")
+        yield Finding(False, describe_losses(0, 0, has_counter=False), "quantities")
     if data.axis.kind != "time":
         axis = "sample number" if data.axis.kind == "sample" else data.axis.kind
         text = f"no time stamps: the horizontal axis is the {axis}"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from xbus.cli.monitor.attitude import Attitude
 from xbus.cli.monitor.model import Model, QuantityState
 from xbus.cli.monitor.values import format_rate, format_unit, format_value, set_flags
-from xbus.describe.formatting import format_count, format_size
+from xbus.describe.formatting import describe_losses, format_count, format_size
 from xbus.protocol.values import State
 
 __all__ = [
@@ -195,13 +195,9 @@ def _losses(model: Model) -> list[Span]:
     if not model.quantities and counts.skipped_bytes > UNDECODED_BYTES:
         size = format_size(counts.skipped_bytes)
         return [(f"no frame in {size}: try another --baudrate, or --string EM1000", WARNING)]
-    if counts.lost_samples:
-        gaps = format_count(counts.gaps, "gap")
-        parts.append((f"{format_count(counts.lost_samples, 'sample')} lost in {gaps}", BAD))
-    elif ("packet_counter", None) not in model.quantities:
-        parts.append(("losses unknown: no packet_counter", DIM))
-    else:
-        parts.append(("nothing lost", GOOD))
+    has_counter = ("packet_counter", None) in model.quantities
+    text = describe_losses(counts.lost_samples, counts.gaps, has_counter=has_counter)
+    parts.append((text, BAD if counts.lost_samples else GOOD if has_counter else DIM))
     damage = [
         (f"{format_count(counts.skipped_bytes, 'byte')} damaged", counts.skipped_bytes),
         (format_count(counts.checksum_errors, "checksum error"), counts.checksum_errors),
