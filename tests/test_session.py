@@ -2,13 +2,26 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import xbus
-from conftest import exchanges, shared
-from xbus import DecodeError, DeviceError, Sample, Session, StateError, encode_frame, encode_sample
+from conftest import coarse, counter, exchanges, fine, shared, trigger
+from xbus import (
+    DecodeError,
+    DeviceError,
+    MessageId,
+    Sample,
+    Session,
+    StateError,
+    encode_frame,
+    encode_sample,
+)
 from xbus.device.events import Notice, Refusal, Reply
 from xbus.protocol import (
     Alignment,
@@ -29,9 +42,10 @@ from xbus.protocol import (
     State,
     StringOutput,
     StringType,
+    encode,
 )
 from xbus.protocol.products import support
-from xbus.protocol.tables import MESSAGES
+from xbus.protocol.tables import MESSAGES, QUANTITIES
 
 REQUESTS = [row for row in MESSAGES.values() if row.direction == "to device"]
 ANSWERED = [row for row in REQUESTS if row.reply is not None]
@@ -421,3 +435,57 @@ def test_published_host_frames_are_what_the_session_sends() -> None:
         assert host.request(name, value) == raw, line
         count += 1
     assert count > 30
+
+
+# ---------------------------------------------------------------------------------------------
+# Times of samples
+# ---------------------------------------------------------------------------------------------
+
+#: Fine times near the two wraps of the products, one day and 32 bits, and in between.
+FINE_TIMES = st.one_of(
+    *(
+        st.integers(max(0, at - 200), min(at + 200, 2**32 - 1))
+        for at in (0, 432_000_000, 864_000_000, 2**31, 2**32 - 1)
+    )
+)
+STAMPS = st.builds(
+    lambda *packets: b"".join(packets),
+    st.just(b"") | st.integers(0, 0xFFFF).map(counter),
+    st.just(b"") | FINE_TIMES.map(fine),
+    st.just(b"") | st.integers(0, 2**32 - 1).map(coarse) | st.integers(86_390, 86_410).map(coarse),
+    st.just(b"") | st.integers(0, 2**32 - 1).map(trigger),
+    st.just(b"") | st.just(bytes.fromhex("7020 08 00000000 00000000")),
+)
+#: What devices send: samples, messages that name the device, and messages that start a new run.
+MESSAGES_OF_DEVICES = st.sampled_from(
+    [(MessageId.DeviceID, encode("DeviceID", number)) for number in (0x0370_03F8, 0x8000_5BF5)]
+    + [(MessageId.ProductCode, encode("ProductCode", "MTi-30-2A5G4"))]
+    + [(mid, b"") for mid in (MessageId.WakeUp, MessageId.GoToMeasurementAck, MessageId.ResetAck)]
+)
+SENT = st.tuples(
+    st.sampled_from([0xFF, 1, 2]),
+    st.one_of(*[STAMPS.map(lambda payload: (MessageId.MTData2, payload))] * 4, MESSAGES_OF_DEVICES),
+)
+
+
+@given(st.lists(SENT, max_size=40), st.lists(st.integers(1, 60), min_size=1))
+def test_live_samples_have_the_times_of_a_log(
+    sent: list[tuple[int, tuple[int, bytes]]], cuts: list[int]
+) -> None:
+    """The same clock: wraps, coarse times, triggers, the GNSS receiver, restarts, several devices."""
+    data = b"".join(encode_frame(mid, payload, bid=bid) for bid, (mid, payload) in sent)
+    live, samples, at = Session(), [], 0
+    for size in itertools.cycle(cuts):
+        samples += [it for it in live.receive(data[at : at + size]) if isinstance(it, Sample)]
+        at += size
+        if at >= len(data):
+            break
+    samples += [it for it in live.quiet() if isinstance(it, Sample)]
+    log = xbus.read_log(data)
+    # A payload without packets is no sample of a log.
+    times = [it.time for it in samples if it.payload]
+    np.testing.assert_array_equal(times, log.time)
+    assert all(np.isnan(it.time) for it in samples if not it.payload)
+    late = {int(at) for key in log if QUANTITIES[log[key].name].clock in ("trigger", "receiver")
+            for at in log[key].sample}  # fmt: skip
+    assert [it.leads for it in samples if it.payload] == [it not in late for it in range(len(log))]

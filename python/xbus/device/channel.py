@@ -15,7 +15,7 @@ from xbus.device.events import Notice, Refusal, Reply, SessionEvent
 from xbus.device.output_configuration import BITS_PER_BYTE
 from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Session
-from xbus.device.timing import Timing
+from xbus.device.timing import HostClocks
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import State
@@ -71,7 +71,6 @@ class Channel:
         lost_samples: Samples dropped because a million newer ones were unread.
         lost_strings: Strings dropped because 100,000 newer ones were unread.
         device_id: Device identifier, once it is read.
-        timing: The clocks for the times of samples.
     """
 
     def __init__(self, link: Link, session: Session, *, reconnect: bool = False) -> None:
@@ -86,7 +85,7 @@ class Channel:
         self.strings: deque[String] = deque()
         self.notices: deque[Notice] = deque(maxlen=100)
         self.lost_samples = self.lost_strings = 0
-        self.timing = Timing(link.epoch)
+        self._host_clocks = HostClocks(link.epoch)
         if link.trouble is not None:
             self.notices.append(Notice("Port", link.trouble, b"", session.bid, None))
         #: Pieces taken from the queue of the link, and the arrival of each.
@@ -145,7 +144,7 @@ class Channel:
     def _keep(self, events: Iterable[SessionEvent], arrival: float | None = None) -> None:
         for event in events:
             if isinstance(event, Sample):
-                event.arrival, event.timing = arrival, self.timing
+                event.arrival = arrival
                 if len(self.samples) >= MAX_UNREAD_SAMPLES:
                     self.samples.popleft()
                     self.lost_samples += 1
@@ -159,6 +158,16 @@ class Channel:
                 self.notices.append(event)
             else:
                 self._answers.append(event)
+
+    def take_sample(self) -> Sample:
+        """Removes the oldest unread sample and returns it, with its host time.
+
+        Raises:
+            IndexError: All samples are read.
+        """
+        sample = self.samples.popleft()
+        sample.host_time = self._host_clocks.host_time(sample)
+        return sample
 
     def _disconnect(self, error: OSError, command: str | None) -> NoReturn:
         self._keep(self.session.quiet())

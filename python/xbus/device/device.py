@@ -244,7 +244,6 @@ class Device:
             self.hardware_version = self.commands.req_hardware_version()
         if self.product_code is not None and (product := product_of_code(self.product_code)):
             self.session.identify(support(product, self.hardware_version))
-            self._channel.timing.wrap = product.fine_wrap
 
     def go_to_config(self) -> None:
         """GoToConfig (0x30): enters Config State, or confirms it.
@@ -513,7 +512,7 @@ class Device:
             Disconnected: The port is gone, and all samples from before are read.
         """
         self._channel.wait_for_samples(1, timeout)
-        return self._channel.samples.popleft()
+        return self._channel.take_sample()
 
     def __iter__(self) -> Iterator[Sample]:
         while True:
@@ -525,7 +524,7 @@ class Device:
             if not waiting:
                 await asyncio.to_thread(self._channel.wait_for_samples, 1, SAMPLE_TIMEOUT)
             while waiting:  # a thread for each would cost more than the samples
-                yield waiting.popleft()
+                yield self._channel.take_sample()
 
     def read_string(self, timeout: float = SAMPLE_TIMEOUT) -> String:
         """Returns the next string: see `set_strings`.

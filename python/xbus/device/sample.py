@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from xbus import _core
-from xbus.device.timing import Timing
 from xbus.protocol.ids import MessageId
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, QuantityKey
 from xbus.protocol.tables import QUANTITIES
@@ -35,43 +34,30 @@ class Sample(Mapping[EntryKey, Any]):
     Attributes:
         payload: The bytes of the message.
         bid: Bus identifier.
-        offset: Byte offset at which its frame begins, counted from when the port was opened. arrival: When
-            its last byte arrived, in seconds on the clock of the link (`time.monotonic` for a port); None
-            for a sample that did not arrive over a link.
+        offset: Byte offset at which its frame begins, counted from when the port was opened.
+        time: Seconds on the device clock, unwrapped: the same as `Log.time` of the same bytes. NaN without a
+            time stamp, or outside a session.
+        leads: Whether it arrived when it was measured. Samples with data of the GNSS receiver or of a trigger
+            arrive later.
+        arrival: When its last byte arrived, in seconds on the clock of the link (`time.monotonic` for a
+            port); None for a sample that did not arrive over a link.
+        host_time: When it was measured, in seconds since 1970 on the clock of this computer, by a
+            `HostClock`; NaN without a time stamp or a link.
 
     >>> sample = Sample(bytes.fromhex("1020 02 DFC5 4020 0C BEDC9AFA 3F549F37 411CBB70"))
     >>> sample["packet_counter"], sample["acceleration"].round(3).tolist()
     (57285, [-0.4309999942779541, 0.8309999704360962, 9.795999526977539])
     """
 
-    __slots__ = ("__dict__", "arrival", "bid", "offset", "payload", "timing")
+    __slots__ = ("__dict__", "arrival", "bid", "host_time", "leads", "offset", "payload", "time")
 
     def __init__(self, payload: bytes, bid: int = 0xFF, offset: int = 0) -> None:
         self.payload = payload
         self.bid = bid
         self.offset = offset
+        self.time = self.host_time = math.nan
+        self.leads = False
         self.arrival: float | None = None
-        self.timing: Timing | None = None
-
-    @cached_property
-    def _times(self) -> tuple[float, float]:
-        return (math.nan, math.nan) if self.timing is None else self.timing.of(self)
-
-    @property
-    def time(self) -> float:
-        """Seconds on the device clock, unwrapped; NaN without a time stamp or a link.
-
-        `time` and `host_time` depend on earlier samples: read them in the order in which the samples arrived.
-        """
-        return self._times[0]
-
-    @property
-    def host_time(self) -> float:
-        """When the sample was measured, in seconds since 1970 on the clock of this computer; or NaN.
-
-        A `HostClock` maps `time` to it.
-        """
-        return self._times[1]
 
     @cached_property
     def _packets(self) -> ByQuantity[_core.Packet]:
@@ -139,18 +125,11 @@ class Sample(Mapping[EntryKey, Any]):
     __hash__ = None  # type: ignore[assignment]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickled, (self.payload, self.bid, self.offset, self.arrival, self._times)
+        state = {name: getattr(self, name) for name in ("time", "leads", "arrival", "host_time")}
+        return Sample, (self.payload, self.bid, self.offset), (None, state)
 
     def __repr__(self) -> str:
         return f"<Sample {', '.join(map(str, self)) or 'without known quantities'}>"
-
-
-def _unpickled(
-    payload: bytes, bid: int, offset: int, arrival: float | None, times: tuple[float, float]
-) -> Sample:
-    sample = Sample(payload, bid, offset)
-    sample.arrival, sample._times = arrival, times
-    return sample
 
 
 def _value(packet: _core.Packet) -> Any:

@@ -70,6 +70,7 @@ class Session:
         self.pending: str | None = None
         self.skipped = 0
         self._scanner = _core.Scanner(LONGEST_LIVE, strings)
+        self._clock = _core.SampleClock()
 
     # Commands
 
@@ -199,7 +200,10 @@ class Session:
         if mid == MessageId.MTData2:
             if self.state in (State.UNKNOWN, State.WAKEUP):
                 self.state = State.MEASUREMENT
-            return Sample(payload, bid, offset)
+            sample = Sample(payload, bid, offset)
+            sample.time, sample.leads = self._clock.sample(bid, payload)
+            return sample
+        self._clock.message(bid, mid, payload)
         row = MESSAGES.get(self.pending or "")
         if row is not None:
             if mid == row.reply:
