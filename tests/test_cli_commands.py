@@ -138,7 +138,7 @@ def test_the_baud_rate_is_changed_and_stays(product: str) -> None:
 def test_a_rate_that_the_product_does_not_have() -> None:
     with served("MTi-300", baudrate=115200) as (port, device):
         said = sentence(run("baudrate", port, "4000000"))
-        assert said.startswith("the MTi-300 cannot talk at 4000000 baud")
+        assert said.startswith("the MTi-300 does not support 4000000 baud")
         assert said.endswith("; nothing was changed")
         wait_until(State.MEASUREMENT, device)
         assert device.baudrate == 115200

@@ -334,4 +334,10 @@ def _client_class(pygnssutils: Any) -> Any:
                 raise ConnectionResetError
             return 0
 
+        def _close_connection(self, sock: Any) -> None:
+            super()._close_connection(sock)
+            # The client leaves a socket open whose other end is gone, because its shutdown fails.
+            if sock is not None:
+                sock.close()
+
     return Client
