@@ -131,7 +131,7 @@ def test_names_of_the_package_are_there_when_asked_for() -> None:
         (["report", WALK], "Missing option '-o'"),
         (["report", WALK, "-o", "walk.pdf"], "'walk.pdf' must end in .html"),
         (["dump", WALK, "--mid", "Warnin"], "did you mean Warning?"),
-        (["dump", WALK, "--mid", "0x100"], "a message identifier is a byte"),
+        (["dump", WALK, "--mid", "0x100"], "is not a message identifier; use 0 to 255"),
         (["dump", WALK, WALK], "unexpected extra argument"),
     ],
 )
@@ -191,7 +191,9 @@ def test_no_frame(reading: list[str], content: bytes) -> None:
     Path("walk.txt").write_bytes(content)
     said = sentence(run(*reading, "walk.txt"))
     assert said.startswith("no Xbus frame in walk.txt: ")
-    assert "it is empty" in said if not content else f"its {len(content):,} bytes" in said
+    assert (
+        "the input is empty" in said if not content else f"none in {len(content):,} bytes" in said
+    )
     assert [it.name for it in Path().iterdir()] == ["walk.txt"]
 
 
@@ -243,7 +245,7 @@ def test_full_disk(args: list[str]) -> None:
     assert code == 1
     assert said == (
         "xbus: cannot write to standard output: No space left on device; "
-        "free some room, or write to another disk\n"
+        "free some space, or write to another disk\n"
     )
 
 

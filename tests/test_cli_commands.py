@@ -126,7 +126,7 @@ def test_a_device_that_refuses_the_self_test(monkeypatch: pytest.MonkeyPatch) ->
 def test_the_baud_rate_is_changed_and_stays(product: str) -> None:
     with served(product, baudrate=115200) as (port, device):
         said = done(run("baudrate", port, "921600"))
-        assert said == f"xbus: {port} talks at 921,600 baud now, at 115,200 before\n"
+        assert said == f"xbus: {port} uses 921,600 baud now, before 115,200\n"
         wait_until(State.MEASUREMENT, device)
         device.power_cycle()
         wait_until(State.MEASUREMENT, device)

@@ -55,7 +55,7 @@ def test_dumped_reset_applied_and_dumped_again(
     assert run("config", "dump", port).stdout == path.read_text("utf-8")
     for command in ("diff", "apply"):
         again = run("config", command, port, str(path))
-        assert (again.stdout, again.stderr) == ("", "xbus: nothing differs\n")
+        assert (again.stdout, again.stderr) == ("", "xbus: no differences\n")
 
 
 def test_a_dry_run_sets_nothing(
@@ -109,7 +109,7 @@ def test_what_the_device_rounds(file: Callable[[str], str]) -> None:
     name = file('output_configuration = [{ quantity = "gnss_pvt_data", frequency = 4 }]')
     result = run("config", "apply", "sim:MTi-670", name)
     assert result.stderr.splitlines() == [
-        "xbus: the device rounds output_configuration; - the file, + in effect",
+        "xbus: the device rounds output_configuration: - the file, + the device",
         "  output_configuration",
         '-   { quantity = "gnss_pvt_data", frequency = 4 },',
         '+   { quantity = "gnss_pvt_data" },',
@@ -178,7 +178,7 @@ def test_a_bench_of_devices(monkeypatch: pytest.MonkeyPatch, file: Callable[[str
     assert [row.split("  ")[-1] for row in planned.stdout.splitlines()] == [
         "result",
         "1 setting would be set",
-        "nothing differs",
+        "no differences",
         "1 setting would be set",
     ]
     result = run("config", "apply", *ports, name)
@@ -189,7 +189,7 @@ def test_a_bench_of_devices(monkeypatch: pytest.MonkeyPatch, file: Callable[[str
     rows = result.stdout.splitlines()
     assert rows[0].split() == ["port", "device", "result"]
     assert rows[1].split(maxsplit=3) == [ports[0], "MTi-630-8A1G6", "0080001000", "1 setting set"]
-    assert rows[2].endswith("nothing differs")
+    assert rows[2].endswith("no differences")
     assert 'the settings are for "MTi-630", and the product of the device is MTi-30' in rows[5]
     assert "no product is called 'MTi-5'" in rows[6]
     assert [connect(sim).settings().location_id for sim in sims] == [7, 7, 7, 7]
@@ -236,7 +236,7 @@ def test_a_file_for_another_product(
         f'xbus: {name}: line 1, product: the settings are for "MTi-680G", and the product of the device is'
         " MTi-630",
         f"xbus: {name}: line 3, gnss_lever_arm: the MTi-630 does not have this setting; nothing was sent;"
-        " --force applies what fits",
+        " --force applies the settings that the device supports",
     ]
     shown = run("config", "diff", port, name, "--exit-code")
     assert shown.exit_code == 1
@@ -245,7 +245,7 @@ def test_a_file_for_another_product(
     assert forced.exit_code == 0
     assert forced.stdout == "- location_id = 0\n+ location_id = 7\n"
     assert forced.stderr.splitlines() == [
-        f"xbus: left out: {name}: line 3, gnss_lever_arm: the MTi-630 does not have this setting",
+        f"xbus: skipped: {name}: line 3, gnss_lever_arm: the MTi-630 does not have this setting",
         "xbus: 1 setting set and read back",
     ]
     assert connect(sim).settings().location_id == 7
@@ -319,7 +319,7 @@ def test_a_device_that_refuses_in_the_middle(
     assert result.stdout.count("\n+ ") == 2
     assert result.stderr == (
         "xbus: the device answered SetLocationID with Error 33; applied: filter_profile; not applied:"
-        f" location_id; apply {name} again to go on; the lines with - say what it was before\n"
+        f" location_id; apply {name} again to continue; the lines with - show the old values\n"
     )
 
 

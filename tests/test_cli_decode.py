@@ -150,7 +150,7 @@ def test_quantity_in_several_coordinates() -> None:
     assert pyarrow.parquet.read_table("out.parquet")["sample"].to_pylist() == [1, 2]
     assert sentence(run("decode", "mixed.mtb", "--quantity", "quaternion", "-o", "no.csv")) == (
         "mixed.mtb has quaternion in several coordinates; "
-        "ask for --quantity quaternion:ENU or quaternion:NED"
+        "choose --quantity quaternion:ENU or quaternion:NED"
     )
     decoded("mixed.mtb", "--quantity", "quaternion:NED", "-o", "out.npz")
     with np.load("out.npz") as found:
@@ -162,7 +162,7 @@ def test_quantity_in_several_coordinates() -> None:
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_quantity_that_the_log_lacks(name: str, suffix: str) -> None:
     said = sentence(run("decode", WALK, "--quantity", name, "-o", f"out{suffix}"))
-    assert said == f"no {name} in {WALK}; xbus info lists what is there"
+    assert said == f"no {name} in {WALK}; xbus info lists the content"
     assert files() == []
 
 
@@ -225,11 +225,11 @@ def test_a_wrong_name_shows_before_anything_is_read() -> None:
 def test_strict() -> None:
     decoded(WALK, "--strict", "-o", "out.csv")
     said = sentence(run("decode", FIELD, "--strict", "-o", "never.csv"))
-    assert said == f"{FIELD}: no frame at byte 0 (no preamble); leave out --strict to read on"
+    assert said == f"{FIELD}: no frame at byte 0 (no preamble); without --strict, damage is skipped"
     said = sentence(run("decode", WALK, FIELD, "--strict", "-o", "never.csv"))
     assert said == (
         f"{WALK}, {FIELD}: no frame at byte 169069 (no preamble), which is byte 0 of {FIELD}; "
-        "leave out --strict to read on"
+        "without --strict, damage is skipped"
     )
     assert files() == ["out.csv"]
 
@@ -332,7 +332,7 @@ def test_no_room_on_the_device(suffix: str) -> None:
         pytest.skip("no /dev/full")
     Path(f"full{suffix}").symlink_to("/dev/full")
     said = sentence(run("decode", WALK, "-o", f"full{suffix}"))
-    assert said.startswith(f"cannot write full{suffix}: No space left on device; free some room")
+    assert said.startswith(f"cannot write full{suffix}: No space left on device; free some space")
     assert files() == [f"full{suffix}"]
 
 

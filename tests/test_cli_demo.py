@@ -25,7 +25,7 @@ def test_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert sum("█" in it and "▁" in it for it in lines) == 6
     assert max(map(len, lines[1:-2])) <= 80
     files = [tmp_path / "it" / it for it in ("demo.mtb", "demo.parquet")]
-    assert lines[-2:] == [f"written: {it}" for it in files]
+    assert lines[-2:] == [f"wrote {it}" for it in files]
     log = xbus.read_log(files[0])
     for name, rate in (("acceleration_hr", 2000), ("rate_of_turn_hr", 1600)):
         times = log[name].time
@@ -38,7 +38,7 @@ def test_a_picture(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     result = run("demo", "--folder", str(tmp_path), "--seconds", "0.5", "--product", "MTi-3")
     assert result.exit_code == 0
-    assert result.stdout.endswith(f"written: {tmp_path / 'demo.png'}\n")
+    assert result.stdout.endswith(f"wrote {tmp_path / 'demo.png'}\n")
     assert "█" not in result.stdout
     assert (tmp_path / "demo.png").read_bytes().startswith(b"\x89PNG")
 
@@ -48,7 +48,7 @@ def test_without_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     result = run("demo", "--folder", str(tmp_path), "--seconds", "0.5", "--product", "mti-1")
     assert result.exit_code == 0
     assert (tmp_path / "demo.npz").exists()
-    assert f"written: {tmp_path / 'demo.npz'}" in result.stdout
+    assert f"wrote {tmp_path / 'demo.npz'}" in result.stdout
 
 
 def test_no_such_product() -> None:

@@ -23,14 +23,14 @@ from test_cli import FIELD, PROGRAM, WALK, run, sentence, start
 from test_cli_sim import simulated
 from xbus import DataId, MessageId, encode_frame, encode_packet
 from xbus.cli import dump as command
-from xbus.cli.dump_lines import KEPT, Teller
+from xbus.cli.dump_lines import KEPT, DumpFormatter
 from xbus.sim.link import SimLink
 from xbus.wire.link import Received
 
 
 def lines_of(data: bytes, *, pieces: list[int] | None = None, as_json: bool = False) -> list[str]:
     """The lines of a stream that comes in pieces of these sizes, and then the rest."""
-    teller = Teller([], with_hex=True, as_json=as_json)
+    teller = DumpFormatter([], with_hex=True, as_json=as_json)
     lines = []
     for size in pieces or []:
         lines += teller.feed(data[:size])
@@ -126,7 +126,7 @@ def test_memory_is_bounded() -> None:
     """Frames of the longest payload, which wait for the one behind; then noise."""
     ack = encode_frame(MessageId.GoToConfigAck)
     frames = [*[frame(mid, bytes(65535)) for mid in (0x36, 0x07, 0xF1)] * 5, ack]
-    teller = Teller([], with_hex=True, as_json=False)
+    teller = DumpFormatter([], with_hex=True, as_json=False)
     lines = []
     data = b"".join([*frames, bytes(500_000), ack])
     for at in range(0, len(data), 9999):
@@ -269,11 +269,13 @@ def test_unknown_packets_and_malformed_samples() -> None:
     around = encode_frame(MessageId.GoToConfigAck)
     bad = frame(0x36, packet(0x3010, bytes(4)) + b"\x40\x20\x0c")
     line = lines_of(around + bad + around)[1]
-    assert "MTData2  baro_pressure 0 Pa; malformed: its packets do not fill it  | FA" in line
+    assert (
+        "MTData2  baro_pressure 0 Pa; malformed: the packets do not fill the message  | FA" in line
+    )
     said = json.loads(lines_of(around + bad + around, as_json=True)[1])
     assert said["malformed"] is True
     empty = lines_of(around + frame(0x36, b"") + around)[1]
-    assert "MTData2  malformed: its packets do not fill it  | " in empty
+    assert "MTData2  malformed: the packets do not fill the message  | " in empty
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -375,7 +377,7 @@ def test_filters_add_up() -> None:
 def test_filter_by_name_tells_a_request_from_a_setting() -> None:
     data = encode_frame(0x18) + encode_frame(0x18, b"\x02")
     for wanted, count in (("ReqBaudrate", 1), ("SetBaudrate", 1), (0x18, 2)):
-        teller = Teller([wanted], with_hex=False, as_json=False)
+        teller = DumpFormatter([wanted], with_hex=False, as_json=False)
         assert len(teller.feed(data) + teller.close()) == count
 
 
@@ -410,7 +412,7 @@ def test_follow_a_file_that_begins_anew(tmp_path: Path) -> None:
         assert child.stderr is not None
         assert [json.loads(child.stdout.readline())["offset"] for _ in range(2)] == [0, 123]
         log.write_bytes(data[123:139])
-        assert child.stderr.readline().endswith(b" was cut short; reading it from its beginning\n")
+        assert child.stderr.readline().endswith(b" was truncated; reading from its start\n")
         assert json.loads(child.stdout.readline())["name"] == "FirmwareRev"
         child.send_signal(signal.SIGINT)
         assert child.wait() == 130
@@ -529,18 +531,18 @@ def test_bytes_that_were_dropped_are_told(monkeypatch: pytest.MonkeyPatch) -> No
 
     monkeypatch.setattr(SimLink, "read", full)
     said = run("dump", "--follow", "sim:MTi-3").stderr.splitlines()
-    assert said[0] == "xbus: 1,000 bytes came while nobody read the lines, and are lost"
+    assert said[0] == "xbus: 1,000 bytes lost: the reader of the output is too slow"
     assert len(said) == 2
 
 
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (["sim:MTi-630"], "sim:MTi-630 is a port and has no end; --follow tells what comes"),
+        (["sim:MTi-630"], "sim:MTi-630 is a port and has no end; add --follow to print"),
         (["socket://127.0.0.1:1"], "is a port"),
-        ([WALK, "--baudrate", "9600"], "is no port and has no --baudrate"),
-        (["-", "--follow", "--baudrate", "9600"], "standard input is no port"),
-        (["sim:nonsense", "--follow"], "sim:nonsense is no port"),
+        ([WALK, "--baudrate", "9600"], "is not a port and has no --baudrate"),
+        (["-", "--follow", "--baudrate", "9600"], "standard input is not a port"),
+        (["sim:nonsense", "--follow"], "sim:nonsense is not a port"),
     ],
 )
 def test_ports_and_files_are_told_apart(args: list[str], words: str) -> None:
@@ -557,9 +559,9 @@ def test_a_terminal_is_a_port() -> None:
         os.close(slave)
         os.close(master)
     assert result.exit_code == 2
-    assert "--follow tells what comes until Ctrl-C" in " ".join(result.output.split())
+    assert "add --follow to print messages until Ctrl-C" in " ".join(result.output.split())
     # Other devices of the system are files, as they were.
-    assert sentence(run("dump", os.devnull)).startswith("no Xbus frame in /dev/null: it is empty")
+    assert sentence(run("dump", os.devnull)).startswith("no Xbus frame in /dev/null: the input is empty")
 
 
 def test_a_port_that_cannot_be_opened() -> None:
@@ -570,7 +572,7 @@ def test_a_port_that_cannot_be_opened() -> None:
 
 def test_pieces_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run("dump", FIELD).stdout
-    monkeypatch.setattr(command, "PIECE", 777)
+    monkeypatch.setattr(command, "BLOCK", 777)
     assert run("dump", FIELD).stdout == whole
 
 

@@ -18,7 +18,7 @@ from conftest import counter, damaged_streams, fine, shared, sound_streams
 from streams import frame, packet
 from test_cli import FIELD, WALK, run, sentence
 from xbus import MessageId, encode_frame
-from xbus.cli.page import page
+from xbus.cli.info_text import info_text
 from xbus.describe.log_summary import LogSummary
 
 
@@ -155,7 +155,7 @@ def test_standard_input() -> None:
     assert result.exit_code == 0
     assert result.stdout == f"standard input\n{FIELD_PAGE}"
     assert sentence(run("info", "-", stdin=b"")).startswith(
-        "no Xbus frame in standard input: it is"
+        "no Xbus frame in standard input: the input is empty"
     )
 
 
@@ -163,7 +163,7 @@ def test_standard_input() -> None:
 def test_page_has_80_columns(data: bytes) -> None:
     facts = facts_of(data)
     if facts.stats.frames:
-        assert max(map(len, page("log.mtb", facts).splitlines())) <= 80
+        assert max(map(len, info_text("log.mtb", facts).splitlines())) <= 80
 
 
 # The same for programs
@@ -314,7 +314,7 @@ def test_devices_count_by_themselves() -> None:
 
 def test_the_largest_gaps_are_shown() -> None:
     counts = np.cumsum([1, 2, 3, 2, 2, 9, 2, 7, 2, 5, 4])
-    text = page("x", facts_of(counted(*counts.tolist())))
+    text = info_text("x", facts_of(counted(*counts.tolist())))
     rows = text.partition("\ngaps\n")[2].splitlines()
     assert [row.split()[1] for row in rows[1:6]] == ["2", "8", "6", "4", "3"]
     assert rows[6] == "... and 5 smaller; --json lists all"

@@ -662,7 +662,7 @@ def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
         (["sim:MTi-630", "--once", "0"], "x>0"),
         (["sim:MTi-630", "--once", "1", "--speed", "2"], "--speed is for a recording"),
         ([WALK, "--once", "1", "--baudrate", "9600"], "has no --baudrate"),
-        (["sim:nonsense", "--once", "1"], "is no port"),
+        (["sim:nonsense", "--once", "1"], "is not a port"),
     ],
 )
 def test_wrong_call(args: list[str], said: str) -> None:

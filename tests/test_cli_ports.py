@@ -52,7 +52,7 @@ def test_no_port(machine: list[ListPortInfo]) -> None:
         result = run("ports", *args)
         assert (result.exit_code, result.stdout) == (
             0,
-            "no serial port; is the device plugged in?\n",
+            "no serial port; check the cable\n",
         )
 
 
@@ -103,7 +103,7 @@ def test_who_is_there(machine: list[ListPortInfo]) -> None:
     assert [it.split("  ")[-1].strip() for it in lines] == [
         "device",
         "MTi-680G-8A1G6 008000A1B2, firmware 1.8.0, 115200 baud",
-        "not asked",
+        "not identified",
     ]
     assert said[0] | {"port": "", "description": ""} == {
         "port": "",
@@ -134,6 +134,6 @@ def test_all_are_asked_where_none_says_xsens(
         said = {it["port"]: it for it in ports("--identify")}
         table = run("ports", "--identify").stdout
     assert said[path]["product_code"] == "MTi-3-8A7G6"
-    assert said["/dev/ttyS0"]["problem"] == "nothing was heard"
+    assert said["/dev/ttyS0"]["problem"] == "no answer"
     assert said["/dev/nowhere"]["problem"].startswith("cannot open /dev/nowhere: No such file or ")
-    assert table.count("nothing was heard") == 1
+    assert table.count("no answer") == 1

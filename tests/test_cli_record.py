@@ -177,8 +177,8 @@ def test_a_plug_that_is_put_in_again(tmp_path: Path) -> None:
         code, line = end(child)
     assert code == 0
     assert lines[0].startswith(f"xbus: {port}: the port is gone: unplugged")
-    assert lines[0].endswith("; waiting for it\n")
-    assert lines[1] == f"xbus: {port} is there again\n"
+    assert lines[0].endswith("; waiting for the port\n")
+    assert lines[1] == f"xbus: {port} is back\n"
     log = xbus.read_log(path)
     assert f" s, {len(log):,} samples, " in line
     assert np.diff(log.time).max() == pytest.approx(1.5, abs=0.7)
@@ -205,24 +205,24 @@ def test_a_full_disk(tmp_path: Path) -> None:
 
 
 def test_nothing_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.cli.record.SILENCE", 0.3)
+    monkeypatch.setattr("xbus.cli.record.MAX_SILENCE", 0.3)
     with serving(SimulatedDevice("MTi-630"), tcp=True) as port:
         with xbus.connect(port) as device, device.configure():
             device.set_output_configuration([])
         said = sentence(run("record", port, "-o", str(tmp_path / "log.mtb")))
     assert said == (
-        f"nothing comes from {port}: has it outputs (xbus send {port} --config ReqOutputConfiguration),"
-        " or does it wait for a trigger?"
+        f"{port} sends nothing: it waits for a trigger, or has no outputs; xbus config dump"
+        f" {port} shows the output configuration"
     )
 
 
 def test_silence_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.cli.record.SILENCE", 0.3)
+    monkeypatch.setattr("xbus.cli.record.MAX_SILENCE", 0.3)
     virtual = SimulatedDevice("MTi-630", faults=Faults.parse(["stall=2:1"], 0))
     with serving(virtual, tcp=True) as port:
         result = run("record", port, "-o", str(tmp_path / "log.mtb"), "--duration", "2.5")
     assert result.exit_code == 0
-    assert result.stderr.startswith("xbus: nothing has come for 0.3 s; the recording goes on\n")
+    assert result.stderr.startswith("xbus: no data for 0.3 s; the recording continues\n")
     assert result.stderr.count("\n") == 2
 
 
@@ -256,10 +256,10 @@ def test_a_line_that_changes_on_a_terminal(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        (["--rotate", "100"], "'100' is no size (100MB, 2GB) and no time (90s, 30min, 1h)"),
-        (["--rotate", "0MB"], "'0MB' is no size"),
-        (["--rotate", "1 day"], "'1 day' is no size"),
-        (["--rotate", ""], "'' is no size"),
+        (["--rotate", "100"], "'100' is neither a size (100MB, 2GB) nor a time (90s, 30min, 1h)"),
+        (["--rotate", "0MB"], "'0MB' is neither a size"),
+        (["--rotate", "1 day"], "'1 day' is neither a size"),
+        (["--rotate", ""], "'' is neither a size"),
         (["--output", "acceleration=fast"], "a rate is a whole number of Hz"),
         (["--output", "accelerations=1"], "no quantity is called 'accelerations'"),
         (["--output", "quaternion:UP=1"], "UP"),
@@ -291,7 +291,7 @@ def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
     path.write_bytes(b"yesterday's")
     result = run("record", "sim:MTi-3", "-o", str(path), "--duration", "1")
     assert result.exit_code == 1
-    assert sentence(result) == f"{path} is there; name another file, or add --overwrite"
+    assert sentence(result) == f"{path} exists; choose another name, or add --overwrite"
     assert path.read_bytes() == b"yesterday's"
     assert (
         run("record", "sim:MTi-3", "-o", str(path), "--duration", "1", "--overwrite").exit_code == 0
@@ -304,7 +304,7 @@ def test_a_pipe_is_no_file(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
     result = run("record", "sim:MTi-3", "-o", str(path))
-    assert sentence(result) == f"{path} is a pipe, and a recording goes to a file; name one"
+    assert sentence(result) == f"{path} is a pipe; a recording needs a file"
     with xbus.connect("sim:MTi-3") as device, pytest.raises(OSError, match="Illegal seek"):
         device.record(path)
 
@@ -329,5 +329,5 @@ def test_a_device_in_config_state_is_there_again_also_after_a_failure(
         device.go_to_config()
         device.set_output_configuration({})
     result = run("record", behind(virtual), "-o", str(tmp_path / "log.mtb"))
-    assert sentence(result).startswith("nothing comes from sim:MTi-630")
+    assert sentence(result).startswith("sim:MTi-630 sends nothing")
     assert virtual.state == State.CONFIG

@@ -86,7 +86,7 @@ def test_a_full_disk() -> None:
     if not full.exists():
         pytest.skip("no /dev/full")
     Path("it.html").symlink_to(full)
-    assert "No space left on device; free some room" in sentence(
+    assert "No space left on device; free some space" in sentence(
         run("report", WALK, "-o", "it.html")
     )
 

@@ -13,7 +13,7 @@ from click.testing import Result
 from streams import frame
 from test_cli import run, sentence, start
 from xbus import SimulatedDevice, connect
-from xbus.cli.exchange import Exchange, shown
+from xbus.cli.exchange import Exchange, show_exchange
 from xbus.device import Device
 from xbus.protocol import State
 from xbus.sim import serving
@@ -127,7 +127,7 @@ def test_samples_are_counted() -> None:
     assert result.stderr == ""
     result = run("send", AHS, "ReqData", "--wait", "0.25")
     assert result.stdout.splitlines() == ["> FA FF 34 00 CD            ReqData"]
-    assert result.stderr == "xbus: 25 samples meanwhile\n"
+    assert result.stderr == "xbus: 25 samples not shown\n"
 
 
 def test_listening_longer() -> None:
@@ -155,8 +155,8 @@ def test_a_mid_with_data() -> None:
 
 def test_bytes_that_are_no_frame_go_out_as_they_are() -> None:
     result = run("send", AHS, "--hex", "FA FF 30 00 D0")
-    assert result.stdout == "> FA FF 30 00 D0            5 bytes that are no frame: checksum\n"
-    assert (result.exit_code, result.stderr) == (0, "xbus: 50 samples meanwhile\n")
+    assert result.stdout == "> FA FF 30 00 D0            5 bytes without a frame: checksum\n"
+    assert (result.exit_code, result.stderr) == (0, "xbus: 50 samples not shown\n")
 
 
 def test_a_frame_is_shown_as_it_was_written() -> None:
@@ -167,7 +167,7 @@ def test_a_frame_is_shown_as_it_was_written() -> None:
 
 @pytest.mark.parametrize("words", ["", " ", "zz", "FA F", "3 0", "0x", "FA-FF"])
 def test_no_hex(words: str) -> None:
-    assert wrong(AHS, "--hex", words).endswith("is no hex; write bytes, such as FA FF 30 00 D1")
+    assert wrong(AHS, "--hex", words).endswith("is not hex; write bytes, such as FA FF 30 00 D1")
 
 
 def test_an_error_to_bytes_in_hex() -> None:
@@ -178,7 +178,7 @@ def test_an_error_to_bytes_in_hex() -> None:
     ]
     assert result.exit_code == 1
     assert result.stderr.splitlines() == [
-        "xbus: 50 samples meanwhile",
+        "xbus: 50 samples not shown",
         f"xbus: the device sent Error {INVALID}",
     ]
 
@@ -205,8 +205,8 @@ def test_a_device_is_left_as_it_was_found(behind: Callable[[SimulatedDevice], st
     [
         ("ReqDID", "add --config, or send GoToConfig first"),
         ("GoToMeasurement", "add --config, or send GoToConfig first"),
-        ("--config SetNoRotation 6", "leave out --config"),
-        ("WakeUpAck", "GoToConfig leads to Config State at any time"),
+        ("--config SetNoRotation 6", "remove --config"),
+        ("WakeUpAck", "send GoToConfig, which is valid in any state"),
     ],
 )
 def test_a_message_at_the_wrong_time(words: str, advice: str) -> None:
@@ -252,8 +252,11 @@ def test_wrong_call(words: str, says: str) -> None:
 @pytest.mark.parametrize(
     ("port", "says"),
     [
-        ("sim:MTi-63", "sim:MTi-63 is no port: no product is called 'MTi-63'; there are MTi-1, "),
-        ("bogus://x", "bogus://x is no port: invalid URL, protocol 'bogus' not known"),
+        (
+            "sim:MTi-63",
+            "sim:MTi-63 is not a port: no product is called 'MTi-63'; there are MTi-1, ",
+        ),
+        ("bogus://x", "bogus://x is not a port: invalid URL, protocol 'bogus' not known"),
     ],
 )
 def test_no_port(port: str, says: str) -> None:
@@ -263,10 +266,10 @@ def test_no_port(port: str, says: str) -> None:
 @pytest.mark.parametrize(
     ("port", "says"),
     [
-        ("nowhere", "No such file or directory; xbus ports lists those that are there"),
+        ("nowhere", "No such file or directory; xbus ports lists the serial ports"),
         (".", "Is a directory; xbus ports lists the serial ports"),
         ("/dev/null", "Inappropriate ioctl for device; xbus ports lists the serial ports"),
-        ("socket://127.0.0.1:1", "Connection refused; does anything listen there?"),
+        ("socket://127.0.0.1:1", "Connection refused; start the program that listens on it"),
     ],
 )
 def test_a_port_that_cannot_be_opened(port: str, says: str) -> None:
@@ -276,7 +279,10 @@ def test_a_port_that_cannot_be_opened(port: str, says: str) -> None:
 def test_a_port_that_is_taken() -> None:
     with serving(SimulatedDevice("MTi-630")) as port, connect(port):
         said = sentence(run("send", port, "ReqDID"))
-    assert said == f"cannot open {port}: Resource temporarily unavailable; another program uses it"
+    assert (
+        said
+        == f"cannot open {port}: Resource temporarily unavailable; close the program that uses it"
+    )
 
 
 @pytest.mark.parametrize(
@@ -391,9 +397,9 @@ SAMPLE = frame(0x36, bytes.fromhex("10 20 02 00 01"))
     ("state", "pieces", "lines"),
     [
         (State.MEASUREMENT, [SAMPLE[4:], SAMPLE[:7]], []),
-        (State.MEASUREMENT, [SAMPLE, b"\0\0\0", SAMPLE], ["3 bytes that are no frame: no preamble"]),
-        (State.CONFIG, [b"\0\0\0", frame(0x31)], ["3 bytes that are no frame: no preamble", "GoToConfigAck"]),
-        (State.CONFIG, [frame(0x31)[:4]], ["4 bytes that are no frame: truncated"]),
+        (State.MEASUREMENT, [SAMPLE, b"\0\0\0", SAMPLE], ["3 bytes without a frame: no preamble"]),
+        (State.CONFIG, [b"\0\0\0", frame(0x31)], ["3 bytes without a frame: no preamble", "GoToConfigAck"]),
+        (State.CONFIG, [frame(0x31)[:4]], ["4 bytes without a frame: truncated"]),
         (State.CONFIG, [frame(0x11), SAMPLE, SAMPLE[:4]], ["GoToMeasurementAck"]),
     ],
 )  # fmt: skip
@@ -402,7 +408,7 @@ def test_pieces_of_samples_are_no_damage(
 ) -> None:
     device = Device(Pieces(*pieces))
     device.session.state = state
-    with shown(device, as_json=False) as exchange:
+    with show_exchange(device, as_json=False) as exchange:
         for _ in pieces:
             exchange.read(1)
     assert [it[28:] for it in capsys.readouterr().out.splitlines()] == lines

@@ -210,7 +210,7 @@ def test_it_ends_after_so_long() -> None:
 @pytest.mark.parametrize(
     ("args", "said"),
     [
-        ([], "--product is missing; there are MTi-1, MTi-2"),
+        ([], "--product is missing; choose from MTi-1, MTi-2"),
         (["--product", "MTi-5"], "MTi-1, MTi-2"),
         (["--product", "MTi-3", "--trajectory", "loop"], "still, turn, tumble"),
         (["--product", "MTi-3", "--baudrate", "12345"], "does not support 12,345 baud"),
@@ -226,7 +226,7 @@ def test_it_ends_after_so_long() -> None:
         (["--product", "MTi-3", "--tcp", "0", "--link", "x"], "--link"),
         (["--product", "MTi-3", "--tcp", "here"], "--tcp takes [HOST:]PORT"),
         (["--product", "MTi-3", "--tcp", "1:70000"], "--tcp takes [HOST:]PORT"),
-        (["--replay", str(OWN_CAPTURES / "field.mtb")], "field.mtb names no product; choose a --product"),
+        (["--replay", str(OWN_CAPTURES / "field.mtb")], "field.mtb has no product; choose a --product"),
     ],
 )  # fmt: skip
 def test_wrong_calls(args: list[str], said: str) -> None:

@@ -205,7 +205,7 @@ def test_tables_fit_the_terminal(columns: int) -> None:
         assert max(map(len, text.splitlines())) <= columns
         assert set(names) <= set(text.split())
         head = text.partition("\u2500")[0].split()
-        told = f"A wider terminal or a pipe shows {spare} too."
+        told = f"A wider terminal or a pipe also shows {spare}."
         assert (told in text) == (spare.split(", ")[0] not in head) == (columns == 80)
 
 

@@ -1,6 +1,6 @@
 """The command line: ``xbus COMMAND``.
 
-What a command works with is imported when it runs: ``xbus --help`` waits for neither numpy nor rich.
+Commands import what they need when they run, so ``xbus --help`` loads neither numpy nor rich.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from typing import Any
 import click
 
 from xbus._core import __version__
-from xbus.cli.failure import guarded
+from xbus.cli.failure import handle_errors
 
 __all__ = ["main"]
 
-#: The module of each command, in the order in which help lists them.
+#: The module of each command, in the order of the help text.
 COMMANDS = {
     "info": "info",
     "decode": "decode",
@@ -39,37 +39,36 @@ COMMANDS = {
 
 
 class Commands(click.Group):
-    """Commands that are imported when they are asked for, and end in order whatever happens."""
+    """A group that imports a command when it is used, and converts errors to messages and exit status."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        """The names of the commands."""
+        """Returns the names of the commands."""
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """The command of this name."""
+        """Returns the command with this name."""
         if cmd_name not in COMMANDS:
             return None
         command = getattr(import_module(f"xbus.cli.{COMMANDS[cmd_name]}"), cmd_name)
-        assert isinstance(command, click.Command)  # noqa: S101 - the table above is ours
+        assert isinstance(command, click.Command)  # noqa: S101 - see COMMANDS
         return command
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
-        """Reads the arguments; ``--help`` and ``--version`` print here."""
-        with guarded():
+        """Parses the arguments; ``--help`` and ``--version`` print here."""
+        with handle_errors():
             return super().make_context(*args, **kwargs)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Runs the command."""
-        with guarded():
+        with handle_errors():
             return super().invoke(ctx)
 
 
 @click.group(
     cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Example: xbus info walk.mtb. Exit status: 0 done, 1 the work failed, 2 a wrong call, "
-    "130 stopped with Ctrl-C.",
+    epilog="Example: xbus info walk.mtb. Exit status: 0 success, 1 failure, 2 wrong usage, 130 Ctrl-C.",
 )
 @click.version_option(__version__, prog_name="xbus", message="%(prog)s %(version)s")
 def main() -> None:
-    """Xsens MTi motion trackers: reads their logs (.mtb files, raw bytes), and talks to devices."""
+    """Reads logs of Xsens MTi motion trackers (.mtb files, raw bytes), and talks to devices."""

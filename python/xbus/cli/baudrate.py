@@ -19,14 +19,14 @@ __all__ = ["baudrate"]
     "current",
     type=click.IntRange(1, 4_000_000),
     metavar="RATE",
-    help="The present rate; without it, the usual ones are tried.",
+    help="Current rate. Default: try the usual rates.",
 )
 def baudrate(port: str, rate: int, current: int | None) -> None:
     """Changes the baud rate of a device and of its port.
 
     The device restarts, answers at the new rate, and keeps it. If it was measuring, it measures again.
 
-    PORT is a serial port or a URL of pyserial that sets the rate of the port (rfc2217://HOST:PORT).
+    PORT is a serial port, or a pyserial URL that sets the rate of the port (rfc2217://HOST:PORT).
     """
     with connect_device(port, current) as device:
         name, old = device.link.name, device.link.baudrate
@@ -37,4 +37,4 @@ def baudrate(port: str, rate: int, current: int | None) -> None:
             raise
         except ValueError as error:
             raise Failure(f"{error}; nothing was changed") from None
-    click.echo(f"xbus: {name} talks at {rate:,} baud now, at {old:,} before", err=True)
+    click.echo(f"xbus: {name} uses {rate:,} baud now, before {old:,}", err=True)

@@ -1,4 +1,4 @@
-"""``xbus config``: the settings of a device as a file."""
+"""``xbus config``: settings of a device as a file."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from xbus.describe.formatting import format_count
 if TYPE_CHECKING:
     from xbus.device import Applied, ApplyError, Change, Device, Settings
 
-__all__ = ["applied", "config", "read_file"]
+__all__ = ["apply_settings", "config", "read_settings"]
 
 _port = click.argument("port")
 _file = click.argument("file", type=click.Path())
@@ -26,30 +26,29 @@ _file = click.argument("file", type=click.Path())
 
 @click.group(epilog="Example: xbus config dump /dev/ttyUSB0 -o mti.toml")
 def config() -> None:
-    """Settings of a device as a file: dumped, compared, applied.
+    """Reads, compares and applies settings as a file.
 
-    The file is TOML, with a comment above each setting. What is left out of it stays as it is on the
-    device.
+    The file is TOML with a comment above each setting. Settings that are not in the file do not change.
     """
 
 
 @config.command(epilog="Example: xbus config dump /dev/ttyUSB0 -o mti.toml")
 @_port
-@click.option("-o", "out", type=click.Path(), metavar="FILE", help="Write to FILE, not to stdout.")
+@click.option("-o", "out", type=click.Path(), metavar="FILE", help="Write to FILE instead of stdout.")
 @click.option(
-    "--json", "as_json", is_flag=True, help="One JSON object, which apply and diff do not read."
+    "--json", "as_json", is_flag=True, help="Write a JSON object, which apply and diff cannot read."
 )
 @baudrate_option
 def dump(port: str, out: str | None, as_json: bool, baudrate: int | None) -> None:
     """Reads all settings of a device.
 
-    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
     """
     from xbus.log.export import replacing
 
     with connect_device(port, baudrate) as device:
         settings = device.settings()
-    text = f"{json.dumps(_all(settings), indent=2)}\n" if as_json else settings.to_toml()
+    text = f"{json.dumps(_settings_dict(settings), indent=2)}\n" if as_json else settings.to_toml()
     if out is None:
         print_line(text.removesuffix("\n"))
         return
@@ -63,14 +62,14 @@ def dump(port: str, out: str | None, as_json: bool, baudrate: int | None) -> Non
 @config.command(epilog="Example: xbus config diff /dev/ttyUSB0 mti.toml")
 @_port
 @_file
-@click.option("--exit-code", is_flag=True, help="Exit status 1 if something differs.")
-@click.option("--json", "as_json", is_flag=True, help="A JSON list of the differences.")
+@click.option("--exit-code", is_flag=True, help="Exit with status 1 if there are differences.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list of the differences.")
 @baudrate_option
 def diff(port: str, file: str, exit_code: bool, as_json: bool, baudrate: int | None) -> None:
-    """Shows where a device and a file differ: - the device, + the file."""
+    """Shows the differences between a device (-) and a file (+)."""
     from xbus.device.settings import plan_settings
 
-    settings = read_file(file)
+    settings = read_settings(file)
     with connect_device(port, baudrate) as device, device.configure():
         planned = plan_settings(device, settings)
     changes = planned.changes
@@ -85,7 +84,7 @@ def diff(port: str, file: str, exit_code: bool, as_json: bool, baudrate: int | N
         for change in changes:
             print_line(str(change))
         if not changes:
-            click.echo("xbus: nothing differs", err=True)
+            click.echo("xbus: no differences", err=True)
     if exit_code and (changes or planned.is_other_product):
         raise click.exceptions.Exit(1)
 
@@ -93,20 +92,22 @@ def diff(port: str, file: str, exit_code: bool, as_json: bool, baudrate: int | N
 @config.command(epilog="Example: xbus config apply /dev/ttyUSB0 mti.toml --dry-run")
 @click.argument("ports", nargs=-1, required=True, metavar="PORT...")
 @_file
-@click.option("--dry-run", is_flag=True, help="Show what would be set, and set nothing.")
+@click.option("--dry-run", is_flag=True, help="Show the changes without applying them.")
 @click.option(
     "--force",
     is_flag=True,
-    help="Accept a file for another product, and leave out the settings that the device cannot have.",
+    help="Accept a file for another product, and skip settings that the device does not support.",
 )
 @click.option(
-    "--no-line", is_flag=True, help="Any output fits: PORT is no serial line (USB of the device)."
+    "--no-line",
+    is_flag=True,
+    help="Do not check the data rate against the baud rate: PORT is the USB port of the device.",
 )
 @click.option(
     "--json",
     "as_json",
     is_flag=True,
-    help="One JSON object: what was set and what not; for several ports a list.",
+    help="Print the result as a JSON object; for several ports as a list.",
 )
 @baudrate_option
 def apply(
@@ -118,16 +119,16 @@ def apply(
     as_json: bool,
     baudrate: int | None,
 ) -> None:
-    """Sets on a device what a file says otherwise.
+    """Applies a settings file to a device; only settings that differ are sent.
 
-    First shows what is going to be set: - as it is, + as it will be. Every setting is checked before the
-    first is sent, and read back. With several PORTs, each device is set in turn, and a table shows the
-    results; a problem with one device does not stop the others.
+    First prints the changes: - the old value, + the new value. All settings are checked before the first is
+    sent, and read back. With several PORTs, each device is set in turn, and a table shows the results; a
+    problem with one device does not stop the others.
     """
     from xbus.cli.config_bench import apply_to_all
     from xbus.device.settings import ApplyError
 
-    settings = read_file(file)
+    settings = read_settings(file)
     if len(ports) > 1:
         apply_to_all(
             ports,
@@ -141,7 +142,7 @@ def apply(
         return
     try:
         with connect_device(ports[0], baudrate) as device:
-            done = applied(
+            done = apply_settings(
                 device,
                 settings,
                 file,
@@ -152,21 +153,21 @@ def apply(
             )
     except Failure as failure:
         if as_json and isinstance(failure.__cause__, ApplyError):
-            print_json(_partly(failure.__cause__))
+            print_json(_partial_result(failure.__cause__))
         raise
     if as_json:
-        facts: dict[str, Any] = {
+        result: dict[str, Any] = {
             "changes": [_change(change) for change in done.changes],
             "rounded": [_change(change) for change in done.rounded],
             "skipped": list(done.skipped),
             "needs_reset": done.needs_reset,
             "dry_run": dry_run,
         }
-        print_json(facts)
+        print_json(result)
 
 
-def _all(settings: Settings) -> dict[str, Any]:
-    """All settings by name, as `_plain` has them."""
+def _settings_dict(settings: Settings) -> dict[str, Any]:
+    """Returns all known settings by name, for JSON."""
     from xbus.device.settings.table import SETTINGS
 
     values = {name: getattr(settings, name) for name in SETTINGS}
@@ -182,8 +183,8 @@ def _change(change: Change) -> dict[str, Any]:
     }
 
 
-def _partly(error: ApplyError) -> dict[str, Any]:
-    """What was applied before an error, and what not."""
+def _partial_result(error: ApplyError) -> dict[str, Any]:
+    """Returns which settings were applied before an error, for JSON."""
     return {
         "changes": [_change(change) for change in error.applied],
         "failed": error.failed.name,
@@ -193,18 +194,18 @@ def _partly(error: ApplyError) -> dict[str, Any]:
 
 
 def _plain(name: str, value: Any) -> Any:
-    """The value of a setting as a file has it, for JSON."""
+    """Returns the value of a setting as in a file, for JSON."""
     from xbus.describe.json_value import json_value
     from xbus.device.settings.table import SETTINGS
 
     return None if value is None else json_value(SETTINGS[name].converter.write(value))
 
 
-def read_file(file: str) -> Settings:
-    """The settings in a file.
+def read_settings(file: str) -> Settings:
+    """Returns the settings in a file.
 
     Raises:
-        Failure: It cannot be read, or means nothing.
+        Failure: The file cannot be read, or is not a settings file.
     """
     from xbus.device import Settings
 
@@ -219,11 +220,11 @@ def read_file(file: str) -> Settings:
 
 
 def _lines(file: str, problems: Sequence[str]) -> str:
-    """Problems of a file as a message: a line for each."""
+    """Returns the problems of a file as a message with a line for each."""
     return "\nxbus: ".join(f"{label(file)}: {problem}" for problem in problems)
 
 
-def applied(
+def apply_settings(
     device: Device,
     settings: Settings,
     file: str,
@@ -233,19 +234,19 @@ def applied(
     force: bool | None = None,
     show: bool = True,
 ) -> Applied:
-    """Sets what differs, and shows it before and how it went.
+    """Prints the changes, applies them and prints the result.
 
     Args:
         device: The device.
-        settings: The settings that it should have.
-        file: Where they are from, for messages.
-        dry_run: Whether to set nothing.
+        settings: The new settings.
+        file: The file with the settings, for messages.
+        dry_run: Whether to only print the changes.
         check_baudrate: As for `Device.apply`.
-        force: As for `Device.apply`; None for a command without the option.
-        show: Whether to show the changes.
+        force: As for `Device.apply`; None for a command without this option.
+        show: Whether to print the changes.
 
     Raises:
-        Failure: Something cannot be applied, and nothing was; or it was in part.
+        Failure: A setting cannot be applied and nothing was sent, or only a part was applied.
     """
     from xbus.device.settings import Applied, ApplyError, apply_plan, plan_settings
 
@@ -255,31 +256,32 @@ def applied(
         )
         if planned.problems:
             is_forceable = planned.is_other_product and force is False
-            advice = "; --force applies what fits" if is_forceable else ""
-            raise Failure(f"{_lines(file, planned.problems)}; nothing was sent{advice}")
+            remedy = "; --force applies the settings that the device supports" if is_forceable else ""
+            raise Failure(f"{_lines(file, planned.problems)}; nothing was sent{remedy}")
         for problem in planned.skipped:
-            click.echo(f"xbus: left out: {label(file)}: {problem}", err=True)
+            click.echo(f"xbus: skipped: {label(file)}: {problem}", err=True)
         if show:
             for change in planned.changes:
-                print_line(str(change), now=True)
+                print_line(str(change), flush=True)
         if not planned.changes or dry_run:
-            what = f"{format_count(len(planned.changes), 'setting')} would be set"
-            click.echo(f"xbus: {what if planned.changes else 'nothing differs'}", err=True)
+            number = format_count(len(planned.changes), "setting")
+            result = f"{number} would be set" if planned.changes else "no differences"
+            click.echo(f"xbus: {result}", err=True)
             return Applied(planned.changes, skipped=planned.skipped)
         try:
             done = apply_plan(device, planned)
         except ApplyError as error:
-            advice = f"apply {label(file)} again to go on"
+            remedy = f"apply {label(file)} again to continue"
             if show:
-                advice += "; the lines with - say what it was before"
-            raise Failure(f"{error.summary}; {advice}") from error
+                remedy += "; the lines with - show the old values"
+            raise Failure(f"{error.summary}; {remedy}") from error
         except BaseException as error:  # Ctrl-C, SIGTERM
             for note in getattr(error, "__notes__", ()):
                 click.echo(f"xbus: {note}", err=True)
             raise
     if show:
         for change in done.rounded:
-            text = f"xbus: the device rounds {change.name}; - the file, + in effect\n{change}"
+            text = f"xbus: the device rounds {change.name}: - the file, + the device\n{change}"
             click.echo(text, err=True)
     reset = "; ports and CAN change at the next reset" if done.needs_reset else ""
     click.echo(

@@ -100,5 +100,5 @@ def _result(row: dict[str, Any]) -> str:
     count = format_count(len(row["changes"]), "setting")
     text = f"{count} {'would be set' if row['dry_run'] else 'set'}"
     if not row["changes"]:
-        text = "nothing differs"
-    return f"{text}, {len(row['skipped'])} left out" if row["skipped"] else text
+        text = "no differences"
+    return f"{text}, {len(row['skipped'])} skipped" if row["skipped"] else text

@@ -1,4 +1,4 @@
-"""Devices that commands talk to."""
+"""Ports and devices of commands."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ if TYPE_CHECKING:
 
 __all__ = ["baudrate_option", "connect_device", "open_port", "port_lost"]
 
-#: How commands are told the rate of a port.
+#: The option for the baud rate of a port.
 baudrate_option = click.option(
     "--baudrate",
     type=click.IntRange(1, 4_000_000),
     metavar="RATE",
-    help="Bits per second; without it, the usual ones are tried.",
+    help="Bits per second. Default: try the usual rates.",
 )
 
-#: What to do about a port that cannot be opened.
-ADVICE = {
-    errno.ENOENT: "xbus ports lists those that are there",
-    errno.EACCES: "ask for the permission: mostly it is a group, dialout or uucp, that may use it",
-    errno.EAGAIN: "another program uses it",
-    errno.EBUSY: "another program uses it",
-    errno.ECONNREFUSED: "does anything listen there?",
+#: Remedies for a port that cannot be opened, by error number.
+REMEDIES = {
+    errno.ENOENT: "xbus ports lists the serial ports",
+    errno.EACCES: "get the permission, usually as a member of the group dialout or uucp",
+    errno.EAGAIN: "close the program that uses it",
+    errno.EBUSY: "close the program that uses it",
+    errno.ECONNREFUSED: "start the program that listens on it",
 }
 
 
 def connect_device(
     port: str, baudrate: int | None = None, *, bid: int = 0xFF, strings: Sequence[str] = ()
 ) -> Device:
-    """The device behind a port, as `xbus.connect` finds it.
+    """Returns the device on a port; the arguments are those of `xbus.connect`.
 
     Raises:
         Failure: The port cannot be opened.
-        UsageError: It cannot be a port at all.
-        XbusError: Nothing was heard.
+        UsageError: The name is not a port.
+        XbusError: The device does not answer.
     """
     from xbus.device import connect
 
@@ -53,11 +53,11 @@ def connect_device(
 
 
 def open_port(port: str, baudrate: int) -> Link:
-    """What carries the bytes of a port, to listen to: nothing is sent.
+    """Opens a port to listen; nothing is sent.
 
     Raises:
         Failure: The port cannot be opened.
-        UsageError: It cannot be a port at all.
+        UsageError: The name is not a port.
     """
     from xbus.device.link import open_link
 
@@ -72,22 +72,22 @@ def _opening(port: str) -> Iterator[None]:
     except XbusError:
         raise
     except OSError as error:
-        number, words = _cause(error)
-        advice = ADVICE.get(number, "xbus ports lists the serial ports")
-        raise Failure(f"cannot open {port}: {words}; {advice}") from error
+        number, text = _cause(error)
+        remedy = REMEDIES.get(number, "xbus ports lists the serial ports")
+        raise Failure(f"cannot open {port}: {text}; {remedy}") from error
     except ValueError as error:
-        raise click.UsageError(f"{port} is no port: {error}") from None
+        raise click.UsageError(f"{port} is not a port: {error}") from None
 
 
 def port_lost(port: str, error: OSError) -> Failure:
-    """The port went away while it was used."""
-    words = _cause(error)[1].removeprefix("the port is gone: ")
-    return Failure(f"{port} is gone: {words}; check the cable")
+    """Returns the failure of a port that is gone."""
+    text = _cause(error)[1].removeprefix("the port is gone: ")
+    return Failure(f"{port} is gone: {text}; check the cable")
 
 
 def _cause(error: OSError) -> tuple[int, str]:
-    """Number and words of what the system said; pyserial wraps it in a sentence of its own."""
+    """Returns number and text of a system error, also if pyserial has wrapped it."""
     match (error.__context__ or error).args:
-        case (int(number), str(words), *_):
-            return number, words
+        case (int(number), str(text), *_):
+            return number, text
     return 0, str(error)

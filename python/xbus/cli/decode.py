@@ -1,4 +1,4 @@
-"""``xbus decode``: a log as a table in a file."""
+"""``xbus decode``: writes a log as a table."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.export_target import check, summary, writing
+from xbus.cli.export_target import check_output, quality_text, writing
 from xbus.cli.failure import Failure
-from xbus.cli.inputs import Input, label, no_frame, strings_option, task
-from xbus.cli.printing import hint, print_json
+from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
+from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
 from xbus.describe.formatting import format_count
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["decode"]
 
-#: What writes a table as each kind of file, in `xbus.log.export`; an npz is no table.
+#: Functions of `xbus.log.export` that write a table, by suffix. An npz file is not a table.
 WRITERS = {
     ".parquet": "parquet",
     ".csv": "csv",
@@ -33,7 +33,7 @@ WRITERS = {
 
 
 def _out(ctx: click.Context, param: click.Parameter, value: str) -> str:  # noqa: ARG001 - click's
-    """A path whose suffix says what to write."""
+    """Returns a path with a known suffix."""
     if _suffix(value) not in WRITERS:
         raise click.BadParameter(f"{value!r} must end in one of {', '.join(WRITERS)}")
     return value
@@ -44,7 +44,7 @@ def _key(
     param: click.Parameter,  # noqa: ARG001
     value: str | None,
 ) -> EntryKey | None:
-    """A quantity by name, or by name and coordinates, as a log takes it; or a string output by name."""
+    """Returns the key of a quantity (name, or name and coordinates), or the name of a string type."""
     if value is None:
         return None
     from xbus.protocol.ids import Coordinates
@@ -56,15 +56,17 @@ def _key(
         return value
     if name not in QUANTITIES:
         raise click.BadParameter(
-            f"no quantity is called {name!r}; {hint(name, QUANTITIES, 'quantities')}"
+            f"no quantity is called {name!r}; {suggestion(name, QUANTITIES, 'quantities')}"
         )
     if not colon:
         return name
     systems = Coordinates.__members__ if QUANTITIES[name].coordinates else {}
     if not systems:
-        raise click.BadParameter(f"{name} has no coordinates; leave out {colon + coordinates!r}")
+        raise click.BadParameter(f"{name} has no coordinates; remove {colon + coordinates!r}")
     if coordinates.upper() not in systems:
-        raise click.BadParameter(f"{name} comes in {', '.join(systems)}, not {coordinates!r}")
+        raise click.BadParameter(
+            f"{name} has coordinates {', '.join(systems)}, not {coordinates!r}"
+        )
     return name, coordinates.upper()
 
 
@@ -78,20 +80,22 @@ def _key(
     callback=_out,
     metavar="OUT",
     required=True,
-    help="What to write: .parquet, .csv, .arrow, .feather or .npz.",
+    help="File to write: .parquet, .csv, .arrow, .feather or .npz.",
 )
 @click.option(
     "--quantity",
     "key",
     callback=_key,
     metavar="NAME",
-    help="Only this quantity, a row a packet, without nulls: acceleration, or quaternion:NED; or the"
-    " strings of a type: HEHDT.",
+    help="Write only this quantity, one row per packet, without nulls: acceleration or quaternion:NED; or "
+    "the strings of a type: HEHDT.",
 )
 @strings_option
-@click.option("--strict", is_flag=True, help="Fail at the first damage instead of skipping it.")
-@click.option("-q", "--quiet", is_flag=True, help="No progress and no summary on stderr.")
-@click.option("--json", "as_json", is_flag=True, help="The summary as a JSON object on stdout.")
+@click.option("--strict", is_flag=True, help="Fail at the first damage.")
+@click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
+@click.option(
+    "--json", "as_json", is_flag=True, help="Print the summary as a JSON object on stdout."
+)
 def decode(
     files: tuple[str, ...],
     out: str,
@@ -103,30 +107,30 @@ def decode(
 ) -> None:
     """Writes a log as one table: Parquet, CSV, Arrow or npz.
 
-    Several FILEs are one recording that was split, joined in the given order; - is standard input.
+    Several FILEs are joined in the given order, as pieces of one recording; - is standard input.
 
-    The table has a row for each sample and the columns sample, time in seconds on the device clock,
-    and acceleration_x and so on, in the units that xbus quantities lists. What a sample lacks is null.
-    Satellites are a table of their own: --quantity gnss_sat_info; so are the strings of each type.
+    The table has one row per sample. The columns are sample, time in seconds on the device clock, and the
+    quantities (acceleration_x, ...) in the units that xbus quantities lists. Missing values are null.
+    Satellites (--quantity gnss_sat_info) and the strings of each type are separate tables.
 
-    An .npz holds an array for each quantity instead, with NAME.sample and NAME.time beside it; with
-    --quantity only that one. OUT replaces what is there, and appears whole or not at all.
+    An .npz file contains an array for each quantity, with NAME.sample and NAME.time. An existing OUT is
+    replaced, and a failed run leaves no partial file.
     """
-    check(files, out)
+    check_output(files, out)
     if _suffix(out) != ".npz":
         from xbus.extras import require
 
         require("pyarrow", "arrow", f"to write {_suffix(out)} files")
-    with Progress(task(files[0]), shown=not quiet) as progress:
+    with Progress(reading_task(files[0]), shown=not quiet) as progress:
         log = _read(files, key, strings=strings, strict=strict, progress=progress)
         table = _table(log, key, ", ".join(map(label, files)), is_npz=_suffix(out) == ".npz")
         progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119
         rows, columns = _write(log, table, key, out)
     if as_json:
-        print_json(_facts(files, out, key, log, rows, columns))
+        print_json(_summary_dict(files, out, key, log, rows, columns))
     if not quiet:
         shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
-        click.echo(f"{label(out)}: {shape}; {summary(log)}", err=True)
+        click.echo(f"{label(out)}: {shape}; {quality_text(log)}", err=True)
 
 
 def _suffix(path: str) -> str:
@@ -149,17 +153,19 @@ def _read(
         try:
             log = read_log(source, strict=strict, quantities=quantities, strings=strings)
         except DecodeError as error:
-            what, _, _ = str(error).partition(";")
-            joined = f", which is {source.place(error.offset)}" if len(files) > 1 else ""
+            problem, _, _ = str(error).partition(";")
+            where = f", which is {source.locate(error.offset)}" if len(files) > 1 else ""
             names = ", ".join(map(label, files))
-            raise Failure(f"{names}: {what}{joined}; leave out --strict to read on") from error
+            raise Failure(
+                f"{names}: {problem}{where}; without --strict, damage is skipped"
+            ) from error
     if not len(log) and not len(log.messages) and not log.stats.strings:
         raise no_frame(files, log.stats.bytes)
     return log
 
 
 def _write(log: Log, table: Any, key: EntryKey | None, out: str) -> tuple[int, int]:
-    """Writes OUT; its rows and columns, of an npz samples and quantities."""
+    """Writes OUT and returns its rows and columns; for an npz file its samples and quantities."""
     writer = WRITERS[_suffix(out)]
     if writer is None and isinstance(key, str) and _is_string(key):
         from xbus.log import export
@@ -185,24 +191,26 @@ def _write(log: Log, table: Any, key: EntryKey | None, out: str) -> tuple[int, i
 
 
 def _table(log: Log, key: EntryKey | None, names: str, *, is_npz: bool) -> Any:
-    """What is written: the log, the column of a quantity, or the table of a type of string."""
+    """Returns what to write: the log, the column of a quantity, or the table of a string type."""
     if key is None:
         if not len(log) and not is_npz and log.strings.counts:
-            found = ", ".join(it or "others" for it in log.strings.counts)
-            raise Failure(f"{names} holds no sample but strings: {found}; name one with --quantity")
+            found = ", ".join(name or "others" for name in log.strings.counts)
+            raise Failure(
+                f"{names} has no samples, only strings: {found}; choose a type with --quantity"
+            )
         return log
     name = key if isinstance(key, str) else key[0]
     if _is_string(key):
         if name not in log.strings.counts:
-            raise Failure(f"no {name} in {names}; xbus info lists what is there")
+            raise Failure(f"no {name} in {names}; xbus info lists the content")
         return None if is_npz else log.strings.to_arrow(name)
-    systems = [it for it in log if isinstance(it, tuple) and it[0] == name]
+    systems = [found for found in log if isinstance(found, tuple) and found[0] == name]
     if systems and isinstance(key, str):
         choices = " or ".join(map(":".join, systems))
-        raise Failure(f"{names} has {name} in several coordinates; ask for --quantity {choices}")
+        raise Failure(f"{names} has {name} in several coordinates; choose --quantity {choices}")
     if key not in log:
-        asked = key if isinstance(key, str) else ":".join(key)
-        raise Failure(f"no {asked} in {names}; xbus info lists what is there")
+        text = key if isinstance(key, str) else ":".join(key)
+        raise Failure(f"no {text} in {names}; xbus info lists the content")
     return log[key]
 
 
@@ -212,10 +220,10 @@ def _is_string(key: EntryKey) -> bool:
     return key in StringType.__members__
 
 
-def _facts(
+def _summary_dict(
     files: Sequence[str], out: str, key: EntryKey | None, log: Log, rows: int, columns: int
 ) -> dict[str, Any]:
-    """The summary for programs."""
+    """Returns the summary for JSON."""
     stats = log.stats
     return {
         "files": list(files),

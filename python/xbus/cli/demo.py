@@ -1,4 +1,4 @@
-"""``xbus demo``: all of it once, on a virtual device."""
+"""``xbus demo``: a tour of xbus with a virtual device."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["demo"]
 
-#: What is asked for, at the highest rate, of what the product has.
-WANTED = (
+#: Quantities to output at their highest rates, if the product has them.
+QUANTITIES = (
     "packet_counter",
     "sample_time_fine",
     "utc_time",
@@ -39,15 +39,15 @@ WANTED = (
     "gnss_pvt_data",
     "status_word",
 )
-#: Reals of 32 bits would tell metres apart only.
-FINE = ("lat_lon", "altitude_ellipsoid")
-#: What is drawn.
-DRAWN = ("acceleration_hr", "rate_of_turn_hr")
-#: Characters in a curve, and those it is made of; the latter where the terminal has no such ones.
+#: Quantities that Float32 would resolve only to metres.
+PRECISE = ("lat_lon", "altitude_ellipsoid")
+#: Quantities to plot.
+PLOTTED = ("acceleration_hr", "rate_of_turn_hr")
+#: Width of a text plot, and its characters for terminals with and without Unicode.
 WIDTH = 56
-BARS, PLAIN_BARS = "▁▂▃▄▅▆▇█", "_.-~=+*#"
-#: Seconds from power-up to when a virtual receiver has its first fix, and some more.
-FIXED = 5.0
+BARS, ASCII_BARS = "▁▂▃▄▅▆▇█", "_.-~=+*#"
+#: Time after power-up when a virtual receiver certainly has a fix, in seconds.
+FIX_TIME = 5.0
 
 
 @click.command(epilog="Example: xbus demo --folder /tmp/demo")
@@ -57,7 +57,7 @@ FIXED = 5.0
     default="xbus-demo",
     show_default=True,
     metavar="DIR",
-    help="Where the files go.",
+    help="Folder for the files.",
 )
 @click.option(
     "--seconds",
@@ -65,20 +65,23 @@ FIXED = 5.0
     default=3,
     show_default=True,
     metavar="S",
-    help="How long to record.",
+    help="Duration of the recording.",
 )
 @click.option(
-    "--product", default="MTi-680G", show_default=True, metavar="NAME", help="Which virtual device."
+    "--product",
+    default="MTi-680G",
+    show_default=True,
+    metavar="NAME",
+    help="Product of the virtual device.",
 )
 def demo(folder: str, seconds: float, product: str) -> None:
-    """From connecting to a picture, with a virtual device.
+    """Records, decodes and plots data of a virtual device.
 
-    It is configured to send all that it can as fast as it can, on a port like that of a real one; that is
-    recorded, decoded, summarised and drawn. The table is Parquet where pyarrow is installed (the extra
-    arrow), else an npz. The picture is a PNG where matplotlib is installed (the extra plot), else a few
-    lines on the terminal.
+    Configures a virtual device to send many quantities at their highest rates, records and decodes them,
+    and prints a summary. Writes a Parquet table if pyarrow is installed (extra arrow), else an npz file.
+    Plots to a PNG file if matplotlib is installed (extra plot), else to the terminal.
     """
-    from xbus.cli.page import page
+    from xbus.cli.info_text import info_text
     from xbus.describe.log_summary import LogSummary
     from xbus.log.read import iter_log, read_log
 
@@ -86,20 +89,22 @@ def demo(folder: str, seconds: float, product: str) -> None:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _record(path, seconds, product)
-        print_line("\n" + page(label(str(path)), LogSummary(iter_log(path))) + "\n", now=True)
+        print_line(
+            "\n" + info_text(label(str(path)), LogSummary(iter_log(path))) + "\n", flush=True
+        )
         log = read_log(path)
         files = [path, _table(log, path)]
-        if (picture := _picture(log, path)) is not None:
-            files.append(picture)
+        if (plot := _plot(log, path)) is not None:
+            files.append(plot)
         else:
             print_line("\n".join(_curves(log)) + "\n")
     except OSError as error:
         raise cannot(f"write to {label(error.filename or folder)}", error) from error
-    print_line("\n".join(f"written: {label(str(it))}" for it in files))
+    print_line("\n".join(f"wrote {label(str(file))}" for file in files))
 
 
 def _record(path: Path, seconds: float, product: str) -> None:
-    """Records a virtual device, which a thread serves as a program of its own would."""
+    """Records a virtual device that a thread serves on a port."""
     from xbus.device import connect
     from xbus.sim import SimulatedDevice, serving
 
@@ -107,24 +112,24 @@ def _record(path: Path, seconds: float, product: str) -> None:
         virtual = SimulatedDevice(product, noise=1)
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    virtual.advance(FIXED)
+    virtual.advance(FIX_TIME)
     virtual.read()
     with serving(virtual, tcp=not hasattr(os, "openpty")) as port, connect(port) as device:
         with device.configure():
-            print_line(f"connected:  {device.product_code}, virtual, on {port}", now=True)
+            print_line(f"connected:  {device.product_code}, virtual, on {port}", flush=True)
             assert device.support is not None  # noqa: S101 - the virtual products are all known
-            names = [it for it in WANTED if device.support.rates_of(it)]
-            wanted = {(it, "Fp1632") if it in FINE else it: None for it in names}
-            # There is no line with a baud rate behind this port.
-            outputs = device.set_output_configuration(wanted, check_baudrate=False)
-            print_line(f"configured: {len(outputs)} quantities at their highest rates", now=True)
+            names = [name for name in QUANTITIES if device.support.rates_of(name)]
+            rates = {(name, "Fp1632") if name in PRECISE else name: None for name in names}
+            # This port is not a serial line and has no baud rate.
+            outputs = device.set_output_configuration(rates, check_baudrate=False)
+            print_line(f"configured: {len(outputs)} quantities at their highest rates", flush=True)
         with device.record(path, overwrite=True) as recording:
-            time.sleep(seconds)  # the recording goes on by itself
-    print_line(f"recorded:   {recording.bytes:,} bytes in {seconds:g} s", now=True)
+            time.sleep(seconds)  # the recording runs in the background
+    print_line(f"recorded:   {recording.bytes:,} bytes in {seconds:g} s", flush=True)
 
 
 def _table(log: Log, path: Path) -> Path:
-    """The file with the numbers."""
+    """Writes the table and returns its path."""
     try:
         table = path.with_suffix(".parquet")
         log.to_parquet(table)
@@ -134,17 +139,17 @@ def _table(log: Log, path: Path) -> Path:
     return table
 
 
-def _drawn(log: Log) -> list[Column]:
-    return [log[it] for it in DRAWN if it in log]
+def _plotted(log: Log) -> list[Column]:
+    return [log[name] for name in PLOTTED if name in log]
 
 
-def _picture(log: Log, path: Path) -> Path | None:
-    """The file with the picture, where matplotlib is installed."""
+def _plot(log: Log, path: Path) -> Path | None:
+    """Writes the plot and returns its path; None without matplotlib."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
         return None
-    columns = _drawn(log)
+    columns = _plotted(log)
     figure = Figure(figsize=(9, 3 * len(columns)), layout="constrained")
     for axes, column in zip(
         figure.subplots(len(columns), squeeze=False)[:, 0], columns, strict=True
@@ -152,24 +157,25 @@ def _picture(log: Log, path: Path) -> Path | None:
         axes.plot(column.time - log.time[0], column.values, linewidth=0.8, label=column.fields)
         axes.set(ylabel=f"{column.name}, {column.unit}", xlabel="time, s")
         axes.legend(loc="upper right")
-    picture = path.with_suffix(".png")
-    figure.savefig(picture, dpi=150)
-    return picture
+    plot = path.with_suffix(".png")
+    figure.savefig(plot, dpi=150)
+    return plot
 
 
 def _curves(log: Log) -> Iterator[str]:
-    """The picture in lines of text."""
+    """Yields the plot as lines of text."""
     import numpy as np
 
     encoding = getattr(sys.stdout, "encoding", None) or "ascii"
-    bars = BARS if BARS.encode(encoding, "ignore").decode(encoding) == BARS else PLAIN_BARS
-    for column in _drawn(log):
+    bars = BARS if BARS.encode(encoding, "ignore").decode(encoding) == BARS else ASCII_BARS
+    for column in _plotted(log):
         yield bold(f"{column.name}, {column.unit}")
         rows = []
         for name, values in zip(column.fields, column.values.T, strict=True):
-            means = [float(it.mean()) for it in np.array_split(values, min(WIDTH, len(values)))]
+            parts = np.array_split(values, min(WIDTH, len(values)))
+            means = [float(part.mean()) for part in parts]
             low, high = min(means), max(means)
             scale = (len(bars) - 1) / ((high - low) or 1)
-            curve = "".join(bars[round((it - low) * scale)] for it in means)
+            curve = "".join(bars[round((mean - low) * scale)] for mean in means)
             rows.append((name, f"{low:.2f}", curve, f"{high:.2f}"))
         yield from align(rows, right=(1, 3))

@@ -1,4 +1,4 @@
-"""``xbus dump``: message by message."""
+"""``xbus dump``: one line per message."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from typing import TYPE_CHECKING, NoReturn
 import click
 
 from xbus.cli.connection import open_port, port_lost
-from xbus.cli.inputs import Input, label, no_frame, strings_option, task
+from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
 from xbus.cli.printing import find_name, is_terminal, print_line
 from xbus.cli.progress import Progress
 from xbus.describe.formatting import format_count
 
 if TYPE_CHECKING:
-    from xbus.cli.dump_lines import Teller
+    from xbus.cli.dump_lines import DumpFormatter
 
 __all__ = ["dump"]
 
-#: Bytes read at a time.
-PIECE = 1 << 18
-#: Seconds between two looks at a file that may have grown.
+#: Bytes to read at a time.
+BLOCK = 1 << 18
+#: Interval to check whether a file has grown, in seconds.
 INTERVAL = 0.1
-#: Bits per second of a port, unless told otherwise: the rate of a new device. Trying others would be asking.
+#: Default bits per second: the rate of a new device. Trying other rates would send requests.
 BAUDRATE = 115_200
 
 
@@ -36,8 +36,8 @@ def _mids(
     param: click.Parameter,  # noqa: ARG001
     values: tuple[str, ...],
 ) -> list[int | str]:
-    """Messages as they were asked for: numbers, and names in the manual's spelling."""
-    return [_mid(it) for it in values]
+    """Returns messages as numbers, or names in the spelling of the manual."""
+    return [_mid(value) for value in values]
 
 
 def _mid(value: str) -> int | str:
@@ -46,9 +46,9 @@ def _mid(value: str) -> int | str:
     try:
         mid = int(value, 0)
     except ValueError:
-        return find_name(value, (it.name for it in MESSAGES.values()), "message", "messages")
+        return find_name(value, (row.name for row in MESSAGES.values()), "message", "messages")
     if not 0 <= mid <= 0xFF:
-        raise click.BadParameter(f"a message identifier is a byte, not {value}")
+        raise click.BadParameter(f"{value} is not a message identifier; use 0 to 255, or a name")
     return mid
 
 
@@ -60,18 +60,20 @@ def _mid(value: str) -> int | str:
     multiple=True,
     callback=_mids,
     metavar="MID",
-    help="Only this message, by name or number (0x36), no strings, no damage; repeatable.",
+    help="Print only this message, by name or number (0x36), without strings and damage; repeatable.",
 )
 @strings_option
-@click.option("--follow", is_flag=True, help="Wait for more when the file ends, until Ctrl-C.")
+@click.option(
+    "--follow", is_flag=True, help="Wait for more data at the end of the file, until Ctrl-C."
+)
 @click.option(
     "--baudrate",
     type=click.IntRange(1, 4_000_000),
     metavar="RATE",
-    help=f"Bits per second of PORT; {BAUDRATE} if not given.",
+    help=f"Bits per second of PORT. Default: {BAUDRATE}.",
 )
-@click.option("--no-hex", is_flag=True, help="Leave out the frame in hex.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--no-hex", is_flag=True, help="Omit the frame in hex.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 def dump(
     file: str,
     wanted: list[int | str],
@@ -81,54 +83,52 @@ def dump(
     no_hex: bool,
     as_json: bool,
 ) -> None:
-    """One line per message, in words and in hex.
+    """Prints one line per message, as text and in hex.
 
-    A line has the offset of the frame in bytes, the time in seconds on the device clock, as sent (it
-    wraps), the name, what the message says, and the frame. Precision and coordinates stand in
-    parentheses where they are not Float32 and ENU. Strings and damage have lines of their own.
+    A line has the byte offset of the frame, the time in seconds on the device clock (as sent; it wraps), the
+    name, the content, and the frame. Precision and coordinates are in parentheses unless they are Float32 and
+    ENU. Strings and damage have separate lines.
 
-    FILE may be a pipe, or - for standard input; it is told as it comes. With --follow also a PORT, a
-    serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT: all that comes, whatever it is.
-    Nothing is sent to the device.
+    FILE can be a pipe, or - for standard input. With --follow it can also be a PORT: a serial port, a
+    pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. Nothing is sent to the device.
     """
-    from xbus.cli.dump_lines import Teller
+    from xbus.cli.dump_lines import DumpFormatter
 
-    def new() -> Teller:
-        return Teller(wanted, strings=strings, with_hex=not no_hex, as_json=as_json)
+    def new_formatter() -> DumpFormatter:
+        return DumpFormatter(wanted, strings=strings, with_hex=not no_hex, as_json=as_json)
 
     is_port = _is_port(file)
     if is_port and not follow:
         raise click.UsageError(
-            f"{label(file)} is a port and has no end; --follow tells what comes until Ctrl-C"
+            f"{label(file)} is a port and has no end; add --follow to print messages until Ctrl-C"
         )
     if not is_port and baudrate is not None:
-        raise click.UsageError(f"{label(file)} is no port and has no --baudrate")
-    teller = new()
+        raise click.UsageError(f"{label(file)} is not a port and has no --baudrate")
+    formatter = new_formatter()
     if is_port:
-        _listen(file, baudrate or BAUDRATE, teller)
+        _listen(file, baudrate or BAUDRATE, formatter)
         return
-    # Where the lines themselves are seen to move, a bar would be in their way.
+    # A progress bar would mix with lines on the terminal.
     quiet = follow or is_terminal()
     with (
-        Progress(task(file), shown=not quiet) as progress,
+        Progress(reading_task(file), shown=not quiet) as progress,
         Input([file], progress) as source,
     ):
         for data in _pieces(source, follow=follow):
             if data is None:
-                click.echo(
-                    f"xbus: {label(file)} was cut short; reading it from its beginning", err=True
-                )
-                teller = new()
-            elif lines := teller.feed(data):
-                print_line("\n".join(lines), now=True)
-        if lines := teller.close():
+                text = f"{label(file)} was truncated; reading from its start"
+                click.echo(f"xbus: {text}", err=True)
+                formatter = new_formatter()
+            elif lines := formatter.feed(data):
+                print_line("\n".join(lines), flush=True)
+        if lines := formatter.close():
             print_line("\n".join(lines))
-    if not teller.frames:
-        raise no_frame([file], teller.size)
+    if not formatter.frames:
+        raise no_frame([file], formatter.size)
 
 
 def _is_port(name: str) -> bool:
-    """Whether this names a port: a URL, a virtual device, or a terminal, which is what systems call ports."""
+    """Returns whether this is a port: a URL, a virtual device, or a terminal device of the system."""
     if "://" in name or name.startswith("sim:"):
         return True
     if os.name == "nt":
@@ -140,7 +140,7 @@ def _is_port(name: str) -> bool:
 
 
 def _is_terminal(name: str) -> bool:
-    """Whether a device of the system is a terminal, and not such as /dev/null; one that is in use is."""
+    """Returns whether a character device is a terminal, unlike /dev/null; a device in use counts as one."""
     try:
         number = os.open(name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
     except OSError:
@@ -151,8 +151,8 @@ def _is_terminal(name: str) -> bool:
         os.close(number)
 
 
-def _listen(port: str, baudrate: int, teller: Teller) -> NoReturn:
-    """Tells what comes from a port until it is gone."""
+def _listen(port: str, baudrate: int, formatter: DumpFormatter) -> NoReturn:
+    """Prints the messages of a port until it is gone."""
     link = open_port(port, baudrate)
     dropped = 0
     try:
@@ -160,29 +160,29 @@ def _listen(port: str, baudrate: int, teller: Teller) -> NoReturn:
             try:
                 data = link.read(INTERVAL).data
             except OSError as error:
-                if lines := teller.close():
-                    print_line("\n".join(lines), now=True)
+                if lines := formatter.close():
+                    print_line("\n".join(lines), flush=True)
                 raise port_lost(port, error) from error
             before, dropped = dropped, link.acquisition.stats()["dropped_bytes"]
             if dropped > before:
                 lost = format_count(dropped - before, "byte")
-                click.echo(f"xbus: {lost} came while nobody read the lines, and are lost", err=True)
-            # Silence is an end: what is incomplete then is damage, and holds nothing back that comes later.
-            if lines := teller.feed(data) if data else teller.close():
-                print_line("\n".join(lines), now=True)
+                click.echo(f"xbus: {lost} lost: the reader of the output is too slow", err=True)
+            # After a silence an incomplete frame is damage, so that it does not delay later messages.
+            if lines := formatter.feed(data) if data else formatter.close():
+                print_line("\n".join(lines), flush=True)
     finally:
         link.close()
 
 
 def _pieces(source: Input, *, follow: bool) -> Iterator[bytes | None]:
-    """The bytes as they come; None where the file begins anew."""
+    """Yields the bytes; None if the file was truncated and is read again."""
     source.open_next()
     while True:
-        if data := source.read_here(PIECE):
+        if data := source.read_current(BLOCK):
             yield data
         elif not follow or not source.is_regular:
             return
-        elif source.rewind_if_cut():
+        elif source.rewind_if_truncated():
             yield None
         else:
             time.sleep(INTERVAL)

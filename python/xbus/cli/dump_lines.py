@@ -14,24 +14,24 @@ from xbus.wire.codec import Damage, Scanner
 from xbus.wire.message import Message
 from xbus.wire.strings import String
 
-__all__ = ["Teller"]
+__all__ = ["DumpFormatter"]
 
-#: Bytes that are kept for the hex. A frame is told once the one behind it is there, so two of the longest.
+#: Bytes to keep for the hex: two of the longest frames, because a frame is found after the one behind it.
 KEPT = 2 * (LONGEST + 7)
 
 
-class Teller:
-    """Bytes to lines.
+class DumpFormatter:
+    """Converts bytes to lines.
 
     Args:
-        wanted: Names and numbers of messages; all messages, strings and damage if empty.
-        strings: Strings to look for: see `read_log`.
-        with_hex: Whether each line ends with the frame, or the bytes of the string.
-        as_json: JSON instead of words.
+        wanted: Names and numbers of messages; if empty, all messages, strings and damage.
+        strings: String types to parse, as in `read_log`.
+        with_hex: Whether each line ends with the bytes of the frame or string.
+        as_json: Whether lines are JSON objects instead of text.
 
     Attributes:
-        frames: How many frames and strings were found, wanted or not.
-        size: Bytes that were fed.
+        frames: Number of frames and strings, wanted or not.
+        size: Number of bytes.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class Teller:
         with_hex: bool,
         as_json: bool,
     ) -> None:
-        # The limit of a log, so that it is what `read_log` finds.
+        # The same limit as in `read_log`, with the same result.
         self._scanner = Scanner(LONGEST, strings=strings)
         self._wanted = frozenset(wanted)
         self._hex = with_hex
@@ -52,7 +52,7 @@ class Teller:
         self.size = 0
 
     def feed(self, data: bytes) -> list[str]:
-        """The lines that can be told with these bytes."""
+        """Returns the lines that these bytes complete."""
         self.size += len(data)
         self._kept += data
         lines = self._lines(self._scanner.feed(data))
@@ -60,28 +60,28 @@ class Teller:
         return lines
 
     def close(self) -> list[str]:
-        """The lines that can be told now that no more bytes come."""
+        """Returns the last lines."""
         return self._lines(self._scanner.close())
 
     def _lines(self, found: Iterable[Message | String | Damage]) -> list[str]:
         lines = []
-        for it in found:
-            if isinstance(it, Damage):
+        for item in found:
+            if isinstance(item, Damage):
                 if not self._wanted:
-                    lines.append(_damage(it, as_json=self._json))
+                    lines.append(_damage(item, as_json=self._json))
                 continue
             self.frames += 1
-            if isinstance(it, String):
+            if isinstance(item, String):
                 if not self._wanted:
-                    lines.append(_string(it, with_hex=self._hex, as_json=self._json))
+                    lines.append(_string(item, with_hex=self._hex, as_json=self._json))
                 continue
-            if not self._wanted or it.mid in self._wanted or it.name in self._wanted:
-                frame = self._frame(it) if self._hex else None
-                lines.append(_facts(it, frame) if self._json else _words(it, frame))
+            if not self._wanted or item.mid in self._wanted or item.name in self._wanted:
+                frame = self._frame(item) if self._hex else None
+                lines.append(_json(item, frame) if self._json else _text(item, frame))
         return lines
 
     def _frame(self, message: Message) -> bytes:
-        """The frame of a message, byte by byte as it came."""
+        """Returns the received bytes of a message."""
         at = message.offset - (self.size - len(self._kept))
         frame = bytes(self._kept[at:])
         return frame[: _core.frame_size(frame)]
@@ -101,15 +101,15 @@ def _string(string: String, *, with_hex: bool, as_json: bool) -> str:
     return f"{line}  | {string.data.hex(' ').upper()}" if with_hex else line
 
 
-def _words(message: Message, frame: bytes | None) -> str:
+def _text(message: Message, frame: bytes | None) -> str:
     stamp = ""
     if message.mid == MessageId.MTData2:
         packets = _core.packets(message.payload)
         if (at := _core.time_stamp(message.payload)) is not None:
             stamp = f"{at:.4f}"
-        parts = [describe_packet(it) for it in packets]
+        parts = [describe_packet(packet) for packet in packets]
         if not _core.is_sample(message.payload):
-            parts.append("malformed: its packets do not fill it")
+            parts.append("malformed: the packets do not fill the message")
         text = "; ".join(parts)
     else:
         text = describe_message(message)
@@ -119,14 +119,14 @@ def _words(message: Message, frame: bytes | None) -> str:
     return line if frame is None else f"{line}  | {frame.hex(' ').upper()}"
 
 
-def _facts(message: Message, frame: bytes | None) -> str:
+def _json(message: Message, frame: bytes | None) -> str:
     facts: dict[str, Any] = {"offset": message.offset}
     if message.mid == MessageId.MTData2:
         packets = _core.packets(message.payload)
         facts |= {"bid": message.bid, "mid": message.mid, "name": message.name}
         facts["time_s"] = _core.time_stamp(message.payload)
         facts["malformed"] = not _core.is_sample(message.payload)
-        facts["packets"] = [packet_dict(it) for it in packets]
+        facts["packets"] = [packet_dict(packet) for packet in packets]
     else:
         facts |= message_dict(message)
     if frame is not None:

@@ -1,4 +1,4 @@
-"""What goes over the link of a device, line by line."""
+"""The messages on the link of a device, one line each."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from xbus.wire.link import Received
 from xbus.wire.message import Message
 from xbus.wire.strings import String
 
-__all__ = ["Exchange", "shown"]
+__all__ = ["Exchange", "show_exchange"]
 
 
 @contextlib.contextmanager
-def shown(device: Device, *, as_json: bool) -> Iterator[Exchange]:
-    """Shows what goes over the link of a device, also if that ends badly."""
+def show_exchange(device: Device, *, as_json: bool) -> Iterator[Exchange]:
+    """Shows the messages on the link of a device, also if an exception ends the exchange."""
     link = device.link
     exchange = Exchange(device, as_json=as_json)
     device.link = exchange
@@ -39,14 +39,14 @@ def shown(device: Device, *, as_json: bool) -> Iterator[Exchange]:
 
 
 class Exchange:
-    """A link that shows what goes over it.
+    """A link that shows the messages on another link.
 
     Args:
-        device: Whose link it takes the place of.
-        as_json: JSON instead of words.
+        device: The device with the other link.
+        as_json: Whether to print JSON instead of text.
 
     Attributes:
-        error: What the last Error says that came; None if there was none.
+        error: The last Error message; None if there was none.
     """
 
     def __init__(self, device: Device, *, as_json: bool) -> None:
@@ -58,7 +58,7 @@ class Exchange:
         self._scanner = Scanner()
         self._command = ""
         self._samples = self._strings = 0
-        # Where samples come, the first bytes and the last ones may be a piece of one.
+        # In a stream of samples the first and the last bytes can be parts of a frame.
         self._streams = device.state != State.CONFIG
 
     @property
@@ -72,95 +72,95 @@ class Exchange:
 
     @property
     def epoch(self) -> int:
-        """What to add to an arrival, in ns, for the time since 1970."""
+        """Offset in ns from arrival times to the time since 1970."""
         return self._link.epoch
 
     @property
     def trouble(self) -> str | None:
-        """What is wrong with the port."""
+        """The problem of the port, or None."""
         return self._link.trouble
 
     def write(self, data: bytes) -> None:
-        """Sends."""
+        """Sends bytes."""
         scanner = Scanner()
         found = [*scanner.feed(data), *scanner.close()]
-        ends = [*(it.offset for it in found[1:]), len(data)]
-        for it, end in zip(found, ends, strict=True):
-            self._show(">", it, data[it.offset : end])
-            self._command = it.name if isinstance(it, Message) else ""
+        ends = [*(item.offset for item in found[1:]), len(data)]
+        for item, end in zip(found, ends, strict=True):
+            self._print(">", item, data[item.offset : end])
+            self._command = item.name if isinstance(item, Message) else ""
         self._link.write(data)
 
     def read(self, timeout: float) -> Received:
-        """What has come."""
+        """Returns the received bytes."""
         received = self._link.read(timeout)
-        self._hear(self._scanner.feed(received.data))
+        self._received(self._scanner.feed(received.data))
         return received
 
     def clock(self) -> float:
-        """Seconds."""
+        """Returns the time in seconds."""
         return self._link.clock()
 
     def pause(self, seconds: float) -> None:
-        """Lets time pass."""
+        """Waits."""
         self._link.pause(seconds)
 
     def reopen(self) -> None:
-        """Opens it again."""
+        """Reopens the link."""
         self._link.reopen()
 
     def close(self) -> None:
-        """Closes it."""
+        """Closes the link."""
         self._link.close()
 
     def end(self) -> None:
-        """Shows what has been held back."""
+        """Prints the last messages, and the number of samples and strings."""
         found = self._scanner.close()
         if self._streams and found and isinstance(found[-1], Damage):
             found.pop()
-        self._hear(found)
-        for number, what in ((self._samples, "sample"), (self._strings, "string")):
+        self._received(found)
+        for number, kind in ((self._samples, "sample"), (self._strings, "string")):
             if number:
-                click.echo(f"xbus: {format_count(number, what)} meanwhile", err=True)
+                click.echo(f"xbus: {format_count(number, kind)} not shown", err=True)
 
-    def _hear(self, found: Sequence[Message | String | Damage]) -> None:
-        for it in found:
-            if isinstance(it, Damage):
-                if it.offset or not self._streams:
-                    self._show("<", it, b"")
-            elif isinstance(it, String):
+    def _received(self, found: Sequence[Message | String | Damage]) -> None:
+        for item in found:
+            if isinstance(item, Damage):
+                if item.offset or not self._streams:
+                    self._print("<", item, b"")
+            elif isinstance(item, String):
                 self._strings += 1
                 self._streams = True
-            elif it.mid == MessageId.MTData2:
+            elif item.mid == MessageId.MTData2:
                 self._samples += 1
                 self._streams = True
             else:
-                if it.mid == MessageId.Error:
-                    self.error = read_notice(it)
-                frame = encode_frame(it.mid, it.payload, bid=it.bid)
-                self._show("<", it._replace(name=self._name(it)), frame)
+                if item.mid == MessageId.Error:
+                    self.error = read_notice(item)
+                frame = encode_frame(item.mid, item.payload, bid=item.bid)
+                self._print("<", item._replace(name=self._name(item)), frame)
 
     def _name(self, message: Message) -> str:
-        """The name of a message: under one MID come the replies to several commands."""
+        """Returns the name of a message; replies to several commands can have the same MID."""
         row = MESSAGES.get(self._command)
         if row is not None and message.mid == row.reply:
             with contextlib.suppress(ValueError):
                 return self._session.read_reply(row.name, message.payload)[0]
         return message.name
 
-    def _show(self, way: str, it: Message | String | Damage, frame: bytes) -> None:
-        hexed = frame.hex(" ").upper()
-        if isinstance(it, Damage):
-            facts: dict[str, Any] = {"length": it.length, "reason": it.reason}
-            text = f"{format_count(it.length, 'byte')} that are no frame: {it.reason}"
-        elif isinstance(it, String):
-            facts = {"string": it.text}
-            text = repr(it)
+    def _print(self, direction: str, item: Message | String | Damage, frame: bytes) -> None:
+        fields: dict[str, Any]
+        if isinstance(item, Damage):
+            fields = {"length": item.length, "reason": item.reason}
+            text = f"{format_count(item.length, 'byte')} without a frame: {item.reason}"
+        elif isinstance(item, String):
+            fields = {"string": item.text}
+            text = repr(item)
         else:
-            facts = message_dict(it) | {"value": payload_value(it)}
-            text = f"{it.name}  {describe_message(it)}"
+            fields = message_dict(item) | {"value": payload_value(item)}
+            text = f"{item.name}  {describe_message(item)}"
         if self._json:
-            direction = "to device" if way == ">" else "to host"
-            facts = {"direction": direction, **facts, "frame": frame.hex().upper() or None}
-            print_line(json.dumps(facts), now=True)
+            where = "to device" if direction == ">" else "to host"
+            fields = {"direction": where, **fields, "frame": frame.hex().upper() or None}
+            print_line(json.dumps(fields), flush=True)
         else:
-            print_line(f"{way} {hexed:<24}  {text}".rstrip(), now=True)
+            print_line(f"{direction} {frame.hex(' ').upper():<24}  {text}".rstrip(), flush=True)

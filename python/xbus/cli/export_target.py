@@ -1,4 +1,4 @@
-"""What commands write that make a file of a log: ``-o OUT``."""
+"""The output file of commands: ``-o OUT``."""
 
 from __future__ import annotations
 
@@ -19,30 +19,30 @@ if TYPE_CHECKING:
     from xbus.describe.log_summary import LogSummary
     from xbus.log.log import Log
 
-__all__ = ["check", "summary", "writing"]
+__all__ = ["check_output", "quality_text", "writing"]
 
 
-def check(files: Sequence[str], out: str) -> None:
-    """What can be known to go wrong with OUT before reading, which may take long."""
-    for it in files:
+def check_output(files: Sequence[str], out: str) -> None:
+    """Raises the errors of OUT that can be known before reading, which may take long."""
+    for file in files:
         with contextlib.suppress(OSError):
-            if it != STDIN and os.path.samefile(it, out):  # noqa: PTH121 - pathlib is slow to import
-                raise click.UsageError(f"OUT is the input {label(it)}; choose another name")
+            if file != STDIN and os.path.samefile(file, out):  # noqa: PTH121 - pathlib is slow to import
+                raise click.UsageError(f"OUT is the input {label(file)}; choose another name")
     with writing(out):
         folder = os.path.dirname(out) or "."  # noqa: PTH120
         os.stat(folder)  # noqa: PTH116
-        wrong = None
+        number = None
         if os.path.isdir(out):  # noqa: PTH112
-            wrong = errno.EISDIR
+            number = errno.EISDIR
         elif not os.access(folder, os.W_OK) and (os.path.isfile(out) or not os.path.exists(out)):  # noqa: PTH110, PTH113
-            wrong = errno.EACCES  # a file is written beside OUT, and then takes its place
-        if wrong is not None:
-            raise OSError(wrong, os.strerror(wrong))
+            number = errno.EACCES  # OUT is written to a temporary file in its folder
+        if number is not None:
+            raise OSError(number, os.strerror(number))
 
 
 @contextlib.contextmanager
 def writing(out: str) -> Iterator[None]:
-    """Says what could not be written."""
+    """Converts an error of writing to a Failure."""
     try:
         yield
     except BrokenPipeError:
@@ -52,14 +52,14 @@ def writing(out: str) -> Iterator[None]:
 
 
 def _is_counted(log: Log | LogSummary) -> bool:
-    """Whether samples have a packet counter."""
+    """Returns whether samples have a packet counter."""
     from xbus.log.log import Log
 
     return bool((log.packet_counter != -1).any()) if isinstance(log, Log) else log.has_counter
 
 
-def summary(log: Log | LogSummary) -> str:
-    """What a person wants to know before trusting the file."""
+def quality_text(log: Log | LogSummary) -> str:
+    """Returns duration, losses and damage as one line."""
     stats = log.stats
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
     if stats.strings:

@@ -1,4 +1,4 @@
-"""``xbus identify``: which device is behind a port, and whether its self-test passes."""
+"""``xbus identify``: the device on a port, and the result of its self-test."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ if TYPE_CHECKING:
 
 __all__ = ["identify"]
 
-#: Names of the components that every product has, by the beginnings of their flags.
+#: Components of every product, by the prefix of their flags.
 SENSORS = {"ACC": "accelerometer", "GYR": "gyroscope", "MAG": "magnetometer"}
 
 
 @click.command(epilog="Example: xbus identify /dev/ttyUSB0 --json")
 @click.argument("port")
 @baudrate_option
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 def identify(port: str, baudrate: int | None, as_json: bool) -> None:
-    """Reads what a device is, and runs its self-test.
+    """Identifies a device and runs its self-test.
 
     A device that measures stops for a moment. The exit status is 1 if a component fails its self-test.
 
-    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
     """
     from xbus.describe.text import device_name, printable
 
@@ -79,7 +79,7 @@ def identify(port: str, baudrate: int | None, as_json: bool) -> None:
 
 
 def _selftest(device: Device) -> tuple[dict[str, bool | None] | None, str | None]:
-    """Whether each component passed; or None, and why there is no result."""
+    """Returns whether each component passed, or None and the reason why there is no result."""
     try:
         return _components(device.commands.run_selftest()), None
     except (DeviceError, StateError, XbusTimeout) as error:
@@ -87,7 +87,7 @@ def _selftest(device: Device) -> tuple[dict[str, bool | None] | None, str | None
 
 
 def _components(result: Selftest) -> dict[str, bool | None]:
-    """Whether each component passed, by name; None where an unset flag may mean that the product lacks it."""
+    """Returns whether each component passed; None if the flag is not set, as for a missing component."""
     found: dict[str, bool | None] = {}
     for flag in type(result):
         sensor, _, axis = str(flag.name).partition("_")

@@ -1,4 +1,4 @@
-"""``xbus ntrip``: corrections from a caster to a device."""
+"""``xbus ntrip``: forwards corrections from a caster to a device."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
 
 __all__ = ["ntrip"]
 
+#: Columns of the list of mountpoints.
 HEAD = ["mountpoint", "place", "country", "position", "format", "systems", "--gga"]
-#: Seconds to wait for a sample before looking for corrections again.
-LOOK = 0.05
-#: Seconds for which corrections are forwarded, or samples read, before it is the other's turn.
-LONGEST_TURN = 0.2
-#: Seconds between two lines, and between two looks of the line on a terminal.
-PAUSE, PAUSE_ON_TERMINAL = 5.0, 0.2
+#: Time to wait for a sample before the next check for corrections, in seconds.
+SAMPLE_TIMEOUT = 0.05
+#: Maximum time to forward corrections, or to read samples, before the other continues, in seconds.
+MAX_TURN = 0.2
+#: Seconds between two lines of status, and between two updates of the line on a terminal.
+STATUS_INTERVAL, TERMINAL_INTERVAL = 5.0, 0.2
 
 
 @click.command(
@@ -41,27 +42,27 @@ PAUSE, PAUSE_ON_TERMINAL = 5.0, 0.2
     "url",
     required=True,
     metavar="HOST[:PORT]",
-    help="Who has the corrections; port 2101 if none is given, and with https:// before it 443.",
+    help="The caster. Default port: 2101, with https:// 443.",
 )
-@click.option("--mountpoint", metavar="NAME", help="Which of the caster's streams.")
+@click.option("--mountpoint", metavar="NAME", help="A stream of the caster.")
 @click.option(
     "--list",
     "as_list",
     is_flag=True,
-    help="Print the mountpoints of the caster, and end. Needs no PORT.",
+    help="List the mountpoints of the caster and exit; needs no PORT.",
 )
-@click.option("--user", envvar="XBUS_NTRIP_USER", show_envvar=True, help="Name of your account.")
+@click.option("--user", envvar="XBUS_NTRIP_USER", show_envvar=True, help="User name.")
 @click.option(
     "--password",
     envvar="XBUS_NTRIP_PASSWORD",
     show_envvar=True,
-    help="Its password. Others on this machine can see arguments, but not the environment.",
+    help="Password. Other users of this machine can see arguments, but not the environment.",
 )
 @click.option(
     "--gga",
     type=click.IntRange(min=1),
     metavar="S",
-    help="Send the caster the position of the device every so many seconds. Network services need it.",
+    help="Send the position of the device to the caster every S seconds, as network services require.",
 )
 @click.option(
     "--ntrip",
@@ -69,14 +70,14 @@ PAUSE, PAUSE_ON_TERMINAL = 5.0, 0.2
     type=click.Choice(["1", "2"]),
     default="2",
     show_default=True,
-    help="Version of the protocol to ask for.",
+    help="Version of the NTRIP protocol.",
 )
 @baudrate_option
 @click.option(
     "--json",
     "as_json",
     is_flag=True,
-    help="The status as one JSON object a line; with --list, a JSON list.",
+    help="Print the status as one JSON object per line; with --list, a JSON list.",
 )
 def ntrip(
     port: str | None,
@@ -90,21 +91,21 @@ def ntrip(
     baudrate: int | None,
     as_json: bool,
 ) -> None:
-    """Corrections from an NTRIP caster to a device, for RTK.
+    """Forwards RTK corrections from an NTRIP caster to a device.
 
-    Until Ctrl-C, RTCM 3 messages go to the device, and nothing else does; its status is shown as it changes,
-    and every few seconds. A lost connection to the caster is made again. The extra rtk must be installed.
+    Runs until Ctrl-C and reconnects to the caster. Only RTCM 3 messages are forwarded. The status is shown
+    when it changes and every few seconds. Requires the extra: pip install "xbus-mti[rtk]".
 
-    PORT is a serial port or a URL of pyserial (socket://HOST:PORT). The device must be measuring, and its
-    outputs should have status_word or gnss_pvt_data, from which the status is read; --gga also needs
-    gnss_pvt_data or lat_lon. At the beginning it stops for a moment, to say what it is.
+    PORT is a serial port or a pyserial URL (socket://HOST:PORT). The device must measure and should output
+    status_word or gnss_pvt_data for the status; --gga also needs gnss_pvt_data or lat_lon. At the start, the
+    device stops for a moment while its settings are read.
     """
     if as_list:
         _print_mountpoints(url, user, password, as_json=as_json)
         return
     if port is None or mountpoint is None:
         missing = "PORT" if port is None else "--mountpoint"
-        raise click.UsageError(f"{missing} is missing; xbus ntrip --list prints the mountpoints")
+        raise click.UsageError(f"{missing} is missing; xbus ntrip --list lists the mountpoints")
 
     from xbus.extras import require
     from xbus.rtk import Caster, Fix, Forwarder
@@ -126,21 +127,21 @@ def ntrip(
     with contextlib.suppress(KeyboardInterrupt), connect_device(port, baudrate) as device, caster:
         _check(device, with_position=gga is not None)
         forwarder = Forwarder(device)
-        with _Shown(caster, fix, forwarder, as_json=as_json) as shown:
+        with _StatusDisplay(caster, fix, forwarder, as_json=as_json) as display:
             while True:
-                # By turns, each for a limited time: neither a flood of corrections nor one of samples keeps
-                # the others waiting.
-                until = time.monotonic() + LONGEST_TURN
+                # Each turn has a limited time, so that a flood of corrections does not delay samples,
+                # or the reverse.
+                until = time.monotonic() + MAX_TURN
                 while time.monotonic() < until and (frame := caster.read()):
                     forwarder.forward([frame])
-                    shown.corrected()
-                until = time.monotonic() + LONGEST_TURN
-                timeout = LOOK
+                    display.correction_sent()
+                until = time.monotonic() + MAX_TURN
+                timeout = SAMPLE_TIMEOUT
                 with contextlib.suppress(XbusTimeout):
                     while time.monotonic() < until:
                         fix.update(device.read_sample(timeout))
                         timeout = 0.0
-                shown.update()
+                display.update()
 
 
 def _print_mountpoints(url: str, user: str | None, password: str | None, *, as_json: bool) -> None:
@@ -173,64 +174,66 @@ def _print_mountpoints(url: str, user: str | None, password: str | None, *, as_j
 
 
 def _check(device: Device, *, with_position: bool) -> None:
-    """Whether the device takes corrections, and tells what is wanted of it."""
+    """Checks that the device accepts corrections and outputs what is needed."""
     from xbus.protocol import State
 
     with device.configure():
-        outputs = {it.quantity for it in device.commands.req_output_configuration()}
+        outputs = {output.quantity for output in device.commands.req_output_configuration()}
     if device.support is not None and "ForwardGnssData" not in device.support.messages:
-        device.command("ForwardGnssData", b"")  # says which products know it, and sends nothing
+        device.command(
+            "ForwardGnssData", b""
+        )  # raises an error that names the products, and sends nothing
     if device.state == State.CONFIG:
         raise Failure(
-            "the device is in Config State and takes no corrections; xbus send"
-            f" {device.link.name} GoToMeasurement changes that"
+            "the device is in Config State and accepts no corrections; start it with xbus send"
+            f" {device.link.name} GoToMeasurement"
         )
     if with_position and not outputs & {"gnss_pvt_data", "lat_lon"}:
-        raise Failure("the device tells no position for --gga; add gnss_pvt_data to its outputs")
+        raise Failure("the device outputs no position for --gga; add gnss_pvt_data to its outputs")
 
 
-class _Shown:
-    """Shows how it goes: one line that changes on a terminal, else a line now and then."""
+class _StatusDisplay:
+    """Shows the status: one line that is updated on a terminal, else a line from time to time."""
 
     def __init__(self, caster: Caster, fix: Fix, forwarder: Forwarder, *, as_json: bool) -> None:
         self._caster, self._fix, self._forwarder = caster, fix, forwarder
         self._json = as_json
         self._terminal = not as_json and sys.stderr is not None and sys.stderr.isatty()
         self._corrected_at: float | None = None
-        # A caster that refuses does so at once, and that is all there is to tell.
-        self._next_at = 0.0 if self._terminal else time.monotonic() + PAUSE
+        # If the caster refuses the connection at once, the error is the only output.
+        self._next_at = 0.0 if self._terminal else time.monotonic() + STATUS_INTERVAL
         self._state: tuple[Any, ...] = ()
 
-    def __enter__(self) -> _Shown:
+    def __enter__(self) -> _StatusDisplay:
         return self
 
     def __exit__(self, *_: object) -> None:
         if self._terminal:
             click.echo(err=True)
 
-    def corrected(self) -> None:
-        """A correction was forwarded."""
+    def correction_sent(self) -> None:
+        """Records that a correction was forwarded."""
         self._corrected_at = time.monotonic()
 
     def update(self) -> None:
-        """Shows how it goes if it has changed, or it is time."""
+        """Shows the status if it has changed or the interval is over."""
         state = self._fix.type, self._fix.rtk, self._caster.state
         now = time.monotonic()
-        is_news = state != self._state and self._caster.state not in ("idle", "connecting")
-        if now < self._next_at and (self._terminal or not is_news):
+        has_changed = state != self._state and self._caster.state not in ("idle", "connecting")
+        if now < self._next_at and (self._terminal or not has_changed):
             return
         self._state = state
-        self._next_at = now + (PAUSE_ON_TERMINAL if self._terminal else PAUSE)
+        self._next_at = now + (TERMINAL_INTERVAL if self._terminal else STATUS_INTERVAL)
         age = None if self._corrected_at is None else now - self._corrected_at
         if self._json:
-            print_line(json.dumps(self._facts(age)), now=True)
+            print_line(json.dumps(self._json_status(age)), flush=True)
         elif self._terminal:
             width = shutil.get_terminal_size().columns - 1
-            click.echo(f"\r{self._words(age)[:width]:<{width}}", nl=False, err=True)
+            click.echo(f"\r{self._text(age)[:width]:<{width}}", nl=False, err=True)
         else:
-            click.echo(self._words(age), err=True)
+            click.echo(self._text(age), err=True)
 
-    def _facts(self, age: float | None) -> dict[str, Any]:
+    def _json_status(self, age: float | None) -> dict[str, Any]:
         return {
             "fix": self._fix.type,
             "rtk": self._fix.rtk,
@@ -243,19 +246,19 @@ class _Shown:
             "problem": self._caster.problem,
         }
 
-    def _words(self, age: float | None) -> str:
+    def _text(self, age: float | None) -> str:
         fix, forwarder, caster = self._fix, self._forwarder, self._caster
-        words = [
-            f"fix {fix.type or 'not told'}",
-            f"RTK {fix.rtk or 'not told'}",
+        parts = [
+            f"fix {fix.type or 'unknown'}",
+            f"RTK {fix.rtk or 'unknown'}",
             f"{format_count(forwarder.messages, 'message')}, {format_count(forwarder.bytes, 'byte')}",
         ]
         if age is not None:
-            words.append(f"the last {age:.1f} s ago")
+            parts.append(f"last {age:.1f} s ago")
         if forwarder.unanswered:
-            words.append(f"{forwarder.unanswered} unanswered")
+            parts.append(f"{forwarder.unanswered} unanswered")
         if caster.gga_sent:
-            words.append(f"{caster.gga_sent} GGA")
+            parts.append(f"{caster.gga_sent} GGA")
         if caster.state != "streaming":
-            words.append(f"caster: {caster.problem or caster.state}")
-        return ", ".join(words)
+            parts.append(f"caster: {caster.problem or caster.state}")
+        return ", ".join(parts)

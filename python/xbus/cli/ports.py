@@ -1,4 +1,4 @@
-"""``xbus ports``: where a device may be."""
+"""``xbus ports``: serial ports, and the devices on them."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ __all__ = ["ports"]
 @click.option(
     "--identify",
     is_flag=True,
-    help="Connect to each port that says Xsens, or to all if none does, and read who is there: seconds for"
-    " each. A device that measures stops for a moment.",
+    help="Connect to each Xsens port, or to all ports if there is none, and identify the device. Takes "
+    "some seconds per port; a device that measures stops for a moment.",
 )
-@click.option("--json", "as_json", is_flag=True, help="A JSON list.")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list.")
 def ports(identify: bool, as_json: bool) -> None:
-    """The serial ports of this machine, those that say Xsens first.
+    """Lists the serial ports of this machine, Xsens ports first.
 
-    Converters of another make do not say what is behind them; --identify finds out.
+    Converters of other vendors do not name the device behind them; use --identify.
     """
     from xbus.device import find_ports
 
     found = find_ports()
-    asked = ([it for it in found if it.likely] or found) if identify else []
-    rows = [_facts(it) | (_who(it) if it in asked else {}) for it in found]
+    candidates = ([port for port in found if port.likely] or found) if identify else []
+    rows = [_row(port) | (_identify(port) if port in candidates else {}) for port in found]
     if as_json:
         print_json_rows(rows)
     elif not rows:
-        print_line("no serial port; is the device plugged in?")
+        print_line("no serial port; check the cable")
     else:
-        _put_rows(rows, identify=identify)
+        _print_rows(rows, identify=identify)
 
 
-def _facts(port: Port) -> dict[str, Any]:
+def _row(port: Port) -> dict[str, Any]:
     return {
         "port": port.device,
         "likely": port.likely,
@@ -53,12 +53,12 @@ def _facts(port: Port) -> dict[str, Any]:
     }
 
 
-def _who(port: Port) -> dict[str, Any]:
-    """Who is behind a port, or why that cannot be told."""
+def _identify(port: Port) -> dict[str, Any]:
+    """Returns the device on a port, or the problem."""
     from xbus.describe.text import device_name
 
     if sys.stderr is not None and sys.stderr.isatty():
-        click.echo(f"asking {port.device}", err=True)
+        click.echo(f"identifying {port.device}", err=True)
     try:
         with connect_device(port.device) as device, device.configure():
             return {
@@ -68,29 +68,33 @@ def _who(port: Port) -> dict[str, Any]:
                 "baudrate": device.link.baudrate,
             }
     except XbusTimeout:
-        return {"problem": "nothing was heard"}
+        return {"problem": "no answer"}
     except (Failure, XbusError) as error:
         return {"problem": str(error)}
 
 
-def _put_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
+def _print_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
     head = ["port", "Xsens", "description", "serial number"]
     cells = [
-        [it["port"], "yes" if it["likely"] else "", it["description"], it["serial_number"] or ""]
-        for it in rows
+        [
+            row["port"],
+            "yes" if row["likely"] else "",
+            row["description"],
+            row["serial_number"] or "",
+        ]
+        for row in rows
     ]
     if identify:
         head.append("device")
-        cells = [[*row, _device(it)] for row, it in zip(cells, rows, strict=True)]
+        cells = [[*line, _describe(row)] for line, row in zip(cells, rows, strict=True)]
     print_table(head, cells, optional=["serial number"])
 
 
-def _device(facts: dict[str, Any]) -> str:
-    """A device in a line."""
+def _describe(row: dict[str, Any]) -> str:
+    """Returns the device on a port as one line."""
     from xbus.describe.text import printable
 
-    if "baudrate" not in facts:
-        return str(facts.get("problem", "not asked"))
-    code = printable((facts["product_code"] or "no product code").encode())
-    number = facts["device_id"]
-    return f"{code} {number}, firmware {facts['firmware']}, {facts['baudrate']} baud"
+    if "baudrate" not in row:
+        return str(row.get("problem", "not identified"))
+    code = printable((row["product_code"] or "no product code").encode())
+    return f"{code} {row['device_id']}, firmware {row['firmware']}, {row['baudrate']} baud"

@@ -1,4 +1,4 @@
-"""What commands print."""
+"""Output of commands on stdout."""
 
 from __future__ import annotations
 
@@ -15,49 +15,49 @@ __all__ = [
     "align",
     "bold",
     "find_name",
-    "hint",
     "is_terminal",
     "print_json",
     "print_json_rows",
     "print_line",
     "print_table",
+    "suggestion",
 ]
 
-#: Columns of a terminal from which a table shows all of its own.
+#: Width of a terminal, in columns, that shows all columns of a table.
 WIDE = 140
 
 
-def print_line(text: str, *, now: bool = False) -> None:
-    """Prints text and a line feed on stdout; ``now`` does not wait for more."""
+def print_line(text: str, *, flush: bool = False) -> None:
+    """Prints text and a line feed."""
     if sys.stdout is None:  # the caller has closed it
         raise OSError(errno.EBADF, os.strerror(errno.EBADF))
     sys.stdout.write(text + "\n")
-    if now:
+    if flush:
         sys.stdout.flush()
 
 
-def print_json(facts: Any) -> None:
-    """Prints JSON that a person can read as well."""
-    print_line(json.dumps(facts, indent=2, allow_nan=False))
+def print_json(value: Any) -> None:
+    """Prints indented JSON."""
+    print_line(json.dumps(value, indent=2, allow_nan=False))
 
 
 def print_json_rows(rows: Sequence[Any]) -> None:
-    """Prints a JSON list, a row a line."""
-    print_line("[" + ",\n ".join(json.dumps(it, allow_nan=False) for it in rows) + "]")
+    """Prints a JSON list, one row per line."""
+    print_line("[" + ",\n ".join(json.dumps(row, allow_nan=False) for row in rows) + "]")
 
 
 def is_terminal() -> bool:
-    """Whether stdout is a terminal."""
+    """Returns whether stdout is a terminal."""
     return sys.stdout is not None and sys.stdout.isatty()
 
 
 def bold(text: str) -> str:
-    """A heading, where stdout is a terminal."""
+    """Returns the text in bold if stdout is a terminal."""
     return f"\x1b[1m{text}\x1b[0m" if is_terminal() and os.environ.get("TERM") != "dumb" else text
 
 
 def align(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> list[str]:
-    """Rows as lines, each column as wide as its widest cell; those in ``right`` end together."""
+    """Returns rows as lines with aligned columns; the columns in ``right`` are aligned right."""
     widths = [max(map(len, cells)) for cells in zip(*rows, strict=True)]
     lines = []
     for row in rows:
@@ -69,35 +69,44 @@ def align(rows: Sequence[Sequence[str]], *, right: Sequence[int] = ()) -> list[s
     return lines
 
 
-def hint(text: str, names: Iterable[str], command: str) -> str:
-    """What somebody meant who wrote ``text`` for one of the names that ``xbus command`` lists."""
+def suggestion(text: str, names: Iterable[str], command: str) -> str:
+    """Returns the remedy for a misspelled name: the nearest name, or ``xbus command`` that lists them."""
     import difflib
 
-    by_lower = {it.lower(): it for it in names}
-    near = [it for it in by_lower if it.startswith(text.lower())]
+    by_lower = {name.lower(): name for name in names}
+    near = [lower for lower in by_lower if lower.startswith(text.lower())]
     near = near or difflib.get_close_matches(text.lower(), by_lower, n=1)
     return f"did you mean {by_lower[near[0]]}?" if near else f"xbus {command} lists them"
 
 
-def find_name(text: str, names: Iterable[str], what: str, command: str) -> str:
-    """The one of the names that is ``text``, in whichever case; ``xbus command`` lists them.
+def find_name(text: str, names: Iterable[str], kind: str, command: str) -> str:
+    """Returns the name that equals ``text``, ignoring case.
+
+    Args:
+        text: What the user wrote.
+        names: The valid names.
+        kind: What the names stand for, for the error message.
+        command: The command that lists the names.
 
     Raises:
-        BadParameter: None is.
+        BadParameter: No name matches.
     """
-    by_lower = {it.lower(): it for it in names}
+    by_lower = {name.lower(): name for name in names}
     if (name := by_lower.get(text.lower())) is None:
-        advice = hint(text, by_lower.values(), command)
-        raise click.BadParameter(f"no {what} is called {text!r}; {advice}")
+        remedy = suggestion(text, by_lower.values(), command)
+        raise click.BadParameter(f"no {kind} is called {text!r}; {remedy}")
     return name
 
 
 def print_table(
     head: Sequence[str], rows: Sequence[Sequence[str]], *, optional: Sequence[str]
 ) -> None:
-    """Prints a table: folded to the width of a terminal, a line a row for everything else.
+    """Prints a table: wrapped to the width of a terminal, or one line per row if stdout is not one.
 
-    The first two columns are never folded; a narrow terminal does without the ``optional`` ones.
+    Args:
+        head: Column names. The first two columns are never wrapped.
+        rows: Cells.
+        optional: Columns that a narrow terminal leaves out.
     """
     if not is_terminal():
         print_line("\n".join(align([head, *rows])))
@@ -107,13 +116,13 @@ def print_table(
     from rich.table import Table
 
     console = Console(markup=False, highlight=False)
-    narrow = console.width < WIDE
-    shown = [at for at, name in enumerate(head) if not (narrow and name in optional)]
+    is_narrow = console.width < WIDE
+    columns = [at for at, name in enumerate(head) if not (is_narrow and name in optional)]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for at in shown:
+    for at in columns:
         table.add_column(head[at], no_wrap=at < 2, overflow="fold")
     for row in rows:
-        table.add_row(*(row[at] for at in shown))
+        table.add_row(*(row[at] for at in columns))
     console.print(table)
-    if narrow:
-        console.print(f"A wider terminal or a pipe shows {', '.join(optional)} too.")
+    if is_narrow:
+        console.print(f"A wider terminal or a pipe also shows {', '.join(optional)}.")

@@ -1,4 +1,4 @@
-"""A bar on the terminal for work that takes long."""
+"""A progress bar for long work."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ DELAY = 1.0
 
 
 class Progress:
-    """Shows how far the work is: on stderr, on a terminal only, and only after a second.
+    """Shows progress on stderr: only on a terminal, and only after a second.
 
     Args:
-        task: What is being done.
-        shown: False never shows it.
+        task: Text of the bar.
+        shown: False disables the bar.
     """
 
     def __init__(self, task: str, *, shown: bool = True) -> None:
@@ -54,12 +54,12 @@ class Progress:
             self._bar.stop()
 
     def update(self, task: str, done: int = 0, total: int | None = None) -> None:
-        """This is being done, so many bytes of so many; None for a total that nobody knows."""
+        """Updates the bar; ``done`` and ``total`` are in bytes, and ``total`` is None if unknown."""
         with self._lock:
             self._task, self._done, self._total = task, done, total
-            self._tell()
+            self._redraw()
 
-    def _tell(self) -> None:
+    def _redraw(self) -> None:
         if self._bar is not None and self._id is not None:
             self._bar.update(
                 self._id, description=self._task, completed=self._done, total=self._total
@@ -78,7 +78,7 @@ class Progress:
 
         narrow = Column(no_wrap=True, overflow="ellipsis", max_width=36)
         bar = Progress(
-            # A file may be called anything, and the bar has one line.
+            # A file name can contain markup, and the bar has one line.
             TextColumn("{task.description}", markup=False, table_column=narrow),
             BarColumn(),
             DownloadColumn(),
@@ -88,5 +88,5 @@ class Progress:
         )
         with self._lock:
             self._bar, self._id = bar, bar.add_task(self._task, total=None)
-            self._tell()
+            self._redraw()
         bar.start()

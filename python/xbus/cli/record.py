@@ -1,4 +1,4 @@
-"""``xbus record``: every byte of a device into a file."""
+"""``xbus record``: records every byte of a device to a file."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.config import applied, read_file
+from xbus.cli.config import apply_settings, read_settings
 from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import label
@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 
 __all__ = ["record"]
 
-#: Seconds between two looks at a recording, which goes on by itself.
-LOOK = 0.2
-#: Silence that is told, in seconds: the slowest rate is 1 Hz.
-SILENCE = 5.0
-#: What --rotate counts, by its unit.
+#: Interval to check a recording, which runs in the background, in seconds.
+CHECK_INTERVAL = 0.2
+#: Silence to report, in seconds; the lowest rate is 1 Hz.
+MAX_SILENCE = 5.0
+#: Units of --rotate.
 BYTES = {"kb": 1_000, "mb": 1_000_000, "gb": 1_000_000_000}
 SECONDS = {"s": 1, "min": 60, "h": 3600}
 
@@ -41,7 +41,7 @@ def _rotation(
     param: click.Parameter,  # noqa: ARG001
     value: str | None,
 ) -> dict[str, Any]:
-    """When another file begins, as `Device.record` takes it."""
+    """Returns the arguments of `Device.record` that rotate files."""
     if value is None:
         return {}
     if found := re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]+)", value.lower()):
@@ -50,7 +50,9 @@ def _rotation(
             return {"rotate_bytes": math.ceil(number * BYTES[unit])}
         if unit in SECONDS and number > 0:
             return {"rotate_seconds": number * SECONDS[unit]}
-    raise click.BadParameter(f"{value!r} is no size (100MB, 2GB) and no time (90s, 30min, 1h)")
+    raise click.BadParameter(
+        f"{value!r} is neither a size (100MB, 2GB) nor a time (90s, 30min, 1h)"
+    )
 
 
 def _outputs(
@@ -58,13 +60,13 @@ def _outputs(
     param: click.Parameter,  # noqa: ARG001
     values: Sequence[str],
 ) -> dict[Any, int | None]:
-    """Rates by quantity, as `Device.configure` takes them."""
+    """Returns rates by quantity, as in `Device.configure`."""
     outputs: dict[Any, int | None] = {}
-    for it in values:
-        words, equals, rate = it.partition("=")
+    for value in values:
+        key, equals, rate = value.partition("=")
         if equals and not (rate.isascii() and rate.isdecimal()):
-            raise click.BadParameter(f"{it!r}: a rate is a whole number of Hz")
-        name, *more = words.split(":")
+            raise click.BadParameter(f"{value!r}: a rate is a whole number of Hz")
+        name, *more = key.split(":")
         outputs[(name, *more) if more else name] = int(rate) if equals else None
     if outputs:
         from xbus.device.output_configuration import parse_output_configuration
@@ -84,17 +86,20 @@ def _outputs(
     type=click.Path(),
     metavar="FILE",
     required=True,
-    help="What to write.",
+    help="File to write.",
 )
-@click.option("--overwrite", is_flag=True, help="Replace FILE if it is there.")
+@click.option("--overwrite", is_flag=True, help="Replace an existing FILE.")
 @click.option(
-    "--duration", type=click.FloatRange(min=0, min_open=True), metavar="S", help="How many seconds."
+    "--duration",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="S",
+    help="Stop after S seconds.",
 )
 @click.option(
     "--rotate",
     callback=_rotation,
     metavar="SIZE|TIME",
-    help="Begin another file after so much: 100MB, 2GB, 30min, 1h. FILE walk.mtb is followed by "
+    help="Start a new file after this size or time: 100MB, 2GB, 30min, 1h. walk.mtb is followed by "
     "walk-0001.mtb.",
 )
 @click.option(
@@ -104,25 +109,29 @@ def _outputs(
     multiple=True,
     metavar="QUANTITY[=RATE]",
     help="Set the output configuration first: acceleration=100, quaternion:NED=50; repeatable. "
-    "Without a rate, the highest.",
+    "Default rate: the highest.",
 )
 @click.option(
     "--config",
     "config",
     type=click.Path(),
     metavar="FILE",
-    help="Apply these settings first, as xbus config apply does.",
+    help="Apply this settings file first, like xbus config apply.",
 )
 @baudrate_option
 @click.option(
-    "--fsync", is_flag=True, help="Twice a second, make sure that a power cut loses nothing."
+    "--fsync",
+    is_flag=True,
+    help="Force data to the disk twice per second, in case of a power cut.",
 )
 @click.option(
     "--reconnect",
     is_flag=True,
-    help="Wait for a device that is unplugged, and go on in the same file.",
+    help="Wait for an unplugged device and continue in the same file.",
 )
-@click.option("--no-times", is_flag=True, help="Do not write FILE.times, when the bytes came.")
+@click.option(
+    "--no-times", is_flag=True, help="Do not write FILE.times, the arrival times of the bytes."
+)
 def record(
     port: str,
     out: str,
@@ -138,25 +147,25 @@ def record(
 ) -> None:
     """Records every byte that a device sends.
 
-    Until Ctrl-C, SIGTERM or --duration. The file begins like those of MT Manager with what the
-    device is and how it is set, for which the device stops measuring for a moment. It is written twice a
-    second, and whatever happens, what was written can be read.
+    Stops on Ctrl-C, SIGTERM or after --duration. The file starts with the device's Configuration, as MT
+    Manager's recordings do; the device stops measuring for a moment while it is read. Data is written twice
+    per second, and an interrupted recording can be read.
 
-    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device, whose
-    time flies.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device, which
+    runs faster than real time.
     """
     from xbus.protocol import State
 
-    settings = None if config is None else read_file(config)
-    there = Path(out)
-    if not overwrite and there.is_file() and there.stat().st_size:
-        raise Failure(f"{label(out)} is there; name another file, or add --overwrite")
-    if there.is_fifo():
-        raise Failure(f"{label(out)} is a pipe, and a recording goes to a file; name one")
-    with stop_requested() as is_stopped, connect_device(port, baudrate) as device:
-        found = device.state
+    settings = None if config is None else read_settings(config)
+    path = Path(out)
+    if not overwrite and path.is_file() and path.stat().st_size:
+        raise Failure(f"{label(out)} exists; choose another name, or add --overwrite")
+    if path.is_fifo():
+        raise Failure(f"{label(out)} is a pipe; a recording needs a file")
+    with stop_requested() as is_stopping, connect_device(port, baudrate) as device:
+        initial_state = device.state
         if config is not None and settings is not None:
-            applied(device, settings, config)
+            apply_settings(device, settings, config)
         with _configured(device, outputs):
             try:
                 recording = device.record(
@@ -164,84 +173,86 @@ def record(
                 )
             except OSError as error:
                 raise cannot(f"write {label(error.filename or out)}", error) from error
-            before = device.stats  # nothing comes in this state: it is what is not in the file
+            before = (
+                device.stats
+            )  # no samples arrive in Config State; these counts are not part of the recording
         try:
             if device.state != State.MEASUREMENT:
                 device.go_to_measurement()
-            with _Shown(device, recording, before) as shown:
+            with _RecordingDisplay(device, recording, before) as display:
                 if device.link.trouble is not None:
-                    shown.say(device.link.trouble)
-                _wait(shown, is_stopped, duration or math.inf, reconnect=reconnect)
+                    display.print_note(device.link.trouble)
+                _wait(display, is_stopping, duration or math.inf, reconnect=reconnect)
         finally:
-            if found == State.CONFIG:
+            if initial_state == State.CONFIG:
                 with contextlib.suppress(XbusError):
                     device.go_to_config()
 
 
 @contextlib.contextmanager
 def _configured(device: Device, outputs: dict[Any, int | None]) -> Iterator[None]:
-    """Config State, with these outputs set."""
+    """Enters Config State and sets the output configuration."""
     with device.configure():
         try:
             if outputs:
                 device.set_output_configuration(outputs)
         except StateError:
             raise
-        except ValueError as error:  # it is the product, or the line, that cannot do it
+        except ValueError as error:  # not possible with this product or baud rate
             raise Failure(f"{error}; nothing was recorded") from None
         yield
 
 
 def _wait(
-    shown: _Shown, is_stopped: Callable[[], bool], duration: float, *, reconnect: bool
+    display: _RecordingDisplay, is_stopping: Callable[[], bool], duration: float, *, reconnect: bool
 ) -> None:
-    """Looks at the recording now and then until it is to end.
+    """Checks the recording regularly until it must stop.
 
     Raises:
-        Failure: It ended by itself, or there is nothing to record.
+        Failure: The recording ended early, or the device sends nothing.
     """
     from xbus.protocol import State
 
-    device, link, recording = shown.device, shown.device.link, shown.recording
-    heard_at, size, is_silent = link.clock(), 0, False
-    while not is_stopped() and (left := duration - shown.elapsed) > 0:
-        link.pause(min(LOOK, left))
+    device, link, recording = display.device, display.device.link, display.recording
+    received_at, size, is_silent = link.clock(), 0, False
+    while not is_stopping() and (left := duration - display.elapsed) > 0:
+        link.pause(min(CHECK_INTERVAL, left))
         try:
-            link.read(0)  # nobody wants them: they are counted, and on their way to the disk
+            link.read(0)  # discards the bytes, which are counted and recorded in the background
         except OSError as error:
             if not reconnect or not recording.is_active:
-                raise shown.ended(f"{link.name}: {error}") from error
-            shown.say(f"{link.name}: {error}; waiting for it")
-            while not (is_stopped() or device.try_reconnect() or shown.elapsed >= duration):
-                shown.update()
-            heard_at = link.clock()
+                raise display.failure(f"{link.name}: {error}") from error
+            display.print_note(f"{link.name}: {error}; waiting for the port")
+            while not (is_stopping() or device.try_reconnect() or display.elapsed >= duration):
+                display.update()
+            received_at = link.clock()
             if device.state != State.UNKNOWN:
-                shown.say(f"{link.name} is there again")
-        stats = shown.update()
+                display.print_note(f"{link.name} is back")
+        stats = display.update()
         if recording.error is not None:
-            raise shown.ended(recording.error)
+            raise display.failure(recording.error)
         if stats.bytes > size:
-            heard_at, size, is_silent = link.clock(), stats.bytes, False
-        elif link.clock() - heard_at >= SILENCE and not is_silent:
+            received_at, size, is_silent = link.clock(), stats.bytes, False
+        elif link.clock() - received_at >= MAX_SILENCE and not is_silent:
             is_silent = True
-            if _heard(stats) == _heard(shown.before):
+            if _received(stats) == _received(display.before):
                 raise Failure(
-                    f"nothing comes from {link.name}: has it outputs (xbus send {link.name} --config"
-                    " ReqOutputConfiguration), or does it wait for a trigger?"
+                    f"{link.name} sends nothing: it waits for a trigger, or has no outputs; xbus config dump"
+                    f" {link.name} shows the output configuration"
                 )
-            shown.say(f"nothing has come for {SILENCE:g} s; the recording goes on")
+            display.print_note(f"no data for {MAX_SILENCE:g} s; the recording continues")
 
 
-class _Shown:
-    """Stops a recording in the end, and shows how it goes: one line that changes on a terminal."""
+class _RecordingDisplay:
+    """Shows a recording, as one line that is updated on a terminal, and stops it at the end."""
 
     def __init__(self, device: Device, recording: Recording, before: LiveStats) -> None:
         self.device, self.recording, self.before = device, recording, before
         self._began = device.link.clock()
         self._terminal = sys.stderr is not None and sys.stderr.isatty()
-        self._rate, self._rated = 0.0, (self._began, _heard(before))
+        self._rate, self._measured = 0.0, (self._began, _received(before))
 
-    def __enter__(self) -> _Shown:
+    def __enter__(self) -> _RecordingDisplay:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -251,81 +262,81 @@ class _Shown:
             self.recording.stop()
         except OSError as error:
             if kind is None:
-                raise self.ended(str(self.recording.error)) from error
+                raise self.failure(str(self.recording.error)) from error
         if kind is None:
             click.echo(self.summary(), err=True)
 
-    def ended(self, why: str) -> Failure:
-        """The failure that ended it, and what was written until then."""
+    def failure(self, reason: str) -> Failure:
+        """Returns the failure that ended the recording, with a summary of what was written."""
         with contextlib.suppress(OSError):
             self.recording.stop()
-        return Failure(f"{why}; {self.summary()}")
+        return Failure(f"{reason}; {self.summary()}")
 
     @property
     def elapsed(self) -> float:
-        """Seconds since it began, on the device's side of the link."""
+        """Seconds since the start, on the clock of the link."""
         return self.device.link.clock() - self._began
 
-    def say(self, text: str) -> None:
-        """Prints a line that stays."""
+    def print_note(self, text: str) -> None:
+        """Prints a line above the status line."""
         if self._terminal:
             self._line("")
         click.echo(f"xbus: {text}", err=True)
 
     def update(self) -> LiveStats:
-        """Shows how it goes; what was counted."""
+        """Updates the status line and returns the totals."""
         stats, now = self.device.stats, self.device.link.clock()
-        then, heard = self._rated
+        then, received = self._measured
         if now - then >= 1:
-            self._rate = (_heard(stats) - heard) / (now - then)
-            self._rated = now, _heard(stats)
+            self._rate = (_received(stats) - received) / (now - then)
+            self._measured = now, _received(stats)
         if self._terminal:
             minutes, seconds = divmod(int(self.elapsed), 60)
-            what = "samples" if stats.samples > self.before.samples else "strings"
+            things = "samples" if stats.samples > self.before.samples else "strings"
             self._line(
                 f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
-                f"  {format_size(self.recording.bytes)}  {self._rate:,.0f} {what}/s"
+                f"  {format_size(self.recording.bytes)}  {self._rate:,.0f} {things}/s"
                 f"  {self._lost(stats)}  {format_size(self.recording.queued_bytes)} queued"
             )
         return stats
 
     def summary(self) -> str:
-        """What was written, and what was lost."""
+        """Returns a line about the recording: files, duration, counts and losses."""
         stats, files = self.device.stats, self.recording.files
         names = label(files[0]) + (f" to {label(files[-1])}" if len(files) > 1 else "")
-        # The stats go on when the recording has ended.
-        others = stats.messages - self.before.messages
-        samples = format_count(self.recording.frames - others, "sample")
+        # The totals of the device continue after the recording has ended.
+        messages = stats.messages - self.before.messages
+        samples = format_count(self.recording.frames - messages, "sample")
         if strings := sum(stats.strings.values()) - sum(self.before.strings.values()):
             samples += f", {format_count(strings, 'string')}"
         written = format_size(self.recording.bytes)
         return f"{names}: {self.elapsed:,.1f} s, {samples}, {written}; {self._lost(stats)}"
 
     def _lost(self, stats: LiveStats) -> str:
-        """What is missing or damaged, by all that can tell."""
+        """Returns losses and damage."""
         before = self.before
-        said = []
+        parts = []
         lost, gaps = stats.lost_samples - before.lost_samples, stats.gaps - before.gaps
         if lost:
-            said.append(describe_losses(lost, gaps, has_counter=True))
+            parts.append(describe_losses(lost, gaps, has_counter=True))
         if skipped := stats.skipped_bytes - before.skipped_bytes:
-            said.append(f"{format_count(skipped, 'byte')} damaged")
+            parts.append(f"{format_count(skipped, 'byte')} damaged")
         if overruns := (stats.overruns or 0) - (before.overruns or 0):
-            said.append(f"{format_count(overruns, 'overrun')} in the driver")
+            parts.append(f"{format_count(overruns, 'overrun')} in the driver")
         if errors := stats.errors - before.errors:
-            said.append(
-                f"{format_count(errors, 'error')} of the device, the last: {stats.last_error}"
+            parts.append(
+                f"{format_count(errors, 'error')} from the device, the last: {stats.last_error}"
             )
-        if said:
-            return ", ".join(said)
-        counted = [it.quantities.get("packet_counter", 0) for it in (before, stats)]
-        return describe_losses(0, 0, has_counter=counted[0] < counted[1])
+        if parts:
+            return ", ".join(parts)
+        counters = [totals.quantities.get("packet_counter", 0) for totals in (before, stats)]
+        return describe_losses(0, 0, has_counter=counters[0] < counters[1])
 
     def _line(self, text: str) -> None:
         width = shutil.get_terminal_size().columns - 1
         click.echo(f"\r{text[:width]:<{width}}\r", nl=False, err=True)
 
 
-def _heard(stats: LiveStats) -> int:
-    """Samples and strings."""
+def _received(stats: LiveStats) -> int:
+    """Returns the number of samples and strings."""
     return stats.samples + sum(stats.strings.values())

@@ -6,8 +6,8 @@ import os
 
 import click
 
-from xbus.cli.export_target import check, summary, writing
-from xbus.cli.inputs import Input, label, no_frame, strings_option, task
+from xbus.cli.export_target import check_output, quality_text, writing
+from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
 from xbus.cli.progress import Progress
 
 __all__ = ["report"]
@@ -43,11 +43,11 @@ def report(
     An existing OUT is replaced, and a failed run leaves no partial file. Requires the extra: pip install
     "xbus-mti[report]".
     """
-    check(files, out)
+    check_output(files, out)
     from xbus.report import gather, plotly_js, write_page
 
     plotly = plotly_js()
-    with Progress(task(files[0]), shown=not quiet) as progress:
+    with Progress(reading_task(files[0]), shown=not quiet) as progress:
         with Input(files, progress) as source:
             data = gather(source, strings)
         stats = data.summary.stats
@@ -58,4 +58,4 @@ def report(
         with writing(out):
             write_page(data, out, title=names if title is None else title, plotly=plotly)
     if not quiet:
-        click.echo(f"{label(out)}: {summary(data.summary)}", err=True)
+        click.echo(f"{label(out)}: {quality_text(data.summary)}", err=True)

@@ -16,19 +16,19 @@ __all__ = ["reset"]
 
 @click.command(epilog="Example: xbus reset /dev/ttyUSB0")
 @click.argument("port")
-@click.option("--config", is_flag=True, help="Lead the device to Config State, and leave it there.")
+@click.option("--config", is_flag=True, help="Leave the device in Config State.")
 @baudrate_option
 def reset(port: str, config: bool, baudrate: int | None) -> None:
-    """Restarts a device, and waits until it has started.
+    """Restarts a device and waits until it has started.
 
-    Settings that are not stored are lost. Without --config the device goes on as after power-on: it
-    measures, unless its option flag DisableAutoMeasurement is set.
+    Settings that are not stored are lost. Without --config the device starts as after power-on: it measures,
+    unless its option flag DisableAutoMeasurement is set.
 
-    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
     """
     with connect_device(port, baudrate) as device:
         device.reset(config=True)
-        # WakeUpAck has no answer: this one shows that the device is in Config State.
+        # WakeUpAck has no answer; the answer to this request shows that the device is in Config State.
         stays = _stays_in_config(device)
         if not config and not stays:
             device.go_to_measurement()
@@ -37,7 +37,7 @@ def reset(port: str, config: bool, baudrate: int | None) -> None:
 
 
 def _stays_in_config(device: Device) -> bool:
-    """Whether the device does not measure after power-on."""
+    """Returns whether the device stays in Config State after power-on."""
     from xbus.protocol.values import OptionFlag
 
     return bool(device.commands.req_option_flags() & OptionFlag.DISABLE_AUTO_MEASUREMENT)

@@ -1,4 +1,4 @@
-"""``xbus restore``: brings back a device with which no communication is possible."""
+"""``xbus restore``: restores the communication with a device."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ __all__ = ["restore"]
 def restore(port: str, timeout: float) -> None:
     """Restores the communication with a silent device.
 
-    For a device that answers at no baud rate, by the procedure of section 7.2 of the manual. Run the
-    command, then switch the device off and on. Afterwards the baud rate is 115200, the output configuration
+    For a device that answers at no baud rate (section 7.2 of the manual). Run the command, then switch the
+    device off and on. Afterwards the baud rate is 115200, the output configuration
     and the synchronization have their defaults, and the device is in Config State.
 
     PORT is a serial port. The USB port of a device does not need this: unplug the device and plug it in

@@ -1,4 +1,4 @@
-"""``xbus send``: one message, and what comes back."""
+"""``xbus send``: sends a message and shows the answer."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
 __all__ = ["send"]
 
-#: Seconds to listen after bytes of which nobody knows what answers them.
-LISTEN = 0.5
+#: Default time to listen after --hex, whose answer is unknown, in seconds.
+HEX_WAIT = 0.5
 
 
 @click.command(
@@ -32,9 +32,11 @@ LISTEN = 0.5
     "--hex",
     "as_hex",
     is_flag=True,
-    help="MESSAGE is in hex: a frame (FA FF 30 00 D1), sent as it is, or a MID and data (30).",
+    help="MESSAGE is in hex: a complete frame (FA FF 30 00 D1), or a MID and payload (30).",
 )
-@click.option("--config", is_flag=True, help="Go to Config State for it, and back.")
+@click.option(
+    "--config", is_flag=True, help="Send the message in Config State, and restore the state."
+)
 @baudrate_option
 @click.option(
     "--bid",
@@ -42,15 +44,15 @@ LISTEN = 0.5
     default=0xFF,
     show_default=True,
     metavar="N",
-    help="Bus identifier to address; 255 and 1 are the device itself.",
+    help="Bus identifier (BID) of the device; 255 and 1 are the connected device.",
 )
 @click.option(
     "--wait",
     type=click.FloatRange(0, 3600),
     metavar="S",
-    help=f"Listen so many seconds longer; {LISTEN} with --hex.",
+    help=f"Listen for S more seconds. Default: 0, or {HEX_WAIT} with --hex.",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a line.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 def send(
     port: str,
     words: tuple[str, ...],
@@ -63,29 +65,29 @@ def send(
 ) -> None:
     """Sends a message and shows the answer.
 
-    What goes out is shown behind >, what comes in behind <; samples are counted.
+    Sent messages are marked with >, received messages with <; samples are only counted.
 
-    PORT is a serial port, a URL of pyserial (socket://HOST:PORT) or sim:PRODUCT, a virtual device.
-    MESSAGE is a name of `xbus messages`; its fields follow by name, for a list an entry each
-    (data_id=0x4020,frequency=100). Values are numbers, or names as the manual has them, joined by | for
-    flags. What cannot be right is not sent: with --config, what the product cannot do, too.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
+    MESSAGE is a name that xbus messages lists. Its fields follow as FIELD=VALUE; for a list, each entry is
+    one argument (data_id=0x4020,frequency=100). Values are numbers, or names from the manual, joined by | for
+    flags. Invalid messages are not sent. With --config, the message is also checked against the product.
     """
-    from xbus.cli.exchange import shown
+    from xbus.cli.exchange import show_exchange
     from xbus.device import Session
 
     name, value, frame = None, None, b""
-    with _wrong_call():
+    with _usage_errors():
         session = Session(bid=bid)
         if as_hex:
             frame = _frame(words, bid)
         else:
             name, value = _message(words, session)
     if wait is None:
-        wait = LISTEN if as_hex else 0
+        wait = HEX_WAIT if as_hex else 0
     with (
         connect_device(port, baudrate, bid=bid) as device,
         device.configure() if config else contextlib.nullcontext(),
-        shown(device, as_json=as_json) as exchange,
+        show_exchange(device, as_json=as_json) as exchange,
     ):
         if name is not None:
             _command(device, name, value, config=config)
@@ -95,8 +97,8 @@ def send(
 
 
 @contextlib.contextmanager
-def _wrong_call() -> Iterator[None]:
-    """What is found out before the port is opened is the fault of the call."""
+def _usage_errors() -> Iterator[None]:
+    """Converts errors that are found before the port is opened to usage errors."""
     try:
         yield
     except ValueError as error:
@@ -104,7 +106,7 @@ def _wrong_call() -> Iterator[None]:
 
 
 def _frame(words: Sequence[str], bid: int) -> bytes:
-    """A frame as it stands, or one for a MID and its data."""
+    """Returns a complete frame, or the frame of a MID and its payload."""
     from xbus.protocol.tables import PREAMBLE
     from xbus.wire.codec import encode_frame
 
@@ -114,16 +116,16 @@ def _frame(words: Sequence[str], bid: int) -> bytes:
     except ValueError:
         data = b""
     if not data:
-        raise ValueError(f"{text!r} is no hex; write bytes, such as FA FF 30 00 D1")
+        raise ValueError(f"{text!r} is not hex; write bytes, such as FA FF 30 00 D1")
     return data if data[0] == PREAMBLE else encode_frame(data[0], data[1:], bid=bid)
 
 
 def _message(words: Sequence[str], session: Session) -> tuple[str, Any]:
-    """Name and value of the message that the words describe."""
+    """Returns the name and the value of the message in the arguments."""
     from xbus.protocol.messages import LAYOUTS
     from xbus.protocol.tables import MESSAGES
 
-    names = [it.name for it in MESSAGES.values() if it.direction != "to host"]
+    names = [row.name for row in MESSAGES.values() if row.direction != "to host"]
     name = find_name(words[0], names, "message to a device", "messages")
     try:
         value = LAYOUTS[name].read(list(words[1:]))
@@ -134,43 +136,43 @@ def _message(words: Sequence[str], session: Session) -> tuple[str, Any]:
 
 
 def _command(device: Device, name: str, value: Any, *, config: bool) -> None:
-    """Sends a command and waits for its answer."""
+    """Sends a command and waits for the answer."""
     try:
         device.command(name, value)
     except StateError as error:
-        raise Failure(_not_now(error, config=config)) from None
+        raise Failure(_state_problem(error, config=config)) from None
     except XbusError:
         raise
-    except ValueError as error:  # it is the product that cannot do it
+    except ValueError as error:  # the product does not support the command
         raise Failure(f"{error}; nothing was sent") from None
 
 
-def _not_now(error: StateError, *, config: bool) -> str:
-    """What the command line says of a state: the advice in the error is for programs."""
+def _state_problem(error: StateError, *, config: bool) -> str:
+    """Returns the problem with a remedy for the command line; the error itself names Python functions."""
     from xbus.protocol.tables import MESSAGES
 
     states = MESSAGES[error.command].states
-    if error.state in states:  # so it is the product
+    if error.state in states:  # the product is the problem
         return str(error)
     if "config" in states:
-        advice = "add --config, or send GoToConfig first"
+        remedy = "add --config, or send GoToConfig first"
     elif "measurement" in states:
-        advice = "leave out --config" if config else "send GoToMeasurement first"
+        remedy = "remove --config" if config else "send GoToMeasurement first"
     else:
-        advice = "GoToConfig leads to Config State at any time"
-    where = " or ".join(f"{it.capitalize()} State" for it in states)
-    return f"{error.command} is valid in {where}, but the state is {error.state}; nothing was sent; {advice}"
+        remedy = "send GoToConfig, which is valid in any state"
+    where = " or ".join(f"{state.capitalize()} State" for state in states)
+    return f"{error.command} is valid in {where}, but the state is {error.state}; nothing was sent; {remedy}"
 
 
 def _listen(device: Device, wait: float, data: bytes) -> None:
-    """Sends bytes as they are, if there are any, and takes in what comes for so many seconds."""
+    """Sends raw bytes, if any, and shows what the device sends for ``wait`` seconds."""
     link = device.link
     try:
         if data:
             link.write(data)
         until = link.clock() + wait
         while (left := until - link.clock()) > 0:
-            # The session learns from it in which state the device is.
+            # The session determines the state of the device from it.
             device.session.receive(link.read(left).data)
     except OSError as error:
         raise port_lost(link.name, error) from error

@@ -1,4 +1,4 @@
-"""``xbus sim``: a virtual device."""
+"""``xbus sim``: simulates a device on a virtual serial port."""
 
 from __future__ import annotations
 
@@ -22,58 +22,55 @@ __all__ = ["sim"]
 
 
 @click.command(epilog="Example: xbus sim --product MTi-680G --trajectory drive --link /tmp/mti")
-@click.option("--product", metavar="NAME", help="Which one: MTi-3, MTi-680G, ...")
+@click.option("--product", metavar="NAME", help="Product: MTi-3, MTi-680G, ...")
 @click.option(
     "--baudrate",
     metavar="RATE",
-    help="Talk like a serial port, at this rate: a client must set the same. Without it any will do, "
-    "as on USB.",
+    help="Simulate a serial line at this baud rate, which the client must set. Default: any, as on USB.",
 )
 @click.option(
     "--trajectory",
     metavar="NAME",
-    help="How it moves: still, turn, tumble, walk, drive, fly or sail.  [default: walk]",
+    help="Motion: still, turn, tumble, walk, drive, fly or sail.  [default: walk]",
 )
 @click.option(
     "--noise",
     metavar="X",
-    help="Noise of the sensors: 1 is about that of a data sheet.  [default: 0]",
+    help="Sensor noise; 1 is about the noise in the data sheet.  [default: 0]",
 )
-@click.option("--seed", metavar="N", help="Of all that is left to chance.  [default: 0]")
+@click.option("--seed", metavar="N", help="Seed of all random numbers.  [default: 0]")
 @click.option("--device-id", metavar="ID", help="Device identifier, in hexadecimal.")
 @click.option("--firmware", metavar="VERSION", help="Firmware revision, such as 1.8.0.")
-@click.option(
-    "--utc", metavar="TIME", help="UTC at power-up, such as 2026-11-28T12:00:00, by its calendar."
-)
+@click.option("--utc", metavar="TIME", help="UTC at power-up, such as 2026-11-28T12:00:00.")
 @click.option(
     "--time-to-fix", metavar="S", help="Seconds from power-up to the first GNSS fix.  [default: 3]"
 )
 @click.option(
     "--strict-outputs/--no-strict-outputs",
     default=None,
-    help="Whether one unsupported data identifier makes it refuse a whole output configuration, or is "
-    "dropped from it.  [default: strict-outputs]",
+    help="Whether the device refuses an output configuration with an unsupported data identifier, or drops "
+    "the identifier.  [default: strict-outputs]",
 )
 @click.option(
     "--replay",
     type=click.Path(readable=False),
     metavar="FILE",
-    help="Send the samples of this recording, at its pace, and be the product that it names.",
+    help="Send the samples of this recording at its pace, as the product in the recording.",
 )
 @click.option(
     "--fault",
     multiple=True,
     metavar="WHAT",
-    help="flip=P, drop=P (probabilities of each bit, byte), burst=S, stall=AT:S, unplug=AT:S or "
-    "unplug=AT, in seconds, AT since power-up; repeatable.",
+    help="Simulate a fault: flip=P and drop=P (probability per bit, byte), burst=S, stall=AT:S, unplug=AT:S "
+    "or unplug=AT, in seconds, AT since power-up; repeatable.",
 )
-@click.option("--tcp", metavar="[HOST:]PORT", help="Serve on TCP; port 0 picks a free one.")
-@click.option("--link", metavar="PATH", help="A symbolic link that leads to the port.")
+@click.option("--tcp", metavar="[HOST:]PORT", help="Serve on TCP; port 0 selects a free port.")
+@click.option("--link", metavar="PATH", help="Create a symbolic link to the port.")
 @click.option(
     "--idle-timeout",
     type=click.FloatRange(min=0, min_open=True),
     metavar="S",
-    help="With --tcp: disconnect a client that has neither sent nor taken a byte for S seconds.",
+    help="With --tcp: disconnect a client that has neither sent nor read a byte for S seconds.",
 )
 @click.option(
     "--speed",
@@ -87,7 +84,7 @@ __all__ = ["sim"]
     "--duration",
     type=click.FloatRange(min=0),
     metavar="S",
-    help="End after S seconds of device time.",
+    help="Exit after S seconds of device time.",
 )
 def sim(
     product: str | None,
@@ -99,30 +96,30 @@ def sim(
     duration: float | None,
     **options: str | bool | tuple[str, ...] | None,
 ) -> None:
-    """A virtual device, in real time, until Ctrl-C.
+    """Simulates a device in real time until Ctrl-C.
 
-    For work away from the hardware, and for tests of your own program: it answers every command that
-    its product knows, and keeps its settings while it runs.
+    For development without hardware, and for tests: the virtual device answers every command of its product,
+    and keeps its settings while it runs.
 
-    It prints the line "port: PATH". Open PATH like the serial port of a device, with any program; with
-    --tcp it is a URL for pyserial, socket://HOST:PORT, and one client at a time gets in. After a pulled
-    plug there is a new port, and a new line.
+    Prints the line "port: PATH". Any program can open PATH like the serial port of a device. With --tcp, PATH
+    is a pyserial URL, socket://HOST:PORT, for one client at a time. After a simulated unplug there is a new
+    port, and a new line.
     """
-    with stop_requested() as is_stopped:
+    with stop_requested() as is_stopping:
         from xbus.sim.device import BOOT_TIME, WAKE_UP_TIME
         from xbus.sim.serve import serve
 
         device = _device(product, replay, options)
-        # Who has read the line may talk to it: it has started up.
+        # The device has started when the line is printed.
         device.advance(BOOT_TIME + WAKE_UP_TIME)
         device.read()
         end = math.inf if duration is None else device.time + duration
 
         def until() -> bool:
-            return is_stopped() or device.time >= end
+            return is_stopping() or device.time >= end
 
         with _server(device, tcp, link, idle_timeout, speed) as server:
-            serve(server, until, lambda port: print_line(f"port: {port}", now=True))
+            serve(server, until, lambda port: print_line(f"port: {port}", flush=True))
 
 
 def _device(
@@ -145,7 +142,7 @@ def _device(
 def _pairs(
     options: Mapping[str, str | bool | tuple[str, ...] | None],
 ) -> Iterator[tuple[str, str]]:
-    """The options that were given, as `parse_options` takes them."""
+    """Yields the given options in the form of `parse_options`."""
     for name, value in options.items():
         for text in value if isinstance(value, tuple) else () if value is None else (value,):
             yield name, str(text)
@@ -159,23 +156,23 @@ def _replay(file: str) -> Replay:
     except OSError as error:
         raise cannot(f"read {file}", error) from error
     if not len(replay):
-        raise no_frame([file], os.path.getsize(file))  # noqa: PTH202 - the name as it was given
+        raise no_frame([file], os.path.getsize(file))  # noqa: PTH202 - the name as the user wrote it
     return replay
 
 
 def _product_of(file: str | None, replay: Replay | None) -> str:
-    """The name of the product that a recording names."""
+    """Returns the product in a recording."""
     from xbus.protocol.products import product_of_code
     from xbus.protocol.tables import PRODUCTS
 
-    names = ", ".join(it.name for it in PRODUCTS.values())
+    names = ", ".join(product.name for product in PRODUCTS.values())
     if replay is None:
-        raise click.UsageError(f"--product is missing; there are {names}")
+        raise click.UsageError(f"--product is missing; choose from {names}")
     code = replay.identity.product_code
     product = None if code is None else product_of_code(code)
     if product is None:
-        named = "no product" if code is None else f"{code}, which is not known here"
-        raise click.UsageError(f"{file} names {named}; choose a --product: {names}")
+        problem = "no product" if code is None else f"the unknown product {code}"
+        raise click.UsageError(f"{file} has {problem}; choose a --product: {names}")
     return product.name
 
 
@@ -200,7 +197,7 @@ def _server(
         except OSError as error:
             raise cannot(f"make {link or 'a pseudo-terminal'}", error) from error
     if link is not None:
-        raise click.UsageError("--link leads to a pseudo-terminal; with --tcp there is none")
+        raise click.UsageError("--link needs a pseudo-terminal and cannot be combined with --tcp")
     host, _, number = tcp.rpartition(":")
     if not (number.isascii() and number.isdecimal() and int(number) < 1 << 16):
         raise click.UsageError(

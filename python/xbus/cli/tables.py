@@ -99,7 +99,7 @@ def _print_rows(
     """Prints the rows with ``text`` in a cell, ignoring case."""
     found = [row for row in rows if any(text.lower() in cell.lower() for cell in cells(row))]
     if not found:
-        raise Failure(f"no row of the table contains {text!r}; without it the table is complete")
+        raise Failure(f"no row of the table contains {text!r}; omit TEXT to print all rows")
     if as_json:
         print_json_rows([_plain(row) for row in found])
     else:
