@@ -561,7 +561,9 @@ def test_a_terminal_is_a_port() -> None:
     assert result.exit_code == 2
     assert "add --follow to print messages until Ctrl-C" in " ".join(result.output.split())
     # Other devices of the system are files, as they were.
-    assert sentence(run("dump", os.devnull)).startswith("no Xbus frame in /dev/null: the input is empty")
+    assert sentence(run("dump", os.devnull)).startswith(
+        "no Xbus frame in /dev/null: the input is empty"
+    )
 
 
 def test_a_port_that_cannot_be_opened() -> None:

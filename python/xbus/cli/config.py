@@ -34,7 +34,9 @@ def config() -> None:
 
 @config.command(epilog="Example: xbus config dump /dev/ttyUSB0 -o mti.toml")
 @_port
-@click.option("-o", "out", type=click.Path(), metavar="FILE", help="Write to FILE instead of stdout.")
+@click.option(
+    "-o", "out", type=click.Path(), metavar="FILE", help="Write to FILE instead of stdout."
+)
 @click.option(
     "--json", "as_json", is_flag=True, help="Write a JSON object, which apply and diff cannot read."
 )
@@ -256,7 +258,9 @@ def apply_settings(
         )
         if planned.problems:
             is_forceable = planned.is_other_product and force is False
-            remedy = "; --force applies the settings that the device supports" if is_forceable else ""
+            remedy = (
+                "; --force applies the settings that the device supports" if is_forceable else ""
+            )
             raise Failure(f"{_lines(file, planned.problems)}; nothing was sent{remedy}")
         for problem in planned.skipped:
             click.echo(f"xbus: skipped: {label(file)}: {problem}", err=True)
