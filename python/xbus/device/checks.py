@@ -209,7 +209,7 @@ def _check_strings(strings: StringOutput, support: Support) -> None:
     if unknown := _beyond(strings.types, support.string_types):
         string, known_strings = StringType(unknown).name, _names(support.string_types)
         raise ValueError(f"the {product.name} has no string {string}; it has {known_strings}")
-    has_rate = product.series == "600-series"
+    has_rate = support.strings_have_rate
     if has_rate != (strings.frequency is not None):
         how = (
             "takes the rate with the types"
@@ -217,7 +217,7 @@ def _check_strings(strings: StringOutput, support: Support) -> None:
             else "takes the rate by SetPeriod and SetOutputSkipFactor"
         )
         raise ValueError(f"the {product.name} {how}")
-    most = support.rates["acceleration"]
+    most = support.base_rate
     if has_rate and strings.types and not 1 <= (strings.frequency or 0) <= most:
         raise ValueError(
             f"the {product.name} sends strings at 1 to {most} Hz, not at {strings.frequency} Hz"

@@ -109,13 +109,12 @@ def plan_strings(
     types = StringType(0)
     for kind in string_types(strings):
         types |= kind
-    is_600 = support.product.series == "600-series"
     if not types:
         if frequency is not None:
             raise ValueError(f"a rate of {frequency:g} Hz needs at least one string")
-        return StringPlan(StringOutput(types, 0 if is_600 else None))
-    if is_600:
-        name, most = support.product.name, support.rates["acceleration"]
+        return StringPlan(StringOutput(types, 0 if support.strings_have_rate else None))
+    if support.strings_have_rate:
+        name, most = support.product.name, support.base_rate
         if frequency is None:
             raise ValueError(
                 f"the {name} does not send strings on request; give a rate from 1 to {most} Hz"

@@ -94,7 +94,7 @@ def _is_within(flags: int, mask: int) -> bool:
     return not int(flags) & ~int(mask)
 
 
-# Settings with a rule of their own
+# Settings with special rules
 
 
 def _set_baudrate(unit: Unit, code: int) -> bytes:

@@ -289,7 +289,7 @@ _Batch: TypeAlias = tuple[_Source, list[_Packet], IntArray]
 
 
 class _Configured(NamedTuple):
-    """A line of the configuration. The rate is `EVERY` for quantities without a rate of their own."""
+    """A line of the configuration. The rate is `EVERY` for quantities that have no rate."""
 
     data_id: int
     quantity: Quantity
