@@ -1372,6 +1372,61 @@ def test_counting(frames: list[bytes], expected: list[int], gaps: int, lost: int
     assert_as_the_oracle(b"".join(frames))
 
 
+#: A sample with a counter, or one of the messages with which a run starts; from one of three devices.
+COUNTED = st.tuples(
+    st.sampled_from([0xFF, 1, 2, 3]),
+    st.one_of(
+        *[st.integers(0, 12) | st.integers(65_530, 65_535)] * 3,
+        st.sampled_from([("restart", 0x11), ("restart", 0x41), ("restart", 0x3E)]),
+        st.just(("uncounted", 0x36)),
+    ),
+)
+
+
+@given(st.lists(COUNTED, max_size=60), st.integers(1, 300))
+def test_gaps_and_restarts(sent: list[tuple[int, Any]], block: int) -> None:
+    """Gaps are where the unwrapped counter of a device leaves numbers out within a run."""
+    frames, gaps, restarts = [], [], []
+    is_sample = [not (isinstance(what, tuple) and what[0] == "restart") for _, what in sent]
+    for bid, what in sent:
+        if isinstance(what, int):
+            frames.append(mtdata2(counter(what), bid=bid))
+        elif what[0] == "restart":
+            frames.append(frame(what[1], bid=bid))
+        else:
+            frames.append(mtdata2(fine(5), bid=bid))
+    data = b"".join(frames)
+    log = xbus.read_log(data)
+    last: dict[int, int] = {}
+    begun: set[int] = set()
+    index = 0
+    for (bid, what), sample in zip(sent, is_sample, strict=True):
+        device = 1 if bid == 0xFF else bid
+        if not sample:
+            restarts.append((index, bid))
+            begun.add(device)
+            continue
+        if isinstance(what, int):
+            count = int(log.packet_counter[index])
+            assert count % 65_536 == what
+            lost = count - last.get(device, count) - 1
+            if lost > 0 and device not in begun:
+                gaps.append((index, lost, bid))
+            last[device] = count
+            begun.discard(device)
+        index += 1
+    assert log.gaps.tolist() == gaps
+    assert (len(log.gaps), log.gaps["lost"].sum()) == (log.stats.gaps, log.stats.lost_samples)
+    starts = log._core.restarts
+    assert list(zip(starts.sample.tolist(), starts.bid.tolist(), strict=True)) == restarts
+    parts = list(xbus.iter_log(data, block_bytes=block))
+    np.testing.assert_array_equal(np.concatenate([part.gaps for part in parts]), log.gaps)
+    joined = np.concatenate([part._core.restarts.sample for part in parts])
+    np.testing.assert_array_equal(joined, starts.sample)
+    with pytest.raises(ValueError, match="read-only"):
+        log.gaps["lost"] = 0
+
+
 # ---------------------------------------------------------------------------------------------
 # The device
 # ---------------------------------------------------------------------------------------------

@@ -22,7 +22,7 @@ class HostClocks:
         self._clocks: dict[int, _core.HostClock] = {}
 
     def host_time(self, sample: Sample) -> float:
-        """Returns the host time of a sample that follows the last one, in seconds since 1970; NaN if it is unknown."""
+        """Returns the host time of the next sample, in seconds since 1970; NaN if it is unknown."""
         if math.isnan(sample.time) or sample.arrival is None:
             return math.nan
         device = _core.device_of(sample.bid)
