@@ -265,7 +265,7 @@ def test_parquet_of_several_files(tmp_path: Path) -> None:
         result = run("decode", *names, "-o", str(out))
         if alone.host_clock is None:
             assert "host_time" not in pq.read_schema(out).names
-            assert "no list of arrivals" in result.stderr
+            assert "is not a side file of version 1" in result.stderr
         else:
             host = pq.read_table(out)["host_time"].to_numpy()
             assert np.array_equal(host[:100], alone.host_time, equal_nan=True)
@@ -290,32 +290,32 @@ END, ARRIVAL = PIECES[-1]
 #: What the side file holds; how many samples have a host time; what the fault says, or None.
 SIDES = {
     "good": (GOOD, 100, None),
-    "empty": (b"", 0, "no list of arrivals"),
-    "cut in the head": (HEAD[:23], 0, "no list of arrivals"),
+    "empty": (b"", 0, "is not a side file of version 1"),
+    "cut in the head": (HEAD[:23], 0, "is not a side file of version 1"),
     "head alone": (HEAD, 0, None),
     "cut in the first record": (HEAD + GOOD[24:39], 0, None),
     "cut in the last record": (GOOD[:-1], 98, None),
     "cut in the middle": (HEAD + records(*PIECES[:5]), 35, None),
-    "other magic": (b"xbustimE" + GOOD[8:], 0, "no list of arrivals"),
+    "other magic": (b"xbustimE" + GOOD[8:], 0, "is not a side file of version 1"),
     "other version": (HEAD[:8] + struct.pack("<II", 2, 16) + GOOD[16:], 0, "of version 1"),
     "other record size": (HEAD[:8] + struct.pack("<II", 1, 24) + GOOD[16:], 0, "of version 1"),
     "big-endian": (b"XBUSTIME" + struct.pack(">II", 1, 16) + GOOD[16:], 0, "of version 1"),
-    "text": (b"time,offset\n" * 99, 0, "no list of arrivals"),
-    "zeros": (bytes(999), 0, "no list of arrivals"),
+    "text": (b"time,offset\n" * 99, 0, "is not a side file of version 1"),
+    "zeros": (bytes(999), 0, "is not a side file of version 1"),
     "zeros at the end": (
         HEAD + records(*PIECES[:5]) + bytes(64),
         28,
-        "offsets fall behind record 4",
+        "offsets descend after record 4",
     ),
     "an offset falls": (
         HEAD + records(*PIECES[:8], PIECES[3], *PIECES[8:]),
         49,
-        "offsets fall behind record 7",
+        "offsets descend after record 7",
     ),
     "an offset is huge": (
         HEAD + records(*PIECES[:8], (2**64 - 1, 0), *PIECES[8:]),
         56,
-        "fall behind record 8",
+        "descend after record 8",
     ),
     "offsets repeat": (HEAD + records(*[it for it in PIECES for _ in range(2)]), 100, None),
     "an arrival falls": (

@@ -372,7 +372,7 @@ def test_accepted(key: Any, values: Any, wire: bytes) -> None:
         (("temperature", "Fp1220"), math.nan, "temperature: Fp1220 has no NaN; use Float32 or Float64"),
         (("temperature", "Fp1632"), math.nan, "temperature: Fp1632 has no NaN; use Float32 or Float64"),
         (("acceleration", "Fp1220"), [1, math.nan, 2], "acceleration: Fp1220 has no NaN"),
-        ("trigger_in1", {"line": 1}, "a record needs just the fields line, polarity, timestamp, frame"),
+        ("trigger_in1", {"line": 1}, "a record needs exactly the fields line, polarity, timestamp, frame"),
         ("trigger_in1", [1, 2, 3], "trigger_in1 takes 4 numbers, not 3"),
         ("trigger_in1", [256, 2, 3, 4], "line: 256 is outside U1 (0 to 255)"),
         ("gnss_sat_info", ([1000, 2, 0, 0, 0], [(1, 2, 3, 4)]), "gnss_sat_info takes 13 numbers, not 9"),

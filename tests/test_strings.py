@@ -185,11 +185,11 @@ def wrong(body: str) -> bytes:
         (b":12345  0000Q 0123 -0456F\r\n", "'Q' stands where H does"),
         (EM1000[:-1], "EM1000 has 10 bytes, not 9"),
         (EM1000 + b"\0", "EM1000 has 10 bytes, not 11"),
-        (wrong("HCHDM,093.8,T"), "HCHDM, the letter behind it: 'T' stands where M does"),
+        (wrong("HCHDM,093.8,T"), "HCHDM, the letter after it: 'T' stands where M does"),
         (wrong("HCHDM,x,M"), "HCHDM, heading: 'x' is no number"),
         (wrong("HCHDM,nan,M"), "'nan' is no number"),
         (wrong("HCHDM,1_0,M"), "'1_0' is no number"),
-        (wrong("HCHDM,093.8"), "HCHDM: it ends in front of the letter behind it"),
+        (wrong("HCHDM,093.8"), "HCHDM ends before the letter after it"),
         (wrong("HCHDM,093.8,M,1"), "HCHDM has 2 fields, not 3"),
         (wrong("HCHDG,98.3,0.1,N,12.6,W"), "HCHDG, deviation: 'N' is neither E nor W"),
         (wrong("GPGGA,091507,9014.4043,N,,,1,09,1.1,45.2,M,42.8,M,,"), "9014.4043 is beyond 90 degrees"),
@@ -198,7 +198,7 @@ def wrong(body: str) -> bytes:
         (wrong("GPGGA,9h,,,,,1,09,1.1,45.2,M,42.8,M,,"), "GPGGA, time: '9h' is no time of day"),
         (wrong("GPGGA,091507,,,,,-1,09,1.1,45.2,M,42.8,M,,"), "GPGGA, quality: '-1' is no count"),
         (wrong("GPZDA,091507.00,13,Jul,2025,00,00"), "GPZDA, date: '13,Jul,2025' is no date"),
-        (b"$PRDID,1,2\r\n", "PRDID: it ends in front of heading"),
+        (b"$PRDID,1,2\r\n", "PRDID ends before heading"),
         (b":12345X 0000H 0123X-0456F", "TSS2: its characters are not those of :DDDDD SMHHHHQMRRRRSMPPPPE"),
         (b":+1.34  0000H 0123 -0456F", "TSS2: its characters are not those of"),
         (bytes.fromhex("00 90 20 4E 00 00 00 00 00 00"), "EM1000: roll goes to 180, pitch to 90"),
@@ -217,17 +217,21 @@ def test_a_bad_string_is_one_sentence(data: bytes, problem: str) -> None:
 @pytest.mark.parametrize(
     ("name", "values", "problem"),
     [
-        ("HCHDM", {"heading": math.inf}, "HCHDM, heading: it cannot be inf"),
-        ("HCHDM", {"heading": "north"}, "HCHDM, heading: it cannot be 'north'"),
+        ("HCHDM", {"heading": math.inf}, "HCHDM, heading: cannot encode inf"),
+        ("HCHDM", {"heading": "north"}, "HCHDM, heading: cannot encode 'north'"),
         ("HCHDM", {"course": 1.0}, "HCHDM has no course; it has heading"),
-        ("EM1000", {"roll": 400.0}, "EM1000 cannot say that"),
-        ("EM1000", {"roll": 181.0}, "EM1000 cannot say that: roll goes to 180, pitch to 90"),
-        ("TSS2", {"heading": -12.5}, "TSS2 cannot say that: its characters are not those of"),
-        ("TSS2", {"heading": 1234.5}, "TSS2 cannot say that: its characters are not those of"),
-        ("PRDID", {"heading": math.inf}, "PRDID, heading: it cannot be inf"),
-        ("TSS2", {"roll": math.inf}, "TSS2, roll: it cannot be inf"),
-        ("GPGGA", {"lat": 91.0}, "GPGGA, lat: it cannot be 91.0"),
-        ("GPGGA", {"time": 12.5}, "GPGGA, time: it cannot be 12.5"),
+        ("EM1000", {"roll": 400.0}, "EM1000: a value does not fit"),
+        ("EM1000", {"roll": 181.0}, "EM1000: a value does not fit: roll goes to 180, pitch to 90"),
+        ("TSS2", {"heading": -12.5}, "TSS2: a value does not fit: its characters are not those of"),
+        (
+            "TSS2",
+            {"heading": 1234.5},
+            "TSS2: a value does not fit: its characters are not those of",
+        ),
+        ("PRDID", {"heading": math.inf}, "PRDID, heading: cannot encode inf"),
+        ("TSS2", {"roll": math.inf}, "TSS2, roll: cannot encode inf"),
+        ("GPGGA", {"lat": 91.0}, "GPGGA, lat: cannot encode 91.0"),
+        ("GPGGA", {"time": 12.5}, "GPGGA, time: cannot encode 12.5"),
         ("GPGGA", {"dgps_station": "a\n$"}, "a field is of printable characters"),
         ("GPGGA", {"dgps_station": "1,2"}, "a field is of printable characters"),
         ("GPGSV", {}, "no string is called 'GPGSV'; there are HCHDM, "),
@@ -241,7 +245,7 @@ def test_what_cannot_be_written(name: str, values: dict[str, Any], problem: str)
 
 def test_names_that_name_no_string() -> None:
     for wrong_name in (1, None, b"HEHDT"):
-        with pytest.raises(TypeError, match="a string is named by a StringType or a name"):
+        with pytest.raises(TypeError, match="a string type is a StringType or its name"):
             encode_string(wrong_name)  # type: ignore[arg-type]
     for many in (StringType.HEHDT | StringType.HEROT, StringType(0)):
         with pytest.raises(ValueError, match="one string is to be named, not"):

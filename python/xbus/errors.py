@@ -1,11 +1,11 @@
-"""What can go wrong.
+"""The exceptions of xbus.
 
 XbusError
-├─ DecodeError(ValueError)        bytes that do not add up: in a log (strict), or a reply of the wrong length
-├─ StateError(RuntimeError)       asked too early or of the wrong product; nothing was sent
+├─ DecodeError(ValueError)        invalid bytes: in a log (strict), in a string or in a reply
+├─ StateError(RuntimeError)       the command does not fit the state or the product; nothing was sent
 ├─ DeviceError                    the device answered Error (0x42)
-├─ XbusTimeout(TimeoutError)      nothing came
-├─ ApplyError                     settings were applied in part
+├─ XbusTimeout(TimeoutError)      no answer
+├─ ApplyError                     some settings were applied before one failed
 └─ Disconnected(ConnectionError)  the port is gone
 """
 
@@ -22,16 +22,16 @@ __all__ = [
 
 
 class XbusError(Exception):
-    """Base of everything that xbus raises on its own account."""
+    """Base class of the exceptions of xbus."""
 
 
 class DecodeError(XbusError, ValueError):
-    """Bytes that do not add up: in a log that is read with ``strict=True``, or in a reply.
+    """Invalid bytes: in a log that is read with ``strict=True``, in a string, or in a reply.
 
     Attributes:
-        offset: Where the damage or the frame at fault begins, in bytes from the start of the input.
-        data_id: Data identifier of the packet at fault, or None where the frame itself is.
-        command: Name of the command whose reply it is, or None in a log.
+        offset: Byte offset in the input at which the damage or the invalid frame begins.
+        data_id: Data identifier of the invalid packet, or None if the frame itself is invalid.
+        command: Name of the command whose reply is invalid, or None in a log.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class DecodeError(XbusError, ValueError):
 
 
 class StateError(XbusError, RuntimeError):
-    """A command that the device cannot take now; nothing was sent.
+    """A command that does not fit the state of the device, or the product. Nothing was sent.
 
     Attributes:
         command: Name of the command.
@@ -68,7 +68,7 @@ class DeviceError(XbusError):
 
     Attributes:
         code: The error code, Table 5 of the manual.
-        command: Name of the command it answers, or None for an Error that came unasked.
+        command: Name of the command that it answers, or None for an Error without a command.
     """
 
     def __init__(self, message: str, code: int, command: str | None = None) -> None:
@@ -80,12 +80,12 @@ class DeviceError(XbusError):
         return str(self.args[0])
 
 
-class XbusTimeout(XbusError, TimeoutError):  # noqa: N818 - the name says more than an ending would
-    """Nothing came.
+class XbusTimeout(XbusError, TimeoutError):  # noqa: N818 - the name is clear without a suffix
+    """No answer arrived in time.
 
     Attributes:
-        command: Name of the command that was not answered, or None when listening.
-        waited: Seconds.
+        command: Name of the command without an answer, or None while listening.
+        waited: Seconds until the timeout.
     """
 
     def __init__(self, message: str, command: str | None, waited: float) -> None:
@@ -97,11 +97,11 @@ class XbusTimeout(XbusError, TimeoutError):  # noqa: N818 - the name says more t
         return str(self.args[0])
 
 
-class Disconnected(XbusError, ConnectionError):  # noqa: N818 - the name says more than an ending would
+class Disconnected(XbusError, ConnectionError):  # noqa: N818 - the name is clear without a suffix
     """The port is gone: unplugged, or closed on the other side.
 
     Attributes:
-        command: Name of the command that was under way, or None when listening.
+        command: Name of the interrupted command, or None while listening.
     """
 
     def __init__(self, message: str, command: str | None = None) -> None:

@@ -1,4 +1,4 @@
-"""Libraries that are used where they are installed."""
+"""Optional libraries, imported when they are first used."""
 
 from __future__ import annotations
 
@@ -9,10 +9,15 @@ __all__ = ["require"]
 
 
 def require(module: str, extra: str, purpose: str) -> Any:
-    """The module, imported now; if it is missing, one sentence that says how to get it.
+    """Imports and returns a module of an extra.
+
+    Args:
+        module: Name of the module.
+        extra: Name of the extra that installs it.
+        purpose: What needs it, for the error message: ``"to write Parquet"``.
 
     Raises:
-        ImportError: The extra is not installed.
+        ImportError: The extra is not installed; the message has the command that installs it.
     """
     try:
         return importlib.import_module(module)

@@ -1,1 +1,1 @@
-"""The Earth and rotations: what virtual devices, reports and the monitor compute with."""
+"""The Earth and rotations, for virtual devices, reports and the monitor."""

@@ -1,6 +1,6 @@
-"""The Earth under a virtual device: places on the WGS84 ellipsoid, gravity, magnetic field and air pressure.
+"""The Earth: the WGS84 ellipsoid, gravity, magnetic field and air pressure.
 
-All functions take and give numpy arrays of any shape, element by element.
+All functions work element by element on numpy arrays of any shape.
 """
 
 from __future__ import annotations
@@ -28,22 +28,22 @@ __all__ = [
 
 FloatArray: TypeAlias = npt.NDArray[np.float64]
 
-#: WGS84: semi-major axis in metres, flattening, and what follows from them.
+#: WGS84: semi-major axis in metres, flattening, and derived constants.
 A = 6378137.0
 F = 1 / 298.257223563
 B = A * (1 - F)
 E2 = F * (2 - F)
 
-#: Where a trajectory begins that names no place: Enschede, degrees and metres above the ellipsoid.
+#: Default start of a trajectory: Enschede, in degrees and metres above the ellipsoid.
 ORIGIN = LatLonAlt(52.2405, 6.8382, 81.5)
-#: Metres of the geoid above the ellipsoid at `ORIGIN`, used everywhere: height less this is height above sea.
+#: Metres of the geoid above the ellipsoid at `ORIGIN`, used everywhere: to subtract for height above sea.
 GEOID_SEPARATION = 42.8
-#: Degrees by which the magnetic field points down at `ORIGIN`, used everywhere.
+#: Inclination of the magnetic field at `ORIGIN` in degrees, used everywhere.
 MAGNETIC_INCLINATION = 67.0
 
 
 def geodetic_to_ecef(lat: npt.ArrayLike, lon: npt.ArrayLike, alt: npt.ArrayLike) -> FloatArray:
-    """Earth-centred, Earth-fixed metres (..., 3) of latitude, longitude (degrees) and height (metres).
+    """Returns ECEF metres (..., 3) of latitude, longitude (degrees) and height (metres).
 
     >>> geodetic_to_ecef(0.0, 90.0, 100.0).round(3).tolist()
     [0.0, 6378237.0, 0.0]
@@ -56,9 +56,10 @@ def geodetic_to_ecef(lat: npt.ArrayLike, lon: npt.ArrayLike, alt: npt.ArrayLike)
 
 
 def ecef_to_geodetic(ecef: npt.ArrayLike) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Latitude, longitude (degrees) and height above the ellipsoid (metres) of ECEF metres (..., 3).
+    """Returns latitude, longitude (degrees) and height above the ellipsoid (metres) of ECEF metres (..., 3).
 
-    Better than 1e-9 degrees and 1e-6 m from 1 km below the ellipsoid to 20 km above, the poles included.
+    The error is less than 1e-9 degrees and 1e-6 m from 1 km below the ellipsoid to 20 km above, also at
+    the poles.
 
     >>> lat, lon, alt = ecef_to_geodetic([0.0, 6378237.0, 0.0])
     >>> float(lat), float(lon), float(alt)
@@ -66,7 +67,7 @@ def ecef_to_geodetic(ecef: npt.ArrayLike) -> tuple[FloatArray, FloatArray, Float
     """
     x, y, z = np.moveaxis(np.asarray(ecef, np.float64), -1, 0)
     across = np.hypot(x, y)
-    # Bowring's formula; near the surface its second round is at the precision of float64.
+    # Bowring's formula; near the surface its second iteration reaches the precision of float64.
     beta = np.arctan2(A * z, B * across)
     for _ in range(2):
         phi = np.arctan2(
@@ -78,16 +79,16 @@ def ecef_to_geodetic(ecef: npt.ArrayLike) -> tuple[FloatArray, FloatArray, Float
 
 
 def _enu_axes(origin: LatLonAlt) -> FloatArray:
-    """East, north and up at `origin`, each a row in ECEF, (3, 3)."""
+    """Returns the axes east, north and up at `origin`, as rows in ECEF, (3, 3)."""
     phi, lam = np.radians(origin.lat), np.radians(origin.lon)
     (sp, cp), (sl, cl) = (np.sin(phi), np.cos(phi)), (np.sin(lam), np.cos(lam))
     return np.array([[-sl, cl, 0], [-sp * cl, -sp * sl, cp], [cp * cl, cp * sl, sp]])
 
 
 def enu_to_ecef(position: npt.ArrayLike, origin: LatLonAlt) -> FloatArray:
-    """ECEF metres (..., 3) of metres east, north and up of `origin` (..., 3).
+    """Returns ECEF metres (..., 3) of metres east, north and up of `origin` (..., 3).
 
-    The axes are those at the origin everywhere: 10 km away, "up" is 8 m above the curve of the Earth.
+    The axes are those at the origin: at 10 km, the plane is 8 m above the surface of the Earth.
 
     >>> enu_to_ecef([5.0, 0.0, 0.0], LatLonAlt(0.0, 90.0, 100.0)).round(3).tolist()
     [-5.0, 6378237.0, 0.0]
@@ -96,19 +97,19 @@ def enu_to_ecef(position: npt.ArrayLike, origin: LatLonAlt) -> FloatArray:
 
 
 def ecef_to_enu(ecef: npt.ArrayLike, origin: LatLonAlt) -> FloatArray:
-    """Metres east, north and up of `origin` (..., 3), the inverse of `enu_to_ecef`."""
+    """Returns metres east, north and up of `origin` (..., 3), the inverse of `enu_to_ecef`."""
     return (np.asarray(ecef, np.float64) - geodetic_to_ecef(*origin)) @ _enu_axes(origin).T
 
 
 def enu_to_geodetic(
     position: npt.ArrayLike, origin: LatLonAlt
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Latitude, longitude (degrees) and height (metres) of metres east, north and up of `origin`."""
+    """Returns latitude, longitude (degrees) and height (metres) of metres east, north and up of `origin`."""
     return ecef_to_geodetic(enu_to_ecef(position, origin))
 
 
 def gravity(lat: npt.ArrayLike, alt: npt.ArrayLike) -> FloatArray:
-    """Acceleration of gravity in m/s2 at a latitude in degrees and a height in metres.
+    """Returns the acceleration of gravity in m/s2 at a latitude in degrees and a height in metres.
 
     Somigliana's formula of WGS84 with the correction for height to second order.
 
@@ -118,23 +119,22 @@ def gravity(lat: npt.ArrayLike, alt: npt.ArrayLike) -> FloatArray:
     sine2 = np.sin(np.radians(lat)) ** 2
     height = np.asarray(alt, np.float64) / A
     surface = 9.7803253359 * (1 + 0.00193185265241 * sine2) / np.sqrt(1 - E2 * sine2)
-    # 0.00344978650684 is centrifugal force over gravity at the equator.
+    # 0.00344978650684 is the ratio of centrifugal force to gravity at the equator.
     falloff = 1 + F + 0.00344978650684 - 2 * F * sine2
     return np.asarray(surface * (1 - 2 * falloff * height + 3 * height**2))
 
 
 def magnetic_field() -> FloatArray:
-    """The magnetic field, east, north and up (3,), in arbitrary units: its norm is 1.0, as at calibration.
+    """Returns the magnetic field, east, north and up (3,), in units of its norm at calibration.
 
-    It is no model of the world but the field of `ORIGIN`, everywhere, with a declination of zero, so
-    that magnetic north is true north.
+    This is the field at `ORIGIN`, used everywhere, with a declination of zero: magnetic north is true north.
     """
     dip = np.radians(MAGNETIC_INCLINATION)
     return np.array([0.0, np.cos(dip), -np.sin(dip)])
 
 
 def pressure(alt: npt.ArrayLike) -> FloatArray:
-    """Air pressure in Pa of the standard atmosphere (ISA), by metres above sea, up to 20 km.
+    """Returns the air pressure in Pa of the standard atmosphere (ISA) at metres above sea, up to 20 km.
 
     >>> pressure([0.0, 1000.0, 11000.0, 20000.0]).round().tolist()
     [101325.0, 89875.0, 22632.0, 5475.0]

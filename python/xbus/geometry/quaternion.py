@@ -1,7 +1,7 @@
 """Quaternions: q0 first, Hamilton's product, rotating from the sensor to the local frame.
 
-As on the wire (section 5.3.6). Arrays are (..., 4), vectors (..., 3), all float64; leading axes
-broadcast. Nothing is normalised that does not say so.
+As on the wire (section 5.3.6). Quaternions are (..., 4), vectors (..., 3), all float64; leading axes
+broadcast. Functions do not normalise unless they say so.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = [
 
 
 def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
-    """The product of quaternions: as a rotation, first `q`, then `p`."""
+    """Returns the product of quaternions: as a rotation, first `q`, then `p`."""
     p0, p1, p2, p3 = np.moveaxis(p, -1, 0)
     q0, q1, q2, q3 = np.moveaxis(q, -1, 0)
     return np.stack(
@@ -42,12 +42,12 @@ def multiply(p: FloatArray, q: FloatArray) -> FloatArray:
 
 
 def conjugate(q: FloatArray) -> FloatArray:
-    """The conjugate: of a unit quaternion, the rotation back."""
+    """Returns the conjugate: for a unit quaternion, the inverse rotation."""
     return np.asarray(q * np.array([1.0, -1.0, -1.0, -1.0]))
 
 
 def delta(before: FloatArray, after: FloatArray) -> FloatArray:
-    """What turns `before` into `after`, as `delta_q` says it: ``multiply(before, delta) == after``.
+    """Returns the rotation from `before` to `after`, as in `delta_q`: ``multiply(before, delta) == after``.
 
     >>> import numpy as np
     >>> q = np.array([[1.0, 0, 0, 0], [0.8, 0, 0, 0.6]])
@@ -58,39 +58,39 @@ def delta(before: FloatArray, after: FloatArray) -> FloatArray:
 
 
 def rotate(q: FloatArray, vector: FloatArray) -> FloatArray:
-    """The vector in the local frame that is `vector` in the sensor's; with `conjugate`, the way back."""
+    """Returns a vector of the sensor frame in the local frame; with `conjugate`, the inverse."""
     u = q[..., 1:]
     t = 2 * np.cross(u, vector)
     return np.asarray(vector + q[..., :1] * t + np.cross(u, t))
 
 
 def body_rate(q: FloatArray, derivative: FloatArray) -> FloatArray:
-    """Rate of turn in rad/s in the sensor frame, of a quaternion of any length and its derivative."""
+    """Returns the rate of turn in rad/s in the sensor frame, of a quaternion and its derivative."""
     turning = 2 * multiply(conjugate(q), derivative)[..., 1:]
     return np.asarray(turning / np.sum(q * q, axis=-1, keepdims=True))
 
 
 def continuous(q: FloatArray) -> FloatArray:
-    """The same rotations (n, 4), each with the sign that is nearer to the one before."""
+    """Returns the same rotations (n, 4), each with the sign nearer to the previous one."""
     flips = np.sum(q[1:] * q[:-1], axis=-1) < 0
     signs = np.cumprod(np.where(np.concatenate([[False], flips]), -1.0, 1.0))
     return np.asarray(q * signs[:, np.newaxis])
 
 
 def from_rotation_vector(vector: FloatArray) -> FloatArray:
-    """The rotation about `vector` by its norm in radians.
+    """Returns the rotation about `vector` by its norm in radians.
 
     >>> import numpy as np
     >>> from_rotation_vector(np.array([0, 0, np.pi / 2])).round(4).tolist()
     [0.7071, 0.0, 0.0, 0.7071]
     """
     angle = np.linalg.norm(vector, axis=-1, keepdims=True)
-    # numpy's sinc is sin(pi x) / (pi x), without trouble at zero.
+    # numpy's sinc is sin(pi x) / (pi x), and 1 at zero.
     return np.concatenate([np.cos(angle / 2), vector / 2 * np.sinc(angle / (2 * np.pi))], axis=-1)
 
 
 def from_euler(euler: npt.ArrayLike) -> FloatArray:
-    """The rotation of roll, pitch and yaw in degrees (..., 3): yaw about z first, then pitch, then roll.
+    """Returns the rotation of roll, pitch and yaw in degrees (..., 3): first yaw, then pitch, then roll.
 
     The sign is continuous: angles that pass 180 degrees smoothly give quaternions that do.
 
@@ -111,7 +111,7 @@ def from_euler(euler: npt.ArrayLike) -> FloatArray:
 
 
 def to_euler(q: FloatArray) -> FloatArray:
-    """Roll, pitch and yaw of unit quaternions, in degrees (..., 3); pitch from -90 to 90.
+    """Returns roll, pitch and yaw of unit quaternions, in degrees (..., 3); pitch from -90 to 90.
 
     >>> import numpy as np
     >>> to_euler(from_euler([10.0, 20.0, -170.0])).round(9).tolist()
@@ -125,16 +125,16 @@ def to_euler(q: FloatArray) -> FloatArray:
 
 
 def to_matrix(q: FloatArray) -> FloatArray:
-    """The rotation matrices (..., 3, 3) of unit quaternions: ``matrix @ sensor == local``."""
+    """Returns the rotation matrices (..., 3, 3) of unit quaternions: ``matrix @ sensor == local``."""
     # The columns are the axes of the sensor, seen from the local frame.
     return np.asarray(np.swapaxes(rotate(q[..., np.newaxis, :], np.eye(3)), -1, -2))
 
 
 def from_matrix(matrix: npt.ArrayLike) -> FloatArray:
-    """The unit quaternions of rotation matrices (..., 3, 3), with q0 of either sign."""
+    """Returns the unit quaternions of rotation matrices (..., 3, 3), with q0 of either sign."""
     m = np.moveaxis(np.asarray(matrix, np.float64), (-2, -1), (0, 1))
     trace = np.trace(m)
-    # The products 4 qi qj; each row is the quaternion, and the one with the largest square is the sharpest.
+    # The products 4 qi qj: each row is a multiple of the quaternion; the longest is the most precise.
     rows = np.array(
         [
             [1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],

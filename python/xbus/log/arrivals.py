@@ -1,10 +1,10 @@
-"""The side file of a recording: when its bytes arrived.
+"""The side file of a recording, with the arrivals of its bytes.
 
-``NAME.mtb.times`` lies beside ``NAME.mtb``. It begins with 24 bytes: ``XBUSTIME``, then the version (1) and
-the size of a record (16) as U4, and what the host's steady clock lacks to the time since 1970, in ns as I8.
-Records follow, each for a piece of bytes that was read at once: where in
-``NAME.mtb`` the piece ends (U8), and when it arrived by the clock of the host, in ns since 1970 (I8). All of
-it is little-endian. A last record that was cut short is none.
+``NAME.mtb.times`` belongs to ``NAME.mtb``. It begins with a header of 24 bytes: ``XBUSTIME``, the version
+(1) and the size of a record (16) as U4, and the nanoseconds to add to the steady clock of the host for the
+time since 1970, as I8. Each record is about a piece of bytes that was read at once: the offset in
+``NAME.mtb`` at which it ends (U8), and its arrival on the clock of the host, in ns since 1970 (I8). All
+numbers are little-endian. An incomplete last record is ignored.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ SUFFIX = ".times"
 HEAD = np.dtype([("magic", "S8"), ("version", "<u4"), ("size", "<u4"), ("epoch", "<i8")])
 RECORD = np.dtype([("end", "<u8"), ("arrival", "<i8")])
 EXPECTED = (b"XBUSTIME", 1, RECORD.itemsize)
-#: A power cut may cost the log more of its end than the side file, but not more than this, in ns.
+#: A power cut can cost the log more of its end than the side file, but not more than this, in ns.
 LOST = 60 * 10**9
 
 
@@ -39,8 +39,8 @@ class Arrivals:
     """When the bytes of a log arrived.
 
     Attributes:
-        end: Where each piece ends in the log, ``(n,)`` int64, rising.
-        time: When it arrived, in ns since 1970, ``(n,)`` int64.
+        end: Byte offset in the log at which each piece ends, ``(n,)`` int64, ascending.
+        time: When the piece arrived, in ns since 1970, ``(n,)`` int64.
         fault: What is wrong with the side file, or None.
     """
 
@@ -49,17 +49,17 @@ class Arrivals:
     fault: str | None = None
 
     def of(self, end: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
-        """Arrivals of what ends at these rising offsets, as far as they are known: maybe fewer."""
+        """Returns the arrivals of the bytes before ascending offsets; fewer if not all are known."""
         known = np.searchsorted(end, self.end[-1], side="right") if len(self.end) else 0
         return self.time[np.searchsorted(self.end, end[:known])]
 
 
 @runtime_checkable
 class Timed(Protocol):
-    """A source that knows by itself when its bytes arrived."""
+    """A source that has the arrivals of its bytes."""
 
     def arrivals(self) -> Arrivals | None:
-        """When they did; None where that is not known."""
+        """Returns the arrivals, or None if they are not known."""
         ...
 
 
@@ -152,7 +152,10 @@ def _unpickled(
 
 
 def arrivals_of(source: Source) -> Arrivals | None:
-    """What the side file of a log says; None where there is none. Ask before the log is read: it may grow."""
+    """Returns the arrivals in the side file of a log, or None without one.
+
+    Call this before the log is read: it may grow.
+    """
     if isinstance(source, Timed):
         return source.arrivals()
     if not isinstance(source, str | os.PathLike) or (isinstance(source, str) and "://" in source):
@@ -172,30 +175,30 @@ def arrivals_of(source: Source) -> Arrivals | None:
 
 def _arrivals(data: bytes, side: str, size: int) -> Arrivals:
     if len(data) < HEAD.itemsize or np.frombuffer(data, HEAD, 1)[0].item()[:3] != EXPECTED:
-        return _none(f"{side} is no list of arrivals of version 1")
+        return _none(f"{side} is not a side file of version 1")
     count = (len(data) - HEAD.itemsize) // RECORD.itemsize
     records = np.frombuffer(data, RECORD, count, HEAD.itemsize)
     end = np.minimum(records["end"], np.iinfo(np.int64).max).astype(np.int64)
     time = records["arrival"].astype(np.int64)
     falls = np.flatnonzero(end[1:] < end[:-1])
     if len(falls):
-        # Which of the two is wrong cannot be told; those before are as good as in a file that was cut there.
-        fault = f"{side} is damaged: offsets fall behind record {falls[0]}, and what follows is not used"
+        # Which of the two is wrong is not known; those before are as good as in a file that was cut there.
+        fault = f"{side} is damaged: offsets descend after record {falls[0]}; the rest is not used"
         return Arrivals(end[: falls[0]], time[: falls[0]], fault)
-    within = int(np.searchsorted(end, size))  # the piece that the end of the log lies in
+    within = int(np.searchsorted(end, size))  # the piece that contains the end of the log
     if within == len(end) or end[-1] == size:
         return Arrivals(end, time)
-    fault = f"{side} tells of {end[-1]} bytes, and the log has {size}"
+    fault = f"{side} is for {end[-1]} bytes, but the log has {size}"
     if abs(int(time[-1]) - int(time[within])) > LOST:
-        return _none(f"{fault}: it belongs to another")
+        return _none(f"{fault}: it belongs to another log")
     return Arrivals(end, time, fault)
 
 
 def joined(several: Iterable[tuple[Arrivals | None, int]]) -> Arrivals | None:
-    """The arrivals of files that are one recording, up to the first one of which not all are known.
+    """Returns the arrivals of files that are one recording, up to the first file without all arrivals.
 
     Args:
-        several: Those of each file, and its bytes.
+        several: The arrivals of each file, and its size in bytes.
     """
     ends, times, faults, start = [], [], [], 0
     for arrivals, size in several:
@@ -206,7 +209,7 @@ def joined(several: Iterable[tuple[Arrivals | None, int]]) -> Arrivals | None:
         faults += [arrivals.fault] if arrivals.fault else []
         start += size
         if arrivals.fault or not len(arrivals.end) or arrivals.end[-1] < size:
-            break  # what the next one says is not to be taken for the rest of this
+            break  # the arrivals of the next file must not stand for the rest of this one
     if not ends:
         return None
     return Arrivals(np.concatenate(ends), np.concatenate(times), faults[0] if faults else None)

@@ -1,4 +1,4 @@
-"""Tables to other libraries and to files. A file appears whole or not at all."""
+"""Exports tables to other libraries and to files. A file appears whole or not at all."""
 
 from __future__ import annotations
 
@@ -16,29 +16,29 @@ __all__ = ["arrow", "csv", "feather", "npz", "pandas", "parquet", "polars", "rep
 
 
 class Stream(Protocol):
-    """A table that can be asked for by the Arrow C stream interface."""
+    """A table with the Arrow C stream interface."""
 
     def __arrow_c_stream__(self, requested_schema: Any = None) -> object:
-        """The stream, in a capsule."""
+        """Returns the stream, in a capsule."""
         ...
 
 
 def arrow(stream: Stream) -> Any:
-    """A pyarrow table."""
+    """Returns a pyarrow table."""
     pa = require("pyarrow", "arrow", "to make Arrow tables")
     return pa.RecordBatchReader.from_stream(stream).read_all()
 
 
 def pandas(stream: Stream) -> Any:
-    """A pandas DataFrame."""
+    """Returns a pandas DataFrame."""
     pd = require("pandas", "pandas", "to make pandas DataFrames")
     pa = require("pyarrow", "arrow", "to make pandas DataFrames")
-    # With nulls, pandas makes float64 of integers, which holds no more than 53 bits of them.
+    # pandas converts integers with nulls to float64, which has only 53 bits.
     return arrow(stream).to_pandas(types_mapper={pa.uint64(): pd.UInt64Dtype()}.get)
 
 
 def polars(stream: Stream) -> Any:
-    """A polars DataFrame."""
+    """Returns a polars DataFrame."""
     return require("polars", "polars", "to make polars DataFrames").DataFrame(stream)
 
 
@@ -56,37 +56,37 @@ def parquet(stream: Stream, path: str | os.PathLike[str]) -> None:
 
 
 def _ahead(batches: Iterator[Any]) -> Iterator[Any]:
-    """The same batches, each made while the one before is being written: a second core does half."""
+    """Yields the same batches, each made on a second thread while the previous one is written."""
     from concurrent.futures import ThreadPoolExecutor
 
     with ThreadPoolExecutor(1) as pool:
-        coming = pool.submit(next, batches, None)
-        while (batch := coming.result()) is not None:
-            coming = pool.submit(next, batches, None)
+        pending = pool.submit(next, batches, None)
+        while (batch := pending.result()) is not None:
+            pending = pool.submit(next, batches, None)
             yield batch
 
 
 def parquet_options(schema: Any) -> dict[str, Any]:
-    """How numbers of a sensor are stored best: without dictionaries, floats byte by byte.
+    """Returns the options that suit sensor data: no dictionaries, floats split into their bytes.
 
-    Statistics, by which a query skips what it need not read, are kept for what rows are picked by: the
-    least and greatest acceleration of 262,144 rows rule nothing out.
+    Only columns by which queries select rows have statistics: the range of an acceleration over 262,144 rows
+    does not let a query skip any.
 
     Measured on a wide table: little more than half the size of the default, in less than half the time.
     """
     types = require("pyarrow.types", "arrow", "to write Parquet")
-    floats = [it.name for it in schema if types.is_floating(it.type)]
-    integers = [it.name for it in schema if it.type in _delta_types()]
+    floats = [field.name for field in schema if types.is_floating(field.type)]
+    integers = [field.name for field in schema if field.type in _delta_types()]
     encoding = dict.fromkeys(floats, "BYTE_STREAM_SPLIT") | dict.fromkeys(
         integers, "DELTA_BINARY_PACKED"
     )
-    moments = [it.name for it in schema if types.is_timestamp(it.type)]
-    times = [it for it in ("time", "host_time") if it in schema.names]
+    dates = [field.name for field in schema if types.is_timestamp(field.type)]
+    times = [name for name in ("time", "host_time") if name in schema.names]
     return {
         "compression": "zstd",
         "use_dictionary": False,
         "column_encoding": encoding,
-        "write_statistics": ["sample", *times, *moments],
+        "write_statistics": ["sample", *times, *dates],
     }
 
 
@@ -122,20 +122,20 @@ def npz(arrays: Mapping[str, npt.NDArray[Any]], path: str | os.PathLike[str]) ->
 
 @contextlib.contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
-    """A file to write, which takes the place of ``path`` once it is complete.
+    """Opens a file to write that replaces ``path`` when it is complete.
 
-    It is written beside ``path`` and removed if anything goes wrong, so neither a full disk nor Ctrl-C
-    leaves half a file. What is no regular file (``/dev/stdout``, a pipe) is written directly.
+    The file is written beside ``path`` and removed after an error, so neither a full disk nor Ctrl-C leaves
+    half a file. If ``path`` is not a regular file (``/dev/stdout``, a pipe), it is written directly.
     """
     import secrets
-    from pathlib import Path  # takes longer to import than the rest of xbus
+    from pathlib import Path  # imported late: it takes longer than the rest of xbus
 
     target = Path(path)
     if target.exists() and not target.is_file():
         with target.open("wb") as out:
             yield out
         return
-    # Through a link, and with the rights that the file has, or that a new one gets.
+    # Follows links, and keeps the permissions of an existing file.
     target = target.resolve()
     part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:

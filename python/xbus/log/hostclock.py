@@ -15,15 +15,15 @@ __all__ = ["HostClock", "Step"]
 
 @dataclass(frozen=True)
 class Step:
-    """Where one of the clocks made a step, so that a new fit began.
+    """A step of one of the clocks, at which a new fit began.
 
     Attributes:
-        time: Device time of the first sample behind it, in seconds.
+        time: Device time of the first sample after the step, in seconds.
         host_time: When that sample arrived, in seconds since 1970.
-        reason: ``"device time went back"`` (the device began anew), ``"arrivals became early"`` (the host's
+        reason: ``"device time went back"`` (the device restarted), ``"arrivals became early"`` (the host's
             clock was set back or stood still, or the device's was set ahead) or ``"arrivals became late"``
-            (the host's clock was set ahead, or the device's stood still; it takes ten seconds to tell that
-            from a delay).
+            (the host's clock was set ahead, or the device's stood still; detected after ten seconds,
+            because a delay looks the same).
     """
 
     time: float
@@ -34,18 +34,18 @@ class Step:
 class HostClock:
     """Maps device time to host time, from the arrivals of samples.
 
-    An arrival can only be late. So of all points (device time, arrival) only the lower convex hull tells
-    about the clocks, and the line along the hull of the last ten minutes is when a sample arrives that did
-    not have to wait: later than it was measured by the least delay of the connection, which nobody can see
-    from here. What is said of a sample is decided by it and those before it, so it is the same live and in a
-    log, and never runs backwards, unless the host's clock was set back.
+    An arrival can only be late. Of all points (device time, arrival), only the lower convex hull is therefore
+    evidence about the clocks. The line along the hull of the last ten minutes is the arrival of a sample that
+    did not wait: the time of measurement plus the minimum delay of the connection, which cannot be measured
+    from one side. The host time of a sample depends only on this and earlier samples, so it is the same live
+    and in a log. It never runs backwards unless the host's clock is set back.
 
     >>> import numpy as np
     >>> clock = HostClock()
-    >>> sent = np.arange(60_000) * 1_000_012  # ns: 1 kHz for a minute, on a clock that loses 12 ppm
+    >>> sent = np.arange(60_000) * 1_000_012  # ns: 1 kHz for a minute, on a clock that is 12 ppm slow
     >>> burst = 16_000_000 + np.random.default_rng(1).integers(0, 500_000, 4_000)
     >>> reads = np.cumsum(burst)
-    >>> arrival = reads[np.searchsorted(reads, sent)] + 1_200_000  # 1.2 ms is the least delay
+    >>> arrival = reads[np.searchsorted(reads, sent)] + 1_200_000  # the minimum delay is 1.2 ms
     >>> host_time = clock.update(np.arange(60_000) / 1000, arrival)
     >>> f"{clock.drift:.1f} ppm, {(host_time[-1] - sent[-1] / 1e9) * 1e3:.1f} ms"
     '12.0 ppm, 1.2 ms'
@@ -57,7 +57,7 @@ class HostClock:
         self._core = _core.HostClock()
 
     def copy(self) -> HostClock:
-        """The clock as it is now; the two go on separately."""
+        """Returns an independent copy of the clock."""
         other = HostClock()
         other._core = self._core.copy()
         return other
@@ -79,17 +79,18 @@ class HostClock:
         arrival_ns: int | npt.NDArray[np.int64],
         leads: bool | npt.NDArray[np.bool_] = True,
     ) -> float | npt.NDArray[np.float64]:
-        """Takes in samples in the order in which they came, and says their host times.
+        """Adds samples in the order of their arrival, and returns their host times.
 
         Args:
             device_time: Seconds on the device clock, unwrapped, as `Log.time`; one or ``(n,)``.
             arrival_ns: When the last byte of each arrived, in ns since 1970 (``time.time_ns()``).
-            leads: False for samples of a receiver (``gnss_pvt_data``, ``gnss_sat_info``) and of a trigger:
-                these run behind or carry an arbitrary time, so they do not move the clock.
+            leads: False for samples of a GNSS receiver (``gnss_pvt_data``, ``gnss_sat_info``) and of a
+                trigger: their times lag or are arbitrary, so they do not move the clock.
 
         Returns:
-            Host times in seconds since 1970. NaN where the device time is, before the first sample that
-            leads, and for those that do not lead and are more than a second away from those that do.
+            Host times in seconds since 1970, ``(n,)``. NaN if the device time is NaN, before the first
+            leading sample, and for a sample that does not lead and is more than a second away from those
+            that do.
         """
         if np.ndim(device_time) == 0:
             return self._core.update(float(device_time), int(arrival_ns), bool(leads))
@@ -105,10 +106,9 @@ class HostClock:
     def host_time(
         self, device_time: float | npt.NDArray[np.float64]
     ) -> float | npt.NDArray[np.float64]:
-        """Host times of any device times, as far as is known by now; NaN before the first sample.
+        """Returns the host times of any device times by the current fit; NaN before the first sample.
 
-        Of the last second this is what was said of the samples then; of everything else, what the line of
-        the present says.
+        Within the last second these are the host times that `update` returned.
         """
         time = np.atleast_1d(np.asarray(device_time, np.float64))
         host = self._core.host_time(np.ascontiguousarray(time))
@@ -116,35 +116,35 @@ class HostClock:
 
     @property
     def offset(self) -> float:
-        """Host time less device time at the newest sample, in seconds; NaN before the first."""
+        """Host time minus device time at the newest sample, in seconds; NaN before the first."""
         return self._core.offset
 
     @property
     def drift(self) -> float:
-        """What the host's clock gains on the device's, in ppm; NaN before the first sample.
+        """How much faster the host clock is than the device clock, in ppm; NaN before the first sample.
 
-        For the first ten seconds of a fit that of the fit before, or 0.
+        During the first ten seconds of a fit, the drift of the previous fit, or 0.
         """
         return self._core.drift * 1e6
 
     @property
     def residual(self) -> float:
-        """How much later than the line samples arrive, in seconds: a mean over about ten seconds."""
+        """Mean delay of arrivals behind the line, in seconds, over about ten seconds."""
         return self._core.residual
 
     @property
     def since(self) -> float:
-        """Device time at which the fit began, in seconds; NaN before the first sample."""
+        """Device time at which the current fit began, in seconds; NaN before the first sample."""
         return self._core.since
 
     @property
     def fits(self) -> int:
-        """How many fits there were: one more than steps, or none before the first sample."""
+        """Number of fits: one more than steps, or 0 before the first sample."""
         return self._core.fits
 
     @property
     def steps(self) -> list[Step]:
-        """The last hundred steps."""
+        """The last 100 steps."""
         return [Step(step.time, step.arrival / 1e9, step.reason) for step in self._core.steps]
 
     def __repr__(self) -> str:

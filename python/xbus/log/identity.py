@@ -1,4 +1,4 @@
-"""What the messages of a log say about the device that sent them."""
+"""The identity of the device that sent a log, from its messages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from xbus.wire.message import Message
 
 __all__ = ["IDENTITY_MESSAGES", "Identity"]
 
-#: The messages that say something about the device.
+#: The messages that identify the device.
 IDENTITY_MESSAGES = (
     MessageId.DeviceID,
     MessageId.Configuration,
@@ -23,7 +23,10 @@ IDENTITY_MESSAGES = (
 
 @dataclass(frozen=True)
 class Identity:
-    """What the messages of a log say about the device; the first to say it counts."""
+    """Identifier, product code, firmware and configuration of a device.
+
+    The first message that has one of them counts.
+    """
 
     device_id: int | None = None
     product_code: str | None = None
@@ -35,20 +38,20 @@ class Identity:
 
         Only messages of `IDENTITY_MESSAGES` contribute.
         """
-        told = self
+        identity = self
         for message in messages:
-            told = told._merged(_said(message))
-        return told
+            identity = identity._merged(_identity_of(message))
+        return identity
 
     def _merged(self, other: Identity) -> Identity:
         known = {key: value for key, value in vars(self).items() if value is not None}
-        # A FirmwareRev message tells more than a Configuration.
+        # FirmwareRev has the build, which Configuration lacks.
         if self.firmware and self.firmware.build is None and other.firmware:
             known["firmware"] = other.firmware
         return replace(other, **known)
 
 
-def _said(message: Message) -> Identity:
+def _identity_of(message: Message) -> Identity:
     payload = message.payload
     match message.name:
         case "DeviceID":
@@ -57,8 +60,8 @@ def _said(message: Message) -> Identity:
             return Identity(product_code=_core.product_code(payload))
         case "FirmwareRev" if len(payload) >= 3:
             return Identity(firmware=_firmware(payload))
-        case "Configuration" if (it := Configuration.read(payload)) is not None:
-            return Identity(it.device_id, it.product_code, it.firmware, it)
+        case "Configuration" if (read := Configuration.read(payload)) is not None:
+            return Identity(read.device_id, read.product_code, read.firmware, read)
     return Identity()
 
 

@@ -212,16 +212,15 @@ class Log(ByQuantity[Column]):
 
     @cached_property
     def gaps(self) -> npt.NDArray[Any]:
-        """Places where samples are missing, as a structured array of sample, lost and bid.
+        """Places where samples are missing: a structured array of sample, lost and bid, read-only.
 
-        ``sample`` is the index of the sample behind the gap, ``lost`` the number of samples that are missing
-        by the packet counter of the device ``bid``. `Stats.gaps` and `Stats.lost_samples` count them.
+        ``sample`` is the index of the sample after the gap, ``lost`` the number of samples that the packet
+        counter of the device ``bid`` skips. `Stats.gaps` and `Stats.lost_samples` are the totals.
         """
         found = self._core.gaps
         gaps = np.empty(len(found.sample), [("sample", "i8"), ("lost", "i8"), ("bid", "u1")])
         gaps["sample"], gaps["lost"], gaps["bid"] = found.sample, found.lost, found.bid
-        gaps.flags.writeable = False
-        return gaps
+        return read_only(gaps)
 
     @cached_property
     def stats(self) -> Stats:
@@ -404,7 +403,15 @@ class Log(ByQuantity[Column]):
             and list(self.items()) == list(other.items())
             and all(
                 identical(getattr(self, name), getattr(other, name))
-                for name in ("offset", "time", "host_time", "packet_counter", "bid", "damage")
+                for name in (
+                    "offset",
+                    "time",
+                    "host_time",
+                    "packet_counter",
+                    "bid",
+                    "damage",
+                    "gaps",
+                )
             )
             and self.messages == other.messages
             and self.strings == other.strings

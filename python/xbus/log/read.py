@@ -16,9 +16,9 @@ from xbus.wire.strings import mask_of
 
 __all__ = ["iter_log", "read_log"]
 
-#: Bytes read at a time: between two of these, Ctrl-C is heard and progress is told.
+#: Bytes read at a time: Ctrl-C and progress are handled between two reads.
 STEP = 32 << 20
-#: Bytes of input in a part of a log, unless told otherwise.
+#: Default size of a part of a log, in bytes of input.
 BLOCK = 64 << 20
 
 
@@ -29,22 +29,23 @@ def read_log(
     quantities: Iterable[Key] | None = None,
     strings: Iterable[StringType | str] = (),
 ) -> Log:
-    """Reads a log whole.
+    """Reads a whole log.
 
     Args:
-        source: A path, bytes, a uint8 array, a binary file object, or (with the extra ``fsspec``) a
-            URL. Files are read piece by piece and not mapped, so one that another program cuts short
-            meanwhile just ends there. An array is used where it lies, without a copy. Beside a path
-            ``NAME``, a side file ``NAME.times`` of arrivals gives `Log.host_time`.
-        strict: Raise at the first damage instead of reporting it.
-        quantities: Names of the quantities to keep, or (name, coordinates); all of them if None.
-        strings: Strings to look for that nothing but their length tells from noise: ``["EM1000"]``. All
-            others are found, and EM1000 too where a StringOutputType in the log says that it is on.
+        source: A path, bytes, a uint8 array, a binary file object, or (with the extra ``fsspec``) a URL.
+            Files are read in pieces and not mapped: one that another program truncates simply ends there.
+            Arrays are not copied. A side file ``NAME.times`` with the arrivals of ``NAME`` gives
+            `Log.host_time`.
+        strict: Raise at the first damage instead of reporting it in `Log.damage`.
+        quantities: Keys of the quantities to keep, or None for all of them.
+        strings: String types without checksum and terminator to parse too: ``["EM1000"]``. All other types
+            are always parsed; so is EM1000 if a StringOutputType message in the log enables it.
 
     Raises:
-        DecodeError: With ``strict``, at the first bytes that do not add up.
+        DecodeError: With ``strict``, at the first damage.
         OSError: The file cannot be read.
-        ValueError: A quantity or string that does not exist.
+        TypeError: The source, or a key, is of the wrong type.
+        ValueError: A quantity or string type that does not exist.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -72,20 +73,21 @@ def iter_log(
 ) -> Iterator[Log]:
     """Reads a log in parts, for logs larger than memory.
 
-    Each part is a `Log` with samples, offsets, times and counters that go on from the part before;
-    joined, the parts are what `read_log` gives.
+    Each part is a `Log` whose samples, offsets, times and counters continue those of the previous part:
+    joined, the parts equal the result of `read_log`.
 
     Args:
         source: As in `read_log`.
-        block_bytes: Bytes of input in a part, about.
-        strict: Raise at the first damage; the samples before it are handed over first.
+        block_bytes: Approximate size of a part, in bytes of input.
+        strict: Raise at the first damage, after the part with the samples before it.
         quantities: As in `read_log`.
         strings: As in `read_log`.
 
     Raises:
-        DecodeError: With ``strict``, at the first bytes that do not add up.
+        DecodeError: With ``strict``, at the first damage.
         OSError: The file cannot be read.
-        ValueError: A quantity or string that does not exist, or a block without a byte.
+        TypeError: The source, or a key, is of the wrong type.
+        ValueError: A quantity or string type that does not exist, or ``block_bytes`` less than 1.
 
     >>> import xbus
     >>> parts = xbus.iter_log("tests/captures/walk.mtb", block_bytes=10_000)

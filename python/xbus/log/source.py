@@ -1,4 +1,4 @@
-"""Where the bytes of a log come from."""
+"""The inputs from which logs are read."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class Readable(Protocol):
     """A binary file object."""
 
     def read(self, size: int = ..., /) -> bytes:
-        """At most ``size`` bytes; none at the end."""
+        """Returns at most ``size`` bytes; none at the end."""
         ...
 
 
-#: What a log can be read from: a path or URL, an object that holds bytes, or a binary file object.
+#: The input of a log: a path or URL, an object that holds bytes, or a binary file object.
 Source = str | os.PathLike[str] | bytes | bytearray | memoryview | npt.NDArray[np.uint8] | Readable
 
-#: The longest payload that the 16-bit length can say. Logs hold messages that the manual rules out.
+#: The longest payload of a 16-bit length. Logs have messages that are longer than the manual allows.
 LONGEST = 0xFFFF
 
 
@@ -44,7 +44,7 @@ def open_reader(
     strings: int = 0,
     part_bytes: int | None = None,
 ) -> _core.Reader:
-    """A reader at the beginning of ``source``; ``part_bytes`` of it go into a part, or all."""
+    """Returns a reader at the start of ``source``, for parts of ``part_bytes``, or for one part."""
     opened = _opened(source)
     if part_bytes is None:
         part_bytes = _size(opened)
@@ -59,9 +59,9 @@ def open_reader(
 
 
 def _size(opened: object) -> int | None:
-    """Bytes of a file object that knows: columns get their room at once then."""
+    """Returns the size of a file object if known, so that columns are allocated once."""
     if isinstance(opened, str | bytes | np.ndarray):
-        return None  # the extension knows
+        return None  # the core knows
     if hint := operator.length_hint(opened):
         return hint
     try:
@@ -91,7 +91,7 @@ def quantity_filter(quantities: Iterable[Key] | None) -> QuantityFilter | None:
 
 
 def _opened(source: Source) -> object:
-    """What the extension can read: an array, a path, or an object with a method ``read``."""
+    """Returns what the core can read: an array, a path, or an object with a method ``read``."""
     if isinstance(source, str) and "://" in source:
         fsspec = require("fsspec", "fsspec", "to read from a URL")
         return fsspec.open(source, "rb").open()

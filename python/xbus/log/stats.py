@@ -1,4 +1,4 @@
-"""What is counted while a log is read."""
+"""Counts of what was read."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ __all__ = ["Stats"]
 
 @dataclass(frozen=True)
 class Stats:
-    """What was counted while reading.
+    """Counts of what was read.
 
     Attributes:
         bytes: Bytes of input.
         frames: Accepted frames.
         samples: MTData2 messages.
         messages: Other messages, malformed ones included.
-        malformed: MTData2 messages that their packets do not tile, and empty ones.
+        malformed: MTData2 messages whose packets do not fill them, and empty ones.
         strings: String outputs.
         skipped_bytes: Bytes that belong to neither frame nor string.
-        checksum_errors: Candidates refused by their checksum where a frame was due.
-        lost_samples: Samples missing by the packet counter.
+        checksum_errors: Wrong checksums where a frame was expected.
+        lost_samples: Samples that the packet counter skips.
         gaps: Places where samples are missing.
     """
 

@@ -1,1 +1,1 @@
-"""Frames, messages, packets and strings: the bytes on the wire, one at a time."""
+"""Single frames, messages, packets and strings, and the link that carries their bytes."""

@@ -1,4 +1,4 @@
-"""Single frames, messages and packets: what a device sends, byte by byte."""
+"""Encodes frames and packets, and scans bytes for messages and strings."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ __all__ = [
     "encode_sample",
 ]
 
-#: The longest payload that a live device is believed to send: the vendor's limit of 8192 bytes a frame.
+#: The longest payload accepted from a live device, in bytes: the vendor limits frames to 8192 bytes.
 LONGEST_LIVE = 8185
 
 
 class Damage(NamedTuple):
-    """A stretch of bytes that is neither frame nor string.
+    """A range of bytes that is neither frame nor string.
 
     Attributes:
-        offset: Where it begins, in bytes from the start of the input.
-        length: Its bytes.
-        reason: What was wrong where it begins.
+        offset: Byte offset in the input at which it begins.
+        length: Number of bytes.
+        reason: What was found at its beginning: see `Log.damage`.
     """
 
     offset: int
@@ -44,16 +44,19 @@ class Damage(NamedTuple):
 
 
 class Scanner:
-    """Bytes to messages and strings, for input that comes in pieces; how it is cut does not matter.
+    """Finds messages and strings in bytes that are fed in pieces, however they are cut.
 
     Args:
-        limit: The longest payload to believe in, in bytes.
-        strings: Strings to look for that nothing but their length tells from noise: see `read_log`.
+        limit: Longest payload that a frame may have, in bytes.
+        strings: String types without checksum and terminator to parse too: ``["EM1000"]``.
+
+    Raises:
+        ValueError: The limit is not from 0 to 65535, or no string type has a given name.
 
     >>> import xbus
     >>> scanner = xbus.Scanner()
     >>> frame = xbus.encode_frame(xbus.MessageId.GoToConfigAck)
-    >>> scanner.feed(frame[:2]), [it.name for it in scanner.feed(frame[2:])]
+    >>> scanner.feed(frame[:2]), [message.name for message in scanner.feed(frame[2:])]
     ([], ['GoToConfigAck'])
     """
 
@@ -66,11 +69,11 @@ class Scanner:
         self._samples = 0
 
     def feed(self, data: bytes | bytearray | memoryview) -> list[Message | String | Damage]:
-        """What can be told with these bytes, in order."""
+        """Returns everything that is complete with these bytes, in order."""
         return self._found(self._core.feed(bytes(data), last=False))
 
     def close(self) -> list[Message | String | Damage]:
-        """What can be told now that no more bytes come."""
+        """Returns what is left at the end of the input."""
         return self._found(self._core.feed(b"", last=True))
 
     def _found(
@@ -92,11 +95,11 @@ class Scanner:
 
 
 def encode_frame(mid: int, payload: bytes = b"", *, bid: int = 0xFF) -> bytes:
-    """The frame that carries a message (section 5.1), in its shortest form.
+    """Returns the frame of a message (section 5.1), in its shortest form.
 
     Raises:
         ValueError: The payload has more than 65535 bytes.
-        OverflowError: MID or BID is no byte.
+        OverflowError: MID or BID does not fit a byte.
 
     >>> import xbus
     >>> xbus.encode_frame(xbus.MessageId.GoToConfig).hex(" ").upper()
@@ -106,15 +109,16 @@ def encode_frame(mid: int, payload: bytes = b"", *, bid: int = 0xFF) -> bytes:
 
 
 def encode_packet(key: Key, values: Any) -> bytes:
-    """One packet of an MTData2 message (section 5.3.6).
+    """Returns one packet of an MTData2 message (section 5.3.6).
 
     Args:
-        key: What it is. Without a precision reals are Float32, without coordinates they are ENU.
-        values: A number, or as many as the quantity has, in the order of a column's row; a mapping or a
-            structured row for a struct; (head, satellites) for ``gnss_sat_info``. Fixed point is
-            rounded half away from zero and saturates.
+        key: The quantity. The default precision is Float32, the default coordinate system ENU.
+        values: A number, or the numbers of the quantity in the order of a column's row; a mapping or a
+            structured row for a struct; (head, satellites) for ``gnss_sat_info``. Fixed-point numbers are
+            rounded half away from zero, and saturate.
 
     Raises:
+        TypeError: The key is not of a type that `Key` lists.
         ValueError: No such quantity, the wrong number of numbers, an integer that does not fit, or a
             NaN in fixed point.
 
@@ -129,9 +133,10 @@ def encode_packet(key: Key, values: Any) -> bytes:
 def encode_sample(
     packets: Mapping[Any, Any] | Iterable[tuple[Key, Any]], *, bid: int = 0xFF
 ) -> bytes:
-    """The frame of an MTData2 message with these packets, in this order.
+    """Returns the frame of an MTData2 message with these packets, in this order.
 
     Raises:
+        TypeError: As `encode_packet`.
         ValueError: As `encode_packet`.
 
     >>> import xbus
@@ -145,7 +150,7 @@ def encode_sample(
 
 
 def data_id_of(key: Key) -> int:
-    """The data identifier, with its format bits, of what a key names.
+    """Returns the data identifier, with format bits, that a key names.
 
     Raises:
         ValueError: No such quantity.
@@ -161,7 +166,7 @@ def data_id_of(key: Key) -> int:
 
 
 def _numbers(quantity: Quantity, values: Any) -> npt.NDArray[Any]:
-    """The numbers in the order of the wire, as one of the four types that lose nothing."""
+    """Returns the numbers in the order of the wire, in a type that holds them exactly."""
     if quantity.kind == "list":
         head, entries = values
         rows = [_record(quantity.fields, head), *(_record(quantity.entry, it) for it in entries)]
@@ -180,7 +185,7 @@ def _record(fields: tuple[Any, ...], values: Any) -> npt.NDArray[Any]:
     names = [it.name for it in fields]
     if isinstance(values, Mapping):
         if set(values) != set(names):
-            raise ValueError(f"a record needs just the fields {', '.join(names)}")
+            raise ValueError(f"a record needs exactly the fields {', '.join(names)}")
         return _exact(np.array([values[it] for it in names]))
     return _exact(np.array(values.item() if isinstance(values, np.void) else values))
 

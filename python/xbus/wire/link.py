@@ -1,4 +1,4 @@
-"""What carries bytes to a device and back."""
+"""The protocol of links, which carry bytes to a device and back."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ __all__ = ["NOTHING_RECEIVED", "Link", "Received"]
 
 
 class Received(NamedTuple):
-    """Bytes that have come, in the pieces in which they did.
+    """Bytes that have arrived, and the pieces in which they did.
 
     Attributes:
         data: The bytes.
-        ends: Where each piece ends in them.
-        arrivals: When each piece came, seconds on the clock of the link.
+        ends: Index into `data` at which each piece ends.
+        arrivals: When each piece arrived, in seconds on the clock of the link.
     """
 
     data: bytes
@@ -25,29 +25,29 @@ class Received(NamedTuple):
 
     @classmethod
     def at(cls, data: bytes, arrival: float) -> Received:
-        """Bytes that came in one piece."""
+        """Returns bytes that arrived in one piece."""
         return cls(data, (len(data),), (arrival,)) if data else NOTHING_RECEIVED
 
     def pieces(self) -> Iterator[tuple[bytes, float]]:
-        """Each piece, and when it came."""
+        """Yields each piece, and when it arrived."""
         start = 0
         for end, arrival in zip(self.ends, self.arrivals, strict=True):
             yield self.data[start:end], arrival
             start = end
 
 
-#: What is received when nothing came.
+#: The result of a read without data.
 NOTHING_RECEIVED = Received(b"", (), ())
 
 
 class Link(Protocol):
-    """Carries bytes both ways.
+    """Carries bytes in both directions.
 
     Attributes:
-        name: What the user calls it.
-        baudrate: Bits per second; setting it changes the rate of this side.
-        is_line: Whether the baud rate limits what can be carried, as on a serial line.
-        acquisition: What takes in, counts, queues and records the bytes that come.
+        name: Name for messages to users: the port.
+        baudrate: Bits per second. Setting it changes the rate of this side.
+        is_line: Whether the baud rate limits the throughput, as on a serial line.
+        acquisition: Receives, counts, queues and records the bytes that arrive.
     """
 
     name: str
@@ -57,26 +57,38 @@ class Link(Protocol):
 
     @property
     def epoch(self) -> int:
-        """What to add to an arrival, in ns, for the time since 1970."""
+        """Nanoseconds to add to an arrival for the time since 1970."""
 
     @property
     def trouble(self) -> str | None:
-        """What is wrong with the port, and the cure; None if nothing is known to be."""
+        """What is wrong with the port, and the remedy; None if no problem is known."""
 
     def read(self, timeout: float) -> Received:
-        """What has come; waits for the first byte, but no longer than ``timeout`` seconds. Raises OSError."""
+        """Returns what has arrived. Waits up to ``timeout`` seconds for the first byte.
+
+        Raises:
+            OSError: The port is gone.
+        """
 
     def write(self, data: bytes) -> None:
-        """Sends. Raises OSError."""
+        """Sends bytes.
+
+        Raises:
+            OSError: The port is gone.
+        """
 
     def clock(self) -> float:
-        """Seconds, from any beginning, as time-outs count them."""
+        """Returns the time that timeouts and arrivals use, in seconds from an arbitrary start."""
 
     def pause(self, seconds: float) -> None:
-        """Lets time pass."""
+        """Waits."""
 
     def reopen(self) -> None:
-        """Opens it again after it was lost. Raises OSError."""
+        """Opens the port again after it was lost.
+
+        Raises:
+            OSError: The port cannot be opened.
+        """
 
     def close(self) -> None:
-        """Closes it, if it was opened here."""
+        """Closes the port, if this link opened it."""

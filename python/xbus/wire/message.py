@@ -8,14 +8,14 @@ __all__ = ["Message"]
 
 
 class Message(NamedTuple):
-    """A message that is no sample.
+    """A message, such as the reply to a command.
 
     Attributes:
         mid: Message identifier.
-        name: The manual's name, or the MID in hex where it has none.
+        name: The manual's name, or the MID in hex if the manual has none.
         bid: Bus identifier.
         payload: Its data.
-        offset: Where its frame begins, in bytes from the start of the input.
+        offset: Byte offset in the input at which its frame begins.
         sample: Index of the next sample.
     """
 

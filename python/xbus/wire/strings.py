@@ -1,4 +1,4 @@
-"""The strings that a device sends in the place of MTData2, or between its frames (section 5.3.5)."""
+"""String outputs, which a device sends instead of MTData2 or between its frames (section 5.3.5)."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ __all__ = [
     "type_at",
 ]
 
-#: Bytes of the longest string that is believed in; the longest of the manual, PSONCMS, has up to 130.
+#: Longest string that is accepted, in bytes; the longest of the manual, PSONCMS, has up to 130.
 LONGEST = 255
-#: How a core names a string that the manual does not list.
+#: The place that the core gives to a string that the manual does not list.
 UNLISTED = 255
 
 
@@ -34,11 +34,11 @@ class String:
     """A string output.
 
     Attributes:
-        type: Which one; None for a sentence with a good checksum that the manual does not list.
-        data: Its bytes as they came, the end of the line included.
-        offset: Where it begins, in bytes from the start of the input, or since the port was opened.
-        sample: Index of the next sample, in a log.
-        arrival: When its last byte came, seconds on the clock of the link, live; see `Sample.arrival`.
+        type: Its type; None for a sentence with a good checksum that the manual does not list.
+        data: Its bytes as received, including the end of its line.
+        offset: Byte offset at which it begins, from the start of the input or from when the port was opened.
+        sample: Index of the next sample in a log; None for a live string.
+        arrival: When its last byte arrived, in seconds on the clock of the link; None in a log.
 
     >>> string = parse_string("$PHTRO,10.37,P,177.62,T*65")
     >>> string.type.name, string.values
@@ -53,7 +53,7 @@ class String:
 
     @property
     def name(self) -> str:
-        """The manual's name; of a sentence that it does not list what stands before the first comma."""
+        """The manual's name; for a sentence that it does not list, the text before the first comma."""
         if self.type is not None:
             return str(self.type.name)
         return self.text[1:].partition("*")[0].partition(",")[0]
@@ -67,14 +67,14 @@ class String:
 
     @cached_property
     def values(self) -> dict[str, Any]:
-        """What it says by the names of its fields: numbers in their `units`, letters, times, dates.
+        """Values by field name: numbers in their `units`, letters, times and dates.
 
-        None is what is not available: an empty field, or a date or time that does not exist. Angles of
-        roll and pitch are positive where port and bow are up, deviations and variations to the east. Empty
-        for a string of no known type.
+        None for a value that is not available: an empty field, or a date or time that does not exist. Roll
+        and pitch are positive with port and bow up, deviation and variation to the east. Empty for a string
+        of an unknown type.
 
         Raises:
-            ValueError: Its fields are not those of its type.
+            ValueError: The fields do not fit the type.
         """
         if self.type is None:
             return {}
@@ -87,11 +87,11 @@ class String:
                 if field.is_optional and not taken:
                     values[field.name] = None
                     continue
-                raise ValueError(f"{self.type.name}: it ends in front of {_called(field)}")
+                raise ValueError(f"{self.type.name} ends before {_field_name(field)}")
             try:
                 value = field.form.read(taken)
             except ValueError as error:
-                raise ValueError(f"{self.type.name}, {_called(field)}: {error}") from None
+                raise ValueError(f"{self.type.name}, {_field_name(field)}: {error}") from None
             if field.name:
                 values[field.name] = value
         if len(parts) > at:
@@ -100,13 +100,13 @@ class String:
 
     @property
     def units(self) -> dict[str, str]:
-        """The unit of each of its values; empty for letters, counts, times and dates."""
+        """Unit of each value; empty for letters, counts, times and dates."""
         fields = LAYOUTS[self.type].fields if self.type is not None else ()
         return {it.name: it.unit for it in fields if it.name}
 
     @property
     def valid(self) -> bool | None:
-        """Whether it says that its values are valid; None where it has no field for that."""
+        """Whether the string marks its values as valid; None if it has no field for that."""
         validity = LAYOUTS[self.type].validity if self.type is not None else None
         return None if validity is None else self.values[validity[0]] in validity[1]
 
@@ -126,16 +126,16 @@ class String:
         return f"<String {self.text}>"
 
 
-def _called(field: StringField) -> str:
-    return field.name or "the letter behind it"
+def _field_name(field: StringField) -> str:
+    return field.name or "the letter after it"
 
 
 def parse_string(data: bytes | str) -> String:
-    """Reads one string, with or without the end of its line.
+    """Parses one string, with or without the end of its line.
 
     Raises:
-        DecodeError: It is cut or too long, its checksum does not hold, or its fields are not those of its
-            type; `DecodeError.offset` says where in it.
+        DecodeError: The string is cut or too long, its checksum is wrong, or its fields do not fit its type.
+            `DecodeError.offset` is the place in the string.
 
     >>> parse_string("$HCHDM,093.8,M*2B").values["heading"]
     93.8
@@ -167,7 +167,7 @@ _SHAPES = {
 
 
 def _is_found(string: String) -> bool:
-    """Whether the scanner finds a string that has no checksum, only characters in their places."""
+    """Whether the scanner finds a string without a checksum, which it recognizes by its characters."""
     if string.name not in _SHAPES:
         return True
     data = string.data.rstrip(b"\r\n") + b"\r\n"
@@ -179,7 +179,7 @@ def _is_found(string: String) -> bool:
 
 
 def _type(data: bytes) -> StringType | None:
-    """The type of a string that is text, which is whole."""
+    """Returns the type of a complete text string."""
     text = data.removesuffix(b"\n").removesuffix(b"\r")
     if not data.startswith((b"$", b":")):
         raise DecodeError(
@@ -227,15 +227,15 @@ def _checksum(body: bytes) -> bytes:
 
 
 def encode_string(kind: StringType | str, values: Mapping[str, Any] | None = None) -> bytes:
-    r"""The bytes of a string output, as a device would send it.
+    r"""Returns the bytes of a string output, as a device sends it.
 
     Args:
-        kind: Which one, or its name.
-        values: What it says: see `String.values`. What is left out, None or NaN is not available, and
-            its field is empty; in TSS2 and EM1000, which have no empty fields, it is zero.
+        kind: The type or its name.
+        values: Values by field name: see `String.values`. A value that is missing, None or NaN gives an empty
+            field; in TSS2 and EM1000, which have no empty fields, zero.
 
     Raises:
-        ValueError: No such string or field, or a value that the field cannot say.
+        ValueError: No such type or field, or a value that does not fit its field.
 
     >>> encode_string("HEHDT", {"heading": 123.45})
     b'$HEHDT,123.45,T*1E\r\n'
@@ -254,39 +254,39 @@ def encode_string(kind: StringType | str, values: Mapping[str, Any] | None = Non
             value = None
         try:
             written = list(field.form.write(value))
-            field.form.read(written)  # what cannot be read, infinity for one, is not to be written
+            field.form.read(written)  # refuses what cannot be parsed, such as infinity
         except (ValueError, TypeError, AttributeError, OverflowError) as error:
             raise ValueError(
-                f"{kind.name}, {field.name}: it cannot be {value!r}: {error}"
+                f"{kind.name}, {field.name}: cannot encode {value!r}: {error}"
             ) from None
         parts += written
     try:
         body = STARTS[kind] + join(kind, parts)
     except (struct.error, UnicodeEncodeError) as error:
-        raise ValueError(f"{kind.name} cannot say that: {error}") from None
+        raise ValueError(f"{kind.name}: a value does not fit: {error}") from None
     if not _is_found(String(kind, body)):
-        raise ValueError(f"{kind.name} cannot say that: {_SHAPES[str(kind.name)]}")
+        raise ValueError(f"{kind.name}: a value does not fit: {_SHAPES[str(kind.name)]}")
     if kind is StringType.EM1000:
         return body
     if kind not in (StringType.TSS2, StringType.PRDID):
         body += b"*" + _checksum(body[1:])
     if len(body) + 2 > LONGEST:
-        raise ValueError(f"{kind.name} would have {len(body) + 2} bytes; {LONGEST} is the most")
+        raise ValueError(f"{kind.name} would have {len(body) + 2} bytes; the limit is {LONGEST}")
     return body + b"\r\n"
 
 
 def string_types(kinds: Iterable[StringType | str] | StringType) -> list[StringType]:
-    """The types of strings that are named: by flags, or by their names.
+    """Returns string types that are given as flags or as names.
 
     Raises:
-        ValueError: No string is called like that.
-        TypeError: One name where names are expected, or what is neither name nor flag.
+        TypeError: One name instead of a list, or an element that is neither name nor flag.
+        ValueError: No string type has a given name.
     """
     if isinstance(kinds, str):
         raise TypeError(f"strings must be a list of names, such as [{kinds!r}]")
     if isinstance(kinds, StringType):
         if int(kinds) & ~sum(StringType):
-            raise ValueError(f"0x{int(kinds):X} has bits that are no strings")
+            raise ValueError(f"0x{int(kinds):X} has bits that are no string types")
         return [it for it in StringType if it in kinds]
     return [one for it in kinds for one in string_types(_flags(it))]
 
@@ -295,7 +295,7 @@ def _flags(kind: StringType | str) -> StringType:
     if isinstance(kind, StringType):
         return kind
     if not isinstance(kind, str):
-        raise TypeError(f"a string is named by a StringType or a name, not by {kind!r}")
+        raise TypeError(f"a string type is a StringType or its name, not {kind!r}")
     if kind not in StringType.__members__:
         names = ", ".join(StringType.__members__)
         raise ValueError(f"no string is called {kind!r}; there are {names}")
@@ -303,18 +303,18 @@ def _flags(kind: StringType | str) -> StringType:
 
 
 def one_type(kind: StringType | str) -> StringType:
-    """The one type that ``kind`` names. Raises as `string_types`, and ValueError for several types."""
+    """Returns one string type. Raises as `string_types`, and ValueError for several types."""
     kinds = string_types([kind])
     if len(kinds) != 1:
-        raise ValueError(f"one string is to be named, not {len(kinds)}")
+        raise ValueError(f"expected one string type, not {len(kinds)}")
     return kinds[0]
 
 
 def mask_of(kinds: Iterable[StringType | str]) -> int:
-    """The types of strings that are named, as the bits of `StringType`. Raises as `string_types`."""
+    """Returns string types as the bits of `StringType`. Raises as `string_types`."""
     return sum(set(string_types(kinds)))
 
 
 def type_at(place: int | None) -> StringType | None:
-    """The type at a place in the core's table; None for what the manual does not list."""
+    """Returns the string type at a place in the table of the core; None if the manual does not list it."""
     return None if place is None or place == UNLISTED else StringType(1 << place)
