@@ -1,4 +1,4 @@
-// Draws the plots one after the other, so that the page can be read meanwhile.
+// Draws the plots one after the other, so that the page can be read while it loads.
 (() => {
   const figures = JSON.parse(document.getElementById("figures").textContent);
   const plots = [...document.querySelectorAll(".plot")];
