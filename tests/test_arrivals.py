@@ -326,7 +326,7 @@ SIDES = {
     "bytes that were lost": (
         HEAD + records(*PIECES, (END + 99, ARRIVAL + MS)),
         100,
-        f"and the log has {END}",
+        f"but the log has {END}",
     ),
     "of another log": (
         HEAD + records(*PIECES, (END + 99, ARRIVAL + 61_000 * MS)),

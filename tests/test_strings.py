@@ -248,7 +248,7 @@ def test_names_that_name_no_string() -> None:
         with pytest.raises(TypeError, match="a string type is a StringType or its name"):
             encode_string(wrong_name)  # type: ignore[arg-type]
     for many in (StringType.HEHDT | StringType.HEROT, StringType(0)):
-        with pytest.raises(ValueError, match="one string is to be named, not"):
+        with pytest.raises(ValueError, match="expected one string type, not"):
             encode_string(many)
     with pytest.raises(ValueError, match="0x8100 has bits that are no strings"):
         xbus.read_log(b"", strings=StringType.HEHDT | 0x8000)
