@@ -11,18 +11,18 @@
     for (const name of ["xaxis", "yaxis"]) for (const key in axis) colours[`${name}.${key}`] = axis[key];
     return colours;
   };
-  const paint = (isDark, size) => plots.filter((it) => it.layout).forEach((it) => Plotly.relayout(it, { ...theme(isDark), ...size }));
+  const paint = (isDark, size) => plots.filter((plot) => plot.layout).forEach((plot) => Plotly.relayout(plot, { ...theme(isDark), ...size }));
 
-  // What is zoomed in one plot over time is zoomed in all of them.
+  // A zoom of one plot over time applies to all of them.
   let isFollowing = false;
   const follow = (leader, change) => {
     if (isFollowing) return;
     const range = change["xaxis.range"] || (change["xaxis.range[0]"] !== undefined && [change["xaxis.range[0]"], change["xaxis.range[1]"]]);
     if (!range && !change["xaxis.autorange"]) return;
     isFollowing = true;
-    const others = plots.filter((it, at) => it !== leader && it.layout && figures[at].is_over_time);
+    const others = plots.filter((plot, at) => plot !== leader && plot.layout && figures[at].is_over_time);
     const update = range ? { "xaxis.range": range.slice() } : { "xaxis.autorange": true };
-    Promise.all(others.map((it) => Plotly.relayout(it, update))).finally(() => { isFollowing = false; });
+    Promise.all(others.map((plot) => Plotly.relayout(plot, update))).finally(() => { isFollowing = false; });
   };
 
   const draw = (at) => {
@@ -31,18 +31,18 @@
       return;
     }
     const { data, layout, is_over_time } = figures[at];
-    const axis = (it) => ({ automargin: true, ticks: "outside", exponentformat: "none", ...it, title: { standoff: 8, ...it.title } });
+    const axis = (own) => ({ automargin: true, ticks: "outside", exponentformat: "none", ...own, title: { standoff: 8, ...own.title } });
     const whole = {
       margin: { l: 70, r: 15, t: 28, b: 45 }, hovermode: "closest", font: { size: 12 },
       legend: { orientation: "h", x: 0, xanchor: "left", y: 1.0, yanchor: "bottom" }, dragmode: "zoom",
       ...layout, xaxis: axis(layout.xaxis), yaxis: axis(layout.yaxis),
     };
-    // Plots over time begin at the same place, one under the other.
+    // The time axes of all plots are aligned.
     if (is_over_time) { whole.yaxis.automargin = false; whole.margin.l = 150; }
     Plotly.newPlot(plots[at], data, whole, config)
-      .then((it) => Plotly.relayout(it, theme(dark.matches)))
-      .then((it) => {
-        if (is_over_time) it.on("plotly_relayout", (change) => follow(it, change));
+      .then((plot) => Plotly.relayout(plot, theme(dark.matches)))
+      .then((plot) => {
+        if (is_over_time) plot.on("plotly_relayout", (change) => follow(plot, change));
         setTimeout(draw, 0, at + 1);
       });
   };
