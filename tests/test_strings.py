@@ -250,7 +250,7 @@ def test_names_that_name_no_string() -> None:
     for many in (StringType.HEHDT | StringType.HEROT, StringType(0)):
         with pytest.raises(ValueError, match="expected one string type, not"):
             encode_string(many)
-    with pytest.raises(ValueError, match="0x8100 has bits that are no strings"):
+    with pytest.raises(ValueError, match="0x8100 has bits that are no string types"):
         xbus.read_log(b"", strings=StringType.HEHDT | 0x8000)
     assert encode_string("HEHDT", {"heading": np.float32("nan")}) == encode_string("HEHDT")
 

@@ -52,7 +52,7 @@ def json_value(value: Any) -> Any:
     if isinstance(value, bytes):
         return value.hex().upper()
     if is_dataclass(value) and not isinstance(value, type):
-        return {it.name: json_value(getattr(value, it.name)) for it in fields(value)}
+        return {field.name: json_value(getattr(value, field.name)) for field in fields(value)}
     if hasattr(value, "_asdict"):
         return {name: json_value(item) for name, item in value._asdict().items()}
     if isinstance(value, (tuple, list)):

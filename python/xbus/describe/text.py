@@ -1,4 +1,4 @@
-"""Messages and packets in words, one line each, and the same for programs."""
+"""Describes messages and packets: one line of text each, or plain values for JSON."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ __all__ = [
     "value_text",
 ]
 
-#: Digits that show all that a number of this precision says.
+#: Formats with all significant digits of each precision.
 DIGITS = {"Float32": "%.7g", "Fp1220": "%.9g", "Fp1632": "%.12g", "Float64": "%.15g"}
 
 
@@ -45,9 +45,9 @@ class Notice(NamedTuple):
     """An Error or Warning message.
 
     Attributes:
-        code: Its number, None where the payload is too short for one.
-        text: What the number means, and what the device adds in words.
-        detail: The bytes behind an error's code, in hex.
+        code: Its number; None if the payload is too short for one.
+        text: Meaning of the number, and text that the device adds.
+        detail: The bytes after the code of an error, in hex; None without any.
     """
 
     code: int | None
@@ -60,7 +60,7 @@ class Notice(NamedTuple):
 
 
 def read_notice(message: Message) -> Notice:
-    """What an Error or a Warning says."""
+    """Returns code and text of an Error or Warning message."""
     wide = 4 if message.name == "Warning" else 1
     if len(message.payload) < wide:
         return Notice(None, "without a code", None)
@@ -73,31 +73,31 @@ def read_notice(message: Message) -> Notice:
 
 
 def describe_message(message: Message) -> str:
-    """What a message that is no sample says, in words; empty where nothing is known of it."""
+    """Returns the content of a message in one line; empty if the message has no known content."""
     if message.name in ("Error", "Warning"):
         return str(read_notice(message))
-    told = Identity().updated([message])
+    identity = Identity().updated([message])
     parts = []
-    if told.configuration is not None:
-        parts = [f"recorded {recording_date(told.configuration) or 'on no date'}"]
-        parts += [f"filter profile {told.configuration.filter_profile}"]
-    if told.firmware is not None:
-        parts.insert(0, f"firmware {told.firmware}")
-        if told.firmware.build is not None:
-            parts[0] += f" build {told.firmware.build} source {told.firmware.scm}"
-    if told.device_id is not None:
-        parts.insert(0, device_name(told.device_id))
-    if told.product_code is not None:
-        parts.insert(0, printable(told.product_code.encode()))
+    if identity.configuration is not None:
+        parts = [f"recorded {recording_date(identity.configuration) or 'on no date'}"]
+        parts += [f"filter profile {identity.configuration.filter_profile}"]
+    if identity.firmware is not None:
+        parts.insert(0, f"firmware {identity.firmware}")
+        if identity.firmware.build is not None:
+            parts[0] += f" build {identity.firmware.build} source {identity.firmware.scm}"
+    if identity.device_id is not None:
+        parts.insert(0, device_name(identity.device_id))
+    if identity.product_code is not None:
+        parts.insert(0, printable(identity.product_code.encode()))
     return ", ".join(parts) or _payload(message)
 
 
 def message_dict(message: Message) -> dict[str, Any]:
-    """A message that is no sample, for programs."""
-    facts = {"bid": message.bid, "mid": message.mid, "name": message.name}
+    """Returns a message as plain values for JSON."""
+    head = {"bid": message.bid, "mid": message.mid, "name": message.name}
     if message.name in ("Error", "Warning"):
-        return facts | read_notice(message)._asdict()
-    return facts | {"text": describe_message(message)}
+        return head | read_notice(message)._asdict()
+    return head | {"text": describe_message(message)}
 
 
 def _payload(message: Message) -> str:
@@ -113,51 +113,51 @@ def _payload(message: Message) -> str:
 
 
 def value_text(value: Any) -> str:
-    """The value of a message in the words that its layout reads: ``name=value``; a list by its entries."""
+    """Returns the value of a message as its layout parses it: ``name=value``; for a list, its entries."""
     if isinstance(value, bytes):
         return f"{len(value)} bytes"
     if isinstance(value, tuple) and not hasattr(value, "_fields"):
-        return " ".join(",".join(_pairs(it)) for it in value) or "none"
+        return " ".join(",".join(_pairs(entry)) for entry in value) or "none"
     return " ".join(_pairs(value))
 
 
 def _pairs(value: Any) -> list[str]:
-    """The words of a record, without what is zero and need not be said; of anything else its only word."""
+    """Returns ``name=value`` for each field of a record that is not its zero default; otherwise one word."""
     if not is_dataclass(value) and not hasattr(value, "_fields"):
         return [_word(value)]
     pairs = []
     for name, parameter in signature(type(value)).parameters.items():
-        it = getattr(value, name)
-        if it is None or (not it and it == parameter.default):
+        field = getattr(value, name)
+        if field is None or (not field and field == parameter.default):
             continue
-        if hasattr(it, "_fields"):
-            pairs += _pairs(it)
+        if hasattr(field, "_fields"):
+            pairs += _pairs(field)
         elif isinstance(value, Output) and name == "data_id":
             pairs.append(f"{name}={_data_id(value)}")
         else:
-            pairs.append(f"{name}={_word(it)}")
+            pairs.append(f"{name}={_word(field)}")
     return pairs
 
 
 def _data_id(output: Output) -> str:
-    """The manual's name and the format; in hex where they do not say it all."""
+    """Returns the manual's name and the format, or the identifier in hex if they do not determine it."""
     row = QUANTITIES.get(output.quantity or "")
     both = (output.precision, output.coordinates)
-    formats = [it for it in both if it and isinstance(it, Precision | Coordinates)]
+    formats = [form for form in both if form and isinstance(form, Precision | Coordinates)]
     if row is None or row.id + sum(formats) != output.data_id:
         return f"0x{output.data_id:04X}"
-    return "|".join([row.manual, *(it.name for it in formats)])
+    return "|".join([row.manual, *(form.name for form in formats)])
 
 
 def _word(value: Any) -> str:
     if isinstance(value, IntFlag):
-        names = [str(it.name).lower() for it in value]
+        names = [str(flag.name).lower() for flag in value]
         rest = int(value) & ~sum(value)
         return "|".join([*names, hex(rest)] if rest else names) or "0"
     if isinstance(value, IntEnum):
         return value.name.lower()
     if isinstance(value, float):
-        # No more digits than it takes; for a single these are fewer.
+        # The fewest digits that identify the number, as a float32 if it is one.
         with np.errstate(over="ignore"):
             single = np.float32(value)
         return str(single if float(single) == value else np.float64(value)).removesuffix(".0")
@@ -167,12 +167,12 @@ def _word(value: Any) -> str:
 
 
 def device_name(number: int) -> str:
-    """A device identifier as it stands on the device: 8 digits, 10 from the 600-series on."""
+    """Returns a device identifier as printed on the device: 8 digits, 10 from the 600-series on."""
     return f"{number:010X}" if number >> 31 else f"{number:08X}"
 
 
 def recording_date(configuration: Configuration) -> str | None:
-    """When a recording was made, by the clock of its host: ``2026-11-22 09:29:59.00``."""
+    """Returns the date of a recording by the clock of its host: ``"2026-11-22 09:29:59.00"``."""
     date, time = configuration.date, configuration.time
     if date is None or not date.strip("0"):
         return None
@@ -181,9 +181,9 @@ def recording_date(configuration: Configuration) -> str | None:
 
 
 def printable(data: bytes) -> str:
-    """Text of a device, with nothing that a terminal would obey."""
+    """Returns text of a device without characters that control a terminal."""
     text = data.decode("ascii", "backslashreplace").strip("\0 \r\n")
-    return "".join(it if it.isprintable() else f"\\x{ord(it):02x}" for it in text)
+    return "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)
 
 
 # Packets
@@ -200,34 +200,34 @@ def describe_packet(packet: _core.Packet) -> str:
 def _writer(
     name: str, precision: str | None, coordinates: str | None
 ) -> Callable[[Sequence[Any]], str]:
-    """Writes packets of one kind: what can be said once about the kind is said here."""
+    """Returns a function that formats the numbers of packets of one kind."""
     row = QUANTITIES[name]
-    formats = [it for it in (coordinates, precision) if it not in (None, "ENU", "Float32")]
+    formats = [form for form in (coordinates, precision) if form not in (None, "ENU", "Float32")]
     label = f"{name} ({', '.join(map(str, formats))})" if formats else name
     unit = f" {row.unit}" if row.unit else ""
     if name == "utc_time":
-        return lambda it: f"{label} {_date(it)} valid={it[7]}"
+        return lambda numbers: f"{label} {_date(numbers)} valid={numbers[7]}"
     if row.has_flags:
-        return lambda it: f"{label} {_status(row, it[0])}"
+        return lambda numbers: f"{label} {_status(row, numbers[0])}"
     if row.kind == "list":
-        return lambda it: f"{label} {_satellites(row.fields, row.entry, it)}"
+        return lambda numbers: f"{label} {_satellites(row.fields, row.entry, numbers)}"
     if row.kind == "struct":
-        return lambda it: f"{label} {_record(row.fields, it)}"
+        return lambda numbers: f"{label} {_record(row.fields, numbers)}"
     if row.kind == "id":
-        return lambda it: f"{label} {device_name(it[0])}"
+        return lambda numbers: f"{label} {device_name(numbers[0])}"
     digits = "%d" if row.kind[0] in "iu" else DIGITS[precision or "Float32"]
-    values = " ".join(f"{it}={digits}" for it in row.components) or digits
+    values = " ".join(f"{name}={digits}" for name in row.components) or digits
     template = f"{label} {values}{unit}".replace("%d 0.1 ms", "%d (0.1 ms)")
-    return lambda it: template % tuple(it)
+    return lambda numbers: template % tuple(numbers)
 
 
-def _date(it: Sequence[int]) -> str:
-    ns, year, month, day, hour, minute, second = it[:7]
+def _date(numbers: Sequence[int]) -> str:
+    ns, year, month, day, hour, minute, second = numbers[:7]
     return f"{year:04}-{month:02}-{day:02} {hour:02}:{minute:02}:{second:02}.{ns:09}"
 
 
 def _status(row: Quantity, word: int) -> str:
-    """The names of the bits that are set, with their value where they have several."""
+    """Returns the names of the bits that are set, and the values of fields of several bits."""
     values = ((flag, flag.of(word)) for flag in row.flags)
     names = (
         flag.name if flag.width == 1 else f"{flag.name}={value}" for flag, value in values if value
@@ -236,7 +236,9 @@ def _status(row: Quantity, word: int) -> str:
 
 
 def _record(fields: Sequence[Field], values: Sequence[int]) -> str:
-    return " ".join(f"{it.name}={_scaled(it, raw)}" for it, raw in zip(fields, values, strict=True))
+    return " ".join(
+        f"{field.name}={_scaled(field, raw)}" for field, raw in zip(fields, values, strict=True)
+    )
 
 
 def _scaled(field: Field, raw: int) -> str:
@@ -247,31 +249,31 @@ def _scaled(field: Field, raw: int) -> str:
 
 
 def _satellites(head: Sequence[Field], entry: Sequence[Field], values: Sequence[int]) -> str:
-    """The head, and each satellite in brackets."""
+    """Returns the head, and each satellite in brackets."""
     size = len(entry)
     rows = [values[at : at + size] for at in range(len(head), len(values), size)]
     return " ".join(
-        [_record(head, values[: len(head)]), *(f"[{_record(entry, it)}]" for it in rows)]
+        [_record(head, values[: len(head)]), *(f"[{_record(entry, row)}]" for row in rows)]
     )
 
 
 def packet_dict(packet: _core.Packet) -> dict[str, Any]:
-    """A packet for programs: reals exact, structs as raw integers, null for NaN and infinities."""
+    """Returns a packet as plain values for JSON: structs as raw integers, None for NaN and infinities."""
     numbers = packet.numbers
-    facts: dict[str, Any] = {"data_id": f"0x{packet.data_id:04X}", "name": packet.name}
+    head: dict[str, Any] = {"data_id": f"0x{packet.data_id:04X}", "name": packet.name}
     if packet.name is None:
-        return {**facts, "data": bytes(numbers).hex().upper()}
+        return {**head, "data": bytes(numbers).hex().upper()}
     row = QUANTITIES[packet.name]
-    values = [finite(it) for it in numbers]
-    names = row.components or tuple(it.name for it in row.fields)
+    values = [finite(number) for number in numbers]
+    names = row.components or tuple(field.name for field in row.fields)
     named: Any = dict(zip(names, values, strict=False)) if names else values[0]
     if row.kind == "list":
         size, entries = len(row.entry), values[len(row.fields) :]
-        keys = [it.name for it in row.entry]
+        keys = [field.name for field in row.entry]
         rows = [entries[at : at + size] for at in range(0, len(entries), size)]
-        named["satellites"] = [dict(zip(keys, it, strict=True)) for it in rows]
+        named["satellites"] = [dict(zip(keys, entry, strict=True)) for entry in rows]
     return {
-        **facts,
+        **head,
         "precision": packet.precision,
         "coordinates": packet.coordinates,
         "unit": row.unit,
@@ -280,5 +282,5 @@ def packet_dict(packet: _core.Packet) -> dict[str, Any]:
 
 
 def finite(number: float) -> float | None:
-    """The number, or None where JSON has no word for it."""
+    """Returns the number, or None for NaN and infinities, which JSON does not have."""
     return number if math.isfinite(number) else None

@@ -81,7 +81,7 @@ class Log(ByQuantity[Column]):
         self._earlier = identity or Identity()
         self._host_times = host_times or HostTimes(core)
         self.first_sample: int = core.first
-        columns = [Column(it, self._host_times) for it in core.columns if it.name is not None]
+        columns = [Column(found, self._host_times) for found in core.columns if found.name]
         super().__init__(
             {
                 QuantityKey(column.name, column.coordinates, column.precision): column

@@ -169,7 +169,10 @@ def _numbers(quantity: Quantity, values: Any) -> npt.NDArray[Any]:
     """Returns the numbers in the order of the wire, in a type that holds them exactly."""
     if quantity.kind == "list":
         head, entries = values
-        rows = [_record(quantity.fields, head), *(_record(quantity.entry, it) for it in entries)]
+        rows = [
+            _record(quantity.fields, head),
+            *(_record(quantity.entry, entry) for entry in entries),
+        ]
         return np.concatenate(rows)
     if quantity.kind == "struct":
         return _record(quantity.fields, values)
@@ -182,11 +185,11 @@ def _numbers(quantity: Quantity, values: Any) -> npt.NDArray[Any]:
 
 
 def _record(fields: tuple[Any, ...], values: Any) -> npt.NDArray[Any]:
-    names = [it.name for it in fields]
+    names = [field.name for field in fields]
     if isinstance(values, Mapping):
         if set(values) != set(names):
             raise ValueError(f"a record needs exactly the fields {', '.join(names)}")
-        return _exact(np.array([values[it] for it in names]))
+        return _exact(np.array([values[name] for name in names]))
     return _exact(np.array(values.item() if isinstance(values, np.void) else values))
 
 

@@ -102,7 +102,7 @@ class String:
     def units(self) -> dict[str, str]:
         """Unit of each value; empty for letters, counts, times and dates."""
         fields = LAYOUTS[self.type].fields if self.type is not None else ()
-        return {it.name: it.unit for it in fields if it.name}
+        return {field.name: field.unit for field in fields if field.name}
 
     @property
     def valid(self) -> bool | None:
@@ -242,7 +242,7 @@ def encode_string(kind: StringType | str, values: Mapping[str, Any] | None = Non
     """
     kind = one_type(kind)
     layout, values = LAYOUTS[kind], values or {}
-    names = [it.name for it in layout.fields if it.name]
+    names = [field.name for field in layout.fields if field.name]
     if unknown := set(values) - set(names):
         raise ValueError(
             f"{kind.name} has no {sorted(unknown)[0]}; it has {', '.join(names)}"
@@ -287,8 +287,8 @@ def string_types(kinds: Iterable[StringType | str] | StringType) -> list[StringT
     if isinstance(kinds, StringType):
         if int(kinds) & ~sum(StringType):
             raise ValueError(f"0x{int(kinds):X} has bits that are no string types")
-        return [it for it in StringType if it in kinds]
-    return [one for it in kinds for one in string_types(_flags(it))]
+        return [kind for kind in StringType if kind in kinds]
+    return [one for kind in kinds for one in string_types(_flags(kind))]
 
 
 def _flags(kind: StringType | str) -> StringType:
