@@ -273,7 +273,7 @@ class Reader:
         (None, "read() must return bytes; open the file in binary mode"),
         (7, "read() must return bytes; open the file in binary mode"),
         ([1, 2], "read() must return bytes; open the file in binary mode"),
-        (lambda size: bytes(size + 1), "read() returned more bytes than were asked for"),
+        (lambda size: bytes(size + 1), "read() returned more bytes than requested"),
     ],
 )
 @both
