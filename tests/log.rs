@@ -155,10 +155,10 @@ fn timed_parts_continue_where_the_last_one_ended() {
         let part = TimedPart::take(&mut reader, &mut clocks);
         assert_eq!(part.times().counter.len(), part.part.len());
         counters.extend_from_slice(&part.times().counter);
-        gaps += part.times().losses.gaps;
+        gaps += part.times().losses().gaps;
     }
     let whole = Log::whole(&bytes, Options::default());
-    assert_eq!((counters, gaps), (whole.counters, whole.losses.gaps));
+    assert_eq!((gaps, counters), (whole.losses().gaps, whole.counters));
 }
 
 #[test]
