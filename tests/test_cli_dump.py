@@ -193,7 +193,7 @@ def test_bus_identifiers() -> None:
             "command=stop ddt=9.8125 dimension=3 status=disturbed|not_enough_data",
         ),
         (MessageId.ReqOptionFlagsAck, "00 00 80 10", "enable_ahs|0x8000"),
-        (MessageId.SelftestResults, "01", "malformed: it has 1 bytes, not 2"),
+        (MessageId.SelftestResults, "01", "malformed: the payload has 1 bytes, not 2"),
         (MessageId.EmtsData, 300 * "55", "300 bytes"),
     ],
 )

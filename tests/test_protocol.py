@@ -329,7 +329,7 @@ def test_nothing() -> None:
         if layout is NOTHING:
             assert encode(name) == b""
             assert decode(name, b"") is None
-            with pytest.raises(ValueError, match="carries 2 bytes"):
+            with pytest.raises(ValueError, match="has 2 bytes"):
                 decode(name, b"ab")
             with pytest.raises(ValueError, match="nothing"):
                 encode(name, 1)
@@ -449,7 +449,7 @@ def test_read_but_never_written(name: str, payload: str, value: Any) -> None:
     ("name", "size", "says"),
     [
         ("DeviceID", 5, "5 bytes, not 4 or 8"),
-        ("InitBusResults", 6, "6 bytes are no entries of 4"),
+        ("InitBusResults", 6, "6 bytes, not entries of 4"),
         ("HardwareVersion", 3, "3 bytes, not 2"),
         ("FirmwareRev", 4, "4 bytes, not 3 or 11"),
         ("SelftestResults", 1, "1 bytes, not 2"),
@@ -457,16 +457,16 @@ def test_read_but_never_written(name: str, payload: str, value: Any) -> None:
         ("Warning", 3, "3 bytes, not at least 4"),
         ("ReqBaudrateAck", 0, "0 bytes, not 1"),
         ("SetOptionFlags", 4, "4 bytes, not 8"),
-        ("ReqSyncSettingsAck", 13, "13 bytes are no entries of 12"),
+        ("ReqSyncSettingsAck", 13, "13 bytes, not entries of 12"),
         ("Configuration", 117, "117 bytes, not 118"),
-        ("ReqOutputConfigurationAck", 7, "7 bytes are no entries of 4"),
+        ("ReqOutputConfigurationAck", 7, "7 bytes, not entries of 4"),
         ("ReqStringOutputTypeAck", 4, "4 bytes, not 2 or 6"),
         ("ReqAlignmentRotationAck", 18, "18 bytes, not 16 or 17"),
-        ("PortConfig", 10, "10 bytes are no entries of 4"),
+        ("PortConfig", 10, "10 bytes, not entries of 4"),
         ("CanConfig", 2, "2 bytes, not 4"),
-        ("CanOutputConfig", 9, "9 bytes are no entries of 8"),
+        ("CanOutputConfig", 9, "9 bytes, not entries of 8"),
         ("ReqLatLonAltAck", 23, "23 bytes, not 12 or 24"),
-        ("AvailableFilterProfiles", 21, "21 bytes are no entries of 22"),
+        ("AvailableFilterProfiles", 21, "21 bytes, not entries of 22"),
         ("ReqFilterProfileAck", 3, "3 bytes, not 2"),
         ("UTCTime", 11, "11 bytes, not 12"),
         ("IccCommandAck", 6, "6 bytes, not 1 or 2 or 7"),

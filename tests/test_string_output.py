@@ -27,7 +27,7 @@ from xbus.device import channel as channel_module
 from xbus.device.string_output import frequency_of, period_and_skip_factor, plan_strings
 from xbus.protocol import State, StringOutput
 from xbus.protocol.products import find_product, support
-from xbus.protocol.strings import LAYOUTS
+from xbus.protocol.strings import STRING_FIELDS
 from xbus.protocol.tables import PRODUCTS
 from xbus.sim import Replay, serving
 from xbus.sim.sensors import Sensors, Ticks
@@ -175,7 +175,7 @@ def test_every_string_of_every_product(product: int) -> None:
     assert [string.type for string in strings] == list(types) * 20
     for string in strings:
         assert string.type is not None
-        assert len(string.data) <= LAYOUTS[string.type].length
+        assert len(string.data) <= STRING_FIELDS[string.type].length
         assert string.values.keys() == string.units.keys()
         assert string.arrival is not None
     assert device.session.skipped == device.stats.skipped_bytes == 0

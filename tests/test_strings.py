@@ -21,7 +21,7 @@ import xbus
 from conftest import SEEDS, damaged_streams, differences, edited, edits, facts, facts_of
 from reference import decode
 from xbus import Scanner, String, StringType, encode_string, parse_string
-from xbus.protocol.strings import LAYOUTS
+from xbus.protocol.strings import STRING_FIELDS
 
 #: What a string is, its text, and what it says.
 SENTENCES: list[tuple[str, str, dict[str, Any]]] = [
@@ -271,7 +271,9 @@ def test_nothing_is_available(kind: StringType) -> None:
         assert set(values.values()) == {0.0}
     else:
         assert {it for it in values.values() if it is not None} <= {"T", "A", "V"}
-    nans = {it.name: math.nan for it in LAYOUTS[kind].fields if it.form.dtype == "f8" and it.name}
+    nans = {
+        it.name: math.nan for it in STRING_FIELDS[kind].fields if it.form.dtype == "f8" and it.name
+    }
     assert encode_string(kind, nans) == wire
 
 
@@ -294,7 +296,7 @@ RANGES: dict[str, st.SearchStrategy[Any]] = {
 def said(draw: st.DrawFn) -> tuple[StringType, dict[str, Any]]:
     kind = draw(st.sampled_from(list(StringType)))
     values = {}
-    for field in LAYOUTS[kind].fields:
+    for field in STRING_FIELDS[kind].fields:
         if field.name and draw(st.integers(0, 5)):
             values[field.name] = draw(RANGES.get(field.name, st.floats(-300, 300)))
     return kind, values
@@ -305,7 +307,7 @@ def test_values_come_back(string: tuple[StringType, dict[str, Any]]) -> None:
     """To the last digit that is written; what has been written once is written the same again."""
     kind, values = string
     wire = encode_string(kind, values)
-    assert len(wire) <= LAYOUTS[kind].length + 8
+    assert len(wire) <= STRING_FIELDS[kind].length + 8
     found = parse_string(wire).values
     assert encode_string(kind, found) == wire
     for name, value in values.items():

@@ -35,7 +35,7 @@ from xbus.describe.text import value_text
 from xbus.device.commands import Commands
 from xbus.protocol import EVERY, HardwareVersion, OptionFlag, Output, StringType
 from xbus.protocol.products import Support, support
-from xbus.protocol.strings import LAYOUTS
+from xbus.protocol.strings import STRING_FIELDS
 from xbus.protocol.tables import (
     MESSAGES,
     PRODUCTS,
@@ -280,7 +280,7 @@ def strings() -> list[nodes.Node]:
 def string_fields() -> list[nodes.Node]:
     rows = (
         (code(kind.name or ""), code(it.name), it.unit)
-        for kind, layout in LAYOUTS.items()
+        for kind, layout in STRING_FIELDS.items()
         for it in layout.fields
         if it.name
     )

@@ -60,7 +60,7 @@ fn u32_of(data: &[u8]) -> Option<u32> {
 /// Where a trigger's record has its time stamp: behind line and polarity.
 pub(crate) const TRIGGER_STAMP: usize = 2 * Wire::U1.size();
 
-/// Samples that the counter says were lost.
+/// Samples lost by the packet counter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Losses {
@@ -107,11 +107,11 @@ pub struct Moment {
     pub lost: u64,
 }
 
-/// What a message says about how a clock goes on.
+/// A change of a clock by a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Change {
-    /// It names the device, whose fine time wraps after so many ticks.
+    /// The message names the device, whose fine time wraps after this many ticks.
     Wrap(u64),
     /// A new run starts: the counter may start again, and nothing was lost.
     Restart,

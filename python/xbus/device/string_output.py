@@ -8,7 +8,7 @@ from typing import Any
 
 from xbus.device.output_configuration import BITS_PER_BYTE, overload_message
 from xbus.protocol.products import Support
-from xbus.protocol.strings import LAYOUTS
+from xbus.protocol.strings import STRING_FIELDS
 from xbus.protocol.values import ON_DEMAND, PERIOD_TICKS, PERIODS, StringOutput, StringType
 from xbus.wire.strings import string_types
 
@@ -136,7 +136,7 @@ def check_strings_fit(plan: StringPlan, support: Support, baudrate: int) -> None
     Raises:
         ValueError: It does not; the message names a sufficient baud rate.
     """
-    characters = sum(LAYOUTS[kind].length for kind in plan.output.types)
+    characters = sum(STRING_FIELDS[kind].length for kind in plan.output.types)
     needed = round(characters * (plan.frequency or 0))
     if needed > baudrate // BITS_PER_BYTE:
         raise ValueError(overload_message("strings", needed, baudrate, support))

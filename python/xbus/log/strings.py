@@ -14,7 +14,7 @@ from xbus.extras import require
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.messages import piece
-from xbus.protocol.strings import LAYOUTS
+from xbus.protocol.strings import STRING_FIELDS
 from xbus.protocol.values import StringType
 from xbus.wire.strings import String, one_type, string_types, type_at
 
@@ -112,7 +112,7 @@ class Strings(Sequence[String]):
         array([12.5, 12.5, 12.5])
         """
         one = one_type(kind)
-        fields = [field for field in LAYOUTS[one].fields if field.name]
+        fields = [field for field in STRING_FIELDS[one].fields if field.name]
         indices = self._indices([one])
         rows: list[dict[str, Any]] = []
         for index in indices.tolist():
@@ -146,7 +146,7 @@ class Strings(Sequence[String]):
         """
         arrow = require("pyarrow", "arrow", "to make Arrow tables")
         table = self.table(kind)
-        units = {field.name: field.unit for field in LAYOUTS[one_type(kind)].fields}
+        units = {field.name: field.unit for field in STRING_FIELDS[one_type(kind)].fields}
         columns, fields = [], []
         for name in table.dtype.names or ():
             values: Any = table[name]

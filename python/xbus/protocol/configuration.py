@@ -11,7 +11,7 @@ __all__ = ["Configuration", "Firmware"]
 
 
 class Firmware(NamedTuple):
-    """A firmware revision (Table 4); build and scm are None where only a Configuration tells it."""
+    """A firmware revision (Table 4); build and scm are None if it comes from a Configuration."""
 
     major: int
     minor: int
@@ -59,7 +59,7 @@ class Configuration:
 
     @classmethod
     def read(cls, payload: bytes) -> Configuration | None:
-        """What a payload of 118 bytes says; None for one that is shorter."""
+        """Decodes a payload of 118 bytes; returns None for a shorter one."""
         if (fields := _core.configuration(payload)) is None:
             return None
         firmware, filter_version = Firmware(*fields["firmware"]), tuple(fields["filter_version"])

@@ -1,4 +1,4 @@
-"""What a data identifier says beside its quantity: precision and coordinate system (Table 17)."""
+"""Precision and coordinate system of a data identifier (Table 17)."""
 
 from __future__ import annotations
 

@@ -96,7 +96,7 @@ def _no_value(value: None) -> bytes:
 
 def _no_bytes(payload: bytes) -> None:
     if payload:
-        raise ValueError(f"it carries {len(payload)} bytes, not none")
+        raise ValueError(f"the payload has {len(payload)} bytes, not none")
 
 
 def _raw(value: bytes) -> bytes:
@@ -111,7 +111,7 @@ NOTHING = Layout(_no_value, _no_bytes)
 #: A payload that is passed on unchanged; its value is bytes.
 RAW = Layout(_raw, bytes, {"data": bytes.fromhex}, lambda data: data)
 
-#: Letters of `struct`.
+#: Format characters of `struct`.
 _CODES = {
     "u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i1": "b", "i2": "h", "i4": "i", "f4": "f", "f8": "d",
 }  # fmt: skip
@@ -223,7 +223,7 @@ class Form:
         return b"".join(field.encode(values[field.name]) for field in self.fields)
 
     def fits(self, length: int) -> bool:
-        """Whether so many bytes can be this record. Devices may send more at the end than the table has."""
+        """Whether a payload of this length can be the record; its last field may be too long."""
         return length >= self.size if self.has_rest else length == self.size
 
     def decode(self, payload: bytes) -> dict[str, Any]:
@@ -271,7 +271,9 @@ def record(
     is_number = issubclass(kind, int)
     if kinds is None:
         kinds = {names[0]: kind} if is_number else kinds_of(kind)
-    parts = [Form([FieldLayout(it, kinds.get(it.name, int)) for it in form]) for form in forms]
+    parts = [
+        Form([FieldLayout(field, kinds.get(field.name, int)) for field in form]) for form in forms
+    ]
 
     def encode(value: Any) -> bytes:
         if is_number:
@@ -279,7 +281,7 @@ def record(
         # A value of another type lacks them.
         values = {name: getattr(value, name, None) for name in names}
         held = {name for name, item in values.items() if item is not None}
-        whole = (form for form in parts if held.issuperset(it.name for it in form.fields))
+        whole = (form for form in parts if held.issuperset(field.name for field in form.fields))
         return next(whole, parts[0]).encode(values)
 
     def decode(payload: bytes) -> Any:
@@ -287,7 +289,7 @@ def record(
         if form is None:
             sizes = " or ".join(str(size) for size in sorted(form.size for form in parts))
             least = "at least " if parts[0].has_rest else ""
-            raise ValueError(f"it has {len(payload)} bytes, not {least}{sizes}")
+            raise ValueError(f"the payload has {len(payload)} bytes, not {least}{sizes}")
         return make(**{**dict.fromkeys(names), **form.decode(payload)})
 
     make = (lambda **given: given[names[0]]) if is_number else kind
@@ -323,7 +325,7 @@ def repeated(entry: Layout, row: MessageRow) -> Layout:
 
     def decode(payload: bytes) -> Any:
         if len(payload) % size:
-            raise ValueError(f"its {len(payload)} bytes are no entries of {size}")
+            raise ValueError(f"the payload has {len(payload)} bytes, not entries of {size}")
         if payload == bytes(size):
             return ()
         return tuple(entry.decode(payload[at : at + size]) for at in range(0, len(payload), size))

@@ -1,4 +1,4 @@
-"""What each message says: its layout, and `encode` and `decode`, which go by it.
+"""The layout of each message, and `encode` and `decode`, which use it.
 
 Fields, lengths, states and products of a message are in its row of the table, `MESSAGES`. Here is what a row
 cannot say: the types of the values, and the few payloads whose values are more than their fields. A layout
@@ -116,7 +116,9 @@ def _word(row: MessageRow, kind: type[v.PortConfig | v.CanConfig]) -> Layout:
     """Words of bits, which on a command line have a field for each of their parts."""
     kinds = kinds_of(kind)
     names = [part.name for part in fields(kind) if part.name != "reserved"]
-    parts = [FieldLayout(row.forms[0][0]._replace(name=it), kinds.get(it, int)) for it in names]
+    parts = [
+        FieldLayout(row.forms[0][0]._replace(name=name), kinds.get(name, int)) for name in names
+    ]
     word = mapped(record(row.forms, int), kind.from_word, int)
     word = replace(word, fields={part.name: part.read for part in parts}, make=kind)
     return repeated(word, row) if row.kind == "list" else word
@@ -125,9 +127,11 @@ def _word(row: MessageRow, kind: type[v.PortConfig | v.CanConfig]) -> Layout:
 def _icc_reply(row: MessageRow) -> Layout:
     kinds: dict[str, type] = {"command": v.IccCommand, "status": v.IccStatus, "active": bool}
 
-    def to_reply(it: SimpleNamespace) -> v.IccReply:
-        result = None if it.ddt is None else v.IccResult(it.ddt, it.dimension, it.status)
-        return v.IccReply(it.command, result, it.active)
+    def to_reply(fields: SimpleNamespace) -> v.IccReply:
+        result = (
+            None if fields.ddt is None else v.IccResult(fields.ddt, fields.dimension, fields.status)
+        )
+        return v.IccReply(fields.command, result, fields.active)
 
     def to_fields(reply: v.IccReply) -> SimpleNamespace:
         result = {} if reply.result is None else reply.result._asdict()
@@ -140,36 +144,36 @@ def _configuration(row: MessageRow) -> Layout:
     (form,) = row.forms
     wire = Form([FieldLayout(field) for field in form])
 
-    def encode(it: Configuration) -> bytes:
-        if not 0 <= it.device_id < 1 << 64:
-            raise ValueError(f"device_id cannot be {it.device_id}: it must fit eight bytes")
+    def encode(value: Configuration) -> bytes:
+        if not 0 <= value.device_id < 1 << 64:
+            raise ValueError(f"device_id cannot be {value.device_id}: it must fit eight bytes")
         # Eight bytes of identifier stand with their halves exchanged, against the DeviceID message, and take
         # the places of what only devices with four bytes have.
-        low, high = it.device_id & 0xFFFF_FFFF, it.device_id >> 32
-        wide = it.device_id >> 31
-        major, minor, revision, *_ = it.firmware
-        filter_major, filter_minor = it.filter_version
+        low, high = value.device_id & 0xFFFF_FFFF, value.device_id >> 32
+        wide = value.device_id >> 31
+        major, minor, revision, *_ = value.firmware
+        filter_major, filter_minor = value.filter_version
         return wire.encode(
             {
                 "device_id": low,
-                "sampling_period": high >> 16 if wide else it.sampling_period or 0,
-                "output_skip_factor": high & 0xFFFF if wide else it.output_skip_factor or 0,
-                "date": (it.date or "").encode("ascii"),
-                "time": (it.time or "").encode("ascii"),
-                "product_code": it.product_code.encode("ascii").ljust(20)
-                if it.product_code
+                "sampling_period": high >> 16 if wide else value.sampling_period or 0,
+                "output_skip_factor": high & 0xFFFF if wide else value.output_skip_factor or 0,
+                "date": (value.date or "").encode("ascii"),
+                "time": (value.time or "").encode("ascii"),
+                "product_code": value.product_code.encode("ascii").ljust(20)
+                if value.product_code
                 else b"",
                 **dict.fromkeys(("sync_in", "host", "client"), b""),
-                "devices": it.devices,
+                "devices": value.devices,
                 "first_device_id": low,
                 "data_length": high >> 16 if wide else 0,
-                "output_mode": high & 0xFFFF if wide else it.output_mode or 0,
-                "output_settings": 0 if wide else it.output_settings or 0,
-                "filter_profile": it.filter_profile,
+                "output_mode": high & 0xFFFF if wide else value.output_mode or 0,
+                "output_settings": 0 if wide else value.output_settings or 0,
+                "filter_profile": value.filter_profile,
                 "major": major,
                 "minor": minor,
                 "revision": revision,
-                "filter_type": (it.filter_type or "").encode("ascii"),
+                "filter_type": (value.filter_type or "").encode("ascii"),
                 "filter_major": filter_major,
                 "filter_minor": filter_minor,
             }
@@ -177,7 +181,7 @@ def _configuration(row: MessageRow) -> Layout:
 
     def decode(payload: bytes) -> Configuration:
         if (configuration := Configuration.read(payload)) is None:
-            raise ValueError(f"it has {len(payload)} bytes, not {wire.size}")
+            raise ValueError(f"the payload has {len(payload)} bytes, not {wire.size}")
         return configuration
 
     return Layout(encode, decode)

@@ -278,7 +278,7 @@ _DEFAULT_OUTPUTS = {
 
 
 def _default_outputs(product: Product) -> tuple[Output, ...]:
-    measured = (Output(int(it), 100) for it in _DEFAULT_OUTPUTS[product.kind])
+    measured = (Output(int(data_id), 100) for data_id in _DEFAULT_OUTPUTS[product.kind])
     return (Output(_D.PacketCounter), Output(_D.SampleTimeFine), *measured, Output(_D.StatusWord))
 
 
@@ -363,12 +363,12 @@ _IDENTITIES = {
     680: _identity(0x8000_A1B2, "MTi-680G-8A1G6", (1, 8, 0, 114, 108021), (1, 0)),
 }
 
-# 7.2.1 says at most 921,600, and Table 7 lists more: the later products have them.
+# Section 7.2.1 allows at most 921,600, Table 7 has higher rates: the later products have them.
 _ALL_BAUDRATES = tuple(sorted(set(BAUD_CODES.values())))
 _BAUDRATES = {
     _ONE: _ALL_BAUDRATES,
-    _TEN: tuple(it for it in _ALL_BAUDRATES if it <= 921_600),
-    _HUNDRED: tuple(it for it in _ALL_BAUDRATES if it <= 921_600),
+    _TEN: tuple(rate for rate in _ALL_BAUDRATES if rate <= 921_600),
+    _HUNDRED: tuple(rate for rate in _ALL_BAUDRATES if rate <= 921_600),
     _SIX: _ALL_BAUDRATES,
 }
 
@@ -448,21 +448,21 @@ class Support:
         if not rates:
             return None
         asked = output.frequency if 0 < output.frequency < EVERY else rates[0]
-        return Output(output.data_id, next((it for it in rates if it <= asked), rates[-1]))
+        return Output(output.data_id, next((rate for rate in rates if rate <= asked), rates[-1]))
 
 
 @cache
 def _support(number: int, hardware: HardwareVersion | None) -> Support:
     product = PRODUCTS[number]
     offered = {
-        it.name: _highest(product, it.name, hardware)
-        for it in QUANTITIES.values()
-        if number in it.products
+        name: _highest(product, name, hardware)
+        for name, row in QUANTITIES.items()
+        if number in row.products
     }
     return Support(
         product=product,
         hardware=hardware,
-        messages=frozenset(it.name for it in MESSAGES.values() if number in it.products),
+        messages=frozenset(name for name, row in MESSAGES.items() if number in row.products),
         rates=offered,
         sync=_SYNC[number],
         option_flags=OptionFlag(
@@ -497,7 +497,7 @@ def find_product(product: str | int | Product) -> Product:
     for row in PRODUCTS.values():
         if wanted in (str(row.number), row.name.upper().removeprefix("MTI-")):
             return row
-    names = ", ".join(it.name for it in PRODUCTS.values())
+    names = ", ".join(row.name for row in PRODUCTS.values())
     raise ValueError(f"no product is called {product!r}; there are {names}")
 
 

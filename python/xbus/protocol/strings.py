@@ -1,7 +1,7 @@
 """What the string outputs say, field by field (section 5.3.5, under SetStringOutputType).
 
-One table, read both ways. How a string is told from other bytes, and how it ends, is declared in the
-extension; here stands what is between. Formats are the manual's masks; where these are misprinted,
+One table, used to parse and to encode. How a string begins and ends is declared in the extension; this table
+has the fields between. Formats are the manual's masks; where these are misprinted,
 the strings that devices send.
 """
 
@@ -17,7 +17,7 @@ from typing import Any
 from xbus import _core
 from xbus.protocol.values import StringType
 
-__all__ = ["LAYOUTS", "STARTS", "Layout", "StringField", "join", "split"]
+__all__ = ["STARTS", "STRING_FIELDS", "StringField", "StringLayout", "join", "split"]
 
 #: How each string begins, by type.
 STARTS = {StringType[name]: start for name, start in _core.strings()}
@@ -60,13 +60,13 @@ class StringField:
 
 
 @dataclass(frozen=True)
-class Layout:
+class StringLayout:
     """The fields of a string output.
 
     Attributes:
         length: Bytes that it has at most, in the range of the sensors.
         fields: They, in order.
-        validity: The field that says whether the others are valid, and its values that say so; None where
+        validity: The field with the validity of the others, and its values for valid; None where
             no field does.
     """
 
@@ -113,7 +113,7 @@ def _count(spec: str) -> Form:
 
 
 def _scaled(counts: int) -> Form:
-    """A number in so many counts of its unit, without a point."""
+    """A number as a count of fractions of its unit, without a decimal point."""
 
     def read(parts: Sequence[str]) -> float | None:
         return _float(text) / counts if (text := parts[0].strip()) else None
@@ -122,7 +122,7 @@ def _scaled(counts: int) -> Form:
 
 
 def _lettered(spec: str, positive: str, negative: str) -> Form:
-    """A number and a letter that says its sign."""
+    """A number and a letter for its sign."""
     number = _number(spec)
 
     def read(parts: Sequence[str]) -> float | None:
@@ -143,7 +143,7 @@ def _lettered(spec: str, positive: str, negative: str) -> Form:
 
 
 def _degrees(digits: int, decimals: int, letters: str) -> Form:
-    """Degrees in so many digits, minutes, and a letter for the hemisphere."""
+    """Degrees, minutes, and a letter for the hemisphere."""
     limit = {2: 90, 3: 180}[digits]
     width = 3 + decimals
 
@@ -210,14 +210,14 @@ def _time(decimals: int) -> Form:
 
 
 def _date(year: Callable[[str], int], write: Callable[[datetime.date], Sequence[str]]) -> Form:
-    lengths = [len(it) for it in write(datetime.date(2000, 1, 1))]
+    lengths = [len(part) for part in write(datetime.date(2000, 1, 1))]
     parts = len(lengths)
 
     def read(texts: Sequence[str]) -> datetime.date | None:
         text = "".join(texts)
         if not text:
             return None
-        if not text.isdecimal() or [len(it) for it in texts] != lengths:
+        if not text.isdecimal() or [len(text) for text in texts] != lengths:
             raise ValueError(f"{','.join(texts)!r} is no date")
         try:
             return datetime.date(year(text[4:]), int(text[2:4]), int(text[:2]))
@@ -257,9 +257,9 @@ def _layout(
     length: int,
     *fields: StringField | list[StringField],
     validity: tuple[str, tuple[Any, ...]] | None = None,
-) -> Layout:
-    flat = [it for some in fields for it in (some if isinstance(some, list) else [some])]
-    return Layout(length, tuple(flat), validity)
+) -> StringLayout:
+    flat = [field for group in fields for field in (group if isinstance(group, list) else [group])]
+    return StringLayout(length, tuple(flat), validity)
 
 
 _LAT = _f("lat", "deg", _degrees(2, 4, "NS"))
@@ -269,7 +269,7 @@ _HUNDREDTHS = _scaled(100)
 _BOW_UP, _PORT_UP = _lettered(".2f", "M", "P"), _lettered(".2f", "T", "B")
 
 #: The fields of each string.
-LAYOUTS: dict[StringType, Layout] = {
+STRING_FIELDS: dict[StringType, StringLayout] = {
     StringType.HCHDM: _layout(20, _f("heading", "deg", _number("06.2f")), _always("M")),
     StringType.HCHDG: _layout(
         33,
@@ -306,7 +306,7 @@ LAYOUTS: dict[StringType, Layout] = {
     StringType.HEHDT: _layout(
         20, _f("heading", "deg", _number("06.2f")), _f("heading_type", "", _text("T"))
     ),
-    # The manual says A for valid, the vendor's own parser asks for T.
+    # Valid is A in the manual; the vendor's own parser asks for T.
     StringType.HEROT: _layout(
         22,
         _f("rate_of_turn", "deg/min", _number(".1f")),
@@ -343,7 +343,7 @@ LAYOUTS: dict[StringType, Layout] = {
     StringType.GPZDA: _layout(
         38,
         _f("time", "", _time(2)),
-        _f("date", "", _date(int, lambda it: (f"{it:%d}", f"{it:%m}", f"{it.year:04d}"))),
+        _f("date", "", _date(int, lambda date: (f"{date:%d}", f"{date:%m}", f"{date.year:04d}"))),
         _named("zone_hours zone_minutes", "", _number("02.0f")),
     ),
     StringType.GPRMC: _layout(
@@ -354,7 +354,7 @@ LAYOUTS: dict[StringType, Layout] = {
         _f("lon", "deg", _degrees(3, 2, "EW")),
         _f("speed", "knots", _number("05.1f")),
         _f("course", "deg", _number("05.1f")),
-        _f("date", "", _date(_short_year, lambda it: (f"{it:%d%m%y}",))),
+        _f("date", "", _date(_short_year, lambda date: (f"{date:%d%m%y}",))),
         _f("variation", "deg", _lettered("05.1f", "E", "W")),
         StringField("mode", "", _text(), is_optional=True),
         validity=("status", ("A",)),
@@ -370,20 +370,20 @@ _TSS2 = (slice(0, 5), slice(6, 11), slice(11, 12), slice(12, 17), slice(18, 23),
 def split(kind: StringType, body: bytes) -> list[str]:
     """The parts of a string: what is between its start and its checksum or end of line."""
     if kind is StringType.EM1000:
-        return [str(it) for it in _EM1000.unpack(body)]
+        return [str(number) for number in _EM1000.unpack(body)]
     text = body.decode("ascii")
     if kind is StringType.TSS2:
-        return [text[it].strip() for it in _TSS2]
+        return [text[place].strip() for place in _TSS2]
     return text.split(",")
 
 
 def join(kind: StringType, parts: Sequence[str]) -> bytes:
     """The inverse of `split`. Numbers that have more digits than their mask become its largest."""
     if kind is StringType.EM1000:
-        return _EM1000.pack(*(int(it or 0) for it in parts))
+        return _EM1000.pack(*(int(part or 0) for part in parts))
     if kind is StringType.TSS2:
         heading, heave, status, roll, pitch, flag = parts
-        signed = [_masked(it) for it in (heave, roll, pitch)]
+        signed = [_masked(number) for number in (heave, roll, pitch)]
         return f"{heading:>05} {signed[0]}{status}{signed[1]} {signed[2]}{flag}".encode("ascii")
     return ",".join(parts).encode("ascii")
 

@@ -43,7 +43,7 @@ class Field(NamedTuple):
         type: numpy's type of the raw integer: ``"u4"``.
         scale: What one count is worth in ``unit``.
         unit: SI unit or degrees; empty for counts, dates and bits.
-        missing: The integer that says "not provided", or None.
+        missing: The integer for "not provided", or None.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Field(NamedTuple):
         Returns:
             A float, or float64 of the same shape; the integers themselves if one count is worth 1.
 
-        >>> lat = next(it for it in QUANTITIES["gnss_pvt_data"].fields if it.name == "lat")
+        >>> lat = {field.name: field for field in QUANTITIES["gnss_pvt_data"].fields}["lat"]
         >>> lat.scaled(522404917)
         52.2404917
         """
@@ -116,8 +116,8 @@ class Quantity(NamedTuple):
         unit: Unit of the numbers.
         is_matrix: Whether the numbers are a matrix of 3 by 3, column by column.
         coordinates: Whether the identifier names a coordinate system.
-        clock: What it says about the time of its sample: it is the ``"counter"``, the ``"fine"`` or the
-            ``"coarse"`` time, or the sample comes late, from a ``"trigger"`` or the GNSS ``"receiver"``.
+        clock: Its role in the clock: ``"counter"``, ``"fine"`` or ``"coarse"`` time; ``"trigger"`` or
+            ``"receiver"`` if its samples arrive late; or None.
         has_flags: Whether its integer has the bits of `STATUS_FLAGS`.
         products: Numbers of the products that offer it.
         source: Where the layout is written down.
@@ -188,7 +188,7 @@ class MessageField(NamedTuple):
         type: numpy's type of a number, ``"u4"``; ``"text"`` for ASCII, ``"bytes"`` for anything else.
         repeat: Numbers of this type, or bytes of a text.
         rest: Whether it takes the rest of the payload, at most ``repeat`` bytes.
-        unit: Unit of a number, empty where it has none.
+        unit: Unit of a number, empty if it has none.
         note: Valid values, or the table of the manual that lists them.
     """
 
@@ -268,7 +268,7 @@ def _tuples(row: dict[str, Any]) -> dict[str, Any]:
 
 
 def _quantity(row: dict[str, Any]) -> Quantity:
-    fields = {key: tuple(Field(**it) for it in row[key]) for key in ("fields", "entry")}
+    fields = {key: tuple(Field(**field) for field in row[key]) for key in ("fields", "entry")}
     return Quantity(**{**_tuples(row), **fields})
 
 

@@ -62,7 +62,7 @@ E = TypeVar("E", bound=IntEnum)
 
 
 def known(kind: type[E], number: int) -> E | int:
-    """The member of an enumeration, or the number itself where there is none.
+    """The member of an enumeration, or the number itself if it has none.
 
     >>> known(ResetCode, 1), known(ResetCode, 99)
     (<ResetCode.HEADING: 1>, 99)
@@ -143,7 +143,7 @@ def baud_code(rate: int) -> int:
     '0x80'
     """
     if rate not in _CODE_OF_RATE:
-        rates = ", ".join(f"{it:,}" for it in sorted(_CODE_OF_RATE))
+        rates = ", ".join(f"{rate:,}" for rate in sorted(_CODE_OF_RATE))
         raise ValueError(f"no device talks at {rate:,} baud; there are {rates}")
     return _CODE_OF_RATE[rate]
 
@@ -164,8 +164,7 @@ class HardwareVersion(NamedTuple):
 class Selftest(IntFlag):
     """``SelftestResults``: a bit for each part that passed.
 
-    From ``BATTERY`` on by the vendor's code. What a bit says of a part that the product lacks is not written
-    down.
+    From ``BATTERY`` on by the vendor's code. No source gives the bit of a part that the product lacks.
     """
 
     ACC_X = 1 << 0
@@ -198,7 +197,7 @@ class DeviceErrorInfo(NamedTuple):
 
 
 class ErrorCode(IntEnum):
-    """The codes of Table 5, and one that devices were seen to send: `RESULT_CODES` tells of all."""
+    """The codes of Table 5, and one that devices were seen to send: `RESULT_CODES` has all."""
 
     PERIOD = 3
     MESSAGE = 4
@@ -480,7 +479,7 @@ class PortConfig:
         flags = (self.flow_control, self.two_stop_bits, self.parity, self.parity_even)
         return (
             _bits("baud_code", self.baud_code, 0xFF)
-            | sum(bool(it) << bit for bit, it in enumerate(flags, 8))
+            | sum(bool(flag) << bit for bit, flag in enumerate(flags, 8))
             | _bits("protocol", self.protocol, 0xF) << 16
             | _bits("reserved", self.reserved, 0xFFF0_F000)
         )

@@ -10,7 +10,7 @@ from typing import Any
 
 from xbus import _core
 from xbus.errors import DecodeError
-from xbus.protocol.strings import LAYOUTS, STARTS, StringField, join, split
+from xbus.protocol.strings import STARTS, STRING_FIELDS, StringField, join, split
 from xbus.protocol.values import StringType
 
 __all__ = [
@@ -81,7 +81,7 @@ class String:
         parts = split(self.type, self._body)
         values: dict[str, Any] = {}
         at = 0
-        for field in LAYOUTS[self.type].fields:
+        for field in STRING_FIELDS[self.type].fields:
             taken, at = parts[at : at + field.form.parts], at + field.form.parts
             if len(taken) < field.form.parts:
                 if field.is_optional and not taken:
@@ -101,13 +101,13 @@ class String:
     @property
     def units(self) -> dict[str, str]:
         """Unit of each value; empty for letters, counts, times and dates."""
-        fields = LAYOUTS[self.type].fields if self.type is not None else ()
+        fields = STRING_FIELDS[self.type].fields if self.type is not None else ()
         return {field.name: field.unit for field in fields if field.name}
 
     @property
     def valid(self) -> bool | None:
         """Whether the string marks its values as valid; None if it has no field for that."""
-        validity = LAYOUTS[self.type].validity if self.type is not None else None
+        validity = STRING_FIELDS[self.type].validity if self.type is not None else None
         return None if validity is None else self.values[validity[0]] in validity[1]
 
     @property
@@ -241,7 +241,7 @@ def encode_string(kind: StringType | str, values: Mapping[str, Any] | None = Non
     b'$HEHDT,123.45,T*1E\r\n'
     """
     kind = one_type(kind)
-    layout, values = LAYOUTS[kind], values or {}
+    layout, values = STRING_FIELDS[kind], values or {}
     names = [field.name for field in layout.fields if field.name]
     if unknown := set(values) - set(names):
         raise ValueError(

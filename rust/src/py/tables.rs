@@ -58,7 +58,7 @@ pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row.set_item("coordinates", quantity.rotates)?;
         row.set_item("clock", quantity.clock.map(ClockRole::name))?;
         row.set_item("has_flags", quantity.has_flags)?;
-        row.set_item("products", quantity.products.iter().map(|it| it.number).collect::<Vec<_>>())?;
+        row.set_item("products", quantity.products.iter().map(|product| product.number).collect::<Vec<_>>())?;
         row.set_item("source", quantity.source)?;
         let (kind, count, size, head, entry) = match quantity.kind {
             Kind::Real(n) => ("real", n, None, vec![], vec![]),
@@ -95,7 +95,7 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
             (message.states.config, "config"),
             (message.states.measurement, "measurement"),
         ];
-        row.set_item("states", states.iter().filter(|it| it.0).map(|it| it.1).collect::<Vec<_>>())?;
+        row.set_item("states", states.iter().filter(|state| state.0).map(|state| state.1).collect::<Vec<_>>())?;
         row.set_item("payload", message.description())?;
         let lengths: Vec<usize> = message.lengths().iter().collect();
         row.set_item("lengths", (!lengths.is_empty()).then_some(lengths))?;
@@ -115,7 +115,7 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row.set_item("zeros", zeros)?;
         row.set_item("restarts", message.restarts)?;
         row.set_item("reply", message.reply)?;
-        row.set_item("products", message.products.iter().map(|it| it.number).collect::<Vec<_>>())?;
+        row.set_item("products", message.products.iter().map(|product| product.number).collect::<Vec<_>>())?;
         row.set_item("status", message.status)?;
         Ok(row)
     };
@@ -156,7 +156,7 @@ pub fn status_flags(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
 /// The string outputs, in the order of their bits: name, and how it begins.
 #[pyfunction]
 pub fn strings() -> Vec<(&'static str, &'static [u8])> {
-    table::STRINGS.iter().map(|it| (it.name, it.start)).collect()
+    table::STRINGS.iter().map(|string| (string.name, string.start)).collect()
 }
 
 /// What the numbers in Error and Warning messages mean.

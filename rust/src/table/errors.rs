@@ -52,7 +52,7 @@ pub const RESULT_CODES: &[(u32, &str)] = &[
     (407, "the GNSS receiver's data are incomplete"),
 ];
 
-/// What a code means; nothing where nobody has written it down.
+/// The meaning of a code, if a source gives it.
 #[must_use]
 pub fn result_text(code: u32) -> Option<&'static str> {
     let at = RESULT_CODES.binary_search_by_key(&code, |&(code, _)| code).ok()?;

@@ -13,7 +13,7 @@ use super::payload::{
 };
 use super::{Direction, Message, Payload, Products, States, same};
 
-/// The longest payload that a live device is believed to send. The manual says 2048; the vendor's own code allows 8192
+/// The longest payload that a live device is expected to send. The manual says 2048; the vendor's own code allows 8192
 /// bytes for a whole message, and the extended header takes 6 and the checksum 1 of these.
 pub const LONGEST_PAYLOAD: usize = 8192 - 7;
 
@@ -319,7 +319,7 @@ impl Message {
         Self { payload, ..self }
     }
 
-    /// For an acknowledgement of a setting that has no row of its own.
+    /// For a reply whose row also stands for the acknowledgement of the setting.
     const fn or_empty(self) -> Self {
         Self { can_be_empty: true, ..self }
     }

@@ -83,18 +83,18 @@ pub struct Field {
     pub scale: f64,
     /// Unit of the scaled value (`"deg"`, `"m"`, `"m/s"`, ...), empty for counts, dates and bits.
     pub unit: &'static str,
-    /// The integer that says "the receiver gave none", where there is one.
+    /// The integer for "not provided", if the field has one.
     pub missing: Option<u32>,
 }
 
 /// How the bytes of a packet are to be read.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Kind {
-    /// So many numbers of the manual's type ℝ, in the precision that the identifier's two low bits name.
+    /// This many numbers of the manual's type ℝ, in the precision that the identifier's two low bits name.
     Real(usize),
-    /// So many numbers of one type that format bits do not change.
+    /// This many numbers of one type that format bits do not change.
     Fixed(Wire, usize),
-    /// An integer of 4 or 8 bytes, told apart by the packet's size (`DeviceId`).
+    /// An integer of 4 or 8 bytes, by the packet's size (`DeviceId`).
     Id,
     /// One record.
     Struct(&'static [Field]),
@@ -102,7 +102,7 @@ pub enum Kind {
     List(&'static [Field], &'static [Field]),
 }
 
-/// What a quantity says about when its sample was taken.
+/// The role of a quantity in the clock of its device.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClockRole {
     /// It counts the samples.
@@ -111,10 +111,10 @@ pub enum ClockRole {
     Fine,
     /// It is the device's clock in whole seconds, which does not wrap.
     Coarse,
-    /// It has a time stamp of its own, in µs, and its sample comes late: the sample does not move the clock.
+    /// It has a separate time stamp, in µs, and its sample arrives late.
     Trigger,
-    /// It comes from the GNSS receiver. Its sample comes late, and without a fix its time is arbitrary: it does not
-    /// move the clock.
+    /// It comes from the GNSS receiver. Its sample arrives late, and without a fix its time is arbitrary, so that it does
+    /// not move the clock.
     Receiver,
 }
 
@@ -147,13 +147,13 @@ pub struct Quantity {
     pub kind: Kind,
     /// Names of the components of one row, in the order of the wire; empty for a scalar or a struct.
     pub components: &'static [&'static str],
-    /// Unit of every component, empty where there is none.
+    /// Unit of every component, or empty.
     pub unit: &'static str,
     /// Whether its numbers are a matrix of 3 by 3, column by column.
     pub is_matrix: bool,
     /// Whether the coordinate bits of the identifier mean something (Table 17, note 11).
     pub rotates: bool,
-    /// What it says about time.
+    /// Its role in the clock, if it has one.
     pub clock: Option<ClockRole>,
     /// Whether its integer has the bits of [`STATUS_FLAGS`].
     pub has_flags: bool,
@@ -172,7 +172,7 @@ pub struct StatusFlag {
     pub bit: u8,
     /// How many bits it has.
     pub width: u8,
-    /// What it says.
+    /// Its meaning.
     pub meaning: &'static str,
 }
 

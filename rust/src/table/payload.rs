@@ -99,7 +99,7 @@ pub struct MessageField {
     pub content: Content,
     /// Unit of a number, empty where it has none.
     pub unit: &'static str,
-    /// Valid values, or the table of the manual that lists them; empty where the name says enough.
+    /// Valid values, or the table of the manual that lists them; or empty.
     pub note: &'static str,
 }
 

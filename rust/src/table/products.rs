@@ -163,7 +163,7 @@ impl Products {
     }
 }
 
-/// The bit of the product with this number, 0 where there is none.
+/// The bit of the product with this number, 0 for an unknown number.
 const fn bit(number: u16) -> u16 {
     let mut i = 0;
     while i < PRODUCTS.len() {

@@ -88,7 +88,7 @@ pub const QUANTITIES: &[Quantity] = &[
     record(0x8830, "gps_dop",             "GpsDop",              GPS_DOP).from(OLD_GPS),
     record(0x8880, "gps_time_utc",        "GpsTimeUtc",          GPS_TIME_UTC).from(OLD_GPS),
 
-    // In the four raw ones with U2 counts, bit 0 of the identifier says that the counts are signed.
+    // In the four raw ones with U2 counts, bit 0 of the identifier means that the counts are signed.
     record(0xA010, "raw_acc_gyr_mag_temp", "RawAccGyrMagTemp",   RAW).on(SERIES_10_100),
     fixed (0xA020, "raw_gyro_temp",       "RawGyroTemp",         I2, XYZ, "1/256 degC").on(SERIES_10_100),
     fixed (0xA030, "raw_acc",             "RawAcc",              U2, XYZ, "").from(VENDOR),
@@ -292,7 +292,7 @@ const fn group(id: u16) -> &'static str {
     }
 }
 
-/// A row, found in section 5.3.6 and on no product unless it says otherwise.
+/// A row. Its source is section 5.3.6 and no product offers it, unless the row has others.
 const fn new(id: u16, name: &'static str, manual: &'static str, kind: Kind) -> Quantity {
     Quantity {
         id,

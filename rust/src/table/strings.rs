@@ -1,20 +1,20 @@
 //! The string outputs: section 5.3.5, under `SetStringOutputType`.
 //!
-//! What is written here is how a string is told from other bytes. What its fields say stands in the Python layer, which
-//! is where strings are read and written.
+//! The table has what the scanner needs: how each string begins and ends. Its fields are declared in Python, which parses
+//! and encodes strings.
 
 /// How a string ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum End {
     /// With a checksum: `*`, two hexadecimal digits, and the end of the line.
     Checksum,
-    /// With the end of the line, behind so many fields that are numbers or empty.
+    /// With the end of the line, after this many fields that are numbers or empty.
     Numbers(usize),
-    /// With the end of the line, behind characters as in this mask: `D` a digit or blank, `-` a minus or blank, others
+    /// With the end of the line, after characters as in this mask: `D` a digit or blank, `-` a minus or blank, others
     /// themselves.
     Mask(&'static [u8]),
-    /// With nothing: it is binary, and has so many bytes. Nothing but its length and the range of its angles tells it
-    /// from noise, so it is looked for only where it is expected.
+    /// With nothing: it is binary and has this many bytes. Only its length and the range of its angles distinguish it
+    /// from noise, so the scanner looks for it only where it is expected.
     Length(usize),
 }
 
@@ -23,7 +23,7 @@ pub enum End {
 pub struct StringOutput {
     /// Its name in the manual, without `$`.
     pub name: &'static str,
-    /// What stands in front of its first field.
+    /// The bytes before its first field.
     pub start: &'static [u8],
     /// How it ends.
     pub end: End,
