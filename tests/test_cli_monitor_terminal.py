@@ -59,6 +59,12 @@ class Seen:
             assert self.more(), f"it ended before {what}:\n{self.text}"
         return self.text
 
+    def wait_for_whole(self, *words: str) -> str:
+        """Waits for the words and then for a complete screen: the bytes of one can arrive in parts."""
+        self.wait_for(*words)
+        starts = self.bytes.count(b"\x1b[H") + 2
+        return self.wait_until(lambda _: self.bytes.count(b"\x1b[H") >= starts, "two more screens")
+
     def wait_for_the_end(self) -> None:
         while self.more():
             pass
@@ -181,12 +187,12 @@ def test_pause_and_filter_and_help() -> None:
         seen.press("q")  # any key
         seen.wait_for("velocity_xyz")
         seen.press("p")
-        still = seen.wait_for("PAUSED")
+        still = seen.wait_for_whole("PAUSED")
         # A key asks for a picture; it is the same one until the pause ends.
         seen.press("?")
         seen.wait_for("this page")
         seen.press("x")
-        assert seen.wait_for("velocity_xyz") == still
+        assert seen.wait_for_whole("velocity_xyz") == still
         seen.press(" ")
         seen.wait_until(lambda it: "PAUSED" not in it and it != still, "the pause ended")
         seen.press("q")
@@ -312,11 +318,11 @@ def test_a_recording_stands_still_while_it_is_paused() -> None:
     with monitoring(WALK) as (seen, _):
         seen.wait_for("packet_counter")
         seen.press(" ")
-        still = seen.wait_for("PAUSED")
+        still = seen.wait_for_whole("PAUSED")
         for key in "?x":
             seen.press(key)
-            seen.wait_for("this page" if key == "?" else "packet_counter")
-        assert seen.text == still
+            text = seen.wait_for_whole("this page" if key == "?" else "packet_counter")
+        assert text == still
         seen.press("p")
         seen.wait_until(lambda it: "PAUSED" not in it and it != still, "the pause ended")
         seen.press("q")
