@@ -135,29 +135,34 @@ class ByQuantity(Mapping[EntryKey, V], Generic[V]):
             KeyError: No entry fits, or several do.
             TypeError: As `resolve_key`.
         """
-        if isinstance(key, str) and key in self._values:
-            return key
-        try:
-            wanted = resolve_key(key)
-        except ValueError:
-            raise KeyError(self._missing(key)) from None
-        matches = [
-            entry
-            for entry in self._keys
-            if entry.name == wanted.name
-            and wanted.coordinates in (None, entry.coordinates)
-            and wanted.precision in (None, entry.precision)
-        ]
+        matches = self._matches(key)
         if not matches:
             raise KeyError(self._missing(key))
         if len(matches) > 1:
+            # Only entries with the same name are several: their keys are pairs.
             choices = " or ".join(
-                f"{self._holder}[{entry.name!r}, {entry.coordinates!r}]" for entry in matches
+                f"{self._holder}[{', '.join(map(repr, match))}]" for match in matches
             )
             raise KeyError(
                 f"{key!r} is in this {self._holder} in several coordinate systems: {choices}"
             )
-        return self._keys[matches[0]]
+        return matches[0]
+
+    def _matches(self, key: Key) -> list[EntryKey]:
+        """Returns the keys of the entries that ``key`` names, without the cost of an error message."""
+        if isinstance(key, str) and key in self._values:
+            return [key]
+        try:
+            wanted = resolve_key(key)
+        except ValueError:
+            return []
+        return [
+            found
+            for entry, found in self._keys.items()
+            if entry.name == wanted.name
+            and wanted.coordinates in (None, entry.coordinates)
+            and wanted.precision in (None, entry.precision)
+        ]
 
     def _missing(self, key: Key) -> str:
         hint = f"it has {', '.join(map(repr, self)) or 'no quantities'}"
@@ -174,17 +179,13 @@ class ByQuantity(Mapping[EntryKey, V], Generic[V]):
     def get(self, key: Key, /, default: V | D) -> V | D: ...
     def get(self, key: Key, /, default: Any = None) -> Any:
         """Returns the value, or ``default`` if ``key`` does not name exactly one entry."""
-        try:
-            return self[key]
-        except KeyError:
-            return default
+        return self[key] if len(self._matches(key)) == 1 else default
 
     def __contains__(self, key: object) -> bool:
         try:
-            self.resolve(key)  # type: ignore[arg-type]
-        except (KeyError, TypeError):
+            return len(self._matches(key)) == 1  # type: ignore[arg-type]
+        except TypeError:
             return False
-        return True
 
     def __iter__(self) -> Iterator[EntryKey]:
         return iter(self._values)
