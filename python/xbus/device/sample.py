@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
 
 from xbus import _core
 from xbus.protocol.ids import MessageId
-from xbus.protocol.keys import ByQuantity, EntryKey, Key, QuantityKey
+from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey, key_of
 from xbus.protocol.tables import QUANTITIES
 from xbus.wire.codec import encode_frame
 from xbus.wire.struct import struct_of
@@ -61,15 +61,12 @@ class Sample(Mapping[EntryKey, Any]):
 
     @cached_property
     def _packets(self) -> ByQuantity[_core.Packet]:
-        found: dict[tuple[str, str | None], _core.Packet] = {}
-        for packet in _core.packets(self.payload):
-            if (name := packet.name) is not None:
-                found[name, packet.coordinates] = packet
-        entries = {
-            QuantityKey(name, coordinates, packet.precision): packet
-            for (name, coordinates), packet in found.items()
-        }
-        return ByQuantity(entries, "sample")
+        packets = _core.packets(self.payload)
+        # Name or not: a packet of a size that its identifier does not have is unknown.
+        index, places = _layout(
+            tuple([None if packet.name is None else packet.data_id for packet in packets])
+        )
+        return ByQuantity(index, [packets[place] for place in places], "sample")
 
     @cached_property
     def unknown(self) -> dict[int, bytes]:
@@ -90,10 +87,8 @@ class Sample(Mapping[EntryKey, Any]):
 
     def get(self, key: Key, /, default: Any = None) -> Any:
         """Returns the value, or ``default`` if ``key`` does not name exactly one quantity of the sample."""
-        try:
-            return self[key]
-        except KeyError:
-            return default
+        packet = self._packets.get(key)
+        return default if packet is None else _value(packet)
 
     def __contains__(self, key: object) -> bool:
         return key in self._packets
@@ -130,6 +125,23 @@ class Sample(Mapping[EntryKey, Any]):
 
     def __repr__(self) -> str:
         return f"<Sample {', '.join(map(str, self)) or 'without known quantities'}>"
+
+
+@lru_cache(maxsize=256)
+def _layout(data_ids: tuple[int | None, ...]) -> tuple[KeyIndex, tuple[int, ...]]:
+    """Returns the keys of a message with these packets, and the place of the packet of each key.
+
+    A device repeats a handful of layouts, so the result is cached.
+
+    Args:
+        data_ids: The data identifier of each packet, None for one that the tables do not explain.
+    """
+    places: dict[tuple[str, str | None], tuple[QuantityKey, int]] = {}
+    for place, data_id in enumerate(data_ids):
+        if data_id is not None:
+            key = key_of(data_id)
+            places[key.name, key.coordinates] = key, place
+    return KeyIndex(key for key, _ in places.values()), tuple(place for _, place in places.values())
 
 
 def _value(packet: _core.Packet) -> Any:

@@ -22,7 +22,7 @@ from xbus.log.source import QuantityFilter
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
 from xbus.protocol.configuration import Configuration, Firmware
-from xbus.protocol.keys import ByQuantity, EntryKey, Key, QuantityKey
+from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
 from xbus.protocol.tables import RECEIVER, UTC_VALID
 
 if TYPE_CHECKING:
@@ -81,17 +81,17 @@ class Log(ByQuantity[Column]):
         self._earlier = identity or Identity()
         self._host_times = host_times or HostTimes(core)
         self.first_sample: int = core.first
-        columns = [Column(found, self._host_times) for found in core.columns if found.name]
-        super().__init__(
-            {
-                QuantityKey(column.name, column.coordinates, column.precision): column
-                for column in columns
-                if quantities is None
-                or (column.name, None) in quantities
-                or (column.name, column.coordinates) in quantities
-            },
-            "log",
+        columns = [
+            column
+            for column in (Column(found, self._host_times) for found in core.columns if found.name)
+            if quantities is None
+            or (column.name, None) in quantities
+            or (column.name, column.coordinates) in quantities
+        ]
+        keys = (
+            QuantityKey(column.name, column.coordinates, column.precision) for column in columns
         )
+        super().__init__(KeyIndex(keys), columns, "log")
 
     # Columns
 

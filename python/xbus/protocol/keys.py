@@ -9,7 +9,7 @@ from xbus.protocol.formats import format_of
 from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.tables import QUANTITIES, Quantity
 
-__all__ = ["ByQuantity", "EntryKey", "Key", "QuantityKey", "resolve_key"]
+__all__ = ["ByQuantity", "EntryKey", "Key", "KeyIndex", "QuantityKey", "key_of", "resolve_key"]
 
 #: A quantity: its name or data identifier, or a tuple of that and, in any order, coordinates and precision:
 #: ``"acceleration"``, ``DataId.Acceleration``, ``("quaternion", "NED")``,
@@ -91,6 +91,25 @@ def resolve_key(key: Key) -> QuantityKey:
     return QuantityKey(row.name, next(iter(coordinates), None), next(iter(precisions), None))
 
 
+def key_of(data_id: int) -> QuantityKey:
+    """Returns the key of a packet with this data identifier; all format bits count, also zeros.
+
+    Raises:
+        ValueError: The tables do not explain the identifier.
+
+    >>> key_of(0x2010), resolve_key(0x2010)[:2]
+    (QuantityKey(name='quaternion', coordinates='ENU', precision='Float32'), ('quaternion', None))
+    """
+    row, precision, system = format_of(data_id)
+    if row is None or (system is not None and not isinstance(system, Coordinates)):
+        raise ValueError(f"the tables do not explain the data identifier 0x{data_id:04X}")
+    return QuantityKey(
+        row.name,
+        None if system is None else system.name,
+        None if precision is None else precision.name,
+    )
+
+
 def _format(kind: type[Coordinates | Precision], value: str | int) -> str | None:
     """Returns the name of the member that a value is, or names; None if it does neither."""
     if isinstance(value, kind):
@@ -105,6 +124,50 @@ def _suggestion(name: str, names: Iterable[str], otherwise: str) -> str:
     return f"did you mean {near[0]!r}?" if near else otherwise
 
 
+class KeyIndex:
+    """Finds the entries that a key names among the quantities of a log or a sample.
+
+    Args:
+        entries: The resolved key of each entry, with coordinates and precision where the manual defines them.
+
+    Attributes:
+        entries: The same.
+        keys: The key under which each entry is listed: its name, or ``(name, coordinates)`` for a quantity in
+            several coordinate systems.
+    """
+
+    def __init__(self, entries: Iterable[QuantityKey]) -> None:
+        self.entries = tuple(entries)
+        names = [entry.name for entry in self.entries]
+        self.keys: tuple[EntryKey, ...] = tuple(
+            (entry.name, entry.coordinates)
+            if entry.coordinates and names.count(entry.name) > 1
+            else entry.name
+            for entry in self.entries
+        )
+        self._listed = frozenset(self.keys)
+
+    def matches(self, key: Key) -> list[EntryKey]:
+        """Returns the listed keys of the entries that ``key`` names: none if nothing has such a key.
+
+        Raises:
+            TypeError: As `resolve_key`.
+        """
+        if isinstance(key, str) and key in self._listed:
+            return [key]
+        try:
+            wanted = resolve_key(key)
+        except ValueError:
+            return []
+        return [
+            listed
+            for listed, entry in zip(self.keys, self.entries, strict=True)
+            if entry.name == wanted.name
+            and wanted.coordinates in (None, entry.coordinates)
+            and wanted.precision in (None, entry.precision)
+        ]
+
+
 class ByQuantity(Mapping[EntryKey, V], Generic[V]):
     """A read-only mapping by quantity.
 
@@ -112,20 +175,14 @@ class ByQuantity(Mapping[EntryKey, V], Generic[V]):
     `Key` that names exactly one of the entries can be looked up and is ``in`` the mapping.
 
     Args:
-        entries: The values, by resolved key; each has a name and, where the manual defines them,
-            coordinates and precision.
+        index: Finds the entries.
+        values: The value of each entry of ``index``.
         holder: What the entries belong to, for error messages: ``"log"``.
     """
 
-    def __init__(self, entries: Mapping[QuantityKey, V], holder: str) -> None:
-        names = [entry.name for entry in entries]
-        self._keys: dict[QuantityKey, EntryKey] = {
-            entry: (entry.name, entry.coordinates)
-            if entry.coordinates and names.count(entry.name) > 1
-            else entry.name
-            for entry in entries
-        }
-        self._values = {self._keys[entry]: value for entry, value in entries.items()}
+    def __init__(self, index: KeyIndex, values: Iterable[V], holder: str) -> None:
+        self._index = index
+        self._values = dict(zip(index.keys, values, strict=True))
         self._holder = holder
 
     def resolve(self, key: Key) -> EntryKey:
@@ -135,7 +192,7 @@ class ByQuantity(Mapping[EntryKey, V], Generic[V]):
             KeyError: No entry fits, or several do.
             TypeError: As `resolve_key`.
         """
-        matches = self._matches(key)
+        matches = self._index.matches(key)
         if not matches:
             raise KeyError(self._missing(key))
         if len(matches) > 1:
@@ -148,26 +205,10 @@ class ByQuantity(Mapping[EntryKey, V], Generic[V]):
             )
         return matches[0]
 
-    def _matches(self, key: Key) -> list[EntryKey]:
-        """Returns the keys of the entries that ``key`` names, without the cost of an error message."""
-        if isinstance(key, str) and key in self._values:
-            return [key]
-        try:
-            wanted = resolve_key(key)
-        except ValueError:
-            return []
-        return [
-            found
-            for entry, found in self._keys.items()
-            if entry.name == wanted.name
-            and wanted.coordinates in (None, entry.coordinates)
-            and wanted.precision in (None, entry.precision)
-        ]
-
     def _missing(self, key: Key) -> str:
         hint = f"it has {', '.join(map(repr, self)) or 'no quantities'}"
         if isinstance(key, str):
-            hint = _suggestion(key, (entry.name for entry in self._keys), hint)
+            hint = _suggestion(key, (entry.name for entry in self._index.entries), hint)
         return f"no {key!r} in this {self._holder}; {hint}"
 
     def __getitem__(self, key: Key) -> V:
@@ -179,11 +220,11 @@ class ByQuantity(Mapping[EntryKey, V], Generic[V]):
     def get(self, key: Key, /, default: V | D) -> V | D: ...
     def get(self, key: Key, /, default: Any = None) -> Any:
         """Returns the value, or ``default`` if ``key`` does not name exactly one entry."""
-        return self[key] if len(self._matches(key)) == 1 else default
+        return self[key] if len(self._index.matches(key)) == 1 else default
 
     def __contains__(self, key: object) -> bool:
         try:
-            return len(self._matches(key)) == 1  # type: ignore[arg-type]
+            return len(self._index.matches(key)) == 1  # type: ignore[arg-type]
         except TypeError:
             return False
 
