@@ -157,7 +157,7 @@ impl Clock {
     }
 
     /// The moment of the next sample.
-    #[inline]
+    #[inline(always)] // so that the moment stays in registers
     pub fn sample(&mut self, stamps: Stamps) -> Moment {
         let seconds = self.seconds(stamps);
         let (counter, lost) = stamps.counter.map_or((-1, 0), |counter| self.count(counter));
@@ -220,6 +220,7 @@ impl Clock {
     }
 
     /// The counter, continued from the last one, and the samples that are missing between the two.
+    #[inline(always)]
     fn count(&mut self, counter: u16) -> (i64, u64) {
         let counter = i64::from(counter);
         let restarted = std::mem::take(&mut self.restarted);
