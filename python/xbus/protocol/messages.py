@@ -7,7 +7,7 @@ serves both sides: what the host writes a virtual device reads, and the other wa
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, replace
 from types import SimpleNamespace
 from typing import Any
@@ -210,11 +210,29 @@ _SPECIAL: dict[str, Callable[[MessageRow], Layout]] = {
     "IccCommandAck": _icc_reply,
 }
 
+
+class _Layouts(Mapping[str, Layout]):
+    """Layouts by name, made on first access: a program needs few of them, and all take 5 ms."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, Layout] = {}
+
+    def __getitem__(self, name: str) -> Layout:
+        if name not in self._made:
+            row = MESSAGES[name]
+            special = _SPECIAL.get(name)
+            self._made[name] = special(row) if special else layout_of(row, _TYPE_OF.get(name, int))
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(MESSAGES)
+
+    def __len__(self) -> int:
+        return len(MESSAGES)
+
+
 #: The layout of each message, by its name.
-LAYOUTS: dict[str, Layout] = {
-    name: _SPECIAL[name](row) if name in _SPECIAL else layout_of(row, _TYPE_OF.get(name, int))
-    for name, row in MESSAGES.items()
-}
+LAYOUTS = _Layouts()
 
 
 def encode(name: str, value: Any = None) -> bytes:
