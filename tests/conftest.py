@@ -112,15 +112,17 @@ Facts: TypeAlias = dict[str, Any]
 def facts(*parts: Log) -> Facts:
     """Everything that a log says. Several parts are joined to what the whole should say."""
     said: Facts = {
-        "offset": _joined([it.offset for it in parts]),
-        "bid": _joined([it.bid for it in parts]),
-        "time": _joined([it.time for it in parts]),
-        "packet counter": _joined([it.packet_counter for it in parts]),
-        "messages": [it for part in parts for it in _messages(part)],
-        "strings": [it for part in parts for it in _strings(part)],
-        "damage": [it for part in parts for it in part.damage.tolist()],
+        "offset": _joined([part.offset for part in parts]),
+        "bid": _joined([part.bid for part in parts]),
+        "time": _joined([part.time for part in parts]),
+        "packet counter": _joined([part.packet_counter for part in parts]),
+        "messages": [message for part in parts for message in _messages(part)],
+        "strings": [string for part in parts for string in _strings(part)],
+        "damage": [item for part in parts for item in part.damage.tolist()],
         "unknown": {},
-        "stats": {key: sum(vars(it.stats)[key] for it in parts) for key in vars(parts[0].stats)},
+        "stats": {
+            key: sum(vars(part.stats)[key] for part in parts) for key in vars(parts[0].stats)
+        },
     }
     found: dict[tuple[str, str | None], list[Column]] = {}
     for part in parts:
@@ -131,16 +133,16 @@ def facts(*parts: Log) -> Facts:
             column = part[key]
             found.setdefault((column.name, column.coordinates), []).append(column)
     for name, columns in found.items():
-        data_ids = {it.data_id for it in columns}
-        said[f"{name} sample"] = _joined([it.sample for it in columns])
-        said[f"{name} time"] = _joined([it.time for it in columns])
-        said[f"{name} values"] = _joined([it.values for it in columns])
+        data_ids = {column.data_id for column in columns}
+        said[f"{name} sample"] = _joined([column.sample for column in columns])
+        said[f"{name} time"] = _joined([column.time for column in columns])
+        said[f"{name} values"] = _joined([column.values for column in columns])
         said[f"{name} data_id"] = data_ids.pop() if len(data_ids) == 1 else data_ids.pop() & 0xFFF0
-        precisions = {it.precision for it in columns}
+        precisions = {column.precision for column in columns}
         said[f"{name} precision"] = precisions.pop() if len(precisions) == 1 else None
         if name[0] == "gnss_sat_info":
-            counts = _joined([np.diff(it.offsets) for it in columns])
-            said["satellites"] = _joined([it.satellites for it in columns])
+            counts = _joined([np.diff(column.offsets) for column in columns])
+            said["satellites"] = _joined([column.satellites for column in columns])
             said["satellites begin"] = np.concatenate(([0], np.cumsum(counts)))
     return said
 
@@ -152,11 +154,12 @@ def facts_of(log: Reference) -> Facts:
         "bid": np.array([bid for _, bid in log.samples], "u1"),
         "time": np.array(log.time, "f8"),
         "packet counter": np.array(log.packet_counter, "i8"),
-        "messages": [tuple(it) for it in log.messages],
+        "messages": [tuple(message) for message in log.messages],
         "strings": [
-            (*it, sum(offset < it.offset for offset, _ in log.samples)) for it in log.strings
+            (*string, sum(offset < string.offset for offset, _ in log.samples))
+            for string in log.strings
         ],
-        "damage": [tuple(it) for it in log.damage],
+        "damage": [tuple(item) for item in log.damage],
         "unknown": log.unknown,
         "stats": log.stats,
     }
@@ -179,9 +182,9 @@ def facts_of(log: Reference) -> Facts:
 
 def differences(one: Facts, other: Facts) -> list[str]:
     """The facts that differ; those of one side alone too."""
-    alone = [f"only on one side: {it}" for it in one.keys() ^ other.keys()]
-    apart = [it for it in one.keys() & other.keys() if not _same(one[it], other[it])]
-    return sorted(alone + [f"{it}: {_short(one[it], other[it])}" for it in apart])
+    alone = [f"only on one side: {item}" for item in one.keys() ^ other.keys()]
+    apart = [item for item in one.keys() & other.keys() if not _same(one[item], other[item])]
+    return sorted(alone + [f"{item}: {_short(one[item], other[item])}" for item in apart])
 
 
 def _same(one: Any, other: Any) -> bool:
@@ -205,14 +208,17 @@ def _short(one: Any, other: Any) -> str:
 
 
 def _messages(log: Log) -> list[tuple[Any, ...]]:
-    return [(it.mid, it.bid, it.payload, it.offset, it.sample) for it in log.messages]
+    return [
+        (message.mid, message.bid, message.payload, message.offset, message.sample)
+        for message in log.messages
+    ]
 
 
 def _strings(log: Log) -> list[tuple[Any, ...]]:
     def name(string: xbus.String) -> str | None:
         return string.type.name if string.type is not None else None
 
-    return [(it.offset, name(it), it.data, it.sample) for it in log.strings]
+    return [(string.offset, name(string), string.data, string.sample) for string in log.strings]
 
 
 def _joined(arrays: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:

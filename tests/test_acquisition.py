@@ -101,7 +101,9 @@ def test_nothing_is_lost_while_python_holds_its_lock(pty: tuple[int, str], tmp_p
         report = acquisition.stop_recording()
         acquisition.close()
     stats = acquisition.stats()
-    counted = [stats[it] for it in ("bytes", "samples", "skipped_bytes", "dropped_bytes", "gaps")]
+    counted = [
+        stats[name] for name in ("bytes", "samples", "skipped_bytes", "dropped_bytes", "gaps")
+    ]
     assert counted == [len(data), 60_000, 0, 0, 0]
     assert stats["quantities"][0x1060] == 60_000
     assert stats["quantities"][0x4040] + stats["quantities"][0x8040] == 60_000
@@ -141,9 +143,9 @@ def test_times(tmp_path: Path) -> None:
         acquisition.push(data[at : at + 1000])
     acquisition.stop_recording()
     after = time.time_ns()
-    logs = sorted(tmp_path.glob("*.mtb"), key=lambda it: (len(it.name), it.name))
-    assert [it.name for it in logs] == ["log.mtb", "log-0001.mtb", "log-0002.mtb", "log-0003.mtb"]
-    assert b"".join(it.read_bytes() for it in logs) == data
+    logs = sorted(tmp_path.glob("*.mtb"), key=lambda path: (len(path.name), path.name))
+    assert [log.name for log in logs] == ["log.mtb", "log-0001.mtb", "log-0002.mtb", "log-0003.mtb"]
+    assert b"".join(log.read_bytes() for log in logs) == data
     for log in logs:
         assert xbus.read_log(log).stats.skipped_bytes == 0
         times = Path(f"{log}.times").read_bytes()
@@ -243,12 +245,14 @@ def without_strings_told(logs: list[bytes]) -> list[bytes]:
         assert log.startswith(told)
         body = log[len(told) :]
         bodies.append(body)
-        for it in read(body, limit=8185).messages:
-            if it.mid == 0x8F and len(it.payload) in (2, 6):
-                types = int.from_bytes(it.payload[: 2 if len(it.payload) == 2 else 4], "big")
+        for message in read(body, limit=8185).messages:
+            if message.mid == 0x8F and len(message.payload) in (2, 6):
+                types = int.from_bytes(
+                    message.payload[: 2 if len(message.payload) == 2 else 4], "big"
+                )
                 if told or types & xbus.StringType.EM1000:
-                    length = len(it.payload) + (7 if body[it.offset + 3] == 0xFF else 5)
-                    told = body[it.offset : it.offset + length]
+                    length = len(message.payload) + (7 if body[message.offset + 3] == 0xFF else 5)
+                    told = body[message.offset : message.offset + length]
     return bodies
 
 
@@ -266,12 +270,12 @@ def test_a_recording_is_every_byte_in_whole_frames(
         report = acquisition.stop_recording()
         assert report is not None
         assert report["error"] is None
-        logs = without_strings_told([Path(it).read_bytes() for it in report["files"]])
+        logs = without_strings_told([Path(item).read_bytes() for item in report["files"]])
     joined = b"".join(logs)
     assert len(joined) == report["bytes"]
     assert data.endswith(joined)
     assert len(joined) >= len(data) - skipped
-    frames = sum(read(it, limit=8185).stats.frames for it in logs)
+    frames = sum(read(log, limit=8185).stats.frames for log in logs)
     assert frames >= read(joined, limit=8185).stats.frames
 
 

@@ -43,7 +43,7 @@ def recording(samples: list[bytes], read: int = 7) -> tuple[bytes, list[tuple[in
         if at % read == read - 1:
             # Half of the frame that comes next was there already, now and then.
             pieces.append((len(data) + (at % 3) * 4, BEGIN + 10 * at * MS + 2 * MS))
-    pieces = [it for it in pieces if it[0] < len(data)]
+    pieces = [piece for piece in pieces if piece[0] < len(data)]
     return data, [*pieces, (len(data), BEGIN + 10 * len(samples) * MS)]
 
 
@@ -60,7 +60,10 @@ def expected(data: bytes, pieces: list[tuple[int, int]]) -> list[float]:
     log, clock, said = xbus.read_log(data), HostClock(), []
     ends = [*log.offset[1:].tolist(), len(data)][: len(log)]
     gnss = {
-        int(it) for key in ("gnss_sat_info", "trigger_in1") if key in log for it in log[key].sample
+        int(item)
+        for key in ("gnss_sat_info", "trigger_in1")
+        if key in log
+        for item in log[key].sample
     }
     for sample, end in enumerate(ends):
         stamps = [arrival for upto, arrival in pieces if upto >= end]
@@ -69,7 +72,7 @@ def expected(data: bytes, pieces: list[tuple[int, int]]) -> list[float]:
     return said
 
 
-SAMPLES = [mtdata2(counter(it), fine(5000 + 100 * it)) for it in range(100)]
+SAMPLES = [mtdata2(counter(index), fine(5000 + 100 * index)) for index in range(100)]
 DATA, PIECES = recording(SAMPLES)
 GOOD = HEAD + records(*PIECES)
 
@@ -129,12 +132,15 @@ MIXED = {
     "no stamps": [
         mtdata2(real(0x4040, 1, 2, 3)) if at % 3 else it for at, it in enumerate(SAMPLES)
     ],
-    "wrap": [mtdata2(fine((2**32 - 5000 + 100 * it) % 2**32)) for it in range(100)],
+    "wrap": [mtdata2(fine((2**32 - 5000 + 100 * index) % 2**32)) for index in range(100)],
     "coarse": [
-        mtdata2(fine(9900 + it * 100), coarse((9900 + it * 100) // 10_000)) for it in range(100)
+        mtdata2(fine(9900 + index * 100), coarse((9900 + index * 100) // 10_000))
+        for index in range(100)
     ],
-    "reset": [mtdata2(fine(90_000 + it * 100 if it < 50 else it * 100)) for it in range(100)],
-    "extended": [mtdata2(fine(100 * it), *[real(0x4020, 1, 2, 3)] * 20) for it in range(100)],
+    "reset": [
+        mtdata2(fine(90_000 + index * 100 if index < 50 else index * 100)) for index in range(100)
+    ],
+    "extended": [mtdata2(fine(100 * index), *[real(0x4020, 1, 2, 3)] * 20) for index in range(100)],
     "damage": [it if at % 9 else b"\xfa\xff" + it for at, it in enumerate(SAMPLES)],
     "one": SAMPLES[:1],
     "none": [],
@@ -155,9 +161,9 @@ def test_all_kinds_of_samples(tmp_path: Path, samples: list[bytes]) -> None:
     assert np.all(said[leads][1:] >= said[leads][:-1])
     for block in (1, 100, 1000):
         parts = list(xbus.iter_log(path, block_bytes=block))
-        np.testing.assert_array_equal(np.concatenate([it.host_time for it in parts]), said)
+        np.testing.assert_array_equal(np.concatenate([part.host_time for part in parts]), said)
         for key in log:
-            rows = [it[key].host_time for it in parts if key in it]
+            rows = [part[key].host_time for part in parts if key in part]
             np.testing.assert_array_equal(np.concatenate(rows), log[key].host_time)
         if log.host_clock is not None and parts[-1].host_clock is not None:
             assert repr(parts[-1].host_clock) == repr(log.host_clock)
@@ -178,7 +184,7 @@ def test_what_kinds_of_samples_get(tmp_path: Path) -> None:
     assert np.isnan(log("no stamps").host_time).sum() == 66
     reset = log("reset").host_clock
     assert reset is not None
-    assert [it.reason for it in reset.steps] == ["device time went back"]
+    assert [step.reason for step in reset.steps] == ["device time went back"]
     wrap = log("wrap").host_clock
     assert wrap is not None
     assert wrap.steps == []
@@ -197,14 +203,14 @@ def test_parts_keep_their_own_clock(tmp_path: Path) -> None:
 def test_several_devices(tmp_path: Path) -> None:
     """Each has a clock of its own; FF and 1 are one."""
     samples = [
-        mtdata2(fine(it * 100 + (10**7 if it % 3 == 2 else 0)), bid=(0xFF, 1, 2)[it % 3])
-        for it in range(90)
+        mtdata2(fine(index * 100 + (10**7 if index % 3 == 2 else 0)), bid=(0xFF, 1, 2)[index % 3])
+        for index in range(90)
     ]
     data, pieces = recording(samples, 1)
     log = xbus.read_log(written(tmp_path, data, HEAD + records(*pieces)))
     assert np.diff(log.host_time).min() > 0
     assert sorted(log._host_times.clocks) == [1, 2]
-    assert all(it.fits == 1 for it in log._host_times.clocks.values())
+    assert all(clock.fits == 1 for clock in log._host_times.clocks.values())
 
 
 def test_only_some_quantities(tmp_path: Path) -> None:
@@ -245,8 +251,8 @@ def test_parquet_of_several_files(tmp_path: Path) -> None:
     names = []
     for number in range(3):
         samples = [
-            mtdata2(counter(it), fine(5000 + 100 * it))
-            for it in range(100 * number, 100 * number + 100)
+            mtdata2(counter(index), fine(5000 + 100 * index))
+            for index in range(100 * number, 100 * number + 100)
         ]
         data, pieces = recording(samples)
         later = [(end, arrival + number * 10**9) for end, arrival in pieces]
@@ -317,7 +323,7 @@ SIDES = {
         56,
         "descend after record 8",
     ),
-    "offsets repeat": (HEAD + records(*[it for it in PIECES for _ in range(2)]), 100, None),
+    "offsets repeat": (HEAD + records(*[piece for piece in PIECES for _ in range(2)]), 100, None),
     "an arrival falls": (
         HEAD + records(*PIECES[:8], (PIECES[8][0], PIECES[7][1] - 1), *PIECES[9:]),
         100,
@@ -351,9 +357,9 @@ def test_side_files(tmp_path: Path, side: bytes, known: int, fault: str | None) 
         assert fault in log.times_fault
         assert f"{path}.times" in log.times_fault
         assert log.times_fault in repr(log)
-    joined = np.concatenate([it.host_time for it in xbus.iter_log(path, block_bytes=300)])
+    joined = np.concatenate([item.host_time for item in xbus.iter_log(path, block_bytes=300)])
     np.testing.assert_array_equal(joined, log.host_time)
-    assert {it.times_fault for it in xbus.iter_log(path, block_bytes=300)} == {log.times_fault}
+    assert {item.times_fault for item in xbus.iter_log(path, block_bytes=300)} == {log.times_fault}
 
 
 def test_a_side_file_that_cannot_be_read(tmp_path: Path) -> None:
@@ -420,7 +426,7 @@ def test_utc() -> None:
     assert log.utc.astype(str).tolist() == list(table.values())
     assert not log.utc.flags.writeable
     parts = list(xbus.iter_log(b"".join(table), block_bytes=1))
-    np.testing.assert_array_equal(np.concatenate([it.utc for it in parts]), log.utc)
+    np.testing.assert_array_equal(np.concatenate([part.utc for part in parts]), log.utc)
     assert str(log["gnss_pvt_data"].datetime[1]) == "2019-01-20T13:46:59.999999999"
 
 

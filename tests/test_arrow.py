@@ -99,7 +99,7 @@ def value(text: str, kind: str) -> Any:
 def test_wide_table() -> None:
     """One row a sample, a column a component, null where the sample lacks it."""
     table = xbus.read_log(DATA).to_arrow()
-    rows = [it.split() for it in WIDE.strip().splitlines()]
+    rows = [line.split() for line in WIDE.strip().splitlines()]
     assert len(table.column_names) == len(rows)
     for field, (name, kind, unit, system, precision, data_id, *values) in zip(
         table.schema, rows, strict=True
@@ -122,10 +122,10 @@ def test_wide_table() -> None:
         if kind == "time":
             column = column.cast(pa.int64())
             expected_values = [
-                None if it == "-" else value(it, kind).astype("i8").item() for it in values
+                None if item == "-" else value(item, kind).astype("i8").item() for item in values
             ]
         else:
-            expected_values = [value(it, kind) for it in values]
+            expected_values = [value(item, kind) for item in values]
         assert column.to_pylist() == expected_values, name
 
 
@@ -133,8 +133,8 @@ def test_a_table_of_full_columns_has_no_nulls() -> None:
     """Then nothing is nullable but the time, which a device may leave out."""
     log = xbus.read_log(streams.ahrs(50))
     table = log.to_arrow()
-    assert {it.name for it in table.schema if it.nullable} == {"time"}
-    assert sum(it.null_count for it in table.itercolumns()) == 0
+    assert {item.name for item in table.schema if item.nullable} == {"time"}
+    assert sum(itercolumn.null_count for itercolumn in table.itercolumns()) == 0
     assert table["quaternion_q3"].to_pylist() == log["quaternion"].values[:, 3].tolist()
     assert table["time"].to_pylist() == log.time.tolist()
 
@@ -148,7 +148,7 @@ def test_one_quantity() -> None:
         {"sample": 3, "time": None, "acceleration_x": 4, "acceleration_y": 5, "acceleration_z": 6},
         {"sample": 3, "time": None, "acceleration_x": 7, "acceleration_y": 8, "acceleration_z": 9},
     ]
-    assert [it.nullable for it in table.schema] == [False, True, False, False, False]
+    assert [item.nullable for item in table.schema] == [False, True, False, False, False]
     assert table.schema.field("acceleration_x").metadata == {
         b"unit": b"m/s2",
         b"data_id": b"0x4020",
@@ -177,7 +177,7 @@ def test_satellites() -> None:
     table = xbus.read_log(data).to_arrow("gnss_sat_info")
     names = ["sample", "time", "itow", "numSvs", "gnssId", "svId", "cno", "flags"]
     assert table.drop_columns(["res1", "res2", "res3"]).column_names == names
-    assert [tuple(row[it] for it in names) for row in table.to_pylist()] == [
+    assert [tuple(row[name] for name in names) for row in table.to_pylist()] == [
         (2, 0.02, 1000, 2, 0, 5, 22, 20),
         (2, 0.02, 1000, 2, 6, 24, 39, 16),
         (5, 0.03, 1250, 1, 1, 120, 7, 1),
@@ -206,7 +206,7 @@ def test_chosen_quantities_make_the_table() -> None:
 def test_an_empty_log() -> None:
     table = xbus.read_log(b"").to_arrow()
     assert (table.column_names, table.num_rows) == (["sample", "time"], 0)
-    assert [str(it.type) for it in table.schema] == ["int64", "double"]
+    assert [str(item.type) for item in table.schema] == ["int64", "double"]
 
 
 def test_what_is_not_there() -> None:
@@ -228,7 +228,7 @@ def columns_of(log: xbus.Log) -> dict[str, tuple[xbus.Column, Any]]:
         values = column.values
         if values.dtype.names:
             if column.name != "utc_time":
-                found |= {f"{stem}_{it}": (column, values[it]) for it in column.fields}
+                found |= {f"{stem}_{field}": (column, values[field]) for field in column.fields}
         elif column.fields:
             flat = values.reshape(len(values), -1)
             found |= {f"{stem}_{it}": (column, flat[:, i]) for i, it in enumerate(column.fields)}
@@ -270,7 +270,7 @@ def test_batches(rows: int) -> None:
     """Tables that must be made are made in pieces, and no row is lost at their ends."""
     log = xbus.read_log(streams.hr(rows))
     reader = pa.RecordBatchReader.from_stream(log)
-    sizes = [len(it) for it in reader]
+    sizes = [len(item) for item in reader]
     assert sum(sizes) == rows
     assert len(sizes) > rows // 2**18 - (rows % 2**18 == 0)
     table = log.to_arrow()

@@ -121,7 +121,7 @@ def test_empty(tmp_path: Path) -> None:
     path.touch()
     log = xbus.read_log(path)
     assert (len(log), len(log.messages), len(log.damage), log.stats.bytes) == (0, 0, 0, 0)
-    assert [len(it) for it in xbus.iter_log(path)] == [0]
+    assert [len(item) for item in xbus.iter_log(path)] == [0]
 
 
 def png() -> bytes:
@@ -171,7 +171,7 @@ def test_no_xbus_at_all(reader: Callable[[Any], Any], data: bytes, tmp_path: Pat
 @pytest.mark.parametrize(
     "source",
     [None, 3, 3.5, ["a", "b"], {"a": 1}, object(), xbus.read_log, b"".join],
-    ids=lambda it: type(it).__name__,
+    ids=lambda item: type(item).__name__,
 )
 @both
 def test_no_source_at_all(reader: Callable[[Any], Any], source: Any) -> None:
@@ -219,7 +219,7 @@ def test_a_file_cut_to_nothing(tmp_path: Path) -> None:
     parts = xbus.iter_log(path, block_bytes=10_000)
     next(parts)
     path.write_bytes(b"")
-    assert sum(len(it) for it in parts) < 40_000
+    assert sum(len(part) for part in parts) < 40_000
 
 
 def test_a_file_that_grows(tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ def test_a_file_that_is_replaced(tmp_path: Path) -> None:
     parts = xbus.iter_log(path, block_bytes=100_000)
     first = next(parts)
     other.replace(path)
-    assert len(first) + sum(len(it) for it in parts) == 40_000
+    assert len(first) + sum(len(part) for part in parts) == 40_000
 
 
 # ---------------------------------------------------------------------------------------------
@@ -342,7 +342,7 @@ def test_a_file_open_for_writing(tmp_path: Path) -> None:
 
 def test_short_answers_are_no_end() -> None:
     """Only an answer of no bytes is."""
-    log = xbus.read_log(Reader(*[bytes([it]) for it in SOUND[0]], *SOUND[1:]))
+    log = xbus.read_log(Reader(*[bytes([item]) for item in SOUND[0]], *SOUND[1:]))
     assert len(log) == 6
     assert len(xbus.read_log(Reader(SOUND[0], b"", SOUND[1]))) == 1
 

@@ -22,7 +22,7 @@ def test_own_captures_are_what_their_program_makes(name: str) -> None:
 
 
 def test_there_are_no_other_captures() -> None:
-    assert {it.name for it in OWN_CAPTURES.iterdir()} == set(OWN)
+    assert {path.name for path in OWN_CAPTURES.iterdir()} == set(OWN)
 
 
 def assert_read_as_the_oracle_reads(path: Path) -> xbus.Log:
@@ -58,12 +58,12 @@ def test_real(name: str) -> None:
 def test_real_precisions(name: str, precision: str, dtype: str) -> None:
     """The device was told one format, and all its reals come in it."""
     log = xbus.read_log(shared(f"captures/{name}/raw.bin"))
-    reals = {it for it in log if log[it].precision is not None}
+    reals = {item for item in log if log[item].precision is not None}
     assert reals == {
         *("acceleration", "delta_v", "rate_of_turn", "delta_q"),
         *("euler_angles", "lat_lon", "altitude_ellipsoid", "velocity_xyz"),
     }
-    formats = {(log[it].precision, log[it].values.dtype.str[1:]) for it in reals}
+    formats = {(log[real].precision, log[real].values.dtype.str[1:]) for real in reals}
     assert formats == {(precision, dtype)}
 
 
@@ -71,7 +71,7 @@ def test_what_walk_holds() -> None:
     """Ten seconds at 100 Hz, and four times a second what the receiver says."""
     log = xbus.read_log(OWN_CAPTURES / "walk.mtb")
     assert len(log) == 1040
-    rows = {it: len(log[it]) for it in log}
+    rows = {item: len(log[item]) for item in log}
     assert rows == {
         **dict.fromkeys(["packet_counter", "sample_time_fine", "utc_time"], 1040),
         **dict.fromkeys(["quaternion", "euler_angles", "acceleration", "rate_of_turn"], 1000),
@@ -81,7 +81,7 @@ def test_what_walk_holds() -> None:
         "temperature": 10,
         "gnss_pvt_data": 40,
     }
-    assert [it.name for it in log.messages] == ["Configuration", "FirmwareRev"]
+    assert [message.name for message in log.messages] == ["Configuration", "FirmwareRev"]
     assert (log.device_id, log.product_code) == (0x8000A1B2, "MTi-680G-8A1G6")
     assert str(log.firmware) == "1.12.0"
     # Counter and clock wrap on the way, and nobody notices.
@@ -98,7 +98,7 @@ def test_what_field_lacks() -> None:
     log = xbus.read_log(OWN_CAPTURES / "field.mtb")
     sound = xbus.read_log(OWN_CAPTURES / "walk.mtb")
     assert len(log) == 1016
-    assert [it.name for it in log.messages] == ["FirmwareRev", "Error"]
+    assert [message.name for message in log.messages] == ["FirmwareRev", "Error"]
     assert (log.device_id, log.configuration) == (None, None)
     # One sample is cut off at the end, where the counter cannot know.
     assert log.stats.lost_samples == len(sound) - len(log) - 1

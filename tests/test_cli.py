@@ -77,7 +77,7 @@ def test_help(command: str) -> None:
 
 
 def test_there_are_no_other_help_texts() -> None:
-    assert {it.stem for it in (HERE / "cli_help").iterdir()} == {"xbus", *COMMANDS}
+    assert {path.stem for path in (HERE / "cli_help").iterdir()} == {"xbus", *COMMANDS}
 
 
 def test_every_command_says_whole_what_it_does() -> None:
@@ -88,7 +88,9 @@ def test_version() -> None:
     assert run("--version").stdout == f"xbus {xbus.__version__}\n"
 
 
-@pytest.mark.parametrize("args", [["--help"], ["--version"], *([it, "-h"] for it in COMMANDS)])
+@pytest.mark.parametrize(
+    "args", [["--help"], ["--version"], *([command, "-h"] for command in COMMANDS)]
+)
 def test_help_waits_for_nothing_heavy(args: list[str]) -> None:
     code = (
         "import sys; from xbus.cli import main; main(sys.argv[1:], standalone_mode=False);"
@@ -194,7 +196,7 @@ def test_no_frame(reading: list[str], content: bytes) -> None:
     assert (
         "the input is empty" in said if not content else f"none in {len(content):,} bytes" in said
     )
-    assert [it.name for it in Path().iterdir()] == ["walk.txt"]
+    assert [path.name for path in Path().iterdir()] == ["walk.txt"]
 
 
 def test_reading_breaks_off(reading: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -205,7 +207,7 @@ def test_reading_breaks_off(reading: list[str], monkeypatch: pytest.MonkeyPatch)
     Path("disk.mtb").symlink_to(mem)
     said = sentence(run(*reading, "disk.mtb"))
     assert said == "cannot read disk.mtb: Input/output error; try again, or check the disk"
-    assert [it.name for it in Path().iterdir()] == ["disk.mtb"]
+    assert [path.name for path in Path().iterdir()] == ["disk.mtb"]
 
 
 def test_names_that_no_terminal_can_show(tmp_path: Path) -> None:
@@ -296,7 +298,7 @@ def test_ctrl_c_while_reading(tmp_path: Path) -> None:
             out, said = child.communicate()
         assert (child.returncode, said) == (130, b"")
         assert out == b"" or args == ["dump"]
-        assert [it.name for it in tmp_path.iterdir()] == ["port"]
+        assert [path.name for path in tmp_path.iterdir()] == ["port"]
 
 
 def test_ctrl_c_that_does_not_interrupt_the_read(tmp_path: Path) -> None:
@@ -339,7 +341,7 @@ def test_a_signal_while_writing_leaves_nothing(number: int, code: int, tmp_path:
         child.send_signal(number)
         _, said = child.communicate()
     assert (child.returncode, said) == (code, b"")
-    assert [it.read_bytes() for it in tmp_path.iterdir()] == [b"what was there"]
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"what was there"]
 
 
 def test_a_signal_that_is_ignored_stays_ignored() -> None:

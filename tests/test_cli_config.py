@@ -18,7 +18,7 @@ from test_settings import Stubborn, changed
 from xbus import Device, Session, SimulatedDevice, connect
 from xbus.protocol.tables import PRODUCTS
 
-PRODUCT_NAMES = [it.name for it in PRODUCTS.values()]
+PRODUCT_NAMES = [product.name for product in PRODUCTS.values()]
 
 
 @pytest.fixture

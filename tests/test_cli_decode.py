@@ -60,7 +60,7 @@ def same(one: pa.Table, other: pa.Table) -> bool:
 
 def files() -> list[str]:
     """What lies in the folder, hidden files too."""
-    return sorted(it.name for it in Path().iterdir())
+    return sorted(path.name for path in Path().iterdir())
 
 
 # Round trips
@@ -98,7 +98,7 @@ def test_npz() -> None:
     log.to_npz("expected.npz")
     with np.load("out.npz") as found, np.load("expected.npz") as expected:
         assert found.files == expected.files
-        assert all(np.array_equal(found[it], expected[it]) for it in found.files)
+        assert all(np.array_equal(found[file], expected[file]) for file in found.files)
         assert np.array_equal(found["acceleration"], log["acceleration"].values)
         assert np.array_equal(found["acceleration.sample"], log["acceleration"].sample)
 
@@ -120,14 +120,14 @@ def test_quantity(name: str, suffix: str) -> None:
     said = decoded(FIELD, "--quantity", name, "-o", f"out{suffix}")
     found = table(f"out{suffix}", expected.schema)
     assert same(found, expected)
-    assert sum(it.null_count for it in found.columns) == 0
+    assert sum(column.null_count for column in found.columns) == 0
     assert said.startswith(f"out{suffix}: {len(expected):,} rows, {len(expected.schema)} columns; ")
 
 
 def test_quantity_in_npz() -> None:
     decoded(FIELD, "--quantity", "baro_pressure", "-o", "out.npz")
     with np.load("out.npz") as found:
-        quantities = {it.partition(".")[0] for it in found.files}
+        quantities = {file.partition(".")[0] for file in found.files}
         assert quantities == {"time", "packet_counter", "baro_pressure"}
         assert np.array_equal(found["baro_pressure"], xbus.read_log(FIELD)["baro_pressure"].values)
         assert np.array_equal(found["time"], xbus.read_log(FIELD).time)
@@ -139,7 +139,7 @@ def mixed() -> None:
         counter(at) + encode_packet(("quaternion", system), [at, 0, 0, 0])
         for at, system in enumerate(("ENU", "NED", "NED"))
     ]
-    data = b"".join(encode_frame(MessageId.MTData2, it) for it in packets)
+    data = b"".join(encode_frame(MessageId.MTData2, packet) for packet in packets)
     Path("mixed.mtb").write_bytes(data)
 
 
@@ -245,7 +245,7 @@ def test_summary() -> None:
         "out.npz: 1,016 rows, 15 columns; 9.99 s, 23 samples lost in 12 gaps, "
         "1,816 bytes of damage in 12 places\n"
     )
-    data = b"".join(encode_frame(MessageId.MTData2, counter(it)) for it in (1, 3))
+    data = b"".join(encode_frame(MessageId.MTData2, counter(value)) for value in (1, 3))
     Path("one.mtb").write_bytes(b"!" + data)
     assert decoded("one.mtb", "-o", "out.csv") == (
         "out.csv: 2 rows, 3 columns; 1 sample lost in 1 gap, 1 byte of damage in 1 place\n"
@@ -384,7 +384,7 @@ def test_a_log_without_samples_is_an_empty_table() -> None:
 
 def test_time_is_unwrapped() -> None:
     data = b"".join(
-        encode_frame(MessageId.MTData2, fine(it)) for it in (2**32 - 10_000, 2**32 - 1, 9_999)
+        encode_frame(MessageId.MTData2, fine(item)) for item in (2**32 - 10_000, 2**32 - 1, 9_999)
     )
     Path("wrap.mtb").write_bytes(data)
     decoded("wrap.mtb", "-o", "out.parquet")

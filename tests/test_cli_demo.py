@@ -22,10 +22,10 @@ def test_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert lines[1] == "configured: 15 quantities at their highest rates"
     assert re.fullmatch(r"recorded:   [0-9,]+ bytes in 1 s", lines[2])
     assert "acceleration_hr, m/s2" in lines
-    assert sum("█" in it and "▁" in it for it in lines) == 6
+    assert sum("█" in line and "▁" in line for line in lines) == 6
     assert max(map(len, lines[1:-2])) <= 80
-    files = [tmp_path / "it" / it for it in ("demo.mtb", "demo.parquet")]
-    assert lines[-2:] == [f"wrote {it}" for it in files]
+    files = [tmp_path / "it" / name for name in ("demo.mtb", "demo.parquet")]
+    assert lines[-2:] == [f"wrote {file}" for file in files]
     log = xbus.read_log(files[0])
     for name, rate in (("acceleration_hr", 2000), ("rate_of_turn_hr", 1600)):
         times = log[name].time

@@ -51,7 +51,7 @@ def packet_words(*packets: bytes) -> str:
 def dumped(*args: str) -> list[dict[str, Any]]:
     result = run("dump", "--json", *args)
     assert (result.exit_code, result.stderr) == (0, "")
-    return [json.loads(it) for it in result.stdout.splitlines()]
+    return [json.loads(line) for line in result.stdout.splitlines()]
 
 
 # Lines
@@ -81,18 +81,18 @@ def test_lines_of_a_recording() -> None:
     assert "; status_word 0x09800006 filter_valid gnss_fix filter_mode=3 rtk_status=1; " in lines[2]
     assert "; baro_pressure 100262 Pa; temperature 31.5 degC  | FA FF 36 AC 10 20 02" in lines[2]
     plain = run("dump", "--no-hex", WALK).stdout.splitlines()
-    assert plain == [it.partition("  | ")[0] for it in lines]
+    assert plain == [line.partition("  | ")[0] for line in lines]
 
 
 def test_damage_has_lines_of_its_own() -> None:
     lines = run("dump", FIELD).stdout.splitlines()
     assert lines[0] == "         0                damage  83 bytes: no preamble"
-    damage = [it for it in lines if "  damage  " in it]
+    damage = [line for line in lines if "  damage  " in line]
     assert len(damage) == 12
     assert damage[1] == "      3713                damage  227 bytes: checksum"
     log = xbus.read_log(FIELD)
-    said = [it for it in dumped(FIELD) if "reason" in it]
-    assert [tuple(it.values()) for it in said] == log.damage.tolist()
+    said = [item for item in dumped(FIELD) if "reason" in item]
+    assert [tuple(item.values()) for item in said] == log.damage.tolist()
     assert list(said[0]) == ["offset", "length", "reason"]
 
 
@@ -111,9 +111,9 @@ def test_frames_and_damage_are_the_whole_input(data: bytes) -> None:
             at += len(raw)
     assert at == len(data)
     lines = lines_of(data)
-    assert b"".join(bytes.fromhex(it.partition("  | ")[2]) for it in lines) == b"".join(
-        bytes.fromhex(it.get("frame", it.get("bytes", "")))
-        for it in map(json.loads, lines_of(data, as_json=True))
+    assert b"".join(bytes.fromhex(line.partition("  | ")[2]) for line in lines) == b"".join(
+        bytes.fromhex(item.get("frame", item.get("bytes", "")))
+        for item in map(json.loads, lines_of(data, as_json=True))
     )
 
 
@@ -132,8 +132,8 @@ def test_memory_is_bounded() -> None:
     for at in range(0, len(data), 9999):
         lines += teller.feed(data[at : at + 9999])
         assert len(teller._kept) <= KEPT
-    *hexes, damage, _ = [it.partition("  | ")[2] for it in lines + teller.close()]
-    assert [bytes.fromhex(it) for it in hexes] == frames
+    *hexes, damage, _ = [line.partition("  | ")[2] for line in lines + teller.close()]
+    assert [bytes.fromhex(item) for item in hexes] == frames
     assert damage == ""
 
 
@@ -280,9 +280,9 @@ def test_unknown_packets_and_malformed_samples() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 def test_whatever_a_device_can_send_has_words(seed: int) -> None:
-    for it in random_frames(random.Random(seed), 20):
-        lines_of(it)
-        for line in lines_of(it, as_json=True):
+    for random_frame in random_frames(random.Random(seed), 20):
+        lines_of(random_frame)
+        for line in lines_of(random_frame, as_json=True):
             json.loads(line, parse_constant=pytest.fail)
 
 
@@ -293,9 +293,11 @@ def test_time_is_that_of_the_log() -> None:
     """Of a log in which it does not wrap; with a coarse time, the manual's big time stamp."""
     for path in (FIELD, str(shared("captures/mtig710-5/raw.bin"))):
         log = xbus.read_log(path)
-        times = [it["time_s"] for it in dumped("--mid", "MTData2", path)]
+        times = [item["time_s"] for item in dumped("--mid", "MTData2", path)]
         wrap = 0 if path != FIELD else 2**32 / 10_000
-        assert times == pytest.approx([it % wrap if wrap else it for it in log.time], abs=1e-9)
+        assert times == pytest.approx(
+            [item % wrap if wrap else item for item in log.time], abs=1e-9
+        )
 
 
 def test_stamps() -> None:
@@ -304,8 +306,8 @@ def test_stamps() -> None:
 
     assert line(fine(12_345)).startswith("         0        1.2345  MTData2  ")
     assert line(fine(12_345), coarse(7)).startswith("         0        7.2345  MTData2  ")
-    for it in (counter(1), coarse(7), trigger(5)):
-        assert line(it).startswith("         0                MTData2  ")
+    for item in (counter(1), coarse(7), trigger(5)):
+        assert line(item).startswith("         0                MTData2  ")
 
 
 # JSON
@@ -314,16 +316,16 @@ def test_stamps() -> None:
 def test_json_is_exact() -> None:
     """Reals to the last bit, integers raw, as the columns have them."""
     log = xbus.read_log(FIELD)
-    said = [it for it in dumped(FIELD) if it.get("packets")]
-    assert [it["offset"] for it in said] == log.offset.tolist()
+    said = [item for item in dumped(FIELD) if item.get("packets")]
+    assert [item["offset"] for item in said] == log.offset.tolist()
     for name in log:
         assert isinstance(name, str)
         column = log[name]
         rows = [
-            (at, it)
+            (at, item)
             for at, sample in enumerate(said)
-            for it in sample["packets"]
-            if it["name"] == name
+            for item in sample["packets"]
+            if item["name"] == name
         ]
         assert [at for at, _ in rows] == column.sample.tolist()
         names = column.values.dtype.names or column.fields
@@ -337,11 +339,11 @@ def test_json_is_exact() -> None:
 def test_json_of_satellites_and_unknown() -> None:
     path = str(shared("captures/mtig710-5/raw.bin"))
     column = xbus.read_log(path)["gnss_sat_info"]
-    packets = [it for sample in dumped(path) for it in sample["packets"]]
-    found = [it["values"] for it in packets if it["name"] == "gnss_sat_info"]
-    assert [it["numSvs"] for it in found] == column.values["numSvs"].tolist()
-    rows = [tuple(row.values()) for it in found for row in it["satellites"]]
-    assert rows == [tuple(it) for it in column.satellites.tolist()]
+    packets = [item for sample in dumped(path) for item in sample["packets"]]
+    found = [item["values"] for item in packets if item["name"] == "gnss_sat_info"]
+    assert [item["numSvs"] for item in found] == column.values["numSvs"].tolist()
+    rows = [tuple(row.values()) for item in found for row in item["satellites"]]
+    assert rows == [tuple(satellite) for satellite in column.satellites.tolist()]
     raw = encode_frame(MessageId.MTData2, packet(0xC2A0, b"\x01\xff"))
     assert json.loads(lines_of(raw, as_json=True)[0])["packets"] == [
         {"data_id": "0xC2A0", "name": None, "data": "01FF"}
@@ -354,8 +356,8 @@ def test_json_of_satellites_and_unknown() -> None:
 
 
 def test_json_without_hex() -> None:
-    assert all("frame" not in it for it in dumped("--no-hex", WALK))
-    assert all("frame" in it for it in dumped(WALK))
+    assert all("frame" not in item for item in dumped("--no-hex", WALK))
+    assert all("frame" in item for item in dumped(WALK))
 
 
 # Filters
@@ -369,7 +371,7 @@ def test_filter(mid: str) -> None:
 
 def test_filters_add_up() -> None:
     lines = run("dump", "--mid", "error", "--mid", "0x13", FIELD).stdout.splitlines()
-    assert [it.split()[1] for it in lines] == ["FirmwareRev", "Error"]
+    assert [line.split()[1] for line in lines] == ["FirmwareRev", "Error"]
     result = run("dump", "--mid", "WakeUp", FIELD)
     assert (result.exit_code, result.output) == (0, "")
 
@@ -458,14 +460,14 @@ def test_a_port_is_followed_to_its_end() -> None:
         assert said.decode() == (
             f"xbus: {port} is gone: unplugged, or closed on the other side; check the cable\n"
         )
-        lines = [json.loads(it) for it in out.splitlines()]
-        samples = [it for it in lines if it.get("name") == "MTData2"]
+        lines = [json.loads(line) for line in out.splitlines()]
+        samples = [line for line in lines if line.get("name") == "MTData2"]
         assert len(samples) > 20
         # Whole frames, byte for byte, one behind the other.
-        ends = [it["offset"] + len(it["frame"]) // 2 for it in samples]
-        assert ends[:-1] == [it["offset"] for it in samples[1:]]
+        ends = [sample["offset"] + len(sample["frame"]) // 2 for sample in samples]
+        assert ends[:-1] == [sample["offset"] for sample in samples[1:]]
         # No answer among them: the device was not asked.
-        assert {it["name"] for it in lines if "name" in it} == {"MTData2"}
+        assert {line["name"] for line in lines if "name" in line} == {"MTData2"}
 
 
 def test_silence_ends_a_frame_that_was_cut(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -485,7 +487,7 @@ def test_silence_ends_a_frame_that_was_cut(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(SimLink, "write", write)
     result = run("dump", "--follow", "--no-hex", "sim:MTi-3")
     assert sentence(result) == "sim:MTi-3 is gone: was unplugged; check the cable"
-    assert [it.split()[:2] for it in result.stdout.splitlines()] == [
+    assert [line.split()[:2] for line in result.stdout.splitlines()] == [
         ["0", "damage"],
         ["5", "Error"],
         ["11", "damage"],

@@ -178,19 +178,19 @@ def test_json_says_all(tmp_path: Path) -> None:
         key: it for key, it in stats.items() if key not in listed
     }
     assert said["file"] == FIELD
-    assert [tuple(it.values()) for it in said["damage"]] == log.damage.tolist()
+    assert [tuple(item.values()) for item in said["damage"]] == log.damage.tolist()
     assert len(said["gaps"]) == stats["gaps"]
-    assert sum(it["lost"] for it in said["gaps"]) == stats["lost_samples"]
-    for it in said["gaps"]:
-        assert it["time_s"] == log.time[it["sample"]]
+    assert sum(item["lost"] for item in said["gaps"]) == stats["lost_samples"]
+    for item in said["gaps"]:
+        assert item["time_s"] == log.time[item["sample"]]
     assert said["start_s"] == log.time.min()
     assert said["duration_s"] == log.duration
     assert said["messages"] == {"FirmwareRev": 1, "Error": 1}
     assert said["strings"] == {}
-    assert [it["name"] for it in said["quantities"]] == list(log)
-    for it in said["quantities"]:
-        column = log[it["name"]]
-        assert it == {
+    assert [item["name"] for item in said["quantities"]] == list(log)
+    for item in said["quantities"]:
+        column = log[item["name"]]
+        assert item == {
             "name": column.name,
             "coordinates": column.coordinates,
             "data_id": f"0x{column.data_id:04X}",
@@ -253,15 +253,15 @@ def test_parts_make_no_difference(data: bytes, block: int) -> None:
     assert json.dumps(parts.to_dict("")) == json.dumps(whole.to_dict(""))
     assert parts.stats == log.stats
     assert len(parts.gaps) == log.stats.gaps
-    assert sum(it.lost for it in parts.gaps) == log.stats.lost_samples
+    assert sum(gap.lost for gap in parts.gaps) == log.stats.lost_samples
     assert parts.identity == log.identity
     assert parts.damage == log.damage.tolist()
     assert sum(parts.messages.values()) == len(log.messages)
     assert {key: count for key, (count, _) in parts.unknown.items()} == {
         key: len(it) for key, it in log.unknown.items()
     }
-    assert [(it.name, it.coordinates) for it in parts.quantities] == [
-        (it.name, it.coordinates) for it in log.values()
+    assert [(quantity.name, quantity.coordinates) for quantity in parts.quantities] == [
+        (item.name, item.coordinates) for item in log.values()
     ]
     for known, column in zip(parts.quantities, log.values(), strict=True):
         assert known.rows == len(column)
@@ -282,7 +282,7 @@ def test_nothing_is_damaged_in_a_sound_stream(data: bytes) -> None:
 
 def counted(*counts: int) -> bytes:
     """Samples with these counters, 10 ms apart."""
-    return b"".join(sample(counter(it), fine(100 * it)) for it in counts)
+    return b"".join(sample(counter(count), fine(100 * count)) for count in counts)
 
 
 RESTART = encode_frame(MessageId.GoToMeasurementAck)
@@ -302,14 +302,14 @@ RESTART = encode_frame(MessageId.GoToMeasurementAck)
 )
 def test_gaps(data: bytes, gaps: list[tuple[int, int]], block: int) -> None:
     facts = facts_of(data, block)
-    assert [(it.sample, it.lost) for it in facts.gaps] == gaps
+    assert [(gap.sample, gap.lost) for gap in facts.gaps] == gaps
     assert facts.stats.gaps == len(gaps)
 
 
 def test_devices_count_by_themselves() -> None:
     one, other = (encode_frame(0x36, counter(3), bid=bid) for bid in (2, 3))
     far = encode_frame(0x36, counter(9), bid=3)
-    assert [it.lost for it in facts_of(one + other + one + far).gaps] == [5]
+    assert [gap.lost for gap in facts_of(one + other + one + far).gaps] == [5]
 
 
 def test_the_largest_gaps_are_shown() -> None:
@@ -330,7 +330,9 @@ def test_errors_and_warnings_in_words(tmp_path: Path) -> None:
     data += encode_frame(MessageId.Warning, warning + b"receiver is \x1b[31mgone\0")
     data += encode_frame(MessageId.Warning, (999).to_bytes(4, "big")) + counted(3)
     events = said_of(encode_frame(MessageId.Error, b"\x04") + data, tmp_path)["events"]
-    assert [(it["name"], it["code"], it["time_s"], it["sample"]) for it in events] == [
+    assert [
+        (event["name"], event["code"], event["time_s"], event["sample"]) for event in events
+    ] == [
         ("Error", 4, None, 0),
         *[("Error", 40, 0.02, 2)] * 3,
         ("Warning", 403, 0.02, 2),

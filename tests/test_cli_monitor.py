@@ -40,8 +40,8 @@ def block_of(
     device = xbus.connect(SimulatedDevice(product, trajectory=trajectory))
     with device.configure(outputs):
         pass
-    for it in device.blocks(samples=samples):
-        return it
+    for block in device.blocks(samples=samples):
+        return block
     raise AssertionError
 
 
@@ -50,23 +50,23 @@ def test_all_forms_and_coordinates_agree_with_the_accelerometer(coordinates: str
     """In a gimbal, through all orientations: what is up is measured."""
     forms = ("quaternion", "rotation_matrix", "euler_angles")
     block = block_of(
-        "MTi-630", "tumble", {"acceleration": 100, **{(it, coordinates): 100 for it in forms}}
+        "MTi-630", "tumble", {"acceleration": 100, **{(form, coordinates): 100 for form in forms}}
     )
     up = block["acceleration"].values / 9.81
     for at in range(len(block)):
-        told = [attitude_of(it, coordinates, block[it].values[at]) for it in forms]
+        told = [attitude_of(form, coordinates, block[form].values[at]) for form in forms]
         x, y, z = up[at].tolist()
-        for it in told:
-            assert it is not None
-            assert math.sin(math.radians(it.pitch)) == pytest.approx(x, abs=2e-3)
+        for item in told:
+            assert item is not None
+            assert math.sin(math.radians(item.pitch)) == pytest.approx(x, abs=2e-3)
             if math.hypot(y, z) > 0.1:  # next to the vertical roll means nothing
-                assert math.hypot(y, z) * math.sin(math.radians(it.roll)) == pytest.approx(
+                assert math.hypot(y, z) * math.sin(math.radians(item.roll)) == pytest.approx(
                     y, abs=2e-3
                 )
-                assert math.hypot(y, z) * math.cos(math.radians(it.roll)) == pytest.approx(
+                assert math.hypot(y, z) * math.cos(math.radians(item.roll)) == pytest.approx(
                     z, abs=2e-3
                 )
-                turned = math.radians(it.heading - told[0].heading)  # type: ignore[union-attr]
+                turned = math.radians(item.heading - told[0].heading)  # type: ignore[union-attr]
                 assert math.cos(turned) == pytest.approx(1, abs=1e-3)
 
 
@@ -102,7 +102,7 @@ def test_the_heading_is_never_360() -> None:
 
 
 def picture(attitude: Attitude) -> list[str]:
-    return ["".join(".#"[it] for it in line) for line in horizon(attitude, 9, 8)]
+    return ["".join(".#"[item] for item in line) for line in horizon(attitude, 9, 8)]
 
 
 def test_the_horizon() -> None:
@@ -113,9 +113,9 @@ def test_the_horizon() -> None:
     assert picture(Attitude(0, -40, 0)) == ["#" * 9] * 8
     assert picture(Attitude(0, 0, 180)) == level[::-1]
     right = picture(Attitude(0, 0, 40))
-    assert [it.count("#") for it in right] == [0, 2, 3, 4, 5, 6, 7, 9]
-    assert all(it == "." * it.count(".") + "#" * it.count("#") for it in right)
-    assert picture(Attitude(0, 0, -40)) == [it[::-1] for it in right]
+    assert [item.count("#") for item in right] == [0, 2, 3, 4, 5, 6, 7, 9]
+    assert all(item == "." * item.count(".") + "#" * item.count("#") for item in right)
+    assert picture(Attitude(0, 0, -40)) == [item[::-1] for item in right]
 
 
 @pytest.mark.parametrize(
@@ -157,7 +157,7 @@ def known(data: bytes) -> Model:
 
 
 def shown_values(data: bytes) -> dict[str, str]:
-    return {it[0]: it[3].strip() for it in value_rows(known(data))}
+    return {value_row[0]: value_row[3].strip() for value_row in value_rows(known(data))}
 
 
 def test_values() -> None:
@@ -206,7 +206,7 @@ def test_every_quantity_has_words() -> None:
     )
     model = known(data)
     assert {it for it, _ in model.quantities} == set(xbus.protocol.tables.QUANTITIES)
-    assert all(it[3] for it in value_rows(model))
+    assert all(value_row[3] for value_row in value_rows(model))
     facts = json.loads(json.dumps(snapshot_dict(model), allow_nan=False))
     assert len(facts["quantities"]) == len(xbus.protocol.tables.QUANTITIES)
 
@@ -230,7 +230,7 @@ def test_whatever_comes_can_be_shown(data: bytes) -> None:
 
 
 def words(model: Model) -> dict[str, str]:
-    return {it.label: it.text for it in status_rows(model, UNICODE)}
+    return {status_row.label: status_row.text for status_row in status_rows(model, UNICODE)}
 
 
 def test_status_by_name() -> None:
@@ -248,7 +248,7 @@ def test_status_by_name() -> None:
 
 
 def test_gnss() -> None:
-    fields = {it.name: 0 for it in xbus.protocol.tables.QUANTITIES["gnss_pvt_data"].fields}
+    fields = {item.name: 0 for item in xbus.protocol.tables.QUANTITIES["gnss_pvt_data"].fields}
     fields |= {"fixtype": 3, "flags": 2 << 6, "numSV": 18, "hAcc": 14, "vAcc": 1234}
     data = encode_sample({"gnss_pvt_data": fields})
     assert words(known(data))["GNSS"] == "3D  RTK fixed  18 SV  hAcc 14 mm  vAcc 1.2 m"
@@ -298,7 +298,7 @@ def test_what_matters_fits_80_by_24(field: Model) -> None:
     text = "\n".join(screen)
     for name, _ in field.quantities:
         assert f"\n{name} " in text
-    for it in (
+    for item in (
         "heading 000° N  pitch 0.3° up  roll 0.2° left",
         "GNSS    3D  RTK float  19 SV  hAcc 14 mm  vAcc 19 mm",
         "23 samples lost in 12 gaps  1,816 bytes damaged",
@@ -307,9 +307,9 @@ def test_what_matters_fits_80_by_24(field: Model) -> None:
         "filter_valid",
         "q quit",
     ):
-        assert it in text
+        assert item in text
     assert "▄▄---▄+▄---▄▄" in text
-    assert not any("…" in it for it in screen[7:])
+    assert not any("…" in item for item in screen[7:])
 
 
 @pytest.mark.parametrize("columns", [1, 2, 7, 20, 40, 79, 80, 81, 97, 132, 300])
@@ -339,27 +339,27 @@ def test_a_long_name_leaves_room_for_the_state() -> None:
 
 def test_where_there_is_no_room_for_all_of_it(field: Model) -> None:
     first = trimmed(field, ViewState(), 80, 20)
-    head = next(it for it in first if it.startswith("quantity"))
+    head = next(item for item in first if item.startswith("quantity"))
     assert head.endswith("4 below: arrow keys")
-    assert not any(it.startswith("gnss_pvt_data") for it in first)
+    assert not any(item.startswith("gnss_pvt_data") for item in first)
     last = trimmed(field, ViewState(first_row=99), 80, 20)
-    assert any("4 above: arrow keys" in it for it in last)
+    assert any("4 above: arrow keys" in item for item in last)
     assert last[-2].startswith("gnss_pvt_data")
 
 
 def test_filter(field: Model) -> None:
     drawn = trimmed(field, ViewState("ACC"), 80, 24)
     names = [
-        it.split()[0]
-        for it in drawn[drawn.index(next(it for it in drawn if "rate/Hz" in it)) :]
-        if it
+        entry.split()[0]
+        for entry in drawn[drawn.index(next(item for item in drawn if "rate/Hz" in item)) :]
+        if entry
     ]
     assert names == ["quantity", "acceleration", "filter"]
 
 
 def test_ascii(field: Model) -> None:
-    assert all(it.isascii() for it in lines(field, ViewState(), 60, 24, "ascii"))
-    assert all(it.isascii() for it in lines(field, ViewState(), 120, 24, "ascii"))
+    assert all(line.isascii() for line in lines(field, ViewState(), 60, 24, "ascii"))
+    assert all(line.isascii() for line in lines(field, ViewState(), 120, 24, "ascii"))
 
 
 def test_help_has_all_that_happened(field: Model) -> None:
@@ -395,7 +395,9 @@ def test_a_recording_is_what_read_log_finds() -> None:
         assert model.counts.checksum_errors == stats.checksum_errors
         assert model.elapsed == pytest.approx(log.duration, abs=0.02)
         assert model.progress == 1.0
-    assert [it.text for it in model.events] == ["Error 41: more data than the baud rate can carry"]
+    assert [event.text for event in model.events] == [
+        "Error 41: more data than the baud rate can carry"
+    ]
 
 
 def test_two_devices_have_the_pace_of_the_first(tmp_path: Path) -> None:
@@ -446,7 +448,7 @@ def test_pauses_of_a_recording(tmp_path: Path) -> None:
     """A long one is short, a step back takes no time; without stamps 100 samples come a second."""
     stamps = [0, 10_000, 5_000_000, 4_000_000, 4_010_000]
     path = tmp_path / "log.mtb"
-    path.write_bytes(b"".join(encode_sample({"sample_time_fine": it}) for it in stamps))
+    path.write_bytes(b"".join(encode_sample({"sample_time_fine": stamp}) for stamp in stamps))
     source = ReplaySource(str(path))
     model = source.model()
     while not source.is_over:
@@ -471,7 +473,7 @@ def test_a_new_file_is_never_one_that_was_there(
     monkeypatch.setattr(device_source, "datetime", Clock)
     monkeypatch.chdir(tmp_path)
     names = [device_source._new_file().name for _ in range(3)]
-    assert names == [f"xbus-20261122-093005{it}.mtb" for it in ("", "-2", "-3")]
+    assert names == [f"xbus-20261122-093005{name}.mtb" for name in ("", "-2", "-3")]
 
 
 def live(sim: SimulatedDevice) -> tuple[DeviceSource, Model, xbus.Device]:
@@ -494,8 +496,8 @@ def test_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     source.close(model)
     assert device.state == State.MEASUREMENT
     files = sorted(tmp_path.glob("*.mtb"))
-    assert {it.file for it in source.recordings} == {it.name for it in files}
-    assert all(len(read_log(it)) > 90 for it in files)
+    assert {recording.file for recording in source.recordings} == {file.name for file in files}
+    assert all(len(read_log(file)) > 90 for file in files)
     assert len(files) == 2
 
 
@@ -545,7 +547,7 @@ def test_a_recording_that_ends_by_itself_is_told(
     assert model.recording is None
     said = "recorded 1,234 bytes in full.mtb; the recording ended early: No space left on device"
     assert (model.events[-1].text, model.events[-1].is_bad) == (said, True)
-    assert [str(it) for it in source.recordings] == [said]
+    assert [str(recording) for recording in source.recordings] == [said]
 
 
 @pytest.mark.parametrize("measured", [True, False])
@@ -588,7 +590,7 @@ def test_a_lost_port_is_waited_for() -> None:
     assert said == {True, False}
     assert not model.is_lost
     assert model.state == State.MEASUREMENT
-    texts = [it.text for it in model.events]
+    texts = [event.text for event in model.events]
     assert "the port is gone; check the cable" in texts
     assert "the port is back after 3 s" in texts
 
@@ -613,7 +615,7 @@ def test_once() -> None:
     assert said[0].startswith("sim:MTi-680G  Measurement State  115200 baud  3.")
     assert said[1].startswith("heading ")
     head = next(at for at, it in enumerate(said) if it.startswith("quantity "))
-    found = {it.split()[0]: it.split()[1] for it in said[head + 1 :]}
+    found = {item.split()[0]: item.split()[1] for item in said[head + 1 :]}
     assert found["packet_counter"] == found["quaternion"] == "100.0"
     assert said == run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
 
@@ -624,7 +626,7 @@ def test_once_of_a_recording() -> None:
     assert facts["product_code"] == "MTi-680G-8A1G6"
     assert (facts["state"], facts["baudrate"]) == (None, None)
     log = read_log(WALK)
-    found = {it["name"]: it for it in facts["quantities"]}
+    found = {fact["name"]: fact for fact in facts["quantities"]}
     assert list(found) == list(log)
     at = found["acceleration"]["count"] - 1
     expected = dict(zip("xyz", log["acceleration"].values[at].tolist(), strict=True))
@@ -651,7 +653,7 @@ def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
     )
     for args in (["--once", "1"], ["--once", "1", "--json"]):
         said = run("monitor", str(path), *args).stdout
-        assert all(it.isprintable() or it == "\n" for it in said)
+        assert all(item.isprintable() or item == "\n" for item in said)
 
 
 @pytest.mark.parametrize(

@@ -49,10 +49,10 @@ class Seen:
 
     @property
     def text(self) -> str:
-        return "\n".join(it.rstrip() for it in self.screen.display)
+        return "\n".join(item.rstrip() for item in self.screen.display)
 
     def wait_for(self, *words: str) -> str:
-        return self.wait_until(lambda text: all(it in text for it in words), words)
+        return self.wait_until(lambda text: all(word in text for word in words), words)
 
     def wait_until(self, holds: Callable[[str], bool], what: object = "") -> str:
         while not holds(self.text):
@@ -128,7 +128,7 @@ def test_a_device() -> None:
         assert port in text
         assert "▄" in text
         # The rates are right as soon as there are any.
-        text = seen.wait_until(lambda it: "100.0" in it, "the rates")
+        text = seen.wait_until(lambda item: "100.0" in item, "the rates")
         assert "quaternion" in text
         seen.press("q")
 
@@ -177,7 +177,7 @@ def test_pause_and_filter_and_help() -> None:
         seen.wait_for("packet_counter", "velocity_xyz")
         seen.press("/vEl")
         seen.wait_for("filter: vEl_")
-        seen.wait_until(lambda it: "packet_counter" not in it, "the filter")
+        seen.wait_until(lambda item: "packet_counter" not in item, "the filter")
         seen.press("x\x7f\r")
         seen.wait_for("filter 'vEl', Esc shows all", "velocity_xyz")
         seen.press("\x1b")
@@ -194,7 +194,7 @@ def test_pause_and_filter_and_help() -> None:
         seen.press("x")
         assert seen.wait_for_whole("velocity_xyz") == still
         seen.press(" ")
-        seen.wait_until(lambda it: "PAUSED" not in it and it != still, "the pause ended")
+        seen.wait_until(lambda item: "PAUSED" not in item and item != still, "the pause ended")
         seen.press("q")
 
 
@@ -204,15 +204,15 @@ def test_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         seen.wait_for("packet_counter")
         seen.press("r")
         seen.wait_for("REC ", "recording to xbus-", "MTi-680G-8A1G6")
-        seen.wait_until(lambda it: " kB  Measurement" in it, "some bytes")
+        seen.wait_until(lambda item: " kB  Measurement" in item, "some bytes")
         seen.press("r")
         seen.wait_for("recorded ")
         seen.press("r")
         seen.wait_for("REC ")
         seen.press("q")
     (first, second) = sorted(tmp_path.glob("xbus-*.mtb"))
-    for it in (first, second):
-        log = read_log(it)
+    for item in (first, second):
+        log = read_log(item)
         assert log.product_code == "MTi-680G-8A1G6"
         assert log.stats.skipped_bytes == 0
     assert len(read_log(first)) > 10
@@ -248,7 +248,9 @@ def test_a_pulled_plug(tmp_path: Path) -> None:
         seen.wait_for("packet_counter")
         seen.wait_for("port lost, waiting for it", "the port is gone")
         seen.wait_for("the port is back")
-        seen.wait_until(lambda it: "Measurement State" in it and "stopped" not in it, "samples")
+        seen.wait_until(
+            lambda item: "Measurement State" in item and "stopped" not in item, "samples"
+        )
         seen.press("q")
         assert sim.stdout is not None
         sim.stdout.readline()  # it tells its new port
@@ -279,11 +281,11 @@ def test_colours() -> None:
     with monitoring("sim:MTi-680G") as (seen, _):
         seen.wait_for("no samples lost", "heading")
         at = seen.text.splitlines().index(
-            next(it for it in seen.text.splitlines() if "no samples lost" in it)
+            next(line for line in seen.text.splitlines() if "no samples lost" in line)
         )
         column = seen.screen.display[at].index("no samples lost")
         assert seen.screen.buffer[at][column].fg == "green"
-        assert {seen.screen.buffer[1][it].bg for it in range(20)} == {"blue"}
+        assert {seen.screen.buffer[1][index].bg for index in range(20)} == {"blue"}
         seen.press("q")
 
 
@@ -324,7 +326,7 @@ def test_a_recording_stands_still_while_it_is_paused() -> None:
             text = seen.wait_for_whole("this page" if key == "?" else "packet_counter")
         assert text == still
         seen.press("p")
-        seen.wait_until(lambda it: "PAUSED" not in it and it != still, "the pause ended")
+        seen.wait_until(lambda item: "PAUSED" not in item and item != still, "the pause ended")
         seen.press("q")
 
 

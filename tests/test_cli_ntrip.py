@@ -88,11 +88,15 @@ def test_from_none_over_float_to_fixed(local: LocalCaster) -> None:
     device = rover()
     with serving_fast(device) as port, started(port, local, "--json") as child:
         seen = []
-        for it in statuses(child):
-            seen.append(it)
-            if it["rtk"] == "fixed":
+        for statuse in statuses(child):
+            seen.append(statuse)
+            if statuse["rtk"] == "fixed":
                 break
-    assert list(dict.fromkeys(it["rtk"] for it in seen if it["rtk"])) == ["none", "float", "fixed"]
+    assert list(dict.fromkeys(item["rtk"] for item in seen if item["rtk"])) == [
+        "none",
+        "float",
+        "fixed",
+    ]
     last = seen[-1]
     assert last["fix"] == "yes"
     assert last["caster"] == "streaming"
@@ -116,14 +120,14 @@ def test_what_is_no_rtcm_is_not_forwarded(local: LocalCaster) -> None:
     device.write = note  # type: ignore[method-assign]
     local.sends = [NMEA, FRAMES[0]]
     with serving_fast(device) as port, started(port, local, "--json") as child:
-        next(it for it in statuses(child) if it["rtk"] == "float")
+        next(statuse for statuse in statuses(child) if statuse["rtk"] == "float")
     assert FRAMES[0] in written
     assert b"GPGGA" not in written
 
 
 def test_the_caster_is_told_where_the_device_is(local: LocalCaster) -> None:
     with serving_fast(rover()) as port, started(port, local, "--json", "--gga", "1") as child:
-        assert next(it for it in statuses(child) if it["gga"])["gga"] == 1
+        assert next(statuse for statuse in statuses(child) if statuse["gga"])["gga"] == 1
         told = pynmeagps.NMEAReader.parse(local.gga.get(timeout=10))
     assert (told.lat, told.lon) == pytest.approx((ORIGIN.lat, ORIGIN.lon), abs=1e-5)
 
@@ -134,7 +138,7 @@ def test_before_the_first_fix_there_is_nothing_to_tell(local: LocalCaster) -> No
         found = statuses(child)
         waiting = next(found)
         assert (waiting["caster"], waiting["messages"]) == ("no position", 0)
-        assert next(it for it in found if it["caster"] == "streaming")["fix"] == "yes"
+        assert next(item for item in found if item["caster"] == "streaming")["fix"] == "yes"
     assert "Ntrip-GGA" in local.requests[0]
 
 
@@ -142,7 +146,7 @@ def test_lines_for_people(local: LocalCaster) -> None:
     with serving_fast(rover()) as port, started(port, local) as child:
         assert child.stderr is not None
         lines = iter(child.stderr.readline, b"")
-        line = next(it.decode() for it in lines if b"RTK float" in it)
+        line = next(line.decode() for line in lines if b"RTK float" in line)
     words = line.split(", ")
     assert words[:2] == ["fix yes", "RTK float"]
     assert words[2].endswith(" messages")
@@ -160,17 +164,17 @@ def test_a_line_that_changes_on_a_terminal(local: LocalCaster) -> None:
         os.close(ours)
         os.close(theirs)
     assert b"\n" not in said
-    assert all(len(it) < 80 for it in said.split(b"\r")[1:])
+    assert all(len(part) < 80 for part in said.split(b"\r")[1:])
 
 
 def test_a_lost_caster_is_told_and_found_again(local: LocalCaster) -> None:
     local.once = True
     with serving_fast(rover()) as port, started(port, local, "--json") as child:
         found = statuses(child)
-        lost = next(it for it in found if it["caster"] == "lost")
+        lost = next(item for item in found if item["caster"] == "lost")
         assert lost["problem"].startswith(f"{local.address} has hung up")
         assert lost["messages"] > 0
-        again = next(it for it in found if it["caster"] == "streaming")
+        again = next(item for item in found if item["caster"] == "streaming")
         assert again["problem"] is None
     assert len(local.requests) >= 2
 
@@ -202,7 +206,10 @@ def test_the_mountpoints_of_a_caster(local: LocalCaster) -> None:
     assert "52.24, 6.85" in first
     assert second.split()[0] == "OTHER"
     rows = json.loads(run("ntrip", "--caster", local.address, "--list", "--json").stdout)
-    assert [(it["name"], it["needs_position"]) for it in rows] == [("BASE", True), ("OTHER", False)]
+    assert [(row["name"], row["needs_position"]) for row in rows] == [
+        ("BASE", True),
+        ("OTHER", False),
+    ]
     local.style = "silent"
     failed = run("ntrip", "--caster", local.address, "--list")
     assert failed.exit_code == 1

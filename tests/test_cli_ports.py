@@ -71,7 +71,7 @@ def test_those_that_say_xsens_come_first(machine: list[ListPortInfo]) -> None:
         "description": "Xsens USB converter",
         "serial_number": "XSU7",
     }
-    assert [it["likely"] for it in ports()] == [True, True, False, False]
+    assert [item["likely"] for item in ports()] == [True, True, False, False]
 
 
 @pytest.mark.parametrize(
@@ -100,7 +100,7 @@ def test_who_is_there(machine: list[ListPortInfo]) -> None:
         machine += [SOMEBODY, port(path, 0x2639, 1)]
         lines = run("ports", "--identify").stdout.splitlines()
         said = ports("--identify")
-    assert [it.split("  ")[-1].strip() for it in lines] == [
+    assert [line.split("  ")[-1].strip() for line in lines] == [
         "device",
         "MTi-680G-8A1G6 008000A1B2, firmware 1.8.0, 115200 baud",
         "not identified",
@@ -131,7 +131,7 @@ def test_all_are_asked_where_none_says_xsens(
     machine += [SOMEBODY, port("/dev/nowhere")]
     with serving(SimulatedDevice("MTi-3")) as path:
         machine.append(port(path))
-        said = {it["port"]: it for it in ports("--identify")}
+        said = {item["port"]: item for item in ports("--identify")}
         table = run("ports", "--identify").stdout
     assert said[path]["product_code"] == "MTi-3-8A7G6"
     assert said["/dev/ttyS0"]["problem"] == "no answer"

@@ -57,13 +57,13 @@ def test_so_many_seconds(tmp_path: Path) -> None:
     )
     assert result.stdout == ""
     assert len(log) == pytest.approx(300, abs=2)
-    assert sorted(it.name for it in tmp_path.iterdir()) == ["log.mtb", "log.mtb.times"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["log.mtb", "log.mtb.times"]
 
 
 def test_outputs(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     outputs = ["acceleration=200", "quaternion:NED:Fp1632=50", "sample_time_fine"]
-    args = [word for it in outputs for word in ("--output", it)]
+    args = [word for output in outputs for word in ("--output", output)]
     result = run("record", "sim:MTi-630", "-o", str(path), "--duration", "2", "--no-times", *args)
     assert result.exit_code == 0
     assert result.stderr.endswith("; no packet counter to detect losses\n")
@@ -71,7 +71,7 @@ def test_outputs(tmp_path: Path) -> None:
     assert set(log) == {"sample_time_fine", "quaternion", "acceleration"}
     assert len(log["acceleration"]) == pytest.approx(400, abs=4)
     assert (log["quaternion"].coordinates, log["quaternion"].precision) == ("NED", "Fp1632")
-    assert [it.name for it in tmp_path.iterdir()] == ["log.mtb"]
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mtb"]
 
 
 @pytest.mark.parametrize(
@@ -84,7 +84,7 @@ def test_rotation(tmp_path: Path, rotate: str, files: int) -> None:
     assert len(list(tmp_path.glob("*.mtb"))) == files
     if files > 1:
         assert result.stderr.startswith(f"{path} to {tmp_path}/log-000{files - 1}.mtb: 3.0 s, ")
-    bodies = b"".join(parted(it)[1] for it in sorted(tmp_path.glob("*.mtb"), key=str))
+    bodies = b"".join(parted(path)[1] for path in sorted(tmp_path.glob("*.mtb"), key=str))
     assert xbus.read_log(bodies).stats.lost_samples == 0
 
 
@@ -242,9 +242,9 @@ def test_a_line_that_changes_on_a_terminal(tmp_path: Path) -> None:
     assert any(
         re.fullmatch(
             r"0:00:01  [0-9.]+ kB  [0-9]+ samples/s  no samples lost  [0-9.]+ (kB|bytes) queued *",
-            it,
+            item,
         )
-        for it in shown
+        for item in shown
     )
     assert max(map(len, shown)) < 80
     assert last.startswith(f"{path}: ")

@@ -57,7 +57,7 @@ def test_what_is_there_is_replaced_and_kept_on_failure() -> None:
     assert Path("it.html").read_text() == "before"
     assert run("report", WALK, "-o", "it.html").exit_code == 0
     assert Path("it.html").stat().st_size > 10**6
-    assert sorted(it.name for it in Path().iterdir()) == ["it.html", "no.mtb"]
+    assert sorted(path.name for path in Path().iterdir()) == ["it.html", "no.mtb"]
 
 
 def test_where_nothing_can_be_written() -> None:
@@ -99,7 +99,7 @@ def test_ctrl_c_leaves_nothing() -> None:
         child.send_signal(signal.SIGINT)
         out, said = child.communicate()
     assert (child.returncode, out, said) == (130, b"", b"")
-    assert [it.name for it in Path().iterdir()] == ["port"]
+    assert [path.name for path in Path().iterdir()] == ["port"]
 
 
 def test_names_are_text() -> None:

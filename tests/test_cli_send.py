@@ -29,7 +29,7 @@ def exchange(*args: str) -> list[str]:
     """The lines of a command that does its work, without the hex."""
     result = run("send", *args)
     assert result.exit_code == 0, result.output
-    return [f"{it[:2]}{it[26:].partition('  ')[2]}" for it in result.stdout.splitlines()]
+    return [f"{line[:2]}{line[26:].partition('  ')[2]}" for line in result.stdout.splitlines()]
 
 
 def wrong(*args: str) -> str:
@@ -55,14 +55,14 @@ def test_words_and_hex() -> None:
 
 def test_json() -> None:
     result = run("send", AHS, "--config", "--json", "ReqDID")
-    assert [json.loads(it) for it in result.stdout.splitlines()] == [
+    assert [json.loads(line) for line in result.stdout.splitlines()] == [
         {"direction": "to device", "bid": 255, "mid": 0, "name": "ReqDID", "text": "", "value": None,
          "frame": "FAFF000001"},
         {"direction": "to host", "bid": 255, "mid": 1, "name": "DeviceID", "text": "00800040D2",
          "value": 0x800040D2, "frame": "FAFF010800000000800040D266"},
     ]  # fmt: skip
     result = run("send", AHS, "--json", "--hex", "FAFF3000D0")
-    assert [json.loads(it) for it in result.stdout.splitlines()] == [
+    assert [json.loads(line) for line in result.stdout.splitlines()] == [
         {"direction": "to device", "length": 5, "reason": "checksum", "frame": "FAFF3000D0"}
     ]
 
@@ -132,7 +132,7 @@ def test_samples_are_counted() -> None:
 
 def test_listening_longer() -> None:
     lines = exchange(AHS, "Reset", "--wait", "2")
-    assert [it.split()[1] for it in lines[:3]] == ["Reset", "ResetAck", "WakeUp"]
+    assert [line.split()[1] for line in lines[:3]] == ["Reset", "ResetAck", "WakeUp"]
 
 
 # Bytes in hex
@@ -172,7 +172,7 @@ def test_no_hex(words: str) -> None:
 
 def test_an_error_to_bytes_in_hex() -> None:
     result = run("send", AHS, "--hex", "00")
-    assert [it[28:] for it in result.stdout.splitlines()] == [
+    assert [line[28:] for line in result.stdout.splitlines()] == [
         "ReqDID",
         f"Error  {INVALID}",
     ]
@@ -305,7 +305,7 @@ def failed(result: Result) -> tuple[list[str], str]:
     assert result.exit_code == 1
     *_, said = result.stderr.splitlines()
     assert said.startswith("xbus: ")
-    return [it.split("  ")[-1].strip() for it in result.stdout.splitlines()], said
+    return [line.split("  ")[-1].strip() for line in result.stdout.splitlines()], said
 
 
 def test_an_error(behind: Callable[[SimulatedDevice], str]) -> None:
@@ -411,7 +411,7 @@ def test_pieces_of_samples_are_no_damage(
     with show_exchange(device, as_json=False) as exchange:
         for _ in pieces:
             exchange.read(1)
-    assert [it[28:] for it in capsys.readouterr().out.splitlines()] == lines
+    assert [line[28:] for line in capsys.readouterr().out.splitlines()] == lines
 
 
 def test_an_exchange_is_a_link() -> None:

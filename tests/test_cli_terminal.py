@@ -143,13 +143,13 @@ def test_reading_tells_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told[-1] == ("reading field.mtb", size, size)
     told.clear()
     run("info", "-", stdin=Path(WALK).read_bytes())
-    assert {it[2] for it in told} == {None}
+    assert {item[2] for item in told} == {None}
 
 
 @pytest.mark.parametrize(
     "args",
     [["info", WALK], ["decode", WALK, "-o", "out.csv"], ["dump", WALK]],
-    ids=lambda it: it[0],
+    ids=lambda item: item[0],
 )
 def test_no_progress_where_it_would_be_in_the_way(
     args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -199,7 +199,7 @@ def test_tables_fit_the_terminal(columns: int) -> None:
     """No name is cut; a narrow terminal is told what it does not show."""
     for command, names, spare in (
         ("quantities", list(QUANTITIES), "manual, products, source"),
-        ("messages", [it.name for it in MESSAGES.values()], "states, products, status"),
+        ("messages", [message.name for message in MESSAGES.values()], "states, products, status"),
     ):
         text = plain(printed(command, columns=columns))
         assert max(map(len, text.splitlines())) <= columns
@@ -214,8 +214,8 @@ def test_items() -> None:
     assert head.split() == [
         *["id", "name", "manual", "layout", "unit", "coordinates", "products", "source"]
     ]
-    assert [it.split()[:3] for it in rows] == [
-        [f"0x{it.id:04X}", it.name, it.manual] for it in QUANTITIES.values()
+    assert [row.split()[:3] for row in rows] == [
+        [f"0x{quantity.id:04X}", quantity.name, quantity.manual] for quantity in QUANTITIES.values()
     ]
     (row,) = run("quantities", "0x5040").stdout.splitlines()[1:]
     assert re.split(r"  +", row) == [
@@ -231,7 +231,7 @@ def test_items() -> None:
 def test_layouts() -> None:
     rows = run("quantities").stdout.splitlines()
     at = rows[0].index("layout"), rows[0].index("unit")
-    layouts = {it.split()[1]: it[slice(*at)].strip() for it in rows}
+    layouts = {row.split()[1]: row[slice(*at)].strip() for row in rows}
     expected = {
         "temperature": "real",
         "rotation_matrix": "9 real",
@@ -241,7 +241,7 @@ def test_layouts() -> None:
         "gnss_sat_info": "8 bytes and 4 each",
         "device_id": "u4 or u8",
     }
-    assert {it: layouts[it] for it in expected} == expected
+    assert {item: layouts[item] for item in expected} == expected
 
 
 def test_messages() -> None:
@@ -249,8 +249,8 @@ def test_messages() -> None:
     assert head.split() == [
         *["mid", "name", "direction", "states", "reply", "length", "payload", "products", "status"]
     ]
-    assert [it.split()[:2] for it in rows] == [
-        [f"0x{it.mid:02X}", it.name] for it in MESSAGES.values()
+    assert [row.split()[:2] for row in rows] == [
+        [f"0x{message.mid:02X}", message.name] for message in MESSAGES.values()
     ]
     lengths = {
         it.name: row[head.index("length") : head.index("payload")].strip()
@@ -265,7 +265,7 @@ def test_messages() -> None:
 
 def test_products_by_series() -> None:
     def products(name: str) -> str:
-        (row,) = [it for it in run("quantities").stdout.splitlines() if it.split()[1] == name]
+        (row,) = [line for line in run("quantities").stdout.splitlines() if line.split()[1] == name]
         return re.split(r"  +", row)[-2]
 
     assert products("acceleration") == "all"
@@ -277,10 +277,10 @@ def test_products_by_series() -> None:
 
 @pytest.mark.parametrize("text", ["GNSS", "gnss", "Gnss"])
 def test_text_filters_in_whichever_case(text: str) -> None:
-    names = [it.split()[1] for it in run("quantities", text).stdout.splitlines()[1:]]
+    names = [line.split()[1] for line in run("quantities", text).stdout.splitlines()[1:]]
     assert names[:2] == ["gnss_age", "gnss_pvt_data"]
-    assert all("gnss" in it for it in names)
-    names = [it["name"] for it in json.loads(run("quantities", text, "--json").stdout)]
+    assert all("gnss" in name for name in names)
+    names = [load["name"] for load in json.loads(run("quantities", text, "--json").stdout)]
     assert "gnss_sat_info" in names
     assert "acceleration" not in names
 

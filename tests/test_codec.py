@@ -89,9 +89,9 @@ def test_frames_come_back(mid: int, payload: bytes, bid: int) -> None:
     """Alone, any frame is in step: it begins where the input begins and ends where it ends."""
     scanner = Scanner()
     found = scanner.feed(encode_frame(mid, payload, bid=bid)) + scanner.close()
-    assert [(it.mid, it.bid, it.payload) for it in found if isinstance(it, xbus.Message)] == [
-        (mid, bid, payload)
-    ]
+    assert [
+        (item.mid, item.bid, item.payload) for item in found if isinstance(item, xbus.Message)
+    ] == [(mid, bid, payload)]
     assert len(found) == 1
 
 
@@ -108,7 +108,7 @@ def contents(column: Column) -> Any:
 
 
 def key_of(column: Column) -> tuple[str, ...]:
-    return (column.name, *(it for it in (column.precision, column.coordinates) if it))
+    return (column.name, *(item for item in (column.precision, column.coordinates) if item))
 
 
 def canonical(quantity: Quantity, precision: int, system: int) -> int:
@@ -200,7 +200,7 @@ def is_canonical(wire: bytes) -> bool:
     tiles = reference.packets(found[0].payload) if found and found[0].mid == 0x36 else None
     if tiles is None or len(found) > 1:
         return False
-    by_id = {it.id: it for it in QUANTITIES.values()}
+    by_id = {quantity.id: quantity for quantity in QUANTITIES.values()}
     for data_id, _ in tiles:
         quantity = by_id.get(data_id & 0xFFF0)
         if quantity is None or canonical(quantity, data_id & 3, data_id & 0xC) != data_id:
@@ -408,7 +408,7 @@ def test_a_sample_that_no_length_can_say() -> None:
 
 def scanned(pieces: list[bytes], limit: int = 8185) -> list[Any]:
     scanner = Scanner(limit)
-    return [it for piece in pieces for it in scanner.feed(piece)] + scanner.close()
+    return [item for piece in pieces for item in scanner.feed(piece)] + scanner.close()
 
 
 def cut(data: bytes, seed: int) -> list[bytes]:
@@ -424,15 +424,15 @@ def by_the_oracle(data: bytes, limit: int) -> list[tuple[Any, ...]]:
     found: list[tuple[Any, ...]] = []
     sample = 0
     things: list[Any] = [*frames, *strings, *damage]
-    for it in sorted(things, key=lambda it: int(it.offset)):
-        match it:
+    for thing in sorted(things, key=lambda thing: int(thing.offset)):
+        match thing:
             case reference.Frame():
-                found.append((it.mid, it.bid, it.payload, it.offset, sample))
-                sample += it.mid == 0x36 and reference.packets(it.payload) is not None
+                found.append((thing.mid, thing.bid, thing.payload, thing.offset, sample))
+                sample += thing.mid == 0x36 and reference.packets(thing.payload) is not None
             case reference.String():
-                found.append((it.name, it.data, it.offset, sample))
+                found.append((thing.name, thing.data, thing.offset, sample))
             case _:
-                found.append(tuple(it))
+                found.append(tuple(thing))
     return found
 
 
@@ -451,14 +451,14 @@ def as_the_oracle(it: Any) -> tuple[Any, ...]:
 def test_chunking_does_not_matter(data: bytes, seed: int, limit: int) -> None:
     """Whole, byte by byte, in any pieces: the same messages and the same damage, in order."""
     expected = by_the_oracle(data, limit)
-    for pieces in ([data], [bytes([it]) for it in data], cut(data, seed)):
+    for pieces in ([data], [bytes([item]) for item in data], cut(data, seed)):
         found = scanned(pieces, limit)
-        assert [as_the_oracle(it) for it in found] == expected
+        assert [as_the_oracle(item) for item in found] == expected
 
 
 def test_messages_are_named() -> None:
     found = scanned([frame(0x30) + mtdata2(packet(0x1020, b"\0\1")) + frame(0x9D)])
-    assert [(it.name, it.sample) for it in found] == [
+    assert [(item.name, item.sample) for item in found] == [
         ("GoToConfig", 0),
         ("MTData2", 0),
         ("0x9D", 1),
@@ -473,7 +473,7 @@ def test_what_is_plausible_does_not_wait(raw: bytes) -> None:
     for before in (b"", b"\0", b"\0\xfa\xff\x77\x05", frame(0x3E)):
         scanner = Scanner()
         scanner.feed(before)
-        assert not [it for it in scanner.feed(raw[:-1]) if not isinstance(it, Damage)]
+        assert not [item for item in scanner.feed(raw[:-1]) if not isinstance(item, Damage)]
         assert scanner.feed(raw[-1:])[-1].offset == len(before)
 
 
@@ -482,15 +482,15 @@ def test_what_is_not_waits_for_the_next() -> None:
     strange = frame(0xB2, b"?")
     scanner = Scanner()
     assert scanner.feed(strange) == []
-    assert [it.offset for it in scanner.feed(frame(0x3E))] == [0, 6]
+    assert [item.offset for item in scanner.feed(frame(0x3E))] == [0, 6]
     assert scanner.feed(strange) == []
-    assert [it.offset for it in scanner.close()] == [11]
+    assert [item.offset for item in scanner.close()] == [11]
 
 
 def test_offsets_count_from_the_beginning() -> None:
     scanner = Scanner()
     for i in range(50):
-        assert [it.offset for it in scanner.feed(frame(0x3E))] == [5 * i]
+        assert [item.offset for item in scanner.feed(frame(0x3E))] == [5 * i]
 
 
 def test_a_false_header_holds_back_no_more_than_it_claims() -> None:
@@ -499,11 +499,11 @@ def test_a_false_header_holds_back_no_more_than_it_claims() -> None:
     scanner = Scanner()
     # A device sends no such message: nothing to wait for once something else was wrong.
     assert scanner.feed(b"\0\xfa\xff\x77\xff\x1f\x00") == []
-    assert [it.offset for it in scanner.feed(wake_up)] == [0, 7]
+    assert [item.offset for item in scanner.feed(wake_up)] == [0, 7]
     # MTData2 of 100 bytes: its first packet, of the wrong size, tells.
     scanner = Scanner()
     assert scanner.feed(b"\0\xfa\xff\x36\x64\x40\x20") == []
-    assert [it.offset for it in scanner.feed(b"\x0d" + bytes(13) + wake_up)] == [0, 21]
+    assert [item.offset for item in scanner.feed(b"\x0d" + bytes(13) + wake_up)] == [0, 21]
     # EmtsData may have 1000 bytes: it holds back what it claims, and no more.
     scanner = Scanner()
     assert scanner.feed(b"\0\xfa\xff\x91\xff\x03\xe8") == []
@@ -523,7 +523,9 @@ def test_close_ends_it() -> None:
 )
 def test_bytes_of_any_kind(data: Any) -> None:
     found = Scanner().feed(data)
-    assert [it for it in found if not isinstance(it, xbus.Message) or it.name != "WakeUp"] == []
+    assert [
+        item for item in found if not isinstance(item, xbus.Message) or item.name != "WakeUp"
+    ] == []
     assert len(found) == 1
 
 

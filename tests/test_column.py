@@ -96,14 +96,16 @@ def test_values_of_samples_and_columns_agree() -> None:
                 scaled = column.scaled[-1].item()
                 assert np.array_equal(list(value.scaled.values()), scaled, equal_nan=True)
                 if column.name == "gnss_sat_info":
-                    satellites = [tuple(it.values()) for it in value.satellites]
+                    satellites = [tuple(satellite.values()) for satellite in value.satellites]
                     assert satellites == column.satellites[column.offsets[-2] :].tolist()
     assert {"gnss_pvt_data", "utc_time", "gnss_sat_info", "raw_acc_gyr_mag_temp"} <= found
 
 
 def test_structs_can_be_encoded() -> None:
     for packets in (
-        xbus.Sample(it.payload) for it in Scanner(0xFFFF).feed(MIXED) if isinstance(it, Message)
+        xbus.Sample(item.payload)
+        for item in Scanner(0xFFFF).feed(MIXED)
+        if isinstance(item, Message)
     ):
         for key, value in packets.items():
             if isinstance(value, Struct):
@@ -123,7 +125,7 @@ def test_pandas() -> None:
     assert list(column.to_pandas().columns) == [
         "sample",
         "time",
-        *(f"acceleration_{it}" for it in "xyz"),
+        *(f"acceleration_{item}" for item in "xyz"),
     ]
     frame = pd.DataFrame(column, columns=column.fields)
     assert np.array_equal(frame["y"], column["y"])
@@ -144,7 +146,7 @@ def test_polars_and_pyarrow() -> None:
     ("keys", "columns"),
     [
         (["temperature"], ["temperature"]),
-        (["acceleration", "packet_counter"], [*(f"acceleration_{it}" for it in "xyz"), "packet_counter"]),
+        (["acceleration", "packet_counter"], [*(f"acceleration_{item}" for item in "xyz"), "packet_counter"]),
         ([DataId.PacketCounter, "packet_counter", 0x1020], ["packet_counter"]),
         (iter(["temperature"]), ["temperature"]),
         ([], []),
@@ -210,7 +212,7 @@ def test_tables_of_what_is_not_there(tmp_path: Path) -> None:
 def test_keys(key: Any, resolved: tuple[str, str | None, str | None]) -> None:
     assert resolve_key(key) == QuantityKey(*resolved)
     name, coordinates, precision = resolved
-    named = (name, *(it for it in (coordinates, precision) if it))
+    named = (name, *(item for item in (coordinates, precision) if item))
     assert resolve_key(named) == resolve_key(key)
 
 
@@ -235,9 +237,9 @@ def test_in_and_brackets_agree() -> None:
     """In logs and samples, whatever the form of the key: it is in what has it, and in nothing else."""
     keys = [
         "quaternion", "acceleration", DataId.Quaternion, 0x2010, 0x2014, 0x2012, "nothing", 0x7770,
-        *(("quaternion", it) for it in (*Coordinates, *Precision, "UFO")),
-        *((DataId.Quaternion, it) for it in (*Coordinates, *Precision, "NED")),
-        *((DataId.Acceleration, it) for it in (*Coordinates, *Precision)),
+        *(("quaternion", Coordinate) for Coordinate in (*Coordinates, *Precision, "UFO")),
+        *((DataId.Quaternion, Coordinate) for Coordinate in (*Coordinates, *Precision, "NED")),
+        *((DataId.Acceleration, Coordinate) for Coordinate in (*Coordinates, *Precision)),
     ]  # fmt: skip
     one = mtdata2(real(0x2014, 0, 1, 0, 0), real(0x4021, 1, 2, 3))
     two = mtdata2(real(0x2014, 0, 1, 0, 0), real(0x2012, 1, 0, 0, 0))

@@ -144,7 +144,7 @@ def test_contributing_names_payloads_that_exist() -> None:
     """The section on a new message, against the table that it is about."""
     text = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     section = text.partition("## A new message")[2].partition("\n## ")[0]
-    source = "".join(it.read_text("utf-8") for it in (ROOT / "rust/src/table").glob("*.rs"))
+    source = "".join(path.read_text("utf-8") for path in (ROOT / "rust/src/table").glob("*.rs"))
     names = re.findall(r"`(\w+)`", section)
     assert {"record", "list", "text", "bytes", "opaque", "unconfirmed"} <= set(names)
     for name in set(names) - {"dump", "send", "_TYPES"}:

@@ -59,7 +59,7 @@ def test_parquet_has_statistics_of_what_rows_are_picked_by(tmp_path: Path) -> No
     log = xbus.read_log(LOGS["walk"])
     log.to_parquet(tmp_path / "it.parquet")
     group = pq.read_metadata(tmp_path / "it.parquet").row_group(0)
-    columns = {it.path_in_schema: it for it in map(group.column, range(group.num_columns))}
+    columns = {index.path_in_schema: index for index in map(group.column, range(group.num_columns))}
     kept = [name for name, it in columns.items() if it.statistics]
     assert kept == ["sample", "time", "utc_time"]
     assert columns["time"].statistics.min == np.nanmin(log.time)
@@ -83,16 +83,16 @@ def test_csv(log: xbus.Log, tmp_path: Path) -> None:
     for i, name in enumerate(header):
         column = table[name].combine_chunks()
         cells = [row[i] for row in rows]
-        assert [it == "" for it in cells] == np.asarray(column.is_null()).tolist()
+        assert [cell == "" for cell in cells] == np.asarray(column.is_null()).tolist()
         if name != "utc_time":
             found = np.array(
-                [it for it in cells if it], column.to_numpy(zero_copy_only=False).dtype
+                [cell for cell in cells if cell], column.to_numpy(zero_copy_only=False).dtype
             )
             assert np.array_equal(
                 found.astype(column.type.to_pandas_dtype()), np.asarray(column.drop_null())
             )
         elif name == "utc_time" and any(cells):
-            assert all(it.endswith("Z") for it in cells if it)
+            assert all(cell.endswith("Z") for cell in cells if cell)
 
 
 def test_utc_in_csv(tmp_path: Path) -> None:
@@ -148,9 +148,12 @@ def test_one_quantity(key: Any, tmp_path: Path) -> None:
 def test_all_bits_in_parquet(tmp_path: Path) -> None:
     """NaN of any kind, infinities, the ends of integers."""
     numbers = [
-        packet(0x0810, bytes.fromhex(it)) for it in ("7FC00001", "FFC00000", "FF800000", "80000000")
+        packet(0x0810, bytes.fromhex(name))
+        for name in ("7FC00001", "FFC00000", "FF800000", "80000000")
     ]
-    log = xbus.read_log(b"".join(mtdata2(it, packet(0x10A0, b"\xff" * 8)) for it in numbers))
+    log = xbus.read_log(
+        b"".join(mtdata2(number, packet(0x10A0, b"\xff" * 8)) for number in numbers)
+    )
     log.to_parquet(tmp_path / "it.parquet")
     table = pq.read_table(tmp_path / "it.parquet")
     temperature = np.asarray(table["temperature"])
@@ -372,5 +375,5 @@ def test_tables_beside_each_other(tmp_path: Path) -> None:
         part.to_parquet(tmp_path / f"{i:03}.parquet", "acceleration")
     files = sorted(tmp_path.iterdir())
     assert len(files) > 3
-    joined = pa.concat_tables([pq.read_table(it) for it in files])
+    joined = pa.concat_tables([pq.read_table(file) for file in files])
     assert joined.equals(xbus.read_log(data).to_arrow("acceleration"))

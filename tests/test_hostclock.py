@@ -205,7 +205,7 @@ SAMPLES = st.lists(
 
 
 def walked(samples: list[tuple[float, float, bool]]) -> tuple[Floats, Ints, npt.NDArray[np.bool_]]:
-    steps, waits, leads = (np.array(it) for it in zip(*samples, strict=True))
+    steps, waits, leads = (np.array(item) for item in zip(*samples, strict=True))
     time = 500 + np.cumsum(np.nan_to_num(steps)) / 1e3
     time[np.isnan(steps)] = np.nan
     return time, ns(np.cumsum(waits) / 1e3), leads.astype(bool)
@@ -237,8 +237,8 @@ def test_how_it_is_fed_does_not_matter(samples: list[tuple[float, float, bool]],
     said = whole.update(time, arrival, leads)
     single, pieces = HostClock(), HostClock()
     one_by_one = [
-        single.update(*it)
-        for it in zip(time.tolist(), arrival.tolist(), leads.tolist(), strict=True)
+        single.update(*item)
+        for item in zip(time.tolist(), arrival.tolist(), leads.tolist(), strict=True)
     ]
     np.testing.assert_array_equal(said, one_by_one)
     for start in range(0, len(time), size):
@@ -289,10 +289,10 @@ def test_before_the_first_sample() -> None:
 @pytest.mark.parametrize("time", [-1e300, 0.0, 1e300])
 def test_absurd_numbers(time: float, arrival: int) -> None:
     clock = HostClock()
-    for it in (0, arrival, -(2**63), 2**63 - 1):
-        clock.update(0.0, it)
-        clock.update(time, it)
-        clock.update(1.0, it)
+    for item in (0, arrival, -(2**63), 2**63 - 1):
+        clock.update(0.0, item)
+        clock.update(time, item)
+        clock.update(1.0, item)
     assert len(clock.steps) == clock.fits - 1
 
 
@@ -331,7 +331,7 @@ def test_steps(device: float, host_step: float, off: float, reason: str, wait: f
     time, arrival, host = with_steps(device, host_step, off)
     said = clock.update(time, arrival) - BEGIN
     half = len(time) // 2
-    assert [it.reason for it in clock.steps] == [reason]
+    assert [step.reason for step in clock.steps] == [reason]
     assert clock.fits == 2
     assert clock.steps[0].time == clock.since == pytest.approx(time[half] + wait, abs=0.05)
     assert clock.steps[0].host_time - BEGIN == pytest.approx(host[half] + wait, abs=0.05)

@@ -42,13 +42,13 @@ class Coordinates(IntEnum):
 def text() -> str:
     lines = [HEADER, "", "class DataId(IntEnum):"]
     lines += ['    """Data identifiers, format bits zero (Table 16)."""', ""]
-    lines += [f"    {it.manual} = 0x{it.id:04X}" for it in QUANTITIES.values()]
+    lines += [f"    {quantity.manual} = 0x{quantity.id:04X}" for quantity in QUANTITIES.values()]
     lines += ["", "", "class MessageId(IntEnum):"]
     lines += [
         '    """Message identifiers (section 5.3). A request and its setting share one."""',
         "",
     ]
-    lines += [f"    {it.name} = 0x{it.mid:02X}" for it in MESSAGES.values()]
+    lines += [f"    {message.name} = 0x{message.mid:02X}" for message in MESSAGES.values()]
     return "\n".join(lines) + "\n"
 
 

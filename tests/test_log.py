@@ -164,7 +164,7 @@ def test_layouts_of_one_length() -> None:
     frames = []
     for _ in range(400):
         rng.shuffle(kinds)
-        frames.append(mtdata2(*(streams.random_packet(rng, it) for it in kinds)))
+        frames.append(mtdata2(*(streams.random_packet(rng, kind) for kind in kinds)))
     assert_as_the_oracle(b"".join(frames))
 
 
@@ -172,7 +172,7 @@ def test_layouts_of_one_length() -> None:
 def test_many_layouts(count: int) -> None:
     """More than anybody wants to remember."""
     kinds = [mtdata2(packet(0x7000 + (i << 4), bytes([i % 256])), fine(i)) for i in range(count)]
-    one_by_one = b"".join(it * 4 for it in kinds)
+    one_by_one = b"".join(kind * 4 for kind in kinds)
     in_turn = b"".join(kinds) * 4
     assert_as_the_oracle(one_by_one + in_turn)
 
@@ -184,7 +184,7 @@ def test_a_count_that_lies(count: int) -> None:
     lying = packet(0x7020, bytes([0, 0, 0, 1, count, 0, 0, 0]) + bytes(12))
     data = mtdata2(sound) * 5 + mtdata2(lying) + mtdata2(sound) * 5
     log = xbus.read_log(data)
-    assert [it[4] for it in log.unknown[0x7020]] == [count]
+    assert [item[4] for item in log.unknown[0x7020]] == [count]
     assert log["gnss_sat_info"].sample.tolist() == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]
     assert_as_the_oracle(data)
 
@@ -292,7 +292,7 @@ SOURCES: dict[str, Callable[[Path, contextlib.ExitStack], Any]] = {
     "memoryview of shorts": lambda *_: memoryview(array.array("H", DATA)),
     "memoryview of doubles": lambda *_: memoryview(array.array("d", DATA)),
     "memoryview in two dimensions": lambda *_: memoryview(DATA).cast("B", (100, 200)),
-    "memoryview with steps": lambda *_: memoryview(bytes(it for it in DATA for _ in "12"))[::2],
+    "memoryview with steps": lambda *_: memoryview(bytes(item for item in DATA for _ in "12"))[::2],
     "memoryview backwards": lambda *_: memoryview(DATA[::-1])[::-1],
     "array.array": lambda *_: array.array("I", DATA),
     "uint8 array": lambda *_: np.frombuffer(DATA, np.uint8),
@@ -419,7 +419,7 @@ def test_threads() -> None:
     with concurrent.futures.ThreadPoolExecutor(8) as pool:
         logs = list(pool.map(xbus.read_log, [data] * 16))
         times = list(pool.map(lambda _: log.time.tolist(), range(16)))
-    assert all(differences(facts(it), expected) == [] for it in logs)
+    assert all(differences(facts(log), expected) == [] for log in logs)
     assert times == [expected["time"].tolist()] * 16
 
 
@@ -479,18 +479,18 @@ MIXED = b"".join(
 def test_quantities(quantities: Any, keys: list[str]) -> None:
     """Only what is asked for, in the order of the log; the rest of the log is as it was."""
     log = xbus.read_log(MIXED, quantities=quantities)
-    assert [it if isinstance(it, str) else " ".join(it) for it in log] == keys
+    assert [item if isinstance(item, str) else " ".join(item) for item in log] == keys
     whole, part = facts(xbus.read_log(MIXED)), facts(log)
-    assert len(part) == len([it for it in part if it in whole])
-    assert differences(part, {it: whole[it] for it in part}) == []
-    assert {it for it in whole if not it.startswith(("(", "satellites"))} <= set(part)
+    assert len(part) == len([item for item in part if item in whole])
+    assert differences(part, {item: whole[item] for item in part}) == []
+    assert {item for item in whole if not item.startswith(("(", "satellites"))} <= set(part)
 
 
 def test_quantities_of_parts() -> None:
     parts = list(
         xbus.iter_log(MIXED, block_bytes=1, quantities=["temperature", ("quaternion", "NED")])
     )
-    assert [list(it) for it in parts[:2]] == [["quaternion", "temperature"]] * 2
+    assert [list(part) for part in parts[:2]] == [["quaternion", "temperature"]] * 2
     assert len(parts[2]["quaternion"]) == 1
     assert "temperature" not in parts[2]
 
@@ -581,7 +581,7 @@ def type_of(values: np.ndarray[Any, Any]) -> str:
 
 def column(*packets: bytes) -> xbus.Column:
     """The only column of a log in which each packet is a message of its own."""
-    log = xbus.read_log(b"".join(mtdata2(it) for it in packets))
+    log = xbus.read_log(b"".join(mtdata2(item) for item in packets))
     assert len(list(log)) == 1
     return log[next(iter(log))]
 
@@ -1008,7 +1008,7 @@ BITS = {
 @pytest.mark.parametrize(("name", "bit"), BITS.items())
 def test_each_flag(name: str, bit: int) -> None:
     flags = column(packet(0xE020, (1 << bit).to_bytes(4, "big"))).flags
-    assert [it for it in flags if flags[it][0]] == [name]
+    assert [flag for flag in flags if flags[flag][0]] == [name]
     assert list(flags) == list(BITS)
 
 
@@ -1043,7 +1043,7 @@ def test_messages() -> None:
         xbus.Message(0x36, "MTData2", 0xFF, b"", 17 + 2 * N, 2),
     ]
     assert log.messages[-1].mid == 0x36
-    assert [it.name for it in log.messages[1:3]] == ["Error", "0xB2"]
+    assert [message.name for message in log.messages[1:3]] == ["Error", "0xB2"]
     assert log.messages.named("WakeUp", "Error") == [log.messages[0], log.messages[1]]
     with pytest.raises(IndexError):
         log.messages[4]
@@ -1057,7 +1057,7 @@ def test_messages() -> None:
 def test_messages_in_words_have_the_names_of_their_payloads() -> None:
     """One MID is the reply to a request and to a setting: the length of the payload tells which."""
     frames = [(0x19, b""), (0x19, b"\x02"), (0x19, b"\x02"), (0x65, b"General"), (0x08, b"")]
-    log = xbus.read_log(b"".join(xbus.encode_frame(*it) for it in frames))
+    log = xbus.read_log(b"".join(xbus.encode_frame(*item) for item in frames))
     assert repr(log.messages) == (
         "<Messages 5: 0x08: 1, SetBaudrateAck: 1, ReqBaudrateAck: 2, ReqFilterProfileAckModern: 1>"
     )
@@ -1128,7 +1128,7 @@ def test_samples() -> None:
     other = mtdata2(fine(7), bid=3)
     log = xbus.read_log(GOOD + other + frame(0x3E) + GOOD)
     assert log.offset.tolist() == [0, N, N + len(other) + 5]
-    types = [type_of(it) for it in (log.offset, log.time, log.packet_counter, log.bid)]
+    types = [type_of(item) for item in (log.offset, log.time, log.packet_counter, log.bid)]
     assert types == ["i8", "f8", "i8", "u1"]
     assert log.bid.tolist() == [0xFF, 3, 0xFF]
     assert len(log) == 3
@@ -1152,12 +1152,12 @@ PVT = packet(0x7010, bytes(94))
 
 def ticks(*frames: bytes) -> list[float]:
     """The times of samples, in ticks of SampleTimeFine: 0.1 ms."""
-    return [round(it * 1e4, 3) for it in xbus.read_log(b"".join(frames)).time.tolist()]
+    return [round(item * 1e4, 3) for item in xbus.read_log(b"".join(frames)).time.tolist()]
 
 
 def at(*values: int, bid: int = 0xFF) -> bytes:
     """Samples with these SampleTimeFine."""
-    return b"".join(mtdata2(fine(it), bid=bid) for it in values)
+    return b"".join(mtdata2(fine(value), bid=bid) for value in values)
 
 
 UNWRAPPING: dict[str, tuple[list[bytes], list[float]]] = {
@@ -1338,7 +1338,7 @@ def test_gnss_pvt_pulse_is_in_the_same_clock() -> None:
 
 def counts(*values: int, bid: int = 0xFF) -> bytes:
     """Samples with these PacketCounter."""
-    return b"".join(mtdata2(counter(it), bid=bid) for it in values)
+    return b"".join(mtdata2(counter(value), bid=bid) for value in values)
 
 
 COUNTING: dict[str, tuple[list[bytes], list[int], int, int]] = {
@@ -1608,7 +1608,7 @@ def test_positions_are_signed() -> None:
     assert len(log.damage) > 0
     positions = [log.offset, log.messages.offset, log.messages.sample]
     positions += [log.damage["offset"], log.damage["length"]]
-    assert {it.dtype for it in positions} == {np.dtype(np.int64)}
+    assert {position.dtype for position in positions} == {np.dtype(np.int64)}
 
 
 def test_arrays_outlive_the_log() -> None:

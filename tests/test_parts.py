@@ -126,9 +126,9 @@ def test_a_part_has_about_the_bytes_it_was_told() -> None:
     """It ends with the frame in which the block ends; no part but the last is smaller."""
     data = streams.gnssins(500)
     for block in (1, 100, 5000):
-        sizes = [it.stats.bytes for it in xbus.iter_log(data, block_bytes=block)]
+        sizes = [item.stats.bytes for item in xbus.iter_log(data, block_bytes=block)]
         assert sum(sizes) == len(data)
-        assert all(block <= it < block + 260 for it in sizes[:-1])
+        assert all(block <= size < block + 260 for size in sizes[:-1])
         assert sizes[-1] < block + 260
 
 
@@ -138,36 +138,46 @@ def test_numbers_go_on() -> None:
     stamps = [(65534, day - 200), (65535, day - 100), (0, 0), (1, 100), (5, 500)]
     data = b"".join(mtdata2(counter(c), fine(t), real(0x4020, c, 0, 0)) for c, t in stamps)
     parts = list(xbus.iter_log(data, block_bytes=1))[:5]
-    assert [it.first_sample for it in parts] == [0, 1, 2, 3, 4]
-    assert [it["acceleration"].sample.tolist() for it in parts] == [[0], [1], [2], [3], [4]]
-    assert [it.offset.tolist() for it in parts] == [[i * len(data) // 5] for i in range(5)]
-    assert [it.packet_counter.tolist() for it in parts] == [
+    assert [part.first_sample for part in parts] == [0, 1, 2, 3, 4]
+    assert [part["acceleration"].sample.tolist() for part in parts] == [[0], [1], [2], [3], [4]]
+    assert [part.offset.tolist() for part in parts] == [[i * len(data) // 5] for i in range(5)]
+    assert [part.packet_counter.tolist() for part in parts] == [
         [65534], [65535], [65536], [65537], [65541],
     ]  # fmt: skip
-    assert [it.time[0] * 1e4 for it in parts] == pytest.approx(
+    assert [part.time[0] * 1e4 for part in parts] == pytest.approx(
         [day - 200, day - 100, day, day + 100, day + 500]
     )
-    assert [it["acceleration"].time[0] for it in parts] == [it.time[0] for it in parts]
-    assert [(it.stats.gaps, it.stats.lost_samples) for it in parts[-2:]] == [(0, 0), (1, 3)]
+    assert [part["acceleration"].time[0] for part in parts] == [part.time[0] for part in parts]
+    assert [(part.stats.gaps, part.stats.lost_samples) for part in parts[-2:]] == [(0, 0), (1, 3)]
 
 
 def test_a_part_may_be_read_late() -> None:
     """Times are worked out from where the part begins, not from where the reader is by then."""
     data = streams.gnssins(300)
     parts = list(xbus.iter_log(data, block_bytes=3000))
-    times = [it.time for it in reversed(parts)]
+    times = [part.time for part in reversed(parts)]
     assert np.concatenate(times[::-1]).tolist() == xbus.read_log(data).time.tolist()
 
 
 def test_columns_of_parts_are_their_own() -> None:
     """A part says what came in it: its precision, its type, its identifier."""
     float32, fp1632, ned = real(0x4020, 1, 2, 3), real(0x4022, 4, 5, 6), real(0x2014, 1, 0, 0, 0)
-    data = b"".join(mtdata2(it) for it in (float32, fp1632, float32, ned, float32))
-    parts = [it for it in xbus.iter_log(data, block_bytes=1) if len(it)]
-    accelerations = [it["acceleration"] for it in parts if "acceleration" in it]
-    assert [it.precision for it in accelerations] == ["Float32", "Fp1632", "Float32", "Float32"]
-    assert [it.data_id for it in accelerations] == [0x4020, 0x4022, 0x4020, 0x4020]
-    assert [list(it) for it in parts[3:]] == [["quaternion"], ["acceleration"]]
+    data = b"".join(mtdata2(item) for item in (float32, fp1632, float32, ned, float32))
+    parts = [item for item in xbus.iter_log(data, block_bytes=1) if len(item)]
+    accelerations = [part["acceleration"] for part in parts if "acceleration" in part]
+    assert [acceleration.precision for acceleration in accelerations] == [
+        "Float32",
+        "Fp1632",
+        "Float32",
+        "Float32",
+    ]
+    assert [acceleration.data_id for acceleration in accelerations] == [
+        0x4020,
+        0x4022,
+        0x4020,
+        0x4020,
+    ]
+    assert [list(part) for part in parts[3:]] == [["quaternion"], ["acceleration"]]
     assert xbus.read_log(data)["acceleration"].precision is None
 
 
@@ -178,15 +188,15 @@ def test_the_device_is_remembered() -> None:
     end = 2**32 - 50
     data = name + mtdata2(fine(end)) + mtdata2(fine(50)) + firmware + mtdata2(fine(100))
     parts = list(xbus.iter_log(data, block_bytes=1))
-    assert [it.device_id for it in parts] == [0x800040D2] * len(parts)
-    assert [it.product_code for it in parts][:2] == [None, "MTi-630"]
-    assert {it.product_code for it in parts[1:]} == {"MTi-630"}
+    assert [part.device_id for part in parts] == [0x800040D2] * len(parts)
+    assert [part.product_code for part in parts][:2] == [None, "MTi-630"]
+    assert {part.product_code for part in parts[1:]} == {"MTi-630"}
     assert str(parts[-1].firmware) == "1.8.2"
     assert parts[2].firmware is None
-    times = [time for it in parts for time in it.time * 1e4]
+    times = [time for part in parts for time in part.time * 1e4]
     assert times == pytest.approx([end, 2**32 + 50, 2**32 + 100])
     # One part's messages are its own.
-    assert [len(it.messages) for it in parts][:3] == [1, 1, 0]
+    assert [len(part.messages) for part in parts][:3] == [1, 1, 0]
 
 
 def test_nothing_comes_from_later() -> None:
@@ -202,7 +212,7 @@ def test_nothing_comes_from_later() -> None:
 
 def test_an_empty_input_has_one_part() -> None:
     parts = list(xbus.iter_log(b""))
-    assert [len(it) for it in parts] == [0]
+    assert [len(part) for part in parts] == [0]
     assert parts[0].stats.bytes == 0
 
 
@@ -222,11 +232,15 @@ def test_parts_as_tables() -> None:
     """A table of a part has the numbers of the whole; tables of all parts make one."""
     pa = pytest.importorskip("pyarrow")
     data = streams.gnssins(120)
-    tables = [it.to_arrow() for it in xbus.iter_log(data, block_bytes=3000)]
+    tables = [item.to_arrow() for item in xbus.iter_log(data, block_bytes=3000)]
     assert tables[1]["sample"][0].as_py() == len(tables[0])
     whole: Any = xbus.read_log(data).to_arrow()
-    names = [it for it in whole.column_names if not it.startswith("gnss")]
-    joined = pa.concat_tables([it.select(names) for it in tables], promote_options="permissive")
+    names = [
+        column_name for column_name in whole.column_names if not column_name.startswith("gnss")
+    ]
+    joined = pa.concat_tables(
+        [table.select(names) for table in tables], promote_options="permissive"
+    )
     assert joined.equals(whole.select(names))
 
 

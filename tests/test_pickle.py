@@ -110,10 +110,10 @@ def test_host_times(tmp_path: Path) -> None:
     parts = list(xbus.iter_log(path, block_bytes=700))
     assert np.isfinite(log.host_time).any()
     assert np.isfinite(log.strings.host_time).all()
-    pickles = [pickle.dumps(it) for it in (log, parts, log["packet_counter"], log.strings)]
+    pickles = [pickle.dumps(item) for item in (log, parts, log["packet_counter"], log.strings)]
     path.unlink()
     path.with_name("a.mtb.times").unlink()
-    whole, pieces, column, strings = (pickle.loads(it) for it in pickles)  # noqa: S301
+    whole, pieces, column, strings = (pickle.loads(item) for item in pickles)  # noqa: S301
     assert (whole, pieces, column, strings) == (log, parts, log["packet_counter"], log.strings)
     assert whole.to_arrow().column_names == log.to_arrow().column_names
     assert "host_time" in column.to_arrow().column_names

@@ -102,19 +102,19 @@ def test_messages() -> None:
         if "series" in row["products"] or row["name"].startswith("InitBus"):
             continue
         text = re.sub(r"\(.*\)", "", row["products"])
-        listed = {int(it) for it in re.findall(r"\b\d+\b", text)} & set(ALL)
+        listed = {int(item) for item in re.findall(r"\b\d+\b", text)} & set(ALL)
         expected = set(ALL) if text.startswith("all") else listed
         for name in names(row["name"]) & set(LAYOUTS):
-            assert {it for it in ALL if name in support(it).messages} == expected, name
+            assert {item for item in ALL if name in support(item).messages} == expected, name
 
 
 def test_messages_that_the_text_does_not_settle() -> None:
     """The vendor's software opens every MTi with InitBus; all but the 1-series can store a filter state."""
-    assert all({"InitBus", "InitBusResults"} <= support(it).messages for it in ALL)
-    without = {it for it in ALL if "StoreFilterState" not in support(it).messages}
+    assert all({"InitBus", "InitBusResults"} <= support(item).messages for item in ALL)
+    without = {item for item in ALL if "StoreFilterState" not in support(item).messages}
     assert without == set(SERIES_1)
-    known = set().union(*(support(it).messages for it in ALL))
-    assert known == {it.name for it in MESSAGES.values() if it.products}
+    known = set().union(*(support(item).messages for item in ALL))
+    assert known == {message.name for message in MESSAGES.values() if message.products}
 
 
 # ---------------------------------------------------------------------------------------------
@@ -162,7 +162,7 @@ RATES = """
 
 def rate_table() -> dict[int, dict[str, int]]:
     """Of each product the highest rate by quantity."""
-    head, *lines = [it.split() for it in RATES.strip().splitlines()]
+    head, *lines = [line.split() for line in RATES.strip().splitlines()]
     table: dict[int, dict[str, int]] = {}
     for column, numbers in enumerate(head[1:], 1):
         cells = {line[0]: line[column] for line in lines if line[column] != "-"}
@@ -174,9 +174,9 @@ def rate_table() -> dict[int, dict[str, int]]:
 
 
 def test_table_16() -> None:
-    found = {it: dict(support(it).rates) for it in ALL}
+    found = {item: dict(support(item).rates) for item in ALL}
     # Triggers of a third line have an identifier, and nothing else is known of them.
-    assert {it for it in ALL if found[it].pop("trigger_in3", None)} <= {680}
+    assert {item for item in ALL if found[item].pop("trigger_in3", None)} <= {680}
     assert found == rate_table()
 
 
@@ -186,14 +186,14 @@ def test_table_16_is_that_of_the_list() -> None:
         "rate_1_2_3": (1, 2, 3), "rate_7_8": (7,), "rate_10s": SERIES_10, "rate_100s": (100, 200, 300),
         "rate_710": (710,), "rate_600s": SERIES_600,
     }  # fmt: skip
-    by_id = {it.id: it.name for it in QUANTITIES.values()}
+    by_id = {quantity.id: quantity.name for quantity in QUANTITIES.values()}
     table = rate_table()
     for row in rows("spec/data_ids.csv"):
         if row["in_seed"] != "y":
             continue
         name = by_id[int(row["base_id"], 16)]
-        offering = {int(it) for it in re.findall(r"\b\d+\b", row["products"])} & set(ALL)
-        assert {it for it in ALL if name in table[it]} == offering, name
+        offering = {int(item) for item in re.findall(r"\b\d+\b", row["products"])} & set(ALL)
+        assert {item for item in ALL if name in table[item]} == offering, name
         for column, numbers in columns.items():
             text = row[column]
             if "hw1" in text or text == "same as 1_2_3":
@@ -201,7 +201,7 @@ def test_table_16_is_that_of_the_list() -> None:
             elif "every" in text or "FFFF" in text:
                 listed = [EVERY]
             else:
-                listed = [int(it) for it in re.findall(r"\d+", text)[:1]]
+                listed = [int(item) for item in re.findall(r"\d+", text)[:1]]
             for number in numbers:
                 if name in table[number]:
                     assert [table[number][name]] == listed, (name, number)
@@ -305,8 +305,8 @@ def test_acknowledged(number: int, asked: tuple[int, int], given: int | None) ->
 def test_acknowledged_as_a_real_device_did() -> None:
     """The settings that an MTi-300 and an MTi-630 were seen to answer (FACTS 1.10)."""
     asked = (0x1060, 0x4020, 0x8020, 0x2030, 0xE020)
-    found = [support(630).acknowledged(Output(it, 400)) for it in asked]
-    assert found == [Output(it, EVERY if it in (0x1060, 0xE020) else 400) for it in asked]
+    found = [support(630).acknowledged(Output(item, 400)) for item in asked]
+    assert found == [Output(item, EVERY if item in (0x1060, 0xE020) else 400) for item in asked]
 
 
 def test_what_is_acknowledged_is_acknowledged_again() -> None:
@@ -343,7 +343,7 @@ TABLE_8 = {
 
 def test_table_8() -> None:
     for flag in OptionFlag:
-        having = {it for it in ALL if flag in support(it).option_flags}
+        having = {item for item in ALL if flag in support(item).option_flags}
         assert having == set(TABLE_8.get(str(flag.name), ())), flag
 
 
@@ -374,9 +374,9 @@ def test_tables_11_and_12() -> None:
         for number in numbers:
             found = {it: set(lines) for it, lines in support(number).sync.items()}
             assert found == {it: set(lines) for it, lines in functions.items()}, number
-    assert {it for numbers in SYNC for it in numbers} == set(ALL)
+    assert {number for numbers in SYNC for number in numbers} == set(ALL)
     for function in SyncFunction:
-        having = {it for it in ALL if function in support(it).sync}
+        having = {item for item in ALL if function in support(item).sync}
         assert having == TABLE_11.get(function, set()), function
 
 
@@ -394,7 +394,7 @@ STRINGS = {
 def test_strings() -> None:
     for numbers, text in STRINGS.items():
         for number in numbers:
-            found = {str(it.name) for it in support(number).string_types}
+            found = {str(string_type.name) for string_type in support(number).string_types}
             assert found == set(text.split()), number
     assert support(680).string_types == StringType(0x7FFF)
     # Who has no strings does not know the message.
@@ -408,7 +408,7 @@ def test_baud_rates() -> None:
     every = sorted(set(BAUD_CODES.values()))
     for number in ALL:
         most = 921_600 if number in SERIES_10 + SERIES_100 else 4_000_000
-        assert support(number).baudrates == tuple(it for it in every if it <= most)
+        assert support(number).baudrates == tuple(item for item in every if item <= most)
         assert 115_200 in support(number).baudrates
 
 
@@ -437,14 +437,20 @@ def test_table_30() -> None:
         2: (54,), 20: (43,), 200: (43,),
     }  # fmt: skip
     for product, profiles in numbers.items():
-        found = {it.type: it.label.lower() for it in support(product).filter_profiles}
-        assert found == {it: table[it].lower() for it in profiles}
+        found = {
+            filter_profile.type: filter_profile.label.lower()
+            for filter_profile in support(product).filter_profiles
+        }
+        assert found == {profile: table[profile].lower() for profile in profiles}
 
 
 def test_profiles_with_names() -> None:
     """Of the 600-series: a base, and on the VRU and AHRS a heading (kinds 195 and 197, FACTS 2.29)."""
     labels = {
-        number: [(it.type, it.label) for it in support(number).filter_profiles]
+        number: [
+            (filter_profile.type, filter_profile.label)
+            for filter_profile in support(number).filter_profiles
+        ]
         for number in SERIES_600
     }
     base = [(195, "Responsive"), (195, "Robust")]
@@ -515,11 +521,13 @@ def test_table_2_outputs() -> None:
                 tuple(it.acknowledged(row) for row in it.output_configuration)
                 == it.output_configuration
             )
-    assert {it for numbers in TABLE_2 for it in numbers} == set(ALL)
+    assert {number for numbers in TABLE_2 for number in numbers} == set(ALL)
 
 
 def test_table_2_profiles() -> None:
-    assert {it: support(it).filter_profile for it in ALL} == {it: PROFILE.get(it) for it in ALL}
+    assert {item: support(item).filter_profile for item in ALL} == {
+        item: PROFILE.get(item) for item in ALL
+    }
 
 
 def test_tables_2_and_41_synchronization() -> None:

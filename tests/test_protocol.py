@@ -102,11 +102,11 @@ OUTPUTS_HEX = (
 )
 #: What an MTi-630 was asked for, and what it made of it.
 ASKED = (
-    *(Output(it, 400) for it in (0x1060, 0x4020, 0x8020, 0x2030, 0xE020)),
+    *(Output(value, 400) for value in (0x1060, 0x4020, 0x8020, 0x2030, 0xE020)),
     Output(0x4810),
 )
 GIVEN = tuple(
-    it._replace(frequency=EVERY) if it.data_id in (0x1060, 0xE020) else it for it in ASKED
+    item._replace(frequency=EVERY) if item.data_id in (0x1060, 0xE020) else item for item in ASKED
 )
 #: The sync settings of an MTi-7: its receiver's clock, and 50 ms pulses.
 SYNC_7 = (
@@ -148,7 +148,7 @@ PROFILES_300 = tuple(
     ]
 )  # fmt: skip
 PROFILES_300_HEX = "".join(
-    f"{it.type:02X} 0F {it.label.ljust(20).encode().hex()}" for it in PROFILES_300
+    f"{item.type:02X} 0F {item.label.ljust(20).encode().hex()}" for item in PROFILES_300
 )
 
 
@@ -278,7 +278,7 @@ VALUES: list[tuple[str, Any, str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "value", "payload"), VALUES, ids=[it[0] for it in VALUES])
+@pytest.mark.parametrize(("name", "value", "payload"), VALUES, ids=[value[0] for value in VALUES])
 def test_values(name: str, value: Any, payload: str) -> None:
     data = bytes.fromhex(payload)
     assert encode(name, value).hex() == data.hex()
@@ -317,7 +317,7 @@ BYTES = {
 def test_the_rest_is_bytes() -> None:
     raw = {name for name, it in LAYOUTS.items() if it is RAW}
     assert raw >= BYTES
-    assert {MESSAGES[it].payload for it in raw - BYTES} == {"unknown", "opaque"}
+    assert {MESSAGES[byte].payload for byte in raw - BYTES} == {"unknown", "opaque"}
     for name in raw:
         lengths = MESSAGES[name].lengths
         data = bytes(lengths[0] if lengths else 3)
@@ -582,10 +582,10 @@ LABEL = st.text(st.characters(min_codepoint=32, max_codepoint=126), max_size=20)
 DIGITS = st.none() | whole(26).map("{:08d}".format)
 SYNC_OUT = (SyncFunction.INTERVAL_TRANSITION_MEASUREMENT, SyncFunction.GNSS_1PPS)
 SYNC = st.builds(SyncSetting, U1, U1, U1, BOOL, U2, U2, U2, U2).map(
-    lambda it: changed(it, offset=it.offset - 32768) if it.function in SYNC_OUT else it
+    lambda item: changed(item, offset=item.offset - 32768) if item.function in SYNC_OUT else item
 )
 PORT = st.builds(
-    PortConfig, whole(4), U1, BOOL, BOOL, BOOL, BOOL, U4.map(lambda it: it & 0xFFF0_F000)
+    PortConfig, whole(4), U1, BOOL, BOOL, BOOL, BOOL, U4.map(lambda item: item & 0xFFF0_F000)
 )
 OUTPUT = st.builds(Output, U2, U2)
 CAN_OUTPUT = st.builds(CanOutput, U1, BOOL, U4, U2)
@@ -597,11 +597,11 @@ STRINGS = st.builds(StringOutput, U2.map(StringType), st.none()) | st.builds(
 OLD_FIRMWARE = st.builds(Firmware, U1, U1, U1, st.none(), st.none())
 NARROW = st.builds(
     Configuration, st.integers(1, 2**31 - 1), st.none() | WORD, U2, U2, DIGITS, DIGITS, U2, U2,
-    OLD_FIRMWARE, U2, U4, st.none() | WORD.map(lambda it: it[0]), st.tuples(U1, U1),
+    OLD_FIRMWARE, U2, U4, st.none() | WORD.map(lambda item: item[0]), st.tuples(U1, U1),
 )  # fmt: skip
 WIDE = st.builds(
-    lambda it, high: changed(
-        it, device_id=it.device_id | 1 << 31 | high << 32, sampling_period=None,
+    lambda item, high: changed(
+        item, device_id=item.device_id | 1 << 31 | high << 32, sampling_period=None,
         output_skip_factor=None, output_mode=None, output_settings=None,
     ),
     NARROW, U4,
@@ -616,7 +616,7 @@ ICC = (
 def several(entry: st.SearchStrategy[Any], most: int, least: int = 0) -> st.SearchStrategy[Any]:
     """Lists; but one entry of nothing but zeros is no entry."""
     lists = st.lists(entry, min_size=least, max_size=most).map(tuple)
-    return lists.filter(lambda it: len(it) != 1 or any(_numbers(it[0])))
+    return lists.filter(lambda item: len(item) != 1 or any(_numbers(item[0])))
 
 
 def _numbers(entry: Any) -> list[Any]:
@@ -627,7 +627,7 @@ def _numbers(entry: Any) -> list[Any]:
 
 #: What each layout can be given.
 STRATEGIES: dict[str, st.SearchStrategy[Any]] = {
-    "DeviceID": whole(31) | whole(32).map(lambda it: it | 1 << 31),
+    "DeviceID": whole(31) | whole(32).map(lambda item: item | 1 << 31),
     "InitBusResults": several(U4, 8),
     "ProductCode": WORD,
     "HardwareVersion": st.builds(HardwareVersion, U1, U1),
@@ -650,7 +650,7 @@ STRATEGIES: dict[str, st.SearchStrategy[Any]] = {
     "SetExtOutputMode": U2.map(ExtOutputMode),
     "ExtOutputMode": U2.map(ExtOutputMode),
     "SetPortConfig": several(PORT, 3, 3),
-    "PortConfig": several(PORT, 3).filter(lambda it: [*map(int, it)] != [0]),
+    "PortConfig": several(PORT, 3).filter(lambda item: [*map(int, item)] != [0]),
     "SetCanConfig": U4.map(CanConfig.from_word),
     "CanConfig": U4.map(CanConfig.from_word),
     "SetCanOutputConfig": several(CAN_OUTPUT, 16),
@@ -672,7 +672,7 @@ STRATEGIES: dict[str, st.SearchStrategy[Any]] = {
     "SetInitialHeading": F4,
     "SetGravityMagnitude": F4,
     "SetHeading": F4,
-    "AdjustUTCTime": U4.map(lambda it: it - 2**31),
+    "AdjustUTCTime": U4.map(lambda item: item - 2**31),
 }
 STRATEGIES |= dict.fromkeys(
     ["SetBaudrate", "ReqBaudrateAck", "ReqAlignmentRotation", "IccCommand", "SetProcessingFlags"],
@@ -720,7 +720,7 @@ def test_what_has_the_right_length_is_read(seed: int) -> None:
     """Any bytes; and what was read of them is read again from what it is written as."""
     rng = random.Random(seed)
     for name, layout in LAYOUTS.items():
-        lengths = [it for it in MESSAGES[name].lengths or () if it]
+        lengths = [item for item in MESSAGES[name].lengths or () if item]
         if not lengths or layout in (NOTHING, RAW) or name in SHARED:
             continue
         value = decode(name, rng.randbytes(rng.choice(lengths)))

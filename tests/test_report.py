@@ -59,7 +59,9 @@ class Page(HTMLParser):
             self.ids.append(str(known["id"]))
         if tag == "a":
             self.links.append(str(known["href"]))
-        self.sources += [str(known[it]) for it in ("src", "href") if it in known and tag != "a"]
+        self.sources += [
+            str(known[name]) for name in ("src", "href") if name in known and tag != "a"
+        ]
         if tag == "tr":
             self.rows.append([])
         if tag in ("td", "th"):
@@ -82,7 +84,7 @@ class Page(HTMLParser):
         return " ".join(" ".join(self.texts).split())
 
     def figure(self, name: str) -> dict[str, Any]:
-        (found,) = [it for it in self.figures if it["name"] == name]
+        (found,) = [figure for figure in self.figures if figure["name"] == name]
         return found
 
 
@@ -99,7 +101,7 @@ def array(data: dict[str, str]) -> npt.NDArray[Any]:
 
 
 def said(source: Any) -> list[str]:
-    return [it.text for it in findings(gather(source))]
+    return [finding.text for finding in findings(gather(source))]
 
 
 def samples(rows: int, **more: Any) -> list[bytes]:
@@ -183,7 +185,7 @@ def test_links_lead_somewhere() -> None:
 def test_two_coordinate_systems() -> None:
     data = b"".join(
         samples(30, temperature=20)
-        + [encode_sample({("euler_angles", it): [1, 2, 3]}) for it in ("ENU", "NED")]
+        + [encode_sample({("euler_angles", name): [1, 2, 3]}) for name in ("ENU", "NED")]
     )
     it = page_of(data)
     assert {"euler_angles", "euler_angles-NED"} <= set(it.ids) & {f["name"] for f in it.figures}
@@ -193,9 +195,9 @@ def test_a_rotation_matrix_has_nine_curves() -> None:
     data = b"".join(samples(5, rotation_matrix=lambda row: np.arange(9) + row))
     curves = page_of(data).figure("rotation_matrix")["data"]
     log = xbus.read_log(data)
-    assert [it["name"] for it in curves] == list(log["rotation_matrix"].fields)
+    assert [curve["name"] for curve in curves] == list(log["rotation_matrix"].fields)
     values = log["rotation_matrix"].values.reshape(5, 9)
-    assert [array(it["y"]).tolist() for it in curves] == values.T.tolist()
+    assert [array(curve["y"]).tolist() for curve in curves] == values.T.tolist()
 
 
 def test_lines_end_at_lost_samples() -> None:
@@ -213,7 +215,7 @@ def test_clipping_is_told() -> None:
         said(b"".join(rows))[0]
         == "accelerometer z out of range in 2 % of the time, first at 0.20 s"
     )
-    data = {it["name"]: it for it in page_of(b"".join(rows)).figure("status")["data"]}
+    data = {item["name"]: item for item in page_of(b"".join(rows)).figure("status")["data"]}
     assert set(data) == {"filter_valid", "clip_acc_z", "clipping"}
     assert array(data["clip_acc_z"]["x"])[:2] == pytest.approx([0.2, 0.22])
 
@@ -225,10 +227,10 @@ def test_a_filter_that_is_not_valid() -> None:
 
 
 def test_what_the_recording_does_not_say() -> None:
-    rows = b"".join(encode_sample({"acceleration": [0, 0, it]}) for it in range(50))
+    rows = b"".join(encode_sample({"acceleration": [0, 0, index]}) for index in range(50))
     texts = said(rows)
     assert "no time stamps: the horizontal axis is the sample number" in texts
-    assert any(it.startswith("no packet counter") for it in texts)
+    assert any(text.startswith("no packet counter") for text in texts)
     it = page_of(rows)
     assert "No damage, no errors" in it.text
     assert "no packet counter to detect losses" in it.text
@@ -238,14 +240,16 @@ def test_what_the_recording_does_not_say() -> None:
 
 
 def test_a_counter_stands_in_for_time() -> None:
-    rows = [encode_sample({"packet_counter": it, "temperature": it}) for it in range(50)]
+    rows = [encode_sample({"packet_counter": index, "temperature": index}) for index in range(50)]
     it = page_of(b"".join(rows[:20] + rows[25:]))
     curve = it.figure("temperature")["data"][0]
     assert array(curve["x"])[19:22].tolist() == pytest.approx([19, np.nan, 25], nan_ok=True)
 
 
 def test_without_a_counter_times_tell_of_pauses() -> None:
-    rows = [encode_sample({"sample_time_fine": 100 * it, "temperature": 1}) for it in range(90)]
+    rows = [
+        encode_sample({"sample_time_fine": 100 * index, "temperature": 1}) for index in range(90)
+    ]
     text = "1 pause in the time stamps of temperature, and no packet counter"
     assert said(b"".join(rows[:50] + rows[60:]))[0] == text
 
@@ -285,7 +289,7 @@ def test_whatever_was_received(data: bytes) -> None:
     whole = text_of(data)
     found = Page(whole)
     assert len(found.figures) == found.tags.count("figure")
-    assert {it.removeprefix("#") for it in found.links} <= set(found.ids)
+    assert {link.removeprefix("#") for link in found.links} <= set(found.ids)
 
 
 # Track
@@ -317,7 +321,7 @@ def test_other_sources_of_a_track(name: str) -> None:
 
 def test_a_track_without_a_fix() -> None:
     rows = samples(50, lat_lon=[0, 0], status_word=0)
-    assert "track" not in {it["name"] for it in page_of(b"".join(rows)).figures}
+    assert "track" not in {figure["name"] for figure in page_of(b"".join(rows)).figures}
     assert "no GNSS fix in 100 % of the time" in said(b"".join(rows))
 
 
@@ -333,7 +337,7 @@ def test_a_receiver_without_a_fix_tells_no_height() -> None:
     assert len(array(it.figure("gnss_pvt_data height")["data"][0]["y"])) == np.count_nonzero(fixes)
     satellites = it.figure("gnss_pvt_data fix type and satellites")["data"][0]["y"]
     assert len(array(satellites)) == len(fixes)
-    assert any(it.startswith("no GNSS fix in") for it in said(data))
+    assert any(item.startswith("no GNSS fix in") for item in said(data))
 
 
 def test_a_long_track_keeps_its_corners() -> None:
@@ -401,8 +405,8 @@ def test_too_little_for_noise() -> None:
 
 
 def test_a_rate_that_is_not_uniform() -> None:
-    times = [100 * it + 20 * (it % 2) for it in range(400)]
-    rows = [encode_sample({"sample_time_fine": it, "acceleration": [0, 0, 1]}) for it in times]
+    times = [100 * index + 20 * (index % 2) for index in range(400)]
+    rows = [encode_sample({"sample_time_fine": time, "acceleration": [0, 0, 1]}) for time in times]
     assert "The rate is not uniform: 50 % of the steps differ" in page_of(b"".join(rows)).text
 
 
@@ -449,7 +453,7 @@ def test_a_page_of_a_file(tmp_path: Path) -> None:
     assert len(text) < 15e6
     write_report(WALK.read_bytes(), out, title="yesterday")
     assert "<h1>yesterday</h1>" in out.read_text("utf-8")
-    assert [it.name for it in tmp_path.iterdir()] == ["walk.html"]
+    assert [path.name for path in tmp_path.iterdir()] == ["walk.html"]
 
 
 def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -505,7 +509,7 @@ def unfiltered(kind: int, line: npt.NDArray[Any], above: npt.NDArray[Any], step:
             guess = (left + up) // 2
         else:
             near = left + up - corner
-            guess = min((left, up, corner), key=lambda it: abs(near - it))
+            guess = min((left, up, corner), key=lambda item: abs(near - item))
         done.append((value + guess) % 256)
     return done[step:]
 
@@ -538,7 +542,7 @@ def browse(path: Path, what: str) -> tuple[str, str]:
         env=os.environ | {"HOME": str(folder), "XDG_CACHE_HOME": str(folder)},
     )
     log = done.stderr.decode("utf-8", "replace").splitlines()
-    return done.stdout.decode("utf-8"), "\n".join(it for it in log if "CONSOLE" in it)
+    return done.stdout.decode("utf-8"), "\n".join(item for item in log if "CONSOLE" in item)
 
 
 def evil_page(folder: Path) -> tuple[Path, list[dict[str, Any]]]:
@@ -628,16 +632,16 @@ def test_a_browser_follows(tmp_path: Path) -> None:
 def test_a_device_that_starts_anew() -> None:
     """Its clock falls: plots, gaps and events go on where the last sample was."""
     error = encode_frame(MessageId.Error, bytes([41]))
-    rows = [sample(it, start=500) for it in range(100)]
+    rows = [sample(index, start=500) for index in range(100)]
     rows += [encode_frame(MessageId.WakeUp)]
-    rows += [sample(it, start=2) for it in (*range(50), *range(60, 100))]
+    rows += [sample(index, start=2) for index in (*range(50), *range(60, 100))]
     rows += [error, sample(100, start=2), sample(107, start=2)]
     log = b"".join(rows)
     gathered = gather(log)
     assert gathered.end == pytest.approx(2.07)
     assert gathered.gaps == pytest.approx([1.6, 2.07])
     assert gathered.events == pytest.approx([1.99])
-    assert [it.text for it in findings(gathered)][:3] == [
+    assert [finding.text for finding in findings(gathered)][:3] == [
         "16 samples lost in 2 gaps, 7.7 %; largest gap: 10 samples before 1.60 s",
         "1 error from the device; the first: 41: more data than the baud rate can carry",
         "the device restarted 1 time; the time until it was back is unknown and not drawn",
@@ -651,7 +655,7 @@ def test_two_devices() -> None:
     rows = [sample(row, start=90 * bid, bid=bid) for row in range(100) for bid in (1, 2)]
     gathered = gather(b"".join(rows))
     assert gathered.end == pytest.approx(0.99)
-    (found,) = [it for it in findings(gathered) if "several" in it.text]
+    (found,) = [finding for finding in findings(gathered) if "several" in finding.text]
     assert found.is_bad
     assert found.text.startswith("samples of several devices (BID 1, 2)")
 

@@ -52,7 +52,7 @@ def test_no_rate() -> None:
 
 @pytest.mark.parametrize("rows", [0, 1, 8])
 def test_too_few_rows(rows: int) -> None:
-    assert [len(it) for it in allan_deviation(np.zeros(rows), 1)] == [0, 0]
+    assert [len(item) for item in allan_deviation(np.zeros(rows), 1)] == [0, 0]
 
 
 # What is read off it
@@ -86,9 +86,9 @@ def test_a_floor_that_is_not_reached() -> None:
 def test_the_longest_stretch(rows: int, gaps: set[int], cuts: list[int]) -> None:
     time, values = np.arange(rows) / 8, np.random.default_rng(3).normal(size=(rows, 2))
     breaks = np.zeros(rows, bool)
-    breaks[[it for it in gaps if it < rows]] = True
+    breaks[[gap for gap in gaps if gap < rows]] = True
     longest = Longest(2)
-    edges = [0, *sorted(it for it in cuts if it < rows), rows]
+    edges = [0, *sorted(cut for cut in cuts if cut < rows), rows]
     for start, end in pairwise(edges):
         longest.add(time[start:end], values[start:end], breaks[start:end])
     pieces = np.split(np.arange(rows), np.flatnonzero(breaks))

@@ -20,7 +20,7 @@ def at(ticks: int, *more: bytes, bid: int = 0xFF) -> bytes:
 
 def places(*parts: bytes) -> tuple[Axis, npt.NDArray[np.float64]]:
     axis = Axis()
-    return axis, np.concatenate([axis.positions(xbus.read_log(it)) for it in parts])
+    return axis, np.concatenate([axis.positions(xbus.read_log(part)) for part in parts])
 
 
 #: What comes, and where it stands.
@@ -70,7 +70,7 @@ TABLE = {
     ),
     "master and standalone are one": (at(0, bid=1) + at(100, bid=0xFF), "time", [0, 0.01]),
     "counter": (
-        b"".join(mtdata2(counter(it)) for it in (7, 8, 11)),
+        b"".join(mtdata2(counter(value)) for value in (7, 8, 11)),
         "packet counter",
         [0, 1, 4],
     ),

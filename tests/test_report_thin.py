@@ -181,7 +181,7 @@ def test_a_lost_row_is_a_gap(cuts: list[int]) -> None:
     time = np.delete(np.arange(1000) / 100, 500)
     steps = Steps()
     parts = np.split(time, cuts)
-    breaks = np.concatenate([steps.breaks(it) for it in parts])
+    breaks = np.concatenate([steps.breaks(part) for part in parts])
     assert np.flatnonzero(breaks).tolist() == [500]
     assert steps.gaps == 1
 

@@ -476,16 +476,18 @@ def test_live_samples_have_the_times_of_a_log(
     data = b"".join(encode_frame(mid, payload, bid=bid) for bid, (mid, payload) in sent)
     live, samples, at = Session(), [], 0
     for size in itertools.cycle(cuts):
-        samples += [it for it in live.receive(data[at : at + size]) if isinstance(it, Sample)]
+        samples += [item for item in live.receive(data[at : at + size]) if isinstance(item, Sample)]
         at += size
         if at >= len(data):
             break
-    samples += [it for it in live.quiet() if isinstance(it, Sample)]
+    samples += [item for item in live.quiet() if isinstance(item, Sample)]
     log = xbus.read_log(data)
     # A payload without packets is no sample of a log.
-    times = [it.time for it in samples if it.payload]
+    times = [sample.time for sample in samples if sample.payload]
     np.testing.assert_array_equal(times, log.time)
-    assert all(np.isnan(it.time) for it in samples if not it.payload)
+    assert all(np.isnan(sample.time) for sample in samples if not sample.payload)
     late = {int(at) for key in log if QUANTITIES[log[key].name].clock in ("trigger", "receiver")
             for at in log[key].sample}  # fmt: skip
-    assert [it.leads for it in samples if it.payload] == [it not in late for it in range(len(log))]
+    assert [sample.leads for sample in samples if sample.payload] == [
+        index not in late for index in range(len(log))
+    ]

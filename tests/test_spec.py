@@ -21,7 +21,9 @@ SPEC = Path(__file__).parent / "spec"
 
 
 def lines(path: Path) -> list[str]:
-    return [it for it in path.read_text(encoding="utf-8").splitlines() if it and it[0] != "#"]
+    return [
+        line for line in path.read_text(encoding="utf-8").splitlines() if line and line[0] != "#"
+    ]
 
 
 # ---------------------------------------------------------------------------------------------
@@ -55,7 +57,9 @@ EXAMPLES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "payload", "wire"), EXAMPLES, ids=[it[0] for it in EXAMPLES])
+@pytest.mark.parametrize(
+    ("name", "payload", "wire"), EXAMPLES, ids=[example[0] for example in EXAMPLES]
+)
 def test_examples_of_the_manual(name: str, payload: str, wire: str) -> None:
     """Encoded, and found again in every way of cutting it up."""
     raw, data = bytes.fromhex(wire), bytes.fromhex(payload)
@@ -107,7 +111,7 @@ def test_frames(line: str) -> None:
     raw, data = bytes.fromhex(wire), bytes.fromhex(payload.strip("-"))
     assert encode_frame(int(mid, 16), data) == raw
     scanner = Scanner()
-    messages = [it for byte in raw for it in scanner.feed(bytes([byte]))] + scanner.close()
+    messages = [item for byte in raw for item in scanner.feed(bytes([byte]))] + scanner.close()
     (message,) = messages
     assert isinstance(message, xbus.Message)
     assert message[:1] + message[2:5] == (int(mid, 16), 0xFF, data, 0)
@@ -121,14 +125,18 @@ def numbers(column: xbus.Column) -> list[Any]:
         row = row.T
     rows = [row, *column.satellites] if column.name == "gnss_sat_info" else [row]
     return [
-        it for row in rows for it in (row.item() if row.dtype.names else row.reshape(-1).tolist())
+        item
+        for row in rows
+        for item in (row.item() if row.dtype.names else row.reshape(-1).tolist())
     ]
 
 
 @pytest.mark.parametrize("line", lines(SPEC / "items.txt"))
 def test_items(line: str) -> None:
     """Identifier, quantity, precision, coordinates, data, numbers."""
-    data_id, name, precision, coordinates, data, expected = (it.strip() for it in line.split("|"))
+    data_id, name, precision, coordinates, data, expected = (
+        part.strip() for part in line.split("|")
+    )
     raw = bytes.fromhex(data)
     wire = bytes.fromhex(data_id) + bytes([len(raw)]) + raw
     log = xbus.read_log(encode_frame(MessageId.MTData2, wire))
@@ -141,7 +149,7 @@ def test_items(line: str) -> None:
         wanted: Any = float(text) if "." in text or "e" in text or "inf" in text else int(text)
         assert value == (np.float32(wanted) if single else wanted)
         assert str(np.signbit(value)) == str(text.startswith("-"))
-    key = tuple(it for it in (name, precision, coordinates) if it != "-")
+    key = tuple(item for item in (name, precision, coordinates) if item != "-")
     again = encode_packet(
         key, column.values[0] if name != "gnss_sat_info" else (column.values[0], column.satellites)
     )
@@ -156,7 +164,7 @@ def test_items(line: str) -> None:
 
 def published() -> list[tuple[str, bytes]]:
     """Line and frame."""
-    found = [(it, bytes.fromhex(it.split("#")[0])) for it in lines(shared("spec/frames.txt"))]
+    found = [(line, bytes.fromhex(line.split("#")[0])) for line in lines(shared("spec/frames.txt"))]
     assert len(found) > 90
     return found
 
@@ -186,5 +194,5 @@ def test_published_frames_together() -> None:
 def test_published_frames_have_the_names_of_the_manual() -> None:
     """Every message that the list names is known by that MID."""
     for line, raw in published():
-        found = [it for it in xbus.read_log(raw).messages if it.mid != 0x36]
-        assert all(not it.name.startswith("0x") for it in found), line
+        found = [message for message in xbus.read_log(raw).messages if message.mid != 0x36]
+        assert all(not item.name.startswith("0x") for item in found), line

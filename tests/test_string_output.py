@@ -456,7 +456,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_info_and_dump_tell_of_strings() -> None:
     page = run("info", "mixed.mtb").stdout
     assert "HEHDT 200, others 1" in page
-    assert "10 bytes in 1 place" in page
+    assert "10 bytes of damage in 1 place" in page
     page = run("info", "--string", "EM1000", "mixed.mtb").stdout
     assert "EM1000 1, HEHDT 200, others 1" in page
     assert "none" in page[page.index("damage") :].splitlines()[0]
@@ -522,7 +522,10 @@ def test_a_log_of_nothing_but_strings() -> None:
     assert np.load("x.npz")["HEHDT"]["heading"].tolist() == [123.45] * 3
     result = run("decode", "nmea.txt", "-o", "x.parquet")
     assert result.exit_code == 1
-    assert "nmea.txt holds no sample but strings: HEHDT; name one with --quantity" in result.stderr
+    assert (
+        "nmea.txt has no samples, only strings: HEHDT; choose a type with --quantity"
+        in result.stderr
+    )
     pytest.importorskip("plotly")
     assert run("report", "nmea.txt", "-o", "x.html").exit_code == 0
     page = Path("x.html").read_text("utf-8")

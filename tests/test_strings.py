@@ -89,7 +89,7 @@ WIRES.append(("EM1000", EM1000, {"roll": 1.23, "pitch": -4.56, "heave": 0.0, "he
 SAMPLE = xbus.encode_sample({"packet_counter": 7, "sample_time_fine": 100})
 
 
-@pytest.mark.parametrize(("name", "wire", "values"), WIRES, ids=[it[0] for it in WIRES])
+@pytest.mark.parametrize(("name", "wire", "values"), WIRES, ids=[wire[0] for wire in WIRES])
 def test_a_string_both_ways(name: str, wire: bytes, values: dict[str, Any]) -> None:
     string = parse_string(wire)
     assert string.type is StringType[name]
@@ -103,13 +103,13 @@ def test_a_string_both_ways(name: str, wire: bytes, values: dict[str, Any]) -> N
         assert parse_string(string.text).values == values
 
 
-@pytest.mark.parametrize(("name", "wire", "values"), WIRES, ids=[it[0] for it in WIRES])
+@pytest.mark.parametrize(("name", "wire", "values"), WIRES, ids=[wire[0] for wire in WIRES])
 def test_a_string_among_frames(name: str, wire: bytes, values: dict[str, Any]) -> None:
     """It is found wherever the input is cut, and neither it nor a frame beside it is damage."""
     stream = wire + SAMPLE + wire + wire + SAMPLE + SAMPLE + wire
     log = xbus.read_log(stream, strict=True, strings=[name])
-    assert [it.data for it in log.strings] == [wire] * 4
-    assert [it.type for it in log.strings] == [StringType[name]] * 4
+    assert [string.data for string in log.strings] == [wire] * 4
+    assert [string.type for string in log.strings] == [StringType[name]] * 4
     assert log.strings.sample.tolist() == [0, 1, 1, 3]
     assert [stream[a:b] for a, b in zip(log.strings.offset, log.strings.end, strict=True)] == [
         wire
@@ -256,7 +256,7 @@ def test_names_that_name_no_string() -> None:
 
 
 def test_texts_are_kept_whole_in_tables() -> None:
-    wires = [encode_string("GPGGA", {"dgps_station": it}) for it in ("0120", "12345678", "")]
+    wires = [encode_string("GPGGA", {"dgps_station": name}) for name in ("0120", "12345678", "")]
     table = xbus.read_log(b"".join(wires)).strings.table("GPGGA")
     assert table["dgps_station"].tolist() == ["0120", "12345678", ""]
 
@@ -270,9 +270,11 @@ def test_nothing_is_available(kind: StringType) -> None:
     if kind in (StringType.TSS2, StringType.EM1000):
         assert set(values.values()) == {0.0}
     else:
-        assert {it for it in values.values() if it is not None} <= {"T", "A", "V"}
+        assert {value for value in values.values() if value is not None} <= {"T", "A", "V"}
     nans = {
-        it.name: math.nan for it in STRING_FIELDS[kind].fields if it.form.dtype == "f8" and it.name
+        field.name: math.nan
+        for field in STRING_FIELDS[kind].fields
+        if field.form.dtype == "f8" and field.name
     }
     assert encode_string(kind, nans) == wire
 
@@ -357,12 +359,12 @@ def test_pynmeagps_reads_the_same(name: str) -> None:
     wires = [wire for it, wire, _ in WIRES if it == name]
     random.seed(0)
     device = xbus.SimulatedDevice(680, trajectory="drive", noise=1.0, time_to_fix=0.0)
-    wires += [it.data for it in strings_of(device, [StringType[name]], 20, 2.0)]
+    wires += [item.data for item in strings_of(device, [StringType[name]], 20, 2.0)]
     assert len(wires) > 30
     for wire in wires:
         peer, own = pynmeagps.NMEAReader.parse(wire), parse_string(wire).values
         for field, attributes in PEER[name].items():
-            number, *letter = (getattr(peer, it) for it in attributes.split())
+            number, *letter = (getattr(peer, part) for part in attributes.split())
             if letter:
                 number = number if number == "" or letter[0] == "E" else -number
             value = own[field]
@@ -405,16 +407,18 @@ def test_every_byte_is_frame_string_or_damage(stream: bytes, seed: int) -> None:
     log = xbus.read_log(stream)
     scanner = Scanner(65535)
     end = 0
-    for it in scanner.feed(stream) + scanner.close():
-        assert it.offset == end
-        if isinstance(it, xbus.Message):
+    for item in scanner.feed(stream) + scanner.close():
+        assert item.offset == end
+        if isinstance(item, xbus.Message):
             # Preamble, BID, MID, length and checksum; in extended form the length has two bytes more.
-            end += len(it.payload) + (7 if stream[it.offset + 3] == 0xFF else 5)
+            end += len(item.payload) + (7 if stream[item.offset + 3] == 0xFF else 5)
         else:
-            end += len(it.data) if isinstance(it, String) else it.length
+            end += len(item.data) if isinstance(item, String) else item.length
     assert end == len(stream)
-    found = [it for it in Scanner(65535).feed(stream) if isinstance(it, String)]
-    assert [it.sample for it in log.strings][: len(found)] == [it.sample for it in found]
+    found = [item for item in Scanner(65535).feed(stream) if isinstance(item, String)]
+    assert [string.sample for string in log.strings][: len(found)] == [
+        item.sample for item in found
+    ]
 
 
 @given(st.sampled_from(WIRES[:-1]), st.lists(edits(), min_size=1, max_size=2))
@@ -422,7 +426,7 @@ def test_parser_and_scanner_agree(row: tuple[str, bytes, Any], changes: list[Any
     """What is read alone is a string in a stream; what is none says why, or its fields do."""
     text = edited(row[1], changes)
     found = Scanner().feed(text) + Scanner().close()
-    is_string = [it for it in found if isinstance(it, String)] == [
+    is_string = [item for item in found if isinstance(item, String)] == [
         String(StringType[row[0]], text, 0, 0)
     ]
     try:
@@ -454,7 +458,7 @@ def test_a_bad_string_is_damage(data: bytes, reason: str) -> None:
     assert log.stats.checksum_errors == (reason == "checksum")
     good = b"$HEHDT,123.45,T*1E\r\n"
     log = xbus.read_log(SAMPLE + good + data + good + SAMPLE)
-    assert [it.data for it in log.strings] == [good, good]
+    assert [string.data for string in log.strings] == [good, good]
     assert len(log) == 2
     assert log.stats.skipped_bytes == len(data)
 
@@ -477,7 +481,7 @@ def test_an_unknown_frame_between_strings() -> None:
     """A string is a neighbour as good as a frame: what begins behind it is in step."""
     strange, string = xbus.encode_frame(0xB2, b"\1\2"), b"$HEHDT,123.45,T*1E\r\n"
     log = xbus.read_log(string + strange + string, strict=True)
-    assert [it.mid for it in log.messages] == [0xB2]
+    assert [message.mid for message in log.messages] == [0xB2]
 
 
 def test_em1000_is_looked_for_where_it_is_named() -> None:
@@ -533,7 +537,7 @@ def test_a_mixed_stream_loses_nothing(mixed: bytes) -> None:
     assert log.strings.counts["GPGGA"] == 40
     assert "960 strings" in repr(log) or f"{len(log.strings)} strings" in repr(log)
     assert log.strings[-1].values["heading"] == 39.9
-    assert [it.offset for it in log.strings[:2]] == log.strings.offset[:2].tolist()
+    assert [string.offset for string in log.strings[:2]] == log.strings.offset[:2].tolist()
     with pytest.raises(IndexError):
         log.strings[len(log.strings)]
 
@@ -552,8 +556,8 @@ def test_a_table_of_strings(mixed: bytes) -> None:
     assert set(gga["dgps_station"]) == {""}
     assert log.strings.table("GPZDA")["date"][0] == np.datetime64("2025-07-13")
     assert len(log.strings.table("EM1000")) == 0
-    assert [it.data for it in log.strings.named("GPZDA", "GPRMC")[:2]] == [
-        it[1] for it in WIRES[12:14]
+    assert [item.data for item in log.strings.named("GPZDA", "GPRMC")[:2]] == [
+        wire[1] for wire in WIRES[12:14]
     ]
     with pytest.raises(ValueError, match="no string is called 'GPGSV'"):
         log.strings.table("GPGSV")
@@ -585,8 +589,8 @@ def test_strings_as_arrow(mixed: bytes) -> None:
 def test_parts_have_their_strings(mixed: bytes) -> None:
     parts = list(xbus.iter_log(mixed, block_bytes=1000))
     assert len(parts) > 20
-    assert [it.data for part in parts for it in part.strings] == [
-        it.data for it in xbus.read_log(mixed).strings
+    assert [string.data for part in parts for string in part.strings] == [
+        string.data for string in xbus.read_log(mixed).strings
     ]
 
 

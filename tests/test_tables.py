@@ -53,7 +53,7 @@ NUMBER = {
 def sizes(quantity: Quantity) -> list[int]:
     """Bytes of a packet: in each precision, or of each kind."""
     if quantity.kind == "real":
-        return [quantity.numbers * it for it in (4, 4, 6, 8)]
+        return [quantity.numbers * value for value in (4, 4, 6, 8)]
     if quantity.kind == "id":
         return [4, 8]
     return [quantity.size or 0]
@@ -61,12 +61,12 @@ def sizes(quantity: Quantity) -> list[int]:
 
 def test_data_identifiers_are_those_of_the_list() -> None:
     listed = {int(row["base_id"], 16) for row in rows("spec/data_ids.csv")}
-    assert {it.id for it in QUANTITIES.values()} == listed - OPAQUE
+    assert {quantity.id for quantity in QUANTITIES.values()} == listed - OPAQUE
 
 
 def test_quantities() -> None:
     """Name, group, layout, unit, precision, coordinates and products of every row of the list."""
-    by_id = {it.id: it for it in QUANTITIES.values()}
+    by_id = {quantity.id: quantity for quantity in QUANTITIES.values()}
     for row in rows("spec/data_ids.csv"):
         quantity = by_id.get(int(row["base_id"], 16))
         if quantity is None:
@@ -79,7 +79,7 @@ def test_quantities() -> None:
         if quantity.kind == "list":
             assert row["size_bytes"] == "8+4*N"
         else:
-            listed = sorted({int(it) for it in row["size_bytes"].split("/")})
+            listed = sorted({int(part) for part in row["size_bytes"].split("/")})
             assert sorted(set(sizes(quantity))) == listed, quantity
         if quantity.kind not in ("struct", "list"):
             assert quantity.unit == OTHER_UNITS.get(row["unit"], row["unit"]), quantity
@@ -87,7 +87,8 @@ def test_quantities() -> None:
         if quantity.kind in NUMBER.values() and numbers:
             assert quantity.kind == NUMBER[numbers[1]], quantity
         products = {
-            int(it) for it in re.findall(r"\b\d+\b", re.sub(r"\(.*\)|G-700", "", row["products"]))
+            int(item)
+            for item in re.findall(r"\b\d+\b", re.sub(r"\(.*\)|G-700", "", row["products"]))
         }
         if not legacy and row["in_seed"] == "y":
             assert set(quantity.products) == products, quantity
@@ -102,7 +103,7 @@ def test_quantities_are_those_of_the_oracle() -> None:
     }
     names = {base: row[0] for base, row in tables.items()}
     names |= {reference.DEVICE_ID_PACKET: "device_id", reference.GNSS_SAT_INFO: "gnss_sat_info"}
-    assert {it.id: it.name for it in QUANTITIES.values()} == names
+    assert {quantity.id: quantity.name for quantity in QUANTITIES.values()} == names
     for base, (_, count) in reference.REALS.items():
         quantity = QUANTITIES[names[base]]
         assert (quantity.kind, quantity.numbers, len(quantity.components) or 1) == (
@@ -111,13 +112,17 @@ def test_quantities_are_those_of_the_oracle() -> None:
             count,
         )
     for base, (_, layout, fields) in reference.STRUCTS.items():
-        types = [reference.DTYPES[it] for it in layout]
+        types = [reference.DTYPES[item] for item in layout]
         expected = list(zip(fields.lower().split(), types, strict=True))
-        assert [(it.name.lower(), it.type) for it in QUANTITIES[names[base]].fields] == expected
+        assert [
+            (field.name.lower(), field.type) for field in QUANTITIES[names[base]].fields
+        ] == expected
     info = QUANTITIES["gnss_sat_info"]
-    assert " ".join(it.name for it in info.fields) == reference.SAT_INFO_FIELDS
-    assert " ".join(it.name for it in info.entry) == reference.SATELLITE_FIELDS
-    assert {it.id for it in QUANTITIES.values() if it.coordinates} == set(reference.ROTATES)
+    assert " ".join(field.name for field in info.fields) == reference.SAT_INFO_FIELDS
+    assert " ".join(item.name for item in info.entry) == reference.SATELLITE_FIELDS
+    assert {quantity.id for quantity in QUANTITIES.values() if quantity.coordinates} == set(
+        reference.ROTATES
+    )
 
 
 #: Field, type, scale, unit: Table 25 of the manual, with the errata of FACTS 3.7.
@@ -143,24 +148,34 @@ def test_table_25() -> None:
         name: (kind, float(scale), unit.strip("-"))
         for name, kind, scale, unit in zip(*[iter(words)] * 4, strict=True)
     }
-    found = {it.name: (it.type, it.scale, it.unit) for it in QUANTITIES["gnss_pvt_data"].fields}
+    found = {
+        field.name: (field.type, field.scale, field.unit)
+        for field in QUANTITIES["gnss_pvt_data"].fields
+    }
     assert found == expected
 
 
 def test_table_17() -> None:
     """Precisions and coordinate systems, by their bits."""
-    assert {it.name: it.value for it in Precision} == {
+    assert {item.name: item.value for item in Precision} == {
         "Float32": 0,
         "Fp1220": 1,
         "Fp1632": 2,
         "Float64": 3,
     }
-    assert {it.name: it.value for it in Coordinates} == {"ENU": 0x0, "NED": 0x4, "NWU": 0x8}
+    assert {Coordinate.name: Coordinate.value for Coordinate in Coordinates} == {
+        "ENU": 0x0,
+        "NED": 0x4,
+        "NWU": 0x8,
+    }
 
 
 def test_table_27() -> None:
     """What the manual says of each bit of StatusWord; its text is checked for the words."""
-    flags = {it.name: (it.bit, it.width) for it in STATUS_FLAGS.values()}
+    flags = {
+        status_flag.name: (status_flag.bit, status_flag.width)
+        for status_flag in STATUS_FLAGS.values()
+    }
     assert {name: bits for name, bits in flags.items() if bits[1] > 1} == {
         "no_rotation_update_status": (3, 2),
         "filter_mode": (23, 3),
@@ -193,9 +208,9 @@ def names(text: str) -> set[str]:
 def lengths(text: str) -> set[int]:
     """``0 2 6`` or ``0..120 step 12``."""
     if found := re.fullmatch(r"(\d+)\.\.(\d+)(?: step (\d+))?", text):
-        first, last, step = (int(it or 1) for it in found.groups())
+        first, last, step = (int(group or 1) for group in found.groups())
         return set(range(first, last + 1, step))
-    return {int(it) for it in text.split()}
+    return {int(part) for part in text.split()}
 
 
 def test_message_identifiers_are_those_of_the_list() -> None:
@@ -203,8 +218,8 @@ def test_message_identifiers_are_those_of_the_list() -> None:
     for row in rows("spec/messages.csv"):
         listed.setdefault(int(row["hex"], 16), set()).update(names(row["name"]))
     found: dict[int, set[str]] = {}
-    for it in MESSAGES.values():
-        found.setdefault(it.mid, set()).add(it.name)
+    for message in MESSAGES.values():
+        found.setdefault(message.mid, set()).add(message.name)
     assert found == listed
 
 
@@ -214,16 +229,16 @@ def test_what_a_device_sends() -> None:
     for row in rows("spec/messages.csv"):
         if "mt->host" in row["direction"]:
             listed.setdefault(int(row["hex"], 16), set()).update(lengths(row["lengths"]))
-    to_host = [it for it in MESSAGES.values() if it.direction != "to device"]
-    assert {it.mid for it in to_host} == set(listed)
-    assert {it.mid: set(it.lengths or ()) for it in to_host} == listed
+    to_host = [message for message in MESSAGES.values() if message.direction != "to device"]
+    assert {item.mid for item in to_host} == set(listed)
+    assert {item.mid: set(item.lengths or ()) for item in to_host} == listed
     assert {mid: set(it) for mid, it in reference.LENGTHS.items()} | {0x36: set()} == listed
 
 
 def test_who_answers_with_what() -> None:
     for row in rows("spec/messages.csv"):
         mid, ack = int(row["hex"], 16), row["ack_mid"]
-        replies = {it.reply for it in MESSAGES.values() if it.mid == mid}
+        replies = {message.reply for message in MESSAGES.values() if message.mid == mid}
         assert replies == {int(ack, 16) if ack.startswith("0x") else None}, row
 
 
@@ -232,8 +247,10 @@ def test_states() -> None:
         mid, text = int(row["hex"], 16), row["states"]
         if "measurement" not in text and "config" not in text and "wakeup" not in text:
             continue
-        expected = tuple(it for it in ("wakeup", "config", "measurement") if it in text)
-        assert {it.states for it in MESSAGES.values() if it.mid == mid} == {expected}, row
+        expected = tuple(name for name in ("wakeup", "config", "measurement") if name in text)
+        assert {message.states for message in MESSAGES.values() if message.mid == mid} == {
+            expected
+        }, row
 
 
 def test_who_knows_them() -> None:
@@ -242,27 +259,30 @@ def test_who_knows_them() -> None:
         if "series" in row["products"]:
             continue
         text = re.sub(r"\(.*\)", "", row["products"])
-        listed = {int(it) for it in re.findall(r"\b\d+\b", text)} & set(PRODUCTS)
+        listed = {int(item) for item in re.findall(r"\b\d+\b", text)} & set(PRODUCTS)
         # InitBus was seen on an MTi-300 only, but the vendor's software sends it to every MTi.
         every = text.startswith("all") or row["name"].startswith("InitBus")
         expected = set(PRODUCTS) if every else listed
-        for it in MESSAGES.values():
-            if it.name in names(row["name"]):
-                assert set(it.products) == expected, row
+        for message in MESSAGES.values():
+            if message.name in names(row["name"]):
+                assert set(message.products) == expected, row
 
 
 def test_a_reply_is_a_message_to_the_host() -> None:
-    directions = {it.mid: it.direction for it in MESSAGES.values()}
-    for it in MESSAGES.values():
-        if it.reply is not None and it.name != "WakeUp":
-            assert directions[it.reply] in ("to host", "both"), it
-    assert next(it for it in MESSAGES.values() if it.name == "WakeUp").reply == MessageId.WakeUpAck
+    directions = {message.mid: message.direction for message in MESSAGES.values()}
+    for message in MESSAGES.values():
+        if message.reply is not None and message.name != "WakeUp":
+            assert directions[message.reply] in ("to host", "both"), message
+    assert (
+        next(message for message in MESSAGES.values() if message.name == "WakeUp").reply
+        == MessageId.WakeUpAck
+    )
 
 
 def test_products() -> None:
     """The sixteen of the manual's section 3."""
     assert sorted(PRODUCTS) == [1, 2, 3, 7, 10, 20, 30, 100, 200, 300, 610, 620, 630, 670, 680, 710]
-    assert {it.series for it in PRODUCTS.values()} == {
+    assert {product.series for product in PRODUCTS.values()} == {
         "1-series",
         "10-series",
         "100-series",
@@ -288,8 +308,10 @@ def test_result_codes(code: int, word: str) -> None:
 
 def test_enums() -> None:
     """Members of the enums are the rows of the tables, whose integers they are."""
-    assert {it.name: int(it) for it in DataId} == {it.manual: it.id for it in QUANTITIES.values()}
+    assert {item.name: int(item) for item in DataId} == {
+        quantity.manual: quantity.id for quantity in QUANTITIES.values()
+    }
     members = {name: int(it) for name, it in MessageId.__members__.items()}
-    assert members == {it.name: it.mid for it in MESSAGES.values()}
+    assert members == {message.name: message.mid for message in MESSAGES.values()}
     assert (MessageId.GoToConfig, MessageId.MTData2, DataId.Quaternion) == (0x30, 0x36, 0x2010)
     assert MessageId(0x30).name == "GoToConfig"

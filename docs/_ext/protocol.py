@@ -63,7 +63,7 @@ def table(header: tuple[str, ...], rows: Rows) -> nodes.table:
     head, body = nodes.thead(), nodes.tbody()
     group += [head, body]
     head += row(header)
-    body += [row(it) for it in rows]
+    body += [row(item) for item in rows]
     return nodes.table("", group, classes=["colwidths-auto", "wide"])
 
 
@@ -93,16 +93,16 @@ def quantities() -> list[nodes.Node]:
     )
     rows = (
         (
-            code(f"{it.id:04X}"),
-            names(it),
-            describe_layout(it),
-            code(" ".join(it.components)),
-            it.unit,
-            "yes" if it.coordinates else "",
-            describe_products(it.products),
-            it.source,
+            code(f"{quantity.id:04X}"),
+            names(quantity),
+            describe_layout(quantity),
+            code(" ".join(quantity.components)),
+            quantity.unit,
+            "yes" if quantity.coordinates else "",
+            describe_products(quantity.products),
+            quantity.source,
         )
-        for it in QUANTITIES.values()
+        for quantity in QUANTITIES.values()
     )
     return [table(header, rows)]
 
@@ -112,15 +112,18 @@ def formats() -> list[nodes.Node]:
         header = 3  # identifier and size
         return len(encode_packet(("temperature", it.name), 0)) - header
 
-    precisions = ((f"{it:04b}", it.name, f"{size(it)} bytes") for it in Precision)
-    coordinates = ((f"{it:04b}", it.name, "") for it in Coordinates)
+    precisions = ((f"{item:04b}", item.name, f"{size(item)} bytes") for item in Precision)
+    coordinates = ((f"{Coordinate:04b}", Coordinate.name, "") for Coordinate in Coordinates)
     return [table(("bits", "format", "a number takes"), [*precisions, *coordinates])]
 
 
 def fields() -> list[nodes.Node]:
     out: list[nodes.Node] = []
-    for it in QUANTITIES.values():
-        for title, list_ in ((it.name, it.fields), (f"{it.name}, each entry", it.entry)):
+    for quantity in QUANTITIES.values():
+        for title, list_ in (
+            (quantity.name, quantity.fields),
+            (f"{quantity.name}, each entry", quantity.entry),
+        ):
             if list_:
                 out += [nodes.rubric(text=title), field_table(list_)]
     return out
@@ -134,8 +137,8 @@ def field_table(rows: tuple[Field, ...]) -> nodes.table:
     return table(
         header,
         (
-            (code(it.name), code(it.type), f"{it.scale:g}", it.unit, code(missing(it)))
-            for it in rows
+            (code(item.name), code(item.type), f"{item.scale:g}", item.unit, code(missing(item)))
+            for item in rows
         ),
     )
 
@@ -154,17 +157,17 @@ def messages() -> list[nodes.Node]:
     )
     rows = (
         (
-            code(f"{it.mid:02X}"),
-            code(it.name),
-            it.direction,
-            ", ".join(it.states),
-            it.payload,
-            describe_lengths(it.lengths),
-            code("" if it.reply is None else f"{it.reply:02X}"),
-            describe_products(it.products),
-            it.status,
+            code(f"{message.mid:02X}"),
+            code(message.name),
+            message.direction,
+            ", ".join(message.states),
+            message.payload,
+            describe_lengths(message.lengths),
+            code("" if message.reply is None else f"{message.reply:02X}"),
+            describe_products(message.products),
+            message.status,
         )
-        for it in MESSAGES.values()
+        for message in MESSAGES.values()
     )
     return [table(header, rows)]
 
@@ -173,7 +176,10 @@ def status() -> list[nodes.Node]:
     def bits(first: int, width: int) -> str:
         return str(first) if width == 1 else f"{first} to {first + width - 1}"
 
-    rows = ((bits(it.bit, it.width), code(it.name), it.meaning) for it in STATUS_FLAGS.values())
+    rows = (
+        (bits(status_flag.bit, status_flag.width), code(status_flag.name), status_flag.meaning)
+        for status_flag in STATUS_FLAGS.values()
+    )
     return [table(("bits", "name", "meaning"), rows)]
 
 
@@ -183,8 +189,14 @@ def codes() -> list[nodes.Node]:
 
 def products() -> list[nodes.Node]:
     rows = (
-        (str(it.number), it.title, it.series, it.kind, f"{it.id_size} bytes")
-        for it in PRODUCTS.values()
+        (
+            str(product.number),
+            product.title,
+            product.series,
+            product.kind,
+            f"{product.id_size} bytes",
+        )
+        for product in PRODUCTS.values()
     )
     return [table(("number", "product", "series", "computes", "identifier"), rows)]
 
@@ -194,7 +206,7 @@ def products() -> list[nodes.Node]:
 
 def who(has: Callable[[Support], bool]) -> str:
     """The products of which something is true."""
-    return describe_products([it for it in PRODUCTS if has(support(it))])
+    return describe_products([product for product in PRODUCTS if has(support(product))])
 
 
 def rate(supported: Support, quantity: str) -> str:
@@ -208,20 +220,20 @@ def rate(supported: Support, quantity: str) -> str:
 
 def rates() -> list[nodes.Node]:
     families: dict[tuple[str, ...], list[int]] = {}
-    for it in PRODUCTS:
-        column = tuple(rate(support(it), name) for name in QUANTITIES)
-        families.setdefault(column, []).append(it)
-    header = ("quantity", *(", ".join(map(str, it)) for it in families.values()))
+    for product in PRODUCTS:
+        column = tuple(rate(support(product), name) for name in QUANTITIES)
+        families.setdefault(column, []).append(product)
+    header = ("quantity", *(", ".join(map(str, family)) for family in families.values()))
     rows = ((code(name), *it) for name, *it in zip(QUANTITIES, *families, strict=True))
-    return [table(header, (it for it in rows if any(it[1:])))]
+    return [table(header, (item for item in rows if any(item[1:])))]
 
 
 def hardware_rates() -> list[nodes.Node]:
     """Where the version of the hardware makes a difference."""
 
     def cells(number: int, quantity: str) -> list[str]:
-        versions = [None, *(HardwareVersion(it, 0) for it in (1, 2, 3))]
-        return [rate(support(number, it), quantity) for it in versions]
+        versions = [None, *(HardwareVersion(value, 0) for value in (1, 2, 3))]
+        return [rate(support(number, version), quantity) for version in versions]
 
     differing: dict[tuple[str, ...], list[int]] = {}
     for quantity in QUANTITIES:
@@ -242,7 +254,7 @@ def sync() -> list[nodes.Node]:
     found: dict[tuple[int, str, str], list[int]] = {}
     for number in PRODUCTS:
         for function, lines in support(number).sync.items():
-            key = (int(function), function.name, " ".join(it.name for it in lines))
+            key = (int(function), function.name, " ".join(line.name for line in lines))
             found.setdefault(key, []).append(number)
     rows = (
         (
@@ -263,8 +275,12 @@ def _bits(
 ) -> list[nodes.Node]:
     """The bits of a kind, and the products that have each."""
     rows = (
-        (code(f"{it.value:04X}"), code(it.name or ""), who(lambda its, it=it: it in of(its)))
-        for it in kind
+        (
+            code(f"{entry.value:04X}"),
+            code(entry.name or ""),
+            who(lambda its, item=entry: item in of(its)),
+        )
+        for entry in kind
     )
     return [table(("bit", word, "products"), rows)]
 
@@ -279,10 +295,10 @@ def strings() -> list[nodes.Node]:
 
 def string_fields() -> list[nodes.Node]:
     rows = (
-        (code(kind.name or ""), code(it.name), it.unit)
+        (code(kind.name or ""), code(field.name), field.unit)
         for kind, layout in STRING_FIELDS.items()
-        for it in layout.fields
-        if it.name
+        for field in layout.fields
+        if field.name
     )
     return [table(("string", "field", "unit"), rows)]
 
@@ -290,8 +306,8 @@ def string_fields() -> list[nodes.Node]:
 def filter_profiles() -> list[nodes.Node]:
     found: dict[tuple[int, str], list[int]] = {}
     for number in PRODUCTS:
-        for it in support(number).filter_profiles:
-            found.setdefault((it.type, it.label), []).append(number)
+        for filter_profile in support(number).filter_profiles:
+            found.setdefault((filter_profile.type, filter_profile.label), []).append(number)
     rows = (
         (str(kind), code(label), describe_products(found[kind, label])) for kind, label in found
     )
@@ -300,7 +316,7 @@ def filter_profiles() -> list[nodes.Node]:
 
 def baudrates() -> list[nodes.Node]:
     every = sorted(set(BAUD_CODES.values()))
-    rows = ((f"{it:,}", who(lambda its, it=it: it in its.baudrates)) for it in every)
+    rows = ((f"{entry:,}", who(lambda its, item=entry: item in its.baudrates)) for entry in every)
     return [table(("bits per second", "products"), rows)]
 
 
@@ -333,13 +349,15 @@ def identities() -> list[nodes.Node]:
         return it.product.name, name, code(who.product_code), str(who.firmware), str(who.hardware)
 
     header = ("product", "device identifier", "product code", "firmware", "hardware")
-    return [table(header, (cells(support(it)) for it in PRODUCTS))]
+    return [table(header, (cells(support(product)) for product in PRODUCTS))]
 
 
 # Commands
 
 #: Messages to a device by what a method for them is called, without underscores.
-REQUESTS = {it.name.lower(): it for it in MESSAGES.values() if it.direction != "to host"}
+REQUESTS = {
+    message.name.lower(): message for message in MESSAGES.values() if message.direction != "to host"
+}
 #: The method that waits for WakeUp as well.
 REQUESTS["wakeup"] = REQUESTS["wakeupack"]
 
@@ -364,7 +382,11 @@ def sections() -> dict[str, list[str]]:
         if row is None or any(name in methods for methods in found.values()):
             continue
         for methods in found.values():
-            same = [it for it in methods if (other := request_of(it)) and other.mid == row.mid]
+            same = [
+                method
+                for method in methods
+                if (other := request_of(method)) and other.mid == row.mid
+            ]
             if same:
                 methods.insert(methods.index(same[-1]) + 1, name)
                 break
@@ -388,21 +410,25 @@ def what_it_does(method: str) -> str:
 
 def variants(row: MessageRow) -> list[MessageRow]:
     """The message, and what some products have in its place under the same MID."""
-    return [it for it in REQUESTS.values() if it.name in (row.name, f"{row.name}Modern")]
+    return [
+        request for request in REQUESTS.values() if request.name in (row.name, f"{row.name}Modern")
+    ]
 
 
 def others() -> list[nodes.Node]:
-    have = {row.name for it in sections().values() for name in it if (row := request_of(name))}
+    have = {
+        row.name for section in sections().values() for name in section if (row := request_of(name))
+    }
     rows = (
         (
-            code(f"{it.mid:02X}"),
-            code(it.name),
-            it.payload,
-            describe_products(it.products),
-            it.status,
+            code(f"{message.mid:02X}"),
+            code(message.name),
+            message.payload,
+            describe_products(message.products),
+            message.status,
         )
-        for it in MESSAGES.values()
-        if it.direction != "to host" and it.name.removesuffix("Modern") not in have
+        for message in MESSAGES.values()
+        if message.direction != "to host" and message.name.removesuffix("Modern") not in have
     )
     return [table(("MID", "message", "payload", "products", "status"), rows)]
 
@@ -412,8 +438,8 @@ class Protocol(SphinxDirective):
 
     required_arguments = 1
     tables: ClassVar[dict[str, Callable[[], list[nodes.Node]]]] = {
-        it.__name__: it
-        for it in (
+        item.__name__: item
+        for item in (
             quantities,
             formats,
             fields,
@@ -458,7 +484,7 @@ class CommandTable(SphinxDirective):
         row = request_of(method)
         if row is None:
             raise self.error(f"{method} is called like no message")
-        numbers = {number for it in variants(row) for number in it.products}
+        numbers = {number for variant in variants(row) for number in variant.products}
         owner = owner_of(method)
         name = method if owner is Device else f"commands.{method}"
         target = "xbus.Device" if owner is Device else "xbus.device.Commands"

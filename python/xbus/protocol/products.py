@@ -115,7 +115,7 @@ def _is_fixed(product: Product, quantity: str, hardware: HardwareVersion | None)
 @cache
 def _quotients(highest: int) -> tuple[int, ...]:
     """What a rate divided by whole numbers gives, where that is whole."""
-    return tuple(highest // it for it in range(1, highest + 1) if highest % it == 0)
+    return tuple(highest // index for index in range(1, highest + 1) if highest % index == 0)
 
 
 # Synchronization (Tables 11 and 12)
