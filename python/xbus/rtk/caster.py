@@ -1,4 +1,4 @@
-"""Corrections from an NTRIP caster, by pygnssutils."""
+"""Corrections from an NTRIP caster, with pygnssutils."""
 
 from __future__ import annotations
 
@@ -37,38 +37,37 @@ NO_STATUS, TIMED_OUT = ("KeyError('code')", "ConnectionResetError"), "TimeoutErr
 
 
 class CasterError(XbusError):
-    """A caster cannot be reached, or refuses what is wanted of it."""
+    """A caster cannot be reached, or refuses the request."""
 
 
 class Caster:
     """Corrections from an NTRIP caster, frame by frame.
 
-    It connects when it is first read. What goes wrong before the caster has accepted the request is raised.
-    Later a lost connection is made again, after a pause that doubles from 1 to 60 s; so is one that brings
-    nothing for 10 s.
+    The first read connects. An error before the caster has accepted the request is raised. After that, a lost
+    connection is opened again, after a pause that doubles from 1 to 60 s; a connection without data for 10 s
+    counts as lost.
 
     Args:
         url: ``HOST``, ``HOST:PORT``, or with ``http://`` or ``https://`` before it. The port is 2101, and 443
             for https.
-        mountpoint: Which of the caster's streams.
-        user: User name, where one is needed.
-        password: Password, where one is needed.
+        mountpoint: Name of the stream.
+        user: User name, if the caster needs one.
+        password: Password, if the caster needs one.
         gga: Seconds between two positions (NMEA GGA) that are sent to the caster; None sends none. Network
-            services need it: they compute corrections for where you are.
-        position: Gives the position for that, or None while there is none; no connection is made before there
-            is one. Called from another thread.
-        ntrip: Version of the protocol to ask for. 1 sends the first position right behind the request, which
-            some casters wait for.
+            services need positions, because they compute corrections for the place of the receiver.
+        position: Returns the position to send, or None if it is not known yet; the caster is not contacted
+            before it is. Called from another thread.
+        ntrip: Version of the protocol. 1 sends the first position directly after the request, which some
+            casters wait for.
 
     Attributes:
         host: Host and port.
-        state: ``"idle"``, ``"no position"`` (it waits for one), ``"connecting"``, ``"streaming"`` or
-            ``"lost"``.
+        state: ``"idle"``, ``"no position"`` (waits for one), ``"connecting"``, ``"streaming"`` or ``"lost"``.
         problem: Why the last connection ended, or None.
-        gga_sent: How many positions were sent while corrections came.
+        gga_sent: Positions sent while corrections arrived.
 
     Raises:
-        ValueError: That is no address of a caster, or an argument has a line break.
+        ValueError: The URL is not an address of a caster, or an argument has a line break.
     """
 
     def __init__(
@@ -106,13 +105,13 @@ class Caster:
         self._closed = threading.Event()
 
     def read(self, timeout: float = 0.0) -> bytes:
-        """The next frame; nothing if none comes in time, or it is closed.
+        """Returns the next frame; empty if none comes in time, or the caster is closed.
 
         Args:
             timeout: Seconds to wait for it.
 
         Raises:
-            CasterError: It could not be reached, or refused, before it had ever accepted the request.
+            CasterError: The caster could not be reached, or refused, before it ever accepted the request.
             ImportError: The extra ``rtk`` is not installed.
         """
         until = time.monotonic() + timeout
@@ -123,13 +122,13 @@ class Caster:
         return b""
 
     def __iter__(self) -> Iterator[bytes]:
-        """The frames until it is closed, which another thread may do; waits for each."""
+        """Yields frames until the caster is closed, which another thread may do."""
         while not self._closed.is_set():
             if frame := self.read(TIMEOUT):
                 yield frame
 
     def close(self) -> None:
-        """Ends the connection, for good."""
+        """Closes the connection. The caster cannot be used again."""
         self._closed.set()
         self.state = "idle"
         if (connection := self._connection) is not None:
@@ -146,7 +145,7 @@ class Caster:
         if connection is None:
             return b""
         try:
-            raw, told = connection.queue.get(timeout=max(until - time.monotonic(), 0))
+            raw, reason = connection.queue.get(timeout=max(until - time.monotonic(), 0))
         except Empty:
             if time.monotonic() - self._heard_at > NO_CORRECTION_TIMEOUT:
                 self._ended(connection, TIMED_OUT)
@@ -154,7 +153,7 @@ class Caster:
         if isinstance(raw, list):
             connection.mountpoints = [row[0] for row in raw]
         elif not raw:
-            self._ended(connection, told)
+            self._ended(connection, reason)
         elif raw.startswith(b"$"):
             self.gga_sent += 1
         else:
@@ -167,7 +166,7 @@ class Caster:
         return b""
 
     def _connect(self, until: float) -> _Connection | None:
-        """Makes a connection, if it is time; waits for that, but not longer than ``until``."""
+        """Opens a connection if the next attempt is due; otherwise waits for it, up to ``until``."""
         wait = self._again_at - time.monotonic()
         if wait <= 0 and self._request["ggainterval"] != -1 and self._position() is None:
             self.state, wait = "no position", POSITION_INTERVAL
@@ -179,12 +178,12 @@ class Caster:
         self._connection = _Connection(self._request, self._position)
         return self._connection
 
-    def _ended(self, connection: _Connection, told: str | None) -> None:
+    def _ended(self, connection: _Connection, reason: str | None) -> None:
         if self._closed.is_set():
             return
         self._connection = None
         connection.close()
-        self.problem = self._why(connection, told)
+        self.problem = self._why(connection, reason)
         if not (self._was_accepted or connection.is_accepted):
             self.state = "idle"
             raise CasterError(self.problem)
@@ -193,10 +192,10 @@ class Caster:
         self._again_at = time.monotonic() + self._pause
         self._pause = min(2 * self._pause, MAX_PAUSE)
 
-    def _why(self, connection: _Connection, told: str | None) -> str:
-        """Why a connection has ended, in a sentence."""
-        code, mountpoint, told = connection.code, self._request["mountpoint"], told or ""
-        if code is None and told.startswith(NO_STATUS):
+    def _why(self, connection: _Connection, reason: str | None) -> str:
+        """Returns why a connection has ended, in one sentence."""
+        code, mountpoint, reason = connection.code, self._request["mountpoint"], reason or ""
+        if code is None and reason.startswith(NO_STATUS):
             return no_answer(self.host)
         if code == 401:
             return no_access(self.host)
@@ -211,53 +210,55 @@ class Caster:
             more = f"; it has {some}" if some else "; xbus ntrip --list prints those that it has"
             return f"{self.host} has no mountpoint {mountpoint}{more}"
         if code is not None and code != 200:
-            return f"{self.host} refused: {(told or str(code)).removeprefix('Connection failed ')}"
-        if code == 200 and told.startswith(TIMED_OUT):
+            return (
+                f"{self.host} refused: {(reason or str(code)).removeprefix('Connection failed ')}"
+            )
+        if code == 200 and reason.startswith(TIMED_OUT):
             return f"{self.host} is connected, but sends no corrections"
         if code == 200:
             before = "" if connection.has_streamed else " before the first correction"
             return f"{self.host} has hung up{before}"
-        text = told or "it has hung up"
+        text = reason or "the connection was closed"
         if text.startswith(("IndexError", "ValueError", "UnicodeDecodeError")):
             return no_caster(self.host)
-        # It tells the exception as Python writes it: ConnectionRefusedError(111, 'Connection refused').
+        # The reason is the repr of an exception: ConnectionRefusedError(111, 'Connection refused').
         words = re.search(r"""['"](.+)['"]""", text)
         return f"cannot reach {self.host}: {words[1] if words else text}"
 
 
 def no_answer(host: Address | str) -> str:
-    """That a caster closes the connection before it answers."""
+    """Returns that a caster closes the connection before it answers."""
     return (
         f"{host} hangs up without an answer; check the port, and whether the address needs https://"
     )
 
 
 def no_access(host: Address | str) -> str:
-    """That a caster refuses the user."""
+    """Returns that a caster refuses the user."""
     return f"{host} does not let that user in (401); check user and password"
 
 
 def no_caster(host: Address | str) -> str:
-    """That something else answers."""
+    """Returns that something else answers."""
     return f"what answers at {host} is no NTRIP caster"
 
 
 class _Connection:
-    """One connection, with the thread of pygnssutils behind it; to which it is the application."""
+    """One connection. Runs a thread of pygnssutils, and is the application for it."""
 
     def __init__(self, request: dict[str, Any], position: Callable[[], Position | None]) -> None:
         pygnssutils = require("pygnssutils", "rtk", "to get corrections from a caster")
-        #: What came: a frame or GGA, and its parsed form; or nothing, and why it ended or None.
+        #: A frame or GGA with its parsed form; or nothing, with the reason for the end or None.
         self.queue: Queue[tuple[Any, Any]] = Queue(QUEUE_SIZE)
         self.mountpoints: list[str] = []
         self.has_streamed = False
         self._position = position
         self._stop = threading.Event()
-        # It makes loggers print, which is for the application to decide.
+        # pygnssutils lets loggers print. Only the application should decide that.
         logging.getLogger("pygnssutils").addHandler(_NOWHERE)
         loggers = [logging.getLogger(name) for name in ("pyrtcm", "pyspartn")]
         before = [list(logger.handlers) for logger in loggers]
-        # Tries once: when to try again is decided above.
+        # One attempt: `Caster` decides when to try again.
         self._client = _client_class(pygnssutils)(app=self, retries=0, timeout=TIMEOUT)
         for logger, handlers in zip(loggers, before, strict=True):
             logger.handlers[:] = handlers
@@ -265,13 +266,13 @@ class _Connection:
 
     @property
     def code(self) -> int | None:
-        """The status that the caster answered with, None if it did not."""
+        """The status code of the caster's answer; None without an answer."""
         found: int | None = self._client.status.get("code")
         return found
 
     @property
     def is_sourcetable(self) -> bool:
-        """Whether the caster answered with the list of what it has, as to an unknown mountpoint."""
+        """Whether the caster answered with its source table, as it does for an unknown mountpoint."""
         return self.code is not None and bool(self._client.is_sourcetable)
 
     @property
@@ -280,32 +281,33 @@ class _Connection:
         return self.code == 200 and not self.is_sourcetable
 
     def close(self) -> None:
-        """Ends it; the thread follows when it wakes up, within ``TIMEOUT``."""
+        """Closes the connection. The thread ends when it wakes up, within ``TIMEOUT``."""
         self._client.stop()
-        # It may wait for room, or, when the caster has hung up, fill it with nothing as fast as it can.
+        # The thread may wait for space in the queue or, after the caster has closed, fill it with empty
+        # items.
         with contextlib.suppress(Empty):
             while True:
                 self.queue.get_nowait()
-        # So may somebody who reads.
+        # A reader may wait for an item.
         with contextlib.suppress(Full):
             self.queue.put_nowait((b"", None))
 
-    # What pygnssutils asks of an application
+    # The interface that pygnssutils requires of an application
 
     def dialog(self, _: str) -> _Connection:
-        """Where to tell how it goes."""
+        """Returns the object that receives status messages."""
         return self
 
     def set_controls(self, connected: bool, message: tuple[str, str]) -> None:
-        """It tells how it goes."""
+        """Receives a status message."""
         if not connected:
             self.queue.put((b"", message[0]))
 
     def get_coordinates(self) -> dict[str, Any]:
-        """It asks where we are."""
+        """Returns the position to send."""
         at = self._position()
         if at is None:
-            raise ValueError("no position")  # it sends none then
+            raise ValueError("no position")  # pygnssutils then sends none
         # An empty text leaves a field of the sentence empty: what was not measured is not sent. Rounded, and
         # without the impossible heights of a damaged sample, no sentence is longer than the 82 characters
         # that NMEA 0183 allows.
@@ -329,8 +331,8 @@ def _client_class(pygnssutils: Any) -> Any:
     class Client(pygnssutils.GNSSNTRIPClient):  # type: ignore[misc]
         def _do_request(self, *args: Any) -> int:
             if super()._do_request(*args) and not self.stopevent.is_set():
-                # The caster has hung up. The client itself would wait and repeat the request,
-                # without a word to `Caster`.
+                # The caster has closed the connection. The client would wait, and connect again without
+                # notice.
                 raise ConnectionResetError
             return 0
 
