@@ -49,7 +49,20 @@ class Sample(Mapping[EntryKey, Any]):
     (57285, [-0.4309999942779541, 0.8309999704360962, 9.795999526977539])
     """
 
-    __slots__ = ("__dict__", "arrival", "bid", "host_time", "leads", "offset", "payload", "time")
+    __slots__ = (
+        "__dict__",
+        "_index",
+        "_packets",
+        "arrival",
+        "bid",
+        "host_time",
+        "leads",
+        "offset",
+        "payload",
+        "time",
+    )
+    #: Set by `_decode`.
+    _index: KeyIndex
 
     def __init__(self, payload: bytes, bid: int = 0xFF, offset: int = 0) -> None:
         self.payload = payload
@@ -58,15 +71,25 @@ class Sample(Mapping[EntryKey, Any]):
         self.time = self.host_time = math.nan
         self.leads = False
         self.arrival: float | None = None
+        self._packets: dict[EntryKey, _core.Packet] | None = None
 
-    @cached_property
-    def _packets(self) -> ByQuantity[_core.Packet]:
-        packets = _core.packets(self.payload)
-        # Name or not: a packet of a size that its identifier does not have is unknown.
-        index, places = _layout(
-            tuple([None if packet.name is None else packet.data_id for packet in packets])
-        )
-        return ByQuantity(index, [packets[place] for place in places], "sample")
+    def _decode(self) -> dict[EntryKey, _core.Packet]:
+        """Returns the packets by key, decoded once."""
+        if self._packets is None:
+            packets = _core.packets(self.payload)
+            # Name or not: a packet of a size that its identifier does not have is unknown.
+            self._index, places = _layout(
+                tuple([None if packet.name is None else packet.data_id for packet in packets])
+            )
+            self._packets = dict(
+                zip(self._index.keys, [packets[place] for place in places], strict=True)
+            )
+        return self._packets
+
+    def _by_quantity(self) -> ByQuantity[_core.Packet]:
+        """Returns the packets by every kind of key. Making it costs more than a look-up by a listed key."""
+        packets = self._decode().values()
+        return ByQuantity(self._index, packets, "sample")
 
     @cached_property
     def unknown(self) -> dict[int, bytes]:
@@ -83,21 +106,27 @@ class Sample(Mapping[EntryKey, Any]):
         return encode_frame(MessageId.MTData2, self.payload, bid=self.bid)
 
     def __getitem__(self, key: Key) -> Any:
-        return _value(self._packets[key])
+        packets = self._decode()
+        if isinstance(key, str) and key in packets:  # nearly always
+            return _value(packets[key])
+        return _value(self._by_quantity()[key])
 
     def get(self, key: Key, /, default: Any = None) -> Any:
         """Returns the value, or ``default`` if ``key`` does not name exactly one quantity of the sample."""
-        packet = self._packets.get(key)
-        return default if packet is None else _value(packet)
+        if key not in self:
+            return default
+        return self[key]
 
     def __contains__(self, key: object) -> bool:
-        return key in self._packets
+        if isinstance(key, str):  # a name is listed, or names several entries or none
+            return key in self._decode()
+        return key in self._by_quantity()
 
     def __iter__(self) -> Iterator[EntryKey]:
-        return iter(self._packets)
+        return iter(self._decode())
 
     def __len__(self) -> int:
-        return len(self._packets)
+        return len(self._decode())
 
     def data_id(self, key: Key) -> int:
         """Returns the data identifier of a quantity, as received.
@@ -105,7 +134,7 @@ class Sample(Mapping[EntryKey, Any]):
         Raises:
             KeyError: The sample does not have the quantity.
         """
-        return self._packets[key].data_id
+        return self._by_quantity()[key].data_id
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Sample):

@@ -145,7 +145,7 @@ class KeyIndex:
             else entry.name
             for entry in self.entries
         )
-        self._listed = frozenset(self.keys)
+        self._listed, self._names = frozenset(self.keys), frozenset(names)
 
     def matches(self, key: Key) -> list[EntryKey]:
         """Returns the listed keys of the entries that ``key`` names: none if nothing has such a key.
@@ -153,8 +153,9 @@ class KeyIndex:
         Raises:
             TypeError: As `resolve_key`.
         """
-        if isinstance(key, str) and key in self._listed:
-            return [key]
+        if isinstance(key, str) and (key in self._listed or key not in self._names):
+            # Programs ask each sample for what only some have: no need to resolve the name.
+            return [key] if key in self._listed else []
         try:
             wanted = resolve_key(key)
         except ValueError:
