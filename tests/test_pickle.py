@@ -160,9 +160,20 @@ def test_a_state_of_another_version() -> None:
         ValueError, match=r"saved by xbus 9.1.0, and this is .*: read the log again"
     ):
         make(state.replace(xbus.__version__.encode(), b"9.1.0", 1))
-    for damaged in (state[:-1], state[: len(state) // 2], b""):
+    for damaged in (state[:-1], state[: len(state) // 2], state + b"\0", b""):
         with pytest.raises(ValueError, match="the saved state is damaged"):
             make(damaged)
+
+
+@pytest.mark.parametrize("value", [xbus.read_log(MIXED)._core, xbus.HostClock()._core])
+def test_a_changed_state_is_refused(value: Any) -> None:
+    """Its lengths may disagree, and then it would panic wherever it is used."""
+    make, (state,) = value.__reduce__()
+    for at in range(len(state)):
+        changed = bytearray(state)
+        changed[at] ^= 1 << at % 8
+        with pytest.raises(ValueError, match="read the log again"):
+            make(bytes(changed))
 
 
 # ---------------------------------------------------------------------------------------------
