@@ -177,14 +177,13 @@ class Session:
     ) -> list[SessionEvent]:
         events: list[SessionEvent] = []
         for item in items:
-            match item:
-                case _core.ScannedFrame(offset=offset, bid=bid, mid=mid, payload=payload):
-                    if self._is_from_device(bid):
-                        events.append(self._event(offset, bid, mid, payload))
-                case _core.ScannedString():
-                    events.append(self._string(item.offset, item.place, item.data))
-                case _core.ScannedDamage():
-                    self.skipped += item.length
+            if isinstance(item, _core.ScannedFrame):
+                if self._is_from_device(item.bid):
+                    events.append(self._event(item.offset, item.bid, item.mid, item.payload))
+            elif isinstance(item, _core.ScannedString):
+                events.append(self._string(item.offset, item.place, item.data))
+            else:
+                self.skipped += item.length
         return events
 
     def _string(self, offset: int, place: int | None, data: bytes) -> String:
