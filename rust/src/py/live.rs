@@ -53,7 +53,9 @@ impl Acquisition {
     #[cfg(not(unix))]
     #[allow(clippy::unused_self)]
     fn open(&self, _fd: i32) -> PyResult<()> {
-        Err(PyOSError::new_err("ports of this system have no descriptors; push what you read from them"))
+        Err(pyo3::exceptions::PyOSError::new_err(
+            "ports of this system have no descriptors; push what you read from them",
+        ))
     }
 
     #[pyo3(signature = (timeout=None, *, least=1))]
