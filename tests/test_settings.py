@@ -214,6 +214,15 @@ def test_a_setting_has_the_precision_of_its_message(numbers: list[float]) -> Non
     rounded = np.array(numbers, np.float32).tolist()
     settings = Settings(gnss_lever_arm=GnssLeverArm(*numbers))
     assert settings.gnss_lever_arm == GnssLeverArm(*rounded)
+
+
+def test_a_tuple_that_no_message_holds_is_named() -> None:
+    settings = Settings(gnss_lever_arm=(1e40, 0.0, 0.0))  # type: ignore[arg-type]
+    with (
+        connect("sim:MTi-680G") as device,
+        pytest.raises(ValueError, match=r"x cannot be 1e\+40"),
+    ):
+        device.apply(settings)
     assert Settings.from_toml(settings.to_toml()) == settings
 
 

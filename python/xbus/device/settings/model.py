@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from xbus.device.settings.converters import TEXT, member_name
-from xbus.device.settings.table import SETTINGS, format_setting, value_on_wire
+from xbus.device.settings.table import SETTINGS, format_setting, value_on_wire, with_fields
 from xbus.device.settings.toml import format_value, line_numbers, parse, shortened
 from xbus.protocol import values as v
 from xbus.protocol.products import find_product, support
@@ -89,6 +89,7 @@ class Settings:
             if (value := getattr(self, name)) is not None:
                 # A value that does not fit its message is reported when it is applied.
                 with contextlib.suppress(ValueError, TypeError):
+                    object.__setattr__(self, name, value := with_fields(name, value))
                     object.__setattr__(self, name, value_on_wire(name, value))
 
     def to_toml(self) -> str:

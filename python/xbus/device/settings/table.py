@@ -8,9 +8,10 @@ from xbus.device.settings import converters
 from xbus.device.settings.converters import Converter
 from xbus.device.settings.toml import format_value
 from xbus.protocol import values as v
+from xbus.protocol.layout import Layout
 from xbus.protocol.messages import LAYOUTS
 
-__all__ = ["ROTATIONS", "SETTINGS", "Setting", "format_setting", "value_on_wire"]
+__all__ = ["ROTATIONS", "SETTINGS", "Setting", "format_setting", "value_on_wire", "with_fields"]
 
 
 class Setting(NamedTuple):
@@ -132,6 +133,25 @@ def format_setting(name: str, value: Any) -> str:
     return f"{name} = {format_value(plain)}"
 
 
+#: Settings whose messages are laid out differently by each product.
+_WITHOUT_LAYOUT = ("filter_profile", "baudrate")
+
+
+def with_fields(name: str, value: Any) -> Any:
+    """Returns the value of a setting as a record of named fields, if it is a plain tuple of them.
+
+    Raises:
+        TypeError: The tuple has more or fewer values than the record has fields.
+
+    >>> with_fields("gnss_lever_arm", (0.1, 0.25, 1))
+    GnssLeverArm(x=0.1, y=0.25, z=1)
+    """
+    if type(value) is not tuple or name in ROTATIONS or name in _WITHOUT_LAYOUT:
+        return value
+    layout = _layout(name)
+    return value if layout.several else layout.make(*value)
+
+
 def value_on_wire(name: str, value: Any) -> Any:
     """Returns the value of a setting with the precision that its message has.
 
@@ -140,19 +160,18 @@ def value_on_wire(name: str, value: Any) -> Any:
     Raises:
         ValueError: The message cannot hold the value.
 
-    >>> value_on_wire("gnss_lever_arm", (0.1, 0.25, 1))
+    >>> value_on_wire("gnss_lever_arm", v.GnssLeverArm(0.1, 0.25, 1))
     GnssLeverArm(x=0.10000000149011612, y=0.25, z=1.0)
     """
-    if name in (
-        "filter_profile",
-        "baudrate",
-    ):  # not rounded, and laid out differently by each product
+    if name in _WITHOUT_LAYOUT:  # not rounded
         return value
-    message = SETTINGS[name].message
-    layout = LAYOUTS.get(f"Req{message}Ack") or LAYOUTS[message]
+    layout = _layout(name)
     if name in ROTATIONS:
         rotation = v.AlignmentRotation(ROTATIONS[name], value)
         return layout.decode(layout.encode(rotation)).quaternion
-    if type(value) is tuple and not layout.several:
-        value = layout.make(*value)
     return layout.decode(layout.encode(value))
+
+
+def _layout(name: str) -> Layout:
+    message = SETTINGS[name].message
+    return LAYOUTS.get(f"Req{message}Ack") or LAYOUTS[message]
