@@ -214,6 +214,7 @@ def test_a_setting_has_the_precision_of_its_message(numbers: list[float]) -> Non
     rounded = np.array(numbers, np.float32).tolist()
     settings = Settings(gnss_lever_arm=GnssLeverArm(*numbers))
     assert settings.gnss_lever_arm == GnssLeverArm(*rounded)
+    assert Settings.from_toml(settings.to_toml()) == settings
 
 
 def test_a_tuple_that_no_message_holds_is_named() -> None:
@@ -223,7 +224,6 @@ def test_a_tuple_that_no_message_holds_is_named() -> None:
         pytest.raises(ValueError, match=r"x cannot be 1e\+40"),
     ):
         device.apply(settings)
-    assert Settings.from_toml(settings.to_toml()) == settings
 
 
 def test_a_profile_in_whichever_case_or_by_number() -> None:
