@@ -1,11 +1,11 @@
-"""What the tests share: random streams, and two readings of them side by side.
+"""Helpers of the tests: random streams, and comparison of a log with the reference decoder.
 
     shared(path)                 a file beside the repository; the test skips where it is absent
-    exchanges()                  what was published of hosts and devices talking, by product
-    read(data, ...)              bytes -> Log, with the options that read_log does not show
-    facts(log or logs)           everything that a log says, by name; parts of one are joined
-    facts_of(reference)          the same of the oracle
-    differences(one, other)      where they differ, in words
+    exchanges()                  published exchanges of hosts and devices, by product
+    read(data, ...)              bytes -> Log, with the options that read_log does not have
+    facts(log or logs)           the whole content of a log, by name; parts of a log are joined
+    facts_of(reference)          the same for the reference decoder
+    differences(one, other)      a description of where they differ
     sound_streams(), ...         strategies for hypothesis
 
 A stream is bytes; what a stream can hold is in `streams`.
@@ -37,7 +37,7 @@ settings.register_profile(
     "default", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
 )
 settings.register_profile("thorough", parent=settings.get_profile("default"), max_examples=2000)
-# CI looks at the same inputs every time; whoever wants luck runs the tests at home.
+# CI uses the same inputs every time; local runs use random ones.
 settings.register_profile("ci", parent=settings.get_profile("default"), derandomize=True)
 settings.load_profile(
     os.environ.get("HYPOTHESIS_PROFILE", "ci" if "CI" in os.environ else "default")
@@ -48,7 +48,7 @@ OWN_CAPTURES = Path(__file__).parent / "captures"
 
 
 def shared(path: str) -> Path:
-    """A file that lies beside the repository; skips the test where it is absent."""
+    """Returns a file beside the repository; skips the test if the file is absent."""
     found = SHARED / path
     if not found.exists():
         pytest.skip(f"{found} is absent")
@@ -56,14 +56,14 @@ def shared(path: str) -> Path:
 
 
 def exchanges() -> dict[str, list[str]]:
-    """What was published, by product: from Config on, what is sent and what comes back, in turn."""
+    """Returns published exchanges by product: from Config State on, requests and replies alternate."""
     lines = (Path(__file__).parent / "spec" / "exchanges.txt").read_text().splitlines()
     found: dict[str, list[str]] = {}
     for line in lines:
         if line.startswith("["):
-            found[line.strip("[]")] = told = []
+            found[line.strip("[]")] = exchange = []
         elif line and not line.startswith("#"):
-            told.append(line)
+            exchange.append(line)
     return found
 
 
@@ -98,7 +98,7 @@ def trigger(microseconds: int, data_id: int = 0x4810) -> bytes:
 
 
 def read(data: bytes, *, limit: int = 0xFFFF, fast: bool = True) -> Log:
-    """The log in `data`, by the plain path alone if not `fast`."""
+    """Returns the log in `data`; without `fast` only the plain path reads it."""
     array = np.frombuffer(data, np.uint8)
     reader = _core.Reader(array, limit=limit, strict=False, wanted=None, fast=fast)
     while reader.advance(1 << 40):
@@ -110,8 +110,8 @@ Facts: TypeAlias = dict[str, Any]
 
 
 def facts(*parts: Log) -> Facts:
-    """Everything that a log says. Several parts are joined to what the whole should say."""
-    said: Facts = {
+    """Returns the whole content of a log. Several parts are joined, and should equal the whole."""
+    result: Facts = {
         "offset": _joined([part.offset for part in parts]),
         "bid": _joined([part.bid for part in parts]),
         "time": _joined([part.time for part in parts]),
@@ -128,28 +128,30 @@ def facts(*parts: Log) -> Facts:
     for part in parts:
         for data_id, unknown in part.unknown.items():
             rows = zip(unknown.sample.tolist(), unknown, strict=True)
-            said["unknown"].setdefault(data_id, []).extend(rows)
+            result["unknown"].setdefault(data_id, []).extend(rows)
         for key in part:
             column = part[key]
             found.setdefault((column.name, column.coordinates), []).append(column)
     for name, columns in found.items():
         data_ids = {column.data_id for column in columns}
-        said[f"{name} sample"] = _joined([column.sample for column in columns])
-        said[f"{name} time"] = _joined([column.time for column in columns])
-        said[f"{name} values"] = _joined([column.values for column in columns])
-        said[f"{name} data_id"] = data_ids.pop() if len(data_ids) == 1 else data_ids.pop() & 0xFFF0
+        result[f"{name} sample"] = _joined([column.sample for column in columns])
+        result[f"{name} time"] = _joined([column.time for column in columns])
+        result[f"{name} values"] = _joined([column.values for column in columns])
+        result[f"{name} data_id"] = (
+            data_ids.pop() if len(data_ids) == 1 else data_ids.pop() & 0xFFF0
+        )
         precisions = {column.precision for column in columns}
-        said[f"{name} precision"] = precisions.pop() if len(precisions) == 1 else None
+        result[f"{name} precision"] = precisions.pop() if len(precisions) == 1 else None
         if name[0] == "gnss_sat_info":
             counts = _joined([np.diff(column.offsets) for column in columns])
-            said["satellites"] = _joined([column.satellites for column in columns])
-            said["satellites begin"] = np.concatenate(([0], np.cumsum(counts)))
-    return said
+            result["satellites"] = _joined([column.satellites for column in columns])
+            result["satellites begin"] = np.concatenate(([0], np.cumsum(counts)))
+    return result
 
 
 def facts_of(log: Reference) -> Facts:
-    """The same of the oracle's reading."""
-    said: Facts = {
+    """Returns the same for the reference decoder."""
+    result: Facts = {
         "offset": np.array([offset for offset, _ in log.samples], "i8"),
         "bid": np.array([bid for _, bid in log.samples], "u1"),
         "time": np.array(log.time, "f8"),
@@ -166,22 +168,24 @@ def facts_of(log: Reference) -> Facts:
     for key, rows in log.columns.items():
         data_ids = {row.data_id for row in rows}
         sample = reference.samples_of(log, key)
-        said[f"{key} sample"] = sample
-        said[f"{key} time"] = said["time"][sample]
-        said[f"{key} values"] = reference.array(log, key)
-        said[f"{key} data_id"] = rows[0].data_id if len(data_ids) == 1 else rows[0].data_id & 0xFFF0
+        result[f"{key} sample"] = sample
+        result[f"{key} time"] = result["time"][sample]
+        result[f"{key} values"] = reference.array(log, key)
+        result[f"{key} data_id"] = (
+            rows[0].data_id if len(data_ids) == 1 else rows[0].data_id & 0xFFF0
+        )
         precisions = {row.data_id & 3 for row in rows}
         is_real = rows[0].data_id & 0xFFF0 in reference.REALS
         is_one = is_real and len(precisions) == 1
         names = ("Float32", "Fp1220", "Fp1632", "Float64")
-        said[f"{key} precision"] = names[precisions.pop()] if is_one else None
+        result[f"{key} precision"] = names[precisions.pop()] if is_one else None
         if key[0] == "gnss_sat_info":
-            said["satellites"], said["satellites begin"] = reference.satellites(log)
-    return said
+            result["satellites"], result["satellites begin"] = reference.satellites(log)
+    return result
 
 
 def differences(one: Facts, other: Facts) -> list[str]:
-    """The facts that differ; those of one side alone too."""
+    """Returns the facts that differ, and those that only one side has."""
     alone = [f"only on one side: {item}" for item in one.keys() ^ other.keys()]
     apart = [item for item in one.keys() & other.keys() if not _same(one[item], other[item])]
     return sorted(alone + [f"{item}: {_short(one[item], other[item])}" for item in apart])
@@ -195,7 +199,9 @@ def _same(one: Any, other: Any) -> bool:
 
 def _short(one: Any, other: Any) -> str:
     if isinstance(one, list):
-        at = next((i for i, it in enumerate(zip(one, other, strict=False)) if it[0] != it[1]), None)
+        at = next(
+            (i for i, pair in enumerate(zip(one, other, strict=False)) if pair[0] != pair[1]), None
+        )
         at = min(len(one), len(other)) if at is None else at
         return f"at {at}: {one[at : at + 2]} and {other[at : at + 2]}"
     if isinstance(one, np.ndarray) and one.shape == other.shape and one.dtype == other.dtype:
@@ -232,7 +238,7 @@ def _joined(arrays: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
 
 SEEDS = st.integers(0, 2**32 - 1)
 
-#: What gets into a stream: noise, preambles, headers that promise too much, whole frames.
+#: Bytes to insert into a stream: noise, preambles, headers with a wrong length, whole frames.
 INTRUDERS = st.one_of(
     st.binary(min_size=1, max_size=40),
     st.integers(1, 40).map(streams.only_fa),
@@ -246,7 +252,7 @@ INTRUDERS = st.one_of(
 
 @st.composite
 def edits(draw: st.DrawFn) -> tuple[float, str, Any]:
-    """One thing that happens to a stream: where, in parts of its length, and what."""
+    """Draws one change of a stream: where, as a fraction of its length, and what."""
     where = draw(st.floats(0, 1))
     what = draw(st.sampled_from(("flip", "drop", "insert", "repeat")))
     detail: Any
@@ -260,7 +266,7 @@ def edits(draw: st.DrawFn) -> tuple[float, str, Any]:
 
 
 def edited(data: bytes, changes: list[tuple[float, str, Any]]) -> bytes:
-    """The stream after what has happened to it."""
+    """Returns the stream with the changes applied."""
     for where, what, detail in changes:
         at = min(int(where * len(data)), max(0, len(data) - 1))
         if what == "flip" and data:
@@ -276,7 +282,7 @@ def edited(data: bytes, changes: list[tuple[float, str, Any]]) -> bytes:
 
 @st.composite
 def sound_streams(draw: st.DrawFn, most: int = 60) -> bytes:
-    """Frames of everything that a device can send. They come again, so that layouts are learned."""
+    """Draws frames of everything that a device can send. They repeat, so that layouts are learned."""
     rng = random.Random(draw(SEEDS))
     frames = streams.random_frames(rng, draw(st.integers(0, most)))
     return b"".join(frames * draw(st.sampled_from((1, 1, 2, 3))))
@@ -284,13 +290,13 @@ def sound_streams(draw: st.DrawFn, most: int = 60) -> bytes:
 
 @st.composite
 def damaged_streams(draw: st.DrawFn, most: int = 60) -> bytes:
-    """The same, with up to eight accidents."""
+    """Draws the same, with up to eight changes."""
     return edited(draw(sound_streams(most)), draw(st.lists(edits(), max_size=8)))
 
 
 @pytest.fixture
 def behind(monkeypatch: pytest.MonkeyPatch) -> Callable[[SimulatedDevice], str]:
-    """Puts a virtual device behind a port of this process, and gives the port's name."""
+    """Puts a virtual device behind a port of this process, and returns the name of the port."""
 
     def put(sim: SimulatedDevice) -> str:
         monkeypatch.setattr(

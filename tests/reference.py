@@ -1,6 +1,6 @@
-"""A slow, plain reading of Xbus logs: the oracle that the fast implementation is tested against.
+"""A slow, plain decoder of Xbus logs: the reference that the fast implementation is tested against.
 
-Everything here is written for being right at a glance: bytes are sliced, sums are summed again for
+Everything here is written to be obviously correct: bytes are sliced, sums are summed again for
 every candidate, numbers are Python's own. It shares no code and no table with the package. The
 tables below are a second copy of what the package declares once, and they exist on purpose and in
 the tests only: a check that read the package's tables would repeat its mistakes.
@@ -11,7 +11,7 @@ identifiers in Tables 16 and 17, what an MTData2 message holds in section 5.3.6.
     scan(data)      bytes -> frames, damage, how often a checksum failed where a frame was due
     find(data)      the same, and the strings
     decode(data)    bytes -> Reference: samples, columns, messages, time, counter, statistics
-    array(ref, key) one column as the numpy array that it should be
+    array(ref, key) one column as the expected numpy array
 """
 
 from __future__ import annotations
@@ -234,7 +234,7 @@ class Float32(float):
 
 
 class Wide(int):
-    """An integer that came in eight bytes where four are usual."""
+    """An integer of eight bytes where four are usual."""
 
 
 def number(raw: bytes, precision: int) -> float:
@@ -259,7 +259,7 @@ def known(data_id: int) -> bool:
 
 
 def read(data_id: int, data: bytes) -> tuple[Key, Any] | None:
-    """What a packet says: its column's key and its values; None where the data does not fit.
+    """Returns the column's key and the values of a packet; None if the data does not fit.
 
     A scalar is a number, a vector a tuple of numbers (a rotation matrix of nine, column by column
     as it travels), a struct a dict in the order of the wire.
@@ -346,7 +346,7 @@ class Frame(NamedTuple):
 
 
 class Damage(NamedTuple):
-    """A stretch of bytes that is no frame; the reason is told by the byte where one was due."""
+    """A stretch of bytes that is not a frame; the reason depends on the byte where a frame was due."""
 
     offset: int
     length: int
@@ -354,9 +354,9 @@ class Damage(NamedTuple):
 
 
 def candidate(data: bytes, at: int, limit: int) -> tuple[str, Frame | None, int]:
-    """What the byte at `at` begins: ("", frame, its end), or why it begins no sound frame.
+    """Returns ("", frame, its end) for the frame at `at`, or why no intact frame begins there.
 
-    Sound means complete, not longer than the limit and with a good checksum (section 5.1).
+    Intact means complete, not longer than the limit and with a good checksum (section 5.1).
     """
     if data[at] != PREAMBLE:
         return "no preamble", None, at
@@ -415,7 +415,7 @@ LONGEST_STRING = 255
 
 
 def string_at(data: bytes, at: int, expected: int, in_step: bool) -> tuple[str, String | None, int]:
-    """What the byte at `at` begins: ("", string, its end), or why it begins none."""
+    """Returns ("", string, its end) for the string at `at`, or why no string begins there."""
     if data[at] == 0x00 and expected & EM1000_BIT:
         return em1000_at(data, at, in_step)
     near = data[at : at + LONGEST_STRING]
@@ -441,7 +441,7 @@ def string_at(data: bytes, at: int, expected: int, in_step: bool) -> tuple[str, 
 
 
 def why_no_string(data: bytes, at: int, near: bytes) -> str:
-    """Cut off by the end of the input, too long, or nothing of the kind."""
+    """Returns the reason: cut off by the end of the input, too long, or not a string."""
     if not re.match(rb"\$[A-Z]|:[ \d]|[$:]\Z", near):
         return "no preamble"
     if near[:1] == b":":
@@ -476,8 +476,8 @@ def em1000_at(data: bytes, at: int, in_step: bool) -> tuple[str, String | None, 
     return "", String(at, "EM1000", data[at:end]), end
 
 
-def strings_told(frame: Frame) -> int | None:
-    """Which strings are on, if a message says so."""
+def strings_enabled_by(frame: Frame) -> int | None:
+    """Returns the enabled strings if a message reports them."""
     if frame.mid != STRING_OUTPUT_TYPE or len(frame.payload) not in (2, 6):
         return None
     return int.from_bytes(frame.payload if len(frame.payload) == 2 else frame.payload[:4], "big")
@@ -494,15 +494,15 @@ def find(
 ) -> tuple[list[Frame], list[String], list[Damage], int]:
     """The frames and strings in `data`, the damage between them, and how many stretches a checksum began.
 
-    A sound frame is accepted when it is plausible or in step on both sides: it begins where an
-    accepted frame or string ended or the input begins, and it ends where another sound frame or string
-    begins or the input ends. After a refusal the search goes on one byte further.
+    An intact frame is accepted when it is plausible or in step on both sides: it begins where an
+    accepted frame or string ended or the input begins, and it ends where another intact frame or string
+    begins or the input ends. After a rejected candidate the search continues one byte further.
     """
     data = bytes(data)
     frames: list[Frame] = []
     strings: list[String] = []
     damage: list[Damage] = []
-    told = 0  # the strings that the device says are on
+    enabled = 0  # the strings that the device reports as enabled
     due = 0  # where the last accepted frame or string ended: where the next one should begin
     why = ""  # what was wrong there
     at = 0
@@ -510,12 +510,12 @@ def find(
         reason, frame, end = candidate(data, at, limit)
         string = None
         if data[at] != PREAMBLE:
-            reason, string, end = string_at(data, at, named | told, at == due)
+            reason, string, end = string_at(data, at, named | enabled, at == due)
         if frame is not None and not plausible(frame):
             in_step = at == due and (
                 end == len(data)
                 or candidate(data, end, limit)[1] is not None
-                or string_at(data, end, named | told, in_step=True)[1] is not None
+                or string_at(data, end, named | enabled, in_step=True)[1] is not None
             )
             if not in_step:
                 reason, frame = "implausible", None
@@ -528,8 +528,8 @@ def find(
             damage.append(Damage(due, at - due, why))
         if frame is not None:
             frames.append(frame)
-            now = strings_told(frame)
-            told = told if now is None else now
+            now = strings_enabled_by(frame)
+            enabled = enabled if now is None else now
         if string is not None:
             strings.append(string)
         at = due = end
@@ -614,7 +614,7 @@ def modulus_of_message(frame: Frame) -> int | None:
 
 @dataclass
 class Device:
-    """What must be remembered of one device to unwrap its clock and its counter."""
+    """The state to unwrap the clock and the counter of one device."""
 
     modulus: int | None = None
     fine: int | None = None  # the last SampleTimeFine
@@ -649,8 +649,8 @@ class Device:
             if coarse is not None:
                 # The manual's BigTimestamp, section 5.3.6. The clock is set by it where it is
                 # SampleTimeFine and a whole number of wraps.
-                # Where it says no more than SampleTimeFine does, both start again together, and the
-                # unwrapped time goes on.
+                # If it only repeats SampleTimeFine, both start again together, and the
+                # unwrapped time continues.
                 stamp = coarse * TICKS + fine % TICKS
                 moduli = (DAY, ALL_BITS) if self.modulus is None else (self.modulus,)
                 if stamp != fine:
@@ -695,7 +695,7 @@ class Device:
 
 
 class Row(NamedTuple):
-    """One packet: the sample it belongs to, its identifier as received, what it says."""
+    """One packet: the sample it belongs to, its identifier as received, its values."""
 
     sample: int
     data_id: int
@@ -703,7 +703,7 @@ class Row(NamedTuple):
 
 
 class Message(NamedTuple):
-    """A message that is no sample; `sample` is the index of the next one."""
+    """A message that is not a sample; `sample` is the index of the next sample."""
 
     mid: int
     bid: int
@@ -714,7 +714,7 @@ class Message(NamedTuple):
 
 @dataclass
 class Reference:
-    """A log as it should be read."""
+    """The expected content of a log."""
 
     frames: list[Frame]
     strings: list[String]
@@ -729,7 +729,7 @@ class Reference:
 
 
 def decode(data: bytes, limit: int = LONGEST, named: int = 0) -> Reference:
-    """Everything that a log says."""
+    """Decodes a whole log."""
     frames, strings, damage, checksum_errors = find(data, limit, named)
     log = Reference(frames, strings, damage)
     devices: dict[int, Device] = {}
@@ -798,7 +798,7 @@ def struct_dtype(layout: str, fields: str) -> np.dtype[Any]:
 
 
 def array(log: Reference, key: Key) -> NDArray[Any]:
-    """The values of a column as the package should give them, bit for bit.
+    """Returns the values of a column as the package should return them, bit for bit.
 
     Float32 alone is float32; any other precision, or several, is float64. Integers keep their
     width (DeviceId is uint64 once one of eight bytes is among them). A rotation matrix is (N, 3, 3)

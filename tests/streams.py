@@ -1,11 +1,11 @@
-"""Byte streams to test and to measure with: realistic, random, damaged and hostile ones.
+"""Byte streams for tests and benchmarks: realistic, random, damaged and hostile ones.
 
-Everything is made from its arguments alone, so the same call gives the same bytes.
+The bytes depend only on the arguments, so the same call returns the same bytes.
 
     frame(mid, payload), packet(data_id, data), real(data_id, *numbers)      by hand
     ahrs(n), hr(n), gnssins(n), dirty(n, seed)                     n messages of one kind of device
     random_frames(rng), random_log(rng), damage(data, rng)             everything that can be sent
-    only_fa(n), zeros(n), lying(n), claims(n, length)                  n bytes that mean no good
+    only_fa(n), zeros(n), lying(n), claims(n, length)                  n bytes of hostile input
 """
 
 from __future__ import annotations
@@ -129,7 +129,7 @@ def _fp1632(values: NDArray[np.float64]) -> NDArray[Any]:
 
 
 def _fill_inertial(frames: NDArray[Any], rng: np.random.Generator) -> None:
-    """A device that is being turned by hand: quaternion, acceleration, rate of turn, field."""
+    """A device that is turned by hand: quaternion, acceleration, rate of turn, magnetic field."""
     n = len(frames)
     t = np.arange(n) / 400
     phase, rate = rng.uniform(0, 2 * math.pi, 4), rng.uniform(0.2, 2.0, 4)
@@ -158,7 +158,7 @@ def ahrs(n: int, seed: int = 1) -> bytes:
 
 
 def hr(n: int, seed: int = 2) -> bytes:
-    """n high-rate messages, 27 bytes each: time, and acceleration or rate of turn as they come.
+    """n high-rate messages, 27 bytes each: time, and acceleration or rate of turn in order of time.
 
     The rates are those of a 600-series: 2000 and 1600 Hz (Tables 23 and 24).
     """
@@ -188,7 +188,7 @@ def _utc(frames: NDArray[Any], seconds: NDArray[np.float64]) -> None:
 def gnssins(n: int, seed: int = 3) -> bytes:
     """n messages of a GNSS/INS at 100 Hz: AHRS, position, velocity and UTC; every 25th is GNSS.
 
-    As on a real device the GNSS message, GnssPvtData first, is one of its own, counts as the
+    As on a real device the GNSS message, GnssPvtData first, is a separate message, counts as the
     others do, and carries a time some 45 ms older than its neighbours'. The first one is such.
     """
     rng = np.random.default_rng(seed)
@@ -307,10 +307,10 @@ def damage(
 # Random logs
 # ---------------------------------------------------------------------------------------------
 
-# Identifiers whose contents nobody knows.
+# Identifiers with unknown contents.
 STRANGE_IDS = (0x0000, 0x1110, 0x3330, 0x7770, 0x777F, 0x9994, 0xF0F0, 0xFAFA, 0xFFFF)
 
-# Messages that neither the manual nor anybody else mentions, and some that only a host sends.
+# Messages that are not documented, and some that only a host sends.
 STRANGE_MIDS = (0x00, 0x10, 0x30, 0x3F, 0x9D, 0xB2, 0xC0, 0xEC, 0xF0, 0xFA)
 
 PRODUCTS = (
@@ -348,7 +348,7 @@ def random_number(rng: random.Random, precision: int) -> bytes:
 
 
 def random_packet(rng: random.Random, base: int | None = None) -> bytes:
-    """A packet that fits its identifier, or with an identifier that nobody knows."""
+    """A packet that fits its identifier, or with an unknown identifier."""
     if base is None:
         tables = [*reference.REALS, *reference.NUMBERS, *reference.STRUCTS]
         base = rng.choice([*tables, reference.DEVICE_ID_PACKET, reference.GNSS_SAT_INFO, -1, -1])
@@ -374,7 +374,7 @@ def random_packet(rng: random.Random, base: int | None = None) -> bytes:
 
 
 class RandomDevice:
-    """A device that counts and tells the time as real ones do, most of the time."""
+    """A device whose counter and clock behave as those of real devices, most of the time."""
 
     def __init__(self, rng: random.Random, bids: Sequence[int]) -> None:
         """A device on these bus identifiers, about to wrap or not."""
@@ -456,10 +456,10 @@ class RandomDevice:
         return self._frame(mid, payload)
 
     def odd(self) -> bytes:
-        """A sound frame that only its place in the stream makes believable."""
+        """An intact frame that is accepted only for its place in the stream."""
         rng = self.rng
         match rng.randrange(7):
-            case 0:  # a message that nobody knows, some of them long
+            case 0:  # an unknown message, some of them long
                 size = rng.choice((0, 1, 7, 60, 254, 255, 300, 3_000))
                 return self._frame(rng.choice(STRANGE_MIDS), rng.randbytes(size))
             case 1:  # a bus identifier that no single device has
@@ -532,7 +532,7 @@ def sentence(body: str, end: str = "\r\n") -> bytes:
 
 
 def random_string(rng: random.Random) -> bytes:
-    """A string output, or now and then something that is nearly one."""
+    """A string output, or sometimes an invalid one."""
     numbers = [rng.choice(["", "0", "-4.56", " 001.2", "123.45", "+.5", "1e3"]) for _ in range(3)]
     text = ",".join(numbers)
     string = rng.choice(
@@ -555,7 +555,7 @@ def random_string(rng: random.Random) -> bytes:
 
 
 def random_log(rng: random.Random, count: int | None = None) -> bytes:
-    """A sound stream of those frames: every one of them is to be found."""
+    """An intact stream of those frames: all of them must be found."""
     return b"".join(random_frames(rng, count))
 
 

@@ -32,15 +32,15 @@ from xbus._core import Acquisition, Received
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
 
-#: Seconds that nothing here should take.
+#: Seconds after which a test fails.
 LONG = 30.0
-#: Bytes that a pseudo-terminal holds, at most.
+#: Maximum number of bytes that a pseudo-terminal buffers.
 PTY = 25_000
 
 
 @pytest.fixture
 def pty() -> Iterator[tuple[int, str]]:
-    """Our side of a pseudo-terminal, and the name of the other."""
+    """The descriptor of one side of a pseudo-terminal, and the name of the other side."""
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     yield ours, os.ttyname(theirs)
@@ -49,7 +49,7 @@ def pty() -> Iterator[tuple[int, str]]:
 
 
 def send(fd: int, data: bytes) -> subprocess.Popen[bytes]:
-    """A process that writes the data as fast as the other side takes them."""
+    """Starts a process that writes the data as fast as the other side reads them."""
     code = (
         "import os, sys\n"
         "data = memoryview(sys.stdin.buffer.read())\n"
@@ -64,7 +64,7 @@ def send(fd: int, data: bytes) -> subprocess.Popen[bytes]:
 
 
 def hold_the_lock_while(process: subprocess.Popen[bytes]) -> None:
-    """Keeps other threads of Python from running: one operation on integers takes a second and more."""
+    """Blocks other Python threads with an operation on integers that takes a second or more."""
     digits = 1_000_000
     began = time.monotonic()
     while process.poll() is None or time.monotonic() < began + 1:
@@ -73,7 +73,7 @@ def hold_the_lock_while(process: subprocess.Popen[bytes]) -> None:
 
 
 def take(acquisition: Acquisition, size: int) -> bytes:
-    """So many bytes, joined; they follow each other."""
+    """Returns this number of contiguous bytes."""
     data = b""
     while len(data) < size:
         taken = acquisition.read(LONG)
@@ -119,7 +119,7 @@ def test_nothing_is_lost_while_python_holds_its_lock(pty: tuple[int, str], tmp_p
     assert (tmp_path / "log.mtb").read_bytes() == streams.frame(0x0D) + data
 
 
-def test_the_port_stays_as_it_was(pty: tuple[int, str]) -> None:
+def test_the_port_is_unchanged(pty: tuple[int, str]) -> None:
     ours, name = pty
     with serial.Serial(name, 115200, timeout=0) as port:
         blocking, settings = os.get_blocking(port.fileno()), termios.tcgetattr(port.fileno())
@@ -131,7 +131,7 @@ def test_the_port_stays_as_it_was(pty: tuple[int, str]) -> None:
         assert termios.tcgetattr(port.fileno()) == settings
         os.write(ours, b"to the host")
         port.timeout = LONG
-        assert port.read(11) == b"to the host", "whoever has the port reads it again"
+        assert port.read(11) == b"to the host", "the owner of the port reads the bytes"
 
 
 def test_times(tmp_path: Path) -> None:
@@ -160,7 +160,7 @@ def test_times(tmp_path: Path) -> None:
         )
 
 
-def test_arrivals_are_on_the_steady_clock() -> None:
+def test_arrivals_use_the_monotonic_clock() -> None:
     acquisition = Acquisition(None)
     before = time.monotonic_ns()
     acquisition.push(b"one")
@@ -190,7 +190,7 @@ def test_a_full_queue_drops_the_oldest() -> None:
 
 
 def wait_for(acquisition: Acquisition, event: Callable[[], object]) -> object:
-    """What a thread reads that waits while something happens."""
+    """Returns what a waiting thread reads while something happens."""
     came: list[object] = []
     reader = threading.Thread(target=lambda: came.append(acquisition.read(LONG)))
     began = time.monotonic()
@@ -201,13 +201,13 @@ def wait_for(acquisition: Acquisition, event: Callable[[], object]) -> object:
     return came[0]
 
 
-def test_a_fork_leaves_the_threads_alone(pty: tuple[int, str], tmp_path: Path) -> None:
+def test_a_fork_does_not_affect_the_threads(pty: tuple[int, str], tmp_path: Path) -> None:
     ours, name = pty
     with serial.Serial(name, timeout=0) as port:
         acquisition = Acquisition(port.fileno())
         acquisition.record(tmp_path / "log.mtb")
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", DeprecationWarning)  # forks are no good with threads
+            warnings.simplefilter("ignore", DeprecationWarning)  # forking with threads warns
             child = os.fork()
         if child == 0:
             del acquisition
@@ -220,7 +220,7 @@ def test_a_fork_leaves_the_threads_alone(pty: tuple[int, str], tmp_path: Path) -
 
 
 @given(damaged_streams(), st.integers(1, 300))
-def test_what_is_counted_is_what_a_log_has(data: bytes, size: int) -> None:
+def test_statistics_match_a_log(data: bytes, size: int) -> None:
     acquisition = Acquisition(None)
     for at in range(0, len(data), size):
         acquisition.push(data[at : at + size])
@@ -238,29 +238,29 @@ def test_what_is_counted_is_what_a_log_has(data: bytes, size: int) -> None:
     assert stats["quantities"] == packets
 
 
-def without_strings_told(logs: list[bytes]) -> list[bytes]:
-    """The files without what they begin with since EM1000 was on: the last message that says so, or not."""
-    bodies, told = [], b""
+def without_string_messages(logs: list[bytes]) -> list[bytes]:
+    """Removes the message that each file begins with after EM1000 was enabled: the last one about strings."""
+    bodies, head = [], b""
     for log in logs:
-        assert log.startswith(told)
-        body = log[len(told) :]
+        assert log.startswith(head)
+        body = log[len(head) :]
         bodies.append(body)
         for message in read(body, limit=8185).messages:
             if message.mid == 0x8F and len(message.payload) in (2, 6):
                 types = int.from_bytes(
                     message.payload[: 2 if len(message.payload) == 2 else 4], "big"
                 )
-                if told or types & xbus.StringType.EM1000:
+                if head or types & xbus.StringType.EM1000:
                     length = len(message.payload) + (7 if body[message.offset + 3] == 0xFF else 5)
-                    told = body[message.offset : message.offset + length]
+                    head = body[message.offset : message.offset + length]
     return bodies
 
 
 @given(damaged_streams(), st.integers(1, 300), st.integers(0, 100), st.integers(1, 2000))
-def test_a_recording_is_every_byte_in_whole_frames(
+def test_recordings_hold_every_byte_in_whole_frames(
     data: bytes, size: int, skipped: int, rotate: int
 ) -> None:
-    """Whatever comes, and however it is cut: the files joined are the input, from a frame on."""
+    """For any input and any rotation the joined files are the input, from a frame on."""
     with tempfile.TemporaryDirectory() as folder:
         acquisition = Acquisition(None)
         acquisition.push(data[:skipped])
@@ -270,7 +270,7 @@ def test_a_recording_is_every_byte_in_whole_frames(
         report = acquisition.stop_recording()
         assert report is not None
         assert report["error"] is None
-        logs = without_strings_told([Path(item).read_bytes() for item in report["files"]])
+        logs = without_string_messages([Path(item).read_bytes() for item in report["files"]])
     joined = b"".join(logs)
     assert len(joined) == report["bytes"]
     assert data.endswith(joined)
@@ -289,7 +289,7 @@ def test_a_wait_ends_when_bytes_come(pty: tuple[int, str]) -> None:
         acquisition.close()
 
 
-def test_a_wait_ends_when_it_is_closed(pty: tuple[int, str]) -> None:
+def test_a_wait_ends_on_close(pty: tuple[int, str]) -> None:
     _, name = pty
     with serial.Serial(name, timeout=0) as port:
         acquisition = Acquisition(port.fileno())
@@ -307,7 +307,7 @@ def test_a_wait_ends_when_the_port_is_gone() -> None:
         assert acquisition.ended == "the port is gone: unplugged, or closed on the other side"
 
 
-def test_what_was_queued_is_there_after_the_end() -> None:
+def test_queued_bytes_can_be_read_after_the_end() -> None:
     acquisition = Acquisition(None)
     acquisition.push(b"the last")
     acquisition.end("the pump failed")
@@ -334,7 +334,7 @@ def test_time_outs() -> None:
         acquisition.read(-1.0)
 
 
-def test_another_port_after_the_end(tmp_path: Path) -> None:
+def test_another_port_can_follow(tmp_path: Path) -> None:
     acquisition = Acquisition(None)
     acquisition.record(tmp_path / "log.mtb")
     data = streams.ahrs(10)
@@ -360,7 +360,7 @@ def test_another_port_after_the_end(tmp_path: Path) -> None:
     assert (report["active"], report["frames"]) == (False, 30)
 
 
-def test_mistakes(tmp_path: Path) -> None:
+def test_invalid_arguments_are_rejected(tmp_path: Path) -> None:
     acquisition = Acquisition(None)
     with pytest.raises(FileNotFoundError) as failed:
         acquisition.record(tmp_path / "no" / "log.mtb")
@@ -379,11 +379,11 @@ def test_mistakes(tmp_path: Path) -> None:
     assert bad.value.errno == errno.EBADF
 
 
-# In processes of their own
+# In separate processes
 
 
 def run(code: str, *arguments: str, fd: int) -> subprocess.Popen[str]:
-    """A process that runs this code, its input a descriptor; it has said that it is ready."""
+    """Starts a process that runs this code with a descriptor as input, and waits until it is ready."""
     command = [sys.executable, "-c", code, *arguments]
     process = subprocess.Popen(command, stdin=fd, stdout=subprocess.PIPE, text=True)  # noqa: S603
     assert process.stdout is not None
@@ -402,7 +402,9 @@ acquisition.read(least=1 << 30)
 
 
 @pytest.mark.parametrize("packets", [1000, 5003, 9001])
-def test_a_killed_recording_is_a_log(pty: tuple[int, str], tmp_path: Path, packets: int) -> None:
+def test_a_killed_recording_is_a_valid_log(
+    pty: tuple[int, str], tmp_path: Path, packets: int
+) -> None:
     ours, name = pty
     data = streams.ahrs(12_000)
     cut = packets * 88 + packets % 88
@@ -435,15 +437,15 @@ print(report["bytes"], report["frames"], report["active"], report["error"])
 """
 
 
-def test_a_full_disk_ends_the_recording_behind_a_whole_frame(tmp_path: Path) -> None:
+def test_a_full_disk_ends_the_recording_after_a_whole_frame(tmp_path: Path) -> None:
     head, data = streams.frame(0x0D, bytes(16)), streams.ahrs(1000)
     (tmp_path / "input").write_bytes(head + data)
     with (tmp_path / "input").open("rb") as file:
         process = run(FULL, str(tmp_path / "log.mtb"), fd=file.fileno())
-    said, _ = process.communicate(timeout=LONG)
+    output, _ = process.communicate(timeout=LONG)
     whole = (50_000 - 21) // 88
-    assert said.startswith(f"{whole * 88} {whole} False {tmp_path / 'log.mtb'}: File too large")
-    assert said.endswith("the recording ends with the last whole frame\n")
+    assert output.startswith(f"{whole * 88} {whole} False {tmp_path / 'log.mtb'}: File too large")
+    assert output.endswith("the recording ends with the last whole frame\n")
     assert (tmp_path / "log.mtb").read_bytes() == head + data[: whole * 88]
 
 
@@ -459,17 +461,17 @@ except KeyboardInterrupt:
 """
 
 
-def test_ctrl_c_is_heard_while_waiting(pty: tuple[int, str]) -> None:
+def test_ctrl_c_interrupts_a_wait(pty: tuple[int, str]) -> None:
     _, name = pty
     with serial.Serial(name, timeout=0) as port:
         process = run(WAIT, fd=port.fileno())
         process.send_signal(signal.SIGINT)
-        said, _ = process.communicate(timeout=LONG)
-    assert said == "heard\n"
+        output, _ = process.communicate(timeout=LONG)
+    assert output == "heard\n"
 
 
-def test_the_reader_costs_little(pty: tuple[int, str]) -> None:
-    """A thread that spun would use a whole processor."""
+def test_the_reader_uses_little_cpu_time(pty: tuple[int, str]) -> None:
+    """A thread with a busy loop would use a whole processor."""
     _, name = pty
     with serial.Serial(name, timeout=0) as port:
         acquisition = Acquisition(port.fileno())

@@ -1,4 +1,4 @@
-"""`host_time` and `utc` of logs: side files of arrivals, good and bad, and what samples say about UTC."""
+"""`host_time` and `utc` of logs: valid and invalid side files of arrivals, and the UTC of samples."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ ONE = bytes([0, 0, 0, 0, 1, 0, 0, 0]) + bytes(4)
 
 
 def records(*pieces: tuple[int, int]) -> bytes:
-    """Where pieces end, and when they arrived."""
+    """Returns records of where pieces end, and when they arrived."""
     return b"".join(struct.pack("<Qq", end, arrival) for end, arrival in pieces)
 
 
@@ -35,13 +35,13 @@ def gnss(ticks: int) -> bytes:
 
 
 def recording(samples: list[bytes], read: int = 7) -> tuple[bytes, list[tuple[int, int]]]:
-    """Samples that were sent every 10 ms, after a Configuration message, and read after every so many."""
+    """Returns samples sent every 10 ms after a Configuration message, and the pieces of their reads."""
     data = frame(0x0C, bytes(118))
     pieces = []
     for at, sample in enumerate(samples):
         data += sample
         if at % read == read - 1:
-            # Half of the frame that comes next was there already, now and then.
+            # Some pieces end within the next frame.
             pieces.append((len(data) + (at % 3) * 4, BEGIN + 10 * at * MS + 2 * MS))
     pieces = [piece for piece in pieces if piece[0] < len(data)]
     return data, [*pieces, (len(data), BEGIN + 10 * len(samples) * MS)]
@@ -56,8 +56,8 @@ def written(folder: Path, data: bytes, side: bytes | None, name: str = "a.mtb") 
 
 
 def expected(data: bytes, pieces: list[tuple[int, int]]) -> list[float]:
-    """Sample by sample, from what the parts of the library say that have been tested elsewhere."""
-    log, clock, said = xbus.read_log(data), HostClock(), []
+    """Computes host times sample by sample, with parts of the library that other tests cover."""
+    log, clock, host_times = xbus.read_log(data), HostClock(), []
     ends = [*log.offset[1:].tolist(), len(data)][: len(log)]
     gnss = {
         int(item)
@@ -68,8 +68,10 @@ def expected(data: bytes, pieces: list[tuple[int, int]]) -> list[float]:
     for sample, end in enumerate(ends):
         stamps = [arrival for upto, arrival in pieces if upto >= end]
         time = float(log.time[sample])
-        said.append(clock.update(time, stamps[0], sample not in gnss) if stamps else float("nan"))
-    return said
+        host_times.append(
+            clock.update(time, stamps[0], sample not in gnss) if stamps else float("nan")
+        )
+    return host_times
 
 
 SAMPLES = [mtdata2(counter(index), fine(5000 + 100 * index)) for index in range(100)]
@@ -88,7 +90,7 @@ def test_host_time(tmp_path: Path) -> None:
     assert log.host_time.dtype == np.float64
     assert log.host_time.tolist() == expected(DATA, PIECES)
     assert not log.host_time.flags.writeable
-    # The least delay is that of the seventh, which was read 2 ms after it was sent.
+    # The seventh has the least delay: it was read 2 ms after it was sent.
     assert log.host_time[50:] == pytest.approx(
         BEGIN / 1e9 + np.arange(50, 100) / 100 + 0.002, abs=1e-6
     )
@@ -152,16 +154,18 @@ def test_all_kinds_of_samples(tmp_path: Path, samples: list[bytes]) -> None:
     data, pieces = recording(samples)
     path = written(tmp_path, data, HEAD + records(*pieces))
     log = xbus.read_log(path)
-    said = log.host_time
-    assert said.tolist() == pytest.approx(expected(data, pieces), nan_ok=True, abs=0, rel=0)
-    leads = np.isfinite(said)
+    host_times = log.host_time
+    assert host_times.tolist() == pytest.approx(expected(data, pieces), nan_ok=True, abs=0, rel=0)
+    leads = np.isfinite(host_times)
     for name in ("gnss_sat_info", "trigger_in1"):
         if name in log:
             leads[log[name].sample] = False
-    assert np.all(said[leads][1:] >= said[leads][:-1])
+    assert np.all(host_times[leads][1:] >= host_times[leads][:-1])
     for block in (1, 100, 1000):
         parts = list(xbus.iter_log(path, block_bytes=block))
-        np.testing.assert_array_equal(np.concatenate([part.host_time for part in parts]), said)
+        np.testing.assert_array_equal(
+            np.concatenate([part.host_time for part in parts]), host_times
+        )
         for key in log:
             rows = [part[key].host_time for part in parts if key in part]
             np.testing.assert_array_equal(np.concatenate(rows), log[key].host_time)
@@ -169,8 +173,8 @@ def test_all_kinds_of_samples(tmp_path: Path, samples: list[bytes]) -> None:
             assert repr(parts[-1].host_clock) == repr(log.host_clock)
 
 
-def test_what_kinds_of_samples_get(tmp_path: Path) -> None:
-    """A receiver's samples are where their own time is; without one there is none."""
+def test_host_times_by_kind_of_sample(tmp_path: Path) -> None:
+    """GNSS samples get the host time of their time stamp; samples without a stamp have none."""
 
     def log(name: str) -> xbus.Log:
         data, pieces = recording(MIXED[name])
@@ -190,7 +194,7 @@ def test_what_kinds_of_samples_get(tmp_path: Path) -> None:
     assert wrap.steps == []
 
 
-def test_parts_keep_their_own_clock(tmp_path: Path) -> None:
+def test_parts_have_separate_clocks(tmp_path: Path) -> None:
     path = written(tmp_path, DATA, GOOD)
     parts = list(xbus.iter_log(path, block_bytes=500))
     first, last = parts[1].host_clock, parts[-1].host_clock
@@ -200,8 +204,8 @@ def test_parts_keep_their_own_clock(tmp_path: Path) -> None:
     assert first.residual < last.residual
 
 
-def test_several_devices(tmp_path: Path) -> None:
-    """Each has a clock of its own; FF and 1 are one."""
+def test_devices_have_separate_host_clocks(tmp_path: Path) -> None:
+    """Each bus identifier has a separate clock; FF and 1 are the same device."""
     samples = [
         mtdata2(fine(index * 100 + (10**7 if index % 3 == 2 else 0)), bid=(0xFF, 1, 2)[index % 3])
         for index in range(90)
@@ -213,8 +217,8 @@ def test_several_devices(tmp_path: Path) -> None:
     assert all(clock.fits == 1 for clock in log._host_times.clocks.values())
 
 
-def test_only_some_quantities(tmp_path: Path) -> None:
-    """What the clocks need is read in any case."""
+def test_host_times_do_not_depend_on_the_selected_quantities(tmp_path: Path) -> None:
+    """The quantities that the clocks need are read in any case."""
     data, pieces = recording(MIXED["receiver"])
     path = written(tmp_path, data, HEAD + records(*pieces))
     some = xbus.read_log(path, quantities=["acceleration"])
@@ -222,7 +226,7 @@ def test_only_some_quantities(tmp_path: Path) -> None:
 
 
 def test_tables(tmp_path: Path) -> None:
-    """A column of every table, beside time; null where a sample has none."""
+    """Every table has a column next to time; it is null if a sample has no host time."""
     arrow = pytest.importorskip("pyarrow")
     samples = [
         *SAMPLES,
@@ -246,7 +250,7 @@ def test_tables(tmp_path: Path) -> None:
 
 
 def test_parquet_of_several_files(tmp_path: Path) -> None:
-    """The command, too, knows the side files of a split recording, up to the first without."""
+    """The command uses the side files of a split recording, up to the first file without one."""
     pq = pytest.importorskip("pyarrow.parquet")
     names = []
     for number in range(3):
@@ -293,7 +297,7 @@ def test_npz(tmp_path: Path) -> None:
 # ---------------------------------------------------------------------------------------------
 
 END, ARRIVAL = PIECES[-1]
-#: What the side file holds; how many samples have a host time; what the fault says, or None.
+#: Content of the side file; number of samples with a host time; text of the fault, or None.
 SIDES = {
     "good": (GOOD, 100, None),
     "empty": (b"", 0, "is not a side file of version 1"),
@@ -345,7 +349,7 @@ SIDES = {
 
 @pytest.mark.parametrize(("side", "known", "fault"), SIDES.values(), ids=SIDES)
 def test_side_files(tmp_path: Path, side: bytes, known: int, fault: str | None) -> None:
-    """Whatever it holds, the log is read, and what is said of its times is true or nothing."""
+    """The log is read with any side file, and host times are correct or absent."""
     path = written(tmp_path, DATA, side)
     log = xbus.read_log(path)
     assert len(log) == 100
@@ -362,7 +366,7 @@ def test_side_files(tmp_path: Path, side: bytes, known: int, fault: str | None) 
     assert {item.times_fault for item in xbus.iter_log(path, block_bytes=300)} == {log.times_fault}
 
 
-def test_a_side_file_that_cannot_be_read(tmp_path: Path) -> None:
+def test_unreadable_side_files(tmp_path: Path) -> None:
     path = written(tmp_path, DATA, None)
     (tmp_path / "a.mtb.times").mkdir()
     log = xbus.read_log(path)
@@ -372,8 +376,8 @@ def test_a_side_file_that_cannot_be_read(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", range(0, len(DATA), 97))
-def test_a_log_that_was_cut(tmp_path: Path, cut: int) -> None:
-    """What is left keeps its times."""
+def test_truncated_logs_keep_their_times(tmp_path: Path, cut: int) -> None:
+    """The remaining samples keep their times."""
     whole = xbus.read_log(written(tmp_path, DATA, GOOD)).host_time
     log = xbus.read_log(written(tmp_path, DATA[:cut], GOOD))
     assert log.host_time.tolist() == whole[: len(log)].tolist()
@@ -403,7 +407,7 @@ def pvt(nanos: int, second: int, valid: int, day: int = 20) -> bytes:
 
 
 def test_utc() -> None:
-    """From either quantity where it is valid; `utc_time` where both are, as it is in other samples."""
+    """UTC comes from either valid quantity; `utc_time` takes precedence, as in other samples."""
     table = {
         mtdata2(fine(1)): "NaT",
         mtdata2(utc_time(250_000_000, 24, 0x37)): "2019-01-20T13:47:24.250000000",
@@ -430,14 +434,14 @@ def test_utc() -> None:
     assert str(log["gnss_pvt_data"].datetime[1]) == "2019-01-20T13:46:59.999999999"
 
 
-def test_utc_of_none() -> None:
+def test_utc_without_gnss() -> None:
     assert np.isnat(xbus.read_log(DATA).utc).all()
     assert len(xbus.read_log(b"").utc) == 0
 
 
 @pytest.mark.parametrize("number", range(1, 6))
-def test_utc_of_a_real_device(number: int) -> None:
-    """Receiver's samples and others, however late they came, agree on what UTC is at a device time."""
+def test_utc_of_a_real_recording(number: int) -> None:
+    """GNSS samples and others agree on UTC at a device time, however late they arrived."""
     log = xbus.read_log(shared(f"captures/mtig710-{number}/raw.bin"))
     known = ~np.isnat(log.utc)
     assert known[log["gnss_pvt_data"].sample].all()

@@ -1,4 +1,4 @@
-"""Tables: names, types, nulls and metadata; and what is handed over without a copy."""
+"""Tables: names, types, nulls and metadata; and which columns are not copied."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ pa = pytest.importorskip("pyarrow")
 UTC = struct.pack(">IHBBBBBB", 5, 2025, 7, 13, 9, 21, 34, 7)
 SATELLITES = struct.pack(">IBBBB", 1000, 2, 0, 0, 0) + bytes([0, 5, 22, 20, 6, 24, 39, 16])
 
-#: Four samples, none with all there is.
+#: Four samples, none with all quantities.
 DATA = b"".join(
     [
         mtdata2(
@@ -97,7 +97,7 @@ def value(text: str, kind: str) -> Any:
 
 
 def test_wide_table() -> None:
-    """One row a sample, a column a component, null where the sample lacks it."""
+    """One row for each sample, one column for each component, null if the sample lacks the quantity."""
     table = xbus.read_log(DATA).to_arrow()
     rows = [line.split() for line in WIDE.strip().splitlines()]
     assert len(table.column_names) == len(rows)
@@ -109,13 +109,13 @@ def test_wide_table() -> None:
         assert field.name == name
         assert str(field.type) == ("timestamp[ns, tz=UTC]" if kind == "time" else kind), name
         assert field.nullable == (name != "sample"), name
-        told = {
+        entries = {
             "unit": unit.replace("+", " "),
             "coordinates": system,
             "precision": precision,
             "data_id": data_id,
         }
-        expected = {key: text for key, text in told.items() if text != "-"}
+        expected = {key: text for key, text in entries.items() if text != "-"}
         metadata = {key.decode(): text.decode() for key, text in (field.metadata or {}).items()}
         assert metadata == expected, name
         column = table[name]
@@ -129,8 +129,8 @@ def test_wide_table() -> None:
         assert column.to_pylist() == expected_values, name
 
 
-def test_a_table_of_full_columns_has_no_nulls() -> None:
-    """Then nothing is nullable but the time, which a device may leave out."""
+def test_full_columns_are_not_nullable() -> None:
+    """Only the time is nullable, because a device may leave out the stamp."""
     log = xbus.read_log(streams.ahrs(50))
     table = log.to_arrow()
     assert {item.name for item in table.schema if item.nullable} == {"time"}
@@ -140,7 +140,7 @@ def test_a_table_of_full_columns_has_no_nulls() -> None:
 
 
 def test_one_quantity() -> None:
-    """One row a packet, both of a message that has two."""
+    """One row for each packet, even if a message has two of the quantity."""
     log = xbus.read_log(DATA)
     table = log.to_arrow("acceleration")
     assert table.to_pylist() == [
@@ -170,7 +170,7 @@ def test_one_quantity() -> None:
 
 
 def test_satellites() -> None:
-    """One row a satellite, with what its message says of all."""
+    """One row for each satellite, with the fields of its message."""
     info = struct.pack(">IBBBB", 1250, 1, 0, 0, 0) + bytes([1, 120, 7, 1])
     empty = packet(0x7020, struct.pack(">IBBBB", 1100, 0, 0, 0, 0))
     data = DATA + mtdata2(empty, fine(250)) + mtdata2(packet(0x7020, info), fine(300))
@@ -187,14 +187,14 @@ def test_satellites() -> None:
     assert table.schema.field("gnssId").metadata == {b"data_id": b"0x7020"}
 
 
-def test_the_columns_of_a_part() -> None:
+def test_columns_of_a_part() -> None:
     """Samples are counted from the beginning of the log."""
     part = list(xbus.iter_log(DATA, block_bytes=1))[3]
     assert part.to_arrow()["sample"].to_pylist() == [3]
     assert part.to_arrow("acceleration")["sample"].to_pylist() == [3, 3]
 
 
-def test_chosen_quantities_make_the_table() -> None:
+def test_tables_of_selected_quantities() -> None:
     log = xbus.read_log(DATA, quantities=[("quaternion", "NED"), "rssi"])
     assert log.to_arrow().column_names == [
         "sample", "time", "quaternion_q0", "quaternion_q1", "quaternion_q2", "quaternion_q3", "rssi",
@@ -217,7 +217,7 @@ def test_what_is_not_there() -> None:
 
 
 def columns_of(log: xbus.Log) -> dict[str, tuple[xbus.Column, Any]]:
-    """The columns of the wide table by name, from the numpy side; but for dates and time."""
+    """Returns the columns of the wide table by name, from numpy arrays, except dates and time."""
     found: dict[str, tuple[xbus.Column, Any]] = {}
     names = [key if isinstance(key, str) else key[0] for key in log]
     for key in log:
@@ -238,8 +238,8 @@ def columns_of(log: xbus.Log) -> dict[str, tuple[xbus.Column, Any]]:
 
 
 @given(damaged_streams(30))
-def test_tables_of_anything(data: bytes) -> None:
-    """Every cell of the wide table is the last row that numpy has for its sample, bit by bit."""
+def test_tables_match_numpy(data: bytes) -> None:
+    """Every cell of the wide table equals the last numpy row of its sample, bit by bit."""
     log = xbus.read_log(data)
     table = log.to_arrow()
     table.validate(full=True)
@@ -267,7 +267,7 @@ def test_tables_of_anything(data: bytes) -> None:
 
 @pytest.mark.parametrize("rows", [2**18 - 1, 2**18, 2**18 + 1, 2**19 + 3])
 def test_batches(rows: int) -> None:
-    """Tables that must be made are made in pieces, and no row is lost at their ends."""
+    """Tables are built in batches, and no row is lost at their boundaries."""
     log = xbus.read_log(streams.hr(rows))
     reader = pa.RecordBatchReader.from_stream(log)
     sizes = [len(item) for item in reader]
@@ -293,7 +293,7 @@ def test_batches(rows: int) -> None:
 
 
 def address(array: Any) -> int:
-    """Where the first number of an Arrow array is."""
+    """Returns the address of the first number of an Arrow array."""
     (chunk,) = array.chunks
     first: int = chunk.buffers()[1].address
     return first + int(chunk.offset) * int(chunk.type.bit_width) // 8
@@ -302,14 +302,14 @@ def address(array: Any) -> int:
 @pytest.mark.parametrize(
     "key", ["temperature", "baro_pressure", "status_word", "packet_counter", "altitude_ellipsoid"]
 )
-def test_a_scalar_reaches_arrow_as_it_is(key: str) -> None:
-    """The table has no memory of its own for it."""
+def test_scalars_are_not_copied(key: str) -> None:
+    """The table shares the memory of the column."""
     log = xbus.read_log(OWN_CAPTURES / "walk.mtb")
     values = log[key].values
     assert address(log.to_arrow(key)[key]) == values.__array_interface__["data"][0]
 
 
-def test_a_full_scalar_reaches_the_wide_table_as_it_is() -> None:
+def test_full_scalars_of_the_wide_table_are_not_copied() -> None:
     log = xbus.read_log(streams.ahrs(1000))
     table = log.to_arrow()
     for key in ("packet_counter", "sample_time_fine", "status_word"):
@@ -336,7 +336,7 @@ def test_tables_outlive_the_log() -> None:
 
 
 def test_capsules() -> None:
-    """Log and Column speak the Arrow C stream interface, as often as they are asked."""
+    """Log and Column support the Arrow C stream interface repeatedly."""
     log = xbus.read_log(DATA)
     assert pa.table(log).equals(log.to_arrow())
     assert pa.table(log).equals(log.to_arrow())
@@ -345,7 +345,7 @@ def test_capsules() -> None:
     capsule = log.__arrow_c_stream__()
     assert '"arrow_array_stream"' in repr(capsule)
     assert '"arrow_array_stream"' in repr(log.__arrow_c_stream__(None))
-    del capsule  # one that nobody used
+    del capsule  # unused
 
 
 def test_pandas() -> None:
@@ -381,7 +381,7 @@ def test_polars() -> None:
 
 
 def test_polars_needs_no_pyarrow() -> None:
-    """The interface is made of C structs, not of a library."""
+    """The interface consists of C structs and needs no library."""
     pytest.importorskip("polars")
     program = """
         import sys
@@ -398,7 +398,7 @@ def test_polars_needs_no_pyarrow() -> None:
 
 
 def test_duckdb() -> None:
-    """It finds a log by the name of a variable."""
+    """DuckDB finds a log by the name of a variable."""
     duckdb = pytest.importorskip("duckdb")
     log = xbus.read_log(DATA)
     acceleration = log["acceleration"]

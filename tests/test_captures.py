@@ -1,4 +1,4 @@
-"""Recordings: those of a real device, and those that the project makes for itself."""
+"""Recordings of a real device, and recordings that the project generates."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ REAL = [f"mtig710-{i}" for i in range(1, 6)]
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_own_captures_are_what_their_program_makes(name: str) -> None:
-    """``python tests/make_captures.py`` writes them; nobody edits them by hand."""
+def test_own_captures_match_their_program(name: str) -> None:
+    """``python tests/make_captures.py`` writes the captures; they are not edited by hand."""
     assert (OWN_CAPTURES / name).read_bytes() == OWN[name]
 
 
@@ -25,8 +25,8 @@ def test_there_are_no_other_captures() -> None:
     assert {path.name for path in OWN_CAPTURES.iterdir()} == set(OWN)
 
 
-def assert_read_as_the_oracle_reads(path: Path) -> xbus.Log:
-    """Every column, bit by bit; sample, offset, BID, time, counter; messages, damage, counts."""
+def assert_capture_matches_reference(path: Path) -> xbus.Log:
+    """Compares columns bit by bit; sample, offset, BID, time, counter; messages, damage, counts."""
     log = xbus.read_log(path)
     expected = facts_of(reference.decode(path.read_bytes()))
     assert differences(facts(log), expected) == []
@@ -35,13 +35,13 @@ def assert_read_as_the_oracle_reads(path: Path) -> xbus.Log:
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_own(name: str) -> None:
-    assert_read_as_the_oracle_reads(OWN_CAPTURES / name)
+def test_own_captures(name: str) -> None:
+    assert_capture_matches_reference(OWN_CAPTURES / name)
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_real(name: str) -> None:
-    log = assert_read_as_the_oracle_reads(shared(f"captures/{name}/raw.bin"))
+def test_real_captures(name: str) -> None:
+    log = assert_capture_matches_reference(shared(f"captures/{name}/raw.bin"))
     assert len(log) == 100
     assert (log.stats.skipped_bytes, log.stats.lost_samples, len(log.unknown)) == (0, 0, 0)
 
@@ -56,7 +56,7 @@ def test_real(name: str) -> None:
     ],
 )
 def test_real_precisions(name: str, precision: str, dtype: str) -> None:
-    """The device was told one format, and all its reals come in it."""
+    """The device was configured to one precision, which all its real numbers have."""
     log = xbus.read_log(shared(f"captures/{name}/raw.bin"))
     reals = {item for item in log if log[item].precision is not None}
     assert reals == {
@@ -67,8 +67,8 @@ def test_real_precisions(name: str, precision: str, dtype: str) -> None:
     assert formats == {(precision, dtype)}
 
 
-def test_what_walk_holds() -> None:
-    """Ten seconds at 100 Hz, and four times a second what the receiver says."""
+def test_walk_capture() -> None:
+    """Ten seconds at 100 Hz, with GNSS data four times a second."""
     log = xbus.read_log(OWN_CAPTURES / "walk.mtb")
     assert len(log) == 1040
     rows = {item: len(log[item]) for item in log}
@@ -84,7 +84,7 @@ def test_what_walk_holds() -> None:
     assert [message.name for message in log.messages] == ["Configuration", "FirmwareRev"]
     assert (log.device_id, log.product_code) == (0x8000A1B2, "MTi-680G-8A1G6")
     assert str(log.firmware) == "1.12.0"
-    # Counter and clock wrap on the way, and nobody notices.
+    # Counter and clock wrap within the capture, without effect.
     assert log.packet_counter.tolist() == list(range(65001, 65001 + 1040))
     acceleration = log["acceleration"]
     assert acceleration.time[0] == pytest.approx((2**32 - 50_000) / 1e4)
@@ -93,8 +93,8 @@ def test_what_walk_holds() -> None:
     assert log.stats.skipped_bytes == log.stats.lost_samples == 0
 
 
-def test_what_field_lacks() -> None:
-    """Thirteen samples were never received and ten lie in the damage."""
+def test_field_capture() -> None:
+    """Thirteen samples were never received and ten are damaged."""
     log = xbus.read_log(OWN_CAPTURES / "field.mtb")
     sound = xbus.read_log(OWN_CAPTURES / "walk.mtb")
     assert len(log) == 1016
@@ -104,6 +104,6 @@ def test_what_field_lacks() -> None:
     assert log.stats.lost_samples == len(sound) - len(log) - 1
     assert set(log.packet_counter) < set(sound.packet_counter)
     same = set(log.packet_counter).__contains__
-    kept = [i for i, it in enumerate(sound.packet_counter) if same(it)]
+    kept = [i for i, count in enumerate(sound.packet_counter) if same(count)]
     assert log.time.tolist() == sound.time[kept].tolist()
     assert log.stats.skipped_bytes == log.damage["length"].sum()

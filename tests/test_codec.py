@@ -1,4 +1,4 @@
-"""Single frames and packets: what was decoded can be encoded again, and `Scanner` on bytes in pieces."""
+"""Single frames and packets: round trips of encoding and decoding, and `Scanner` on chunked bytes."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ from xbus.wire.codec import Damage
     ],
 )
 def test_encode_frame(mid: int, payload: str, wire: str) -> None:
-    """Section 5.1: the sum of all bytes behind the preamble is zero."""
+    """Section 5.1: the sum of all bytes after the preamble is zero."""
     assert encode_frame(mid, bytes.fromhex(payload)).hex(" ").upper() == wire
 
 
@@ -67,7 +67,7 @@ def test_lengths(length: int, header: str) -> None:
     assert wire == frame(0x91, payload)
 
 
-def test_a_payload_that_no_length_can_say() -> None:
+def test_payloads_beyond_16_bits_are_rejected() -> None:
     text = "a payload of 65536 bytes does not fit into a frame; its length has 16 bits"
     with pytest.raises(ValueError, match=text):
         encode_frame(0x91, bytes(65536))
@@ -79,14 +79,14 @@ def test_bus_identifiers(bid: int) -> None:
 
 
 @pytest.mark.parametrize(("mid", "bid"), [(256, 0xFF), (-1, 0xFF), (0x30, 256), (0x30, -1)])
-def test_what_is_no_byte(mid: int, bid: int) -> None:
+def test_values_outside_a_byte_are_rejected(mid: int, bid: int) -> None:
     with pytest.raises(OverflowError):
         encode_frame(mid, bid=bid)
 
 
 @given(st.integers(0, 255), st.binary(max_size=300), st.integers(0, 255))
-def test_frames_come_back(mid: int, payload: bytes, bid: int) -> None:
-    """Alone, any frame is in step: it begins where the input begins and ends where it ends."""
+def test_frames_round_trip(mid: int, payload: bytes, bid: int) -> None:
+    """A single frame is always in step: it begins and ends where the input does."""
     scanner = Scanner()
     found = scanner.feed(encode_frame(mid, payload, bid=bid)) + scanner.close()
     assert [
@@ -96,12 +96,12 @@ def test_frames_come_back(mid: int, payload: bytes, bid: int) -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# Packets: what was decoded is encoded to the same bytes
+# Packets: decoding and encoding gives the same bytes
 # ---------------------------------------------------------------------------------------------
 
 
 def contents(column: Column) -> Any:
-    """What `encode_packet` takes for the first row of a column."""
+    """Returns the argument of `encode_packet` for the first row of a column."""
     if column.name == "gnss_sat_info":
         return column.values[0], column.satellites
     return column.values[0]
@@ -112,13 +112,13 @@ def key_of(column: Column) -> tuple[str, ...]:
 
 
 def canonical(quantity: Quantity, precision: int, system: int) -> int:
-    """The identifier that the encoder writes."""
+    """Returns the identifier that the encoder writes."""
     is_real = quantity.kind == "real"
     return quantity.id | (precision if is_real else 0) | (system if quantity.coordinates else 0)
 
 
-def assert_comes_back(wire: bytes) -> None:
-    """By name, and by identifier."""
+def assert_round_trips(wire: bytes) -> None:
+    """Asserts the round trip by name and by identifier."""
     log = xbus.read_log(mtdata2(wire))
     (key,) = log
     column = log[key]
@@ -132,8 +132,8 @@ def assert_comes_back(wire: bytes) -> None:
     st.integers(0, 3),
     st.sampled_from((0x0, 0x4, 0x8)),
 )
-def test_packets_come_back(seed: int, quantity: Quantity, precision: int, system: int) -> None:
-    """Every quantity in all its forms, any bits: NaN of every kind, infinities, the ends of fixed point."""
+def test_packets_round_trip(seed: int, quantity: Quantity, precision: int, system: int) -> None:
+    """All quantities in all formats with any bits: NaNs, infinities, the limits of fixed point."""
     data_id = canonical(quantity, precision, system)
     rng = random.Random(seed)
     if quantity.kind == "real":
@@ -142,26 +142,26 @@ def test_packets_come_back(seed: int, quantity: Quantity, precision: int, system
     else:
         wire = streams.random_packet(rng, quantity.id)
         wire = packet(data_id, wire[3:])
-    assert_comes_back(wire)
+    assert_round_trips(wire)
 
 
 @pytest.mark.parametrize("name", QUANTITIES)
 @pytest.mark.parametrize("fill", [0x00, 0x01, 0x7F, 0x80, 0xFF])
-def test_packets_of_every_quantity(name: str, fill: int) -> None:
-    """The same, so that none is left to luck."""
+def test_packets_of_every_quantity_round_trip(name: str, fill: int) -> None:
+    """The same without random choice of the quantity."""
     quantity = QUANTITIES[name]
     for precision, width in enumerate((4, 4, 6, 8)):
         data_id = canonical(quantity, precision, 0x4)
         if quantity.kind == "real":
-            assert_comes_back(packet(data_id, bytes([fill]) * width * quantity.numbers))
+            assert_round_trips(packet(data_id, bytes([fill]) * width * quantity.numbers))
         elif quantity.kind == "id":
-            assert_comes_back(packet(data_id, bytes([fill]) * (8 if precision else 4)))
+            assert_round_trips(packet(data_id, bytes([fill]) * (8 if precision else 4)))
         elif quantity.kind == "list":
             head = bytes([fill] * 4) + bytes([precision]) + bytes([fill] * 3)
-            assert_comes_back(packet(data_id, head + bytes([fill]) * 4 * precision))
+            assert_round_trips(packet(data_id, head + bytes([fill]) * 4 * precision))
         else:
             assert quantity.size is not None
-            assert_comes_back(packet(data_id, bytes([fill]) * quantity.size))
+            assert_round_trips(packet(data_id, bytes([fill]) * quantity.size))
 
 
 @pytest.mark.parametrize(
@@ -170,11 +170,11 @@ def test_packets_of_every_quantity(name: str, fill: int) -> None:
      (0x0813, "7FF8000000000001"), (0x0813, "7FF0000000000001"), (0x0813, "FFF0000000000000")],
 )  # fmt: skip
 def test_bits_of_nan(data_id: int, raw: str) -> None:
-    assert_comes_back(packet(data_id, bytes.fromhex(raw)))
+    assert_round_trips(packet(data_id, bytes.fromhex(raw)))
 
 
-def test_samples_come_back() -> None:
-    """A whole message, its packets in their order; a quantity may come twice."""
+def test_samples_round_trip() -> None:
+    """A whole message keeps the order of its packets; a quantity may occur twice."""
     packets: list[tuple[Any, Any]] = [
         ("packet_counter", 65535),
         (("quaternion", "NED", "Fp1632"), [1, 0, -0.5, 0.25]),
@@ -195,7 +195,7 @@ def test_samples_come_back() -> None:
 
 
 def is_canonical(wire: bytes) -> bool:
-    """Whether the encoder would write just these bytes: an MTData2 message of known packets."""
+    """Returns whether the encoder would write exactly these bytes: an MTData2 message of known packets."""
     found = reference.scan(wire)[0]
     tiles = reference.packets(found[0].payload) if found and found[0].mid == 0x36 else None
     if tiles is None or len(found) > 1:
@@ -208,8 +208,8 @@ def is_canonical(wire: bytes) -> bool:
     return True
 
 
-def test_published_messages_come_back() -> None:
-    """Every MTData2 message of the published list, from what it was decoded to."""
+def test_published_messages_round_trip() -> None:
+    """Every published MTData2 message is encoded from its decoded values."""
     done = 0
     for line in shared("spec/frames.txt").read_text().splitlines():
         wire = bytes.fromhex(line.split("#")[0])
@@ -243,7 +243,7 @@ ONE_1220, ONE_1632 = 2**-20, 2**-32
         ("Fp1632", -0.5, "80 00 00 00 FF FF"),
         ("Fp1632", 24.375, "60 00 00 00 00 18"),
         ("Fp1632", -32768.0, "00 00 00 00 80 00"),
-        # Half goes away from zero.
+        # Half is rounded away from zero.
         ("Fp1220", 0.5 * ONE_1220, "00 00 00 01"),
         ("Fp1220", -0.5 * ONE_1220, "FF FF FF FF"),
         ("Fp1220", 1.5 * ONE_1220, "00 00 00 02"),
@@ -253,7 +253,7 @@ ONE_1220, ONE_1632 = 2**-20, 2**-32
         ("Fp1632", 0.5 * ONE_1632, "00 00 00 01 00 00"),
         ("Fp1632", -0.5 * ONE_1632, "FF FF FF FF FF FF"),
         ("Fp1632", 2.5 * ONE_1632, "00 00 00 03 00 00"),
-        # What does not fit stops at the end.
+        # Values out of range saturate.
         ("Fp1220", 2048.0, "7F FF FF FF"),
         ("Fp1220", 2048 - 0.6 * ONE_1220, "7F FF FF FF"),
         ("Fp1220", 2048 - 0.4 * ONE_1220, "7F FF FF FF"),
@@ -278,7 +278,7 @@ def test_rounding(precision: str, value: float, data: str) -> None:
 
 
 def rounded(value: float, bits: int, width: int) -> int:
-    """Half away from zero, and no further than the ends: in exact arithmetic."""
+    """Rounds half away from zero and saturates, in exact arithmetic."""
     scaled = Fraction(value) * 2**bits
     whole: int = math.floor(abs(scaled) + Fraction(1, 2)) * (1 if scaled >= 0 else -1)
     end = 1 << width - 1
@@ -286,7 +286,7 @@ def rounded(value: float, bits: int, width: int) -> int:
 
 
 @given(st.floats(-40_000, 40_000) | st.floats(allow_nan=False, allow_infinity=False))
-def test_any_number_rounds_right(value: float) -> None:
+def test_any_number_is_rounded_correctly(value: float) -> None:
     fp1220 = encode_packet(("temperature", "Fp1220"), value)[3:]
     assert int.from_bytes(fp1220, "big", signed=True) == rounded(value, 20, 32)
     fp1632 = encode_packet(("temperature", "Fp1632"), value)[3:]
@@ -300,7 +300,7 @@ def test_any_number_in_float32(value: float) -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# What is accepted, and what is refused
+# Accepted and rejected values
 # ---------------------------------------------------------------------------------------------
 
 WIRE = real(0x4020, 1, 2, 3)
@@ -384,19 +384,19 @@ def test_accepted(key: Any, values: Any, wire: bytes) -> None:
     ],
 )  # fmt: skip
 def test_refused(key: Any, values: Any, text: str) -> None:
-    """In one sentence that says what, and what would do."""
+    """The error names the fault and the remedy in one sentence."""
     with pytest.raises(ValueError) as caught:
         encode_packet(key, values)
     assert text in str(caught.value)
 
 
 @pytest.mark.parametrize("data_id", [0x201C, 0xD01F])
-def test_coordinates_that_are_not_defined(data_id: int) -> None:
+def test_undefined_coordinates_are_preserved(data_id: int) -> None:
     with pytest.raises(ValueError):
         encode_packet(data_id, [1, 0, 0, 0][: 4 if data_id < 0x3000 else 3])
 
 
-def test_a_sample_that_no_length_can_say() -> None:
+def test_samples_beyond_16_bits_are_rejected() -> None:
     with pytest.raises(ValueError, match="does not fit into a frame"):
         encode_sample([("acceleration", [1, 2, 3])] * 5000)
 
@@ -412,14 +412,14 @@ def scanned(pieces: list[bytes], limit: int = 8185) -> list[Any]:
 
 
 def cut(data: bytes, seed: int) -> list[bytes]:
-    """The bytes in pieces of any size, empty ones too."""
+    """Returns the bytes in pieces of any size, including empty ones."""
     rng = random.Random(seed)
     marks = sorted(rng.randint(0, len(data)) for _ in range(rng.choice((0, 1, 5, 50))))
     return [data[a:b] for a, b in zip([0, *marks], [*marks, len(data)], strict=True)]
 
 
-def by_the_oracle(data: bytes, limit: int) -> list[tuple[Any, ...]]:
-    """Damage, messages and strings in order; numbers of samples stand last."""
+def expected_items(data: bytes, limit: int) -> list[tuple[Any, ...]]:
+    """Returns damage, messages and strings in order; the index of the sample is last."""
     frames, strings, damage, _ = reference.find(data, limit)
     found: list[tuple[Any, ...]] = []
     sample = 0
@@ -436,24 +436,29 @@ def by_the_oracle(data: bytes, limit: int) -> list[tuple[Any, ...]]:
     return found
 
 
-def as_the_oracle(it: Any) -> tuple[Any, ...]:
-    match it:
+def expected_item(item: Any) -> tuple[Any, ...]:
+    match item:
         case xbus.Message():
-            return (it.mid, it.bid, it.payload, it.offset, it.sample)
+            return (item.mid, item.bid, item.payload, item.offset, item.sample)
         case xbus.String():
-            return (None if it.type is None else it.type.name, it.data, it.offset, it.sample)
-    return tuple(it)
+            return (
+                None if item.type is None else item.type.name,
+                item.data,
+                item.offset,
+                item.sample,
+            )
+    return tuple(item)
 
 
-#: Behind a message that its packets do not fill, which is no sample.
+#: After a malformed MTData2 message, which is not a sample.
 @example(frame(0x36, b"\x40\x20\x0c") + mtdata2(packet(0x1020, b"\0\1")) + frame(0x3E), 0, 254)
 @given(damaged_streams(20), SEEDS, st.sampled_from((20, 254, 300, 8185, 65535)))
 def test_chunking_does_not_matter(data: bytes, seed: int, limit: int) -> None:
-    """Whole, byte by byte, in any pieces: the same messages and the same damage, in order."""
-    expected = by_the_oracle(data, limit)
+    """Any chunking gives the same messages and the same damage, in order."""
+    expected = expected_items(data, limit)
     for pieces in ([data], [bytes([item]) for item in data], cut(data, seed)):
         found = scanned(pieces, limit)
-        assert [as_the_oracle(item) for item in found] == expected
+        assert [expected_item(item) for item in found] == expected
 
 
 def test_messages_are_named() -> None:
@@ -468,8 +473,8 @@ def test_messages_are_named() -> None:
 @pytest.mark.parametrize(
     "raw", [frame(0x3E), mtdata2(real(0x4020, 1, 2, 3)), frame(0x91, bytes(300))]
 )
-def test_what_is_plausible_does_not_wait(raw: bytes) -> None:
-    """It is told with its last byte, also after damage."""
+def test_plausible_frames_do_not_wait(raw: bytes) -> None:
+    """A frame is returned with its last byte, even after damage."""
     for before in (b"", b"\0", b"\0\xfa\xff\x77\x05", frame(0x3E)):
         scanner = Scanner()
         scanner.feed(before)
@@ -477,8 +482,8 @@ def test_what_is_plausible_does_not_wait(raw: bytes) -> None:
         assert scanner.feed(raw[-1:])[-1].offset == len(before)
 
 
-def test_what_is_not_waits_for_the_next() -> None:
-    """A frame that no device sends is believed when another follows, or when nothing does."""
+def test_implausible_frames_wait_for_the_next() -> None:
+    """A frame that no device sends is accepted when another frame or the end of the input follows."""
     strange = frame(0xB2, b"?")
     scanner = Scanner()
     assert scanner.feed(strange) == []
@@ -493,25 +498,25 @@ def test_offsets_count_from_the_beginning() -> None:
         assert [item.offset for item in scanner.feed(frame(0x3E))] == [5 * i]
 
 
-def test_a_false_header_holds_back_no_more_than_it_claims() -> None:
-    """Plausibility refuses it as soon as it can be refused."""
+def test_false_headers_delay_only_the_claimed_bytes() -> None:
+    """An implausible header is rejected as early as possible."""
     wake_up = frame(0x3E)
     scanner = Scanner()
-    # A device sends no such message: nothing to wait for once something else was wrong.
+    # No device sends this message, so after other damage it is rejected without waiting.
     assert scanner.feed(b"\0\xfa\xff\x77\xff\x1f\x00") == []
     assert [item.offset for item in scanner.feed(wake_up)] == [0, 7]
-    # MTData2 of 100 bytes: its first packet, of the wrong size, tells.
+    # MTData2 of 100 bytes: rejected at its first packet, which has the wrong size.
     scanner = Scanner()
     assert scanner.feed(b"\0\xfa\xff\x36\x64\x40\x20") == []
     assert [item.offset for item in scanner.feed(b"\x0d" + bytes(13) + wake_up)] == [0, 21]
-    # EmtsData may have 1000 bytes: it holds back what it claims, and no more.
+    # EmtsData may have 1000 bytes: only the claimed bytes are delayed.
     scanner = Scanner()
     assert scanner.feed(b"\0\xfa\xff\x91\xff\x03\xe8") == []
     assert scanner.feed(wake_up * 200) == []
     assert len(scanner.feed(wake_up)) == 1 + 201
 
 
-def test_close_ends_it() -> None:
+def test_close_ends_the_input() -> None:
     scanner = Scanner()
     assert scanner.feed(b"\xfa\xff\x3e") == []
     assert scanner.close() == [Damage(0, 3, "truncated")]

@@ -1,4 +1,4 @@
-"""Devices: opened, configured, read and lost, with virtual ones whose time moves while one waits."""
+"""Devices: opened, configured, read and lost. The time of virtual devices advances during waits."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ PRODUCT_NAMES = [product.name for product in PRODUCTS.values()]
 
 
 class Meddler(SimLink):
-    """A link that writes down what goes out, and does something to what comes in."""
+    """A link that records what is sent, and changes what is received."""
 
     def __init__(self, device: SimulatedDevice) -> None:
         super().__init__(device)
@@ -67,7 +67,7 @@ def opened(
 # Opening
 
 
-def test_it_listens_first_and_asks_only_if_nothing_is_heard() -> None:
+def test_connect_sends_nothing_if_the_device_sends() -> None:
     link = Meddler(SimulatedDevice("MTi-630"))
     device = Device(link)
     device.find_baudrate([115_200])
@@ -93,7 +93,7 @@ def test_a_device_is_left_in_the_state_it_was_found_in(product: str, state: Stat
         assert (device.state, sim.state) == (state, state)
 
 
-def test_a_device_that_measures_and_sends_nothing_is_found_measuring() -> None:
+def test_a_silent_measuring_device_is_detected() -> None:
     sim = SimulatedDevice("MTi-630")
     with connect(sim) as device, device.configure() as cfg:
         cfg.commands.set_sync_settings([xbus.protocol.SyncSetting(8, 6)])
@@ -103,7 +103,7 @@ def test_a_device_that_measures_and_sends_nothing_is_found_measuring() -> None:
         assert "quaternion" in device.read_sample()
 
 
-def test_what_goes_wrong_inside_configure_comes_out_and_the_state_is_restored() -> None:
+def test_configure_restores_the_state_after_an_exception() -> None:
     sim = SimulatedDevice("MTi-630")
     device = connect(sim)
     with pytest.raises(ZeroDivisionError), device.configure():
@@ -117,7 +117,7 @@ def test_the_baud_rate_is_found_by_trying(rate: int) -> None:
     assert (device.link.baudrate, device.state) == (rate, State.MEASUREMENT)
 
 
-def test_the_wrong_baud_rate_is_said() -> None:
+def test_a_wrong_baud_rate_is_reported() -> None:
     with pytest.raises(
         XbusTimeout, match="nothing was heard on sim:MTi-300 at 9600 baud"
     ) as caught:
@@ -127,20 +127,20 @@ def test_the_wrong_baud_rate_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("port", "kind", "says"),
+    ("port", "kind", "error"),
     [
         ("sim:MTi-4", ValueError, "no product is called 'MTi-4'"),
         ("/dev/no-such-port", OSError, "no-such-port"),
         ("nonsense://x", ValueError, "nonsense"),
     ],
 )
-def test_ports_that_do_not_exist(port: str, kind: type[Exception], says: str) -> None:
-    with pytest.raises(kind, match=says):
+def test_ports_that_do_not_exist(port: str, kind: type[Exception], error: str) -> None:
+    with pytest.raises(kind, match=error):
         connect(port)
 
 
 @pytest.mark.parametrize("bid", [0xFF, 1])
-def test_both_bus_identifiers_reach_it(bid: int) -> None:
+def test_both_bus_identifiers_reach_the_device(bid: int) -> None:
     with connect("sim:MTi-30", bid=bid) as device, device.configure() as cfg:
         assert cfg.product is not None
 
@@ -148,7 +148,7 @@ def test_both_bus_identifiers_reach_it(bid: int) -> None:
 # Output
 
 
-# outputs, acknowledged: rates as they come back, whatever was asked for stamps and status
+# outputs, acknowledged: rates as acknowledged, whatever was requested for stamps and status
 ACKNOWLEDGED = [
     ("MTi-3", {"acceleration": 50, "packet_counter": 100}, [(0x4020, 50), (0x1020, 0xFFFF)]),
     ("MTi-630", {"acceleration": None, "status_word": None}, [(0x4020, 400), (0xE020, 0xFFFF)]),
@@ -178,7 +178,7 @@ def test_strings_are_switched_off_first() -> None:
 
 
 @pytest.mark.parametrize(
-    ("outputs", "says"),
+    ("outputs", "error"),
     [
         ({"nothing": 100}, "no quantity is called 'nothing'"),
         ({"acceleration": 99.5}, "whole number of Hz"),
@@ -194,11 +194,11 @@ def test_strings_are_switched_off_first() -> None:
         ({"lat_lon": 100}, "the MTi-630 has no output lat_lon"),
     ],
 )
-def test_outputs_that_cannot_be(outputs: Any, says: str) -> None:
+def test_invalid_outputs_are_rejected(outputs: Any, error: str) -> None:
     device, link = opened("MTi-630")
     with device.configure() as cfg:
         link.written.clear()
-        with pytest.raises(ValueError, match=says):
+        with pytest.raises(ValueError, match=error):
             cfg.set_output_configuration(outputs)
         assert link.written == []
 
@@ -206,7 +206,7 @@ def test_outputs_that_cannot_be(outputs: Any, says: str) -> None:
 HIGH_RATE = {"acceleration_hr": 2000, "rate_of_turn_hr": 1600}
 
 
-def test_what_the_baud_rate_cannot_carry_is_refused_with_one_that_can() -> None:
+def test_too_much_output_is_rejected_with_a_sufficient_baud_rate() -> None:
     device, link = opened("MTi-630")
     with device.configure() as cfg:
         link.written.clear()
@@ -218,7 +218,7 @@ def test_what_the_baud_rate_cannot_carry_is_refused_with_one_that_can() -> None:
         cfg.set_output_configuration(HIGH_RATE, check_baudrate=False)
 
 
-# outputs, what one second of a virtual device makes of them, within
+# outputs, bytes of one second of a virtual device, tolerance
 SIZES = [
     (
         "MTi-630",
@@ -241,7 +241,7 @@ SIZES = [
 
 
 @pytest.mark.parametrize(("product", "outputs", "within"), SIZES)
-def test_bytes_per_second_are_those_that_come(product: str, outputs: Any, within: float) -> None:
+def test_bytes_per_second_match_the_device(product: str, outputs: Any, within: float) -> None:
     sim = SimulatedDevice(product)
     with connect(sim) as device, device.configure() as cfg:
         cfg.set_output_configuration(outputs, check_baudrate=False)
@@ -254,7 +254,7 @@ def test_bytes_per_second_are_those_that_come(product: str, outputs: Any, within
     )
 
 
-def test_check_fits_says_when_no_rate_would_do() -> None:
+def test_check_fits_reports_that_no_rate_is_sufficient() -> None:
     outputs = [
         Output(0x4043, 1000),
         Output(0x8043, 1000),
@@ -270,7 +270,7 @@ def test_check_fits_says_when_no_rate_would_do() -> None:
 # Samples
 
 
-def test_samples_are_what_a_log_of_them_says() -> None:
+def test_samples_match_a_log() -> None:
     sim = SimulatedDevice("MTi-680G")
     outputs = {
         "packet_counter": None, "sample_time_fine": None, "utc_time": None, ("quaternion", "NED"): 100,
@@ -300,7 +300,7 @@ def test_samples_are_what_a_log_of_them_says() -> None:
                     assert found.dtype == column.values.dtype
 
 
-def test_samples_that_come_during_a_command_are_given_afterwards() -> None:
+def test_samples_received_during_a_command_are_kept() -> None:
     device, _ = opened("MTi-630", State.MEASUREMENT)
     first = [device.read_sample()["packet_counter"] for _ in range(3)]
     device.commands.set_no_rotation(2)
@@ -312,11 +312,11 @@ def test_samples_that_come_during_a_command_are_given_afterwards() -> None:
 def test_config_state_has_no_samples() -> None:
     device, _ = opened()
     with pytest.raises(StateError, match="the device is in Config State"):
-        for _ in device:  # those that came before are given first
+        for _ in device:  # samples received before are returned first
             pass
 
 
-def test_a_silent_device_is_noticed() -> None:
+def test_a_silent_device_raises() -> None:
     device, _ = opened()
     device.set_output_configuration({})
     device.go_to_measurement()
@@ -325,14 +325,14 @@ def test_a_silent_device_is_noticed() -> None:
     assert (caught.value.command, caught.value.waited) == (None, 2)
 
 
-# What goes wrong in the middle of every command
+# Faults during every command
 
 REQUESTS = [
     row for row in MESSAGES.values()
     if row.direction == "to device" and row.reply is not None
     if 680 in row.products and "config" in row.states
 ]  # fmt: skip
-#: Requests whose answer has a known length, so that a wrong length can be sent.
+#: Requests whose reply has a known length, so that a wrong length can be sent.
 MEASURED = [
     request
     for request in REQUESTS
@@ -341,7 +341,7 @@ MEASURED = [
 
 
 def value_for(name: str, device: Device) -> Any:
-    """Something to say; for a setting what the device has already."""
+    """Returns a valid value; for a setting the current value of the device."""
     values = {
         "SetOptionFlags": xbus.protocol.OptionFlags(), "SetBaudrate": 2, "SetInitialHeading": 0.0,
         "SetFilterProfileModern": "General_RTK", "ReqAlignmentRotation": 0, "ReqEmts": b"\0\xff",
@@ -362,7 +362,7 @@ def identified(**settings: Any) -> tuple[Device, Meddler]:
 
 
 def works_again(device: Device) -> None:
-    """The state is known, or can be found, and the next command is answered."""
+    """Asserts that the state is known or can be found, and that the next command is answered."""
     device.go_to_config()
     assert device.state == State.CONFIG
     assert device.commands.req_did() == device.device_id
@@ -410,7 +410,7 @@ def test_ctrl_c_inside_configure_restores_the_state() -> None:
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
-def test_a_pulled_plug(row: xbus.protocol.tables.MessageRow) -> None:
+def test_an_unplugged_device_raises(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
 
@@ -431,7 +431,7 @@ def test_a_pulled_plug(row: xbus.protocol.tables.MessageRow) -> None:
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
-def test_an_error_for_an_answer(row: xbus.protocol.tables.MessageRow) -> None:
+def test_error_replies(row: xbus.protocol.tables.MessageRow) -> None:
     device, link = identified()
     value = value_for(row.name, device)
     link.meddle = lambda data: encode_frame(0x42, b"\x21") if data else b""
@@ -460,7 +460,7 @@ def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> 
 
 @pytest.mark.parametrize("row", MEASURED, ids=lambda row: row.name)
 def test_garbage_before_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
-    """A header that claims more than comes holds nothing back for longer than silence lasts."""
+    """A header that claims too many bytes delays the reply at most until the device is silent."""
     device, link = identified()
     value = value_for(row.name, device)
     link.meddle = lambda data: b"\x00\xfa\xff\x36\x80\xfa\xfa" + data if data else b""
@@ -486,7 +486,7 @@ def test_set_baudrate_follows_the_device(product: str) -> None:
     assert connect(sim).link.baudrate == 921_600
 
 
-def test_set_baudrate_to_what_the_product_cannot_do() -> None:
+def test_unsupported_baud_rates_are_rejected() -> None:
     device, link = opened("MTi-300")
     with device.configure() as cfg:
         link.written.clear()
@@ -504,13 +504,13 @@ def test_reset_to_config() -> None:
 
 
 def test_restore_communication() -> None:
-    """Section 7.2: a device that talks at a rate that nobody knows."""
+    """Section 7.2: the baud rate of the device is unknown."""
     sim = SimulatedDevice("MTi-300", baudrate=38_400)
     with connect(sim, 38_400) as device, device.configure() as cfg:
         cfg.set_output_configuration({"acceleration": 10})
 
     class Plugged(SimLink):
-        """Somebody plugs the device in after a while."""
+        """A link whose device is plugged in after a while."""
 
         written = 0
 

@@ -1,4 +1,4 @@
-"""A device in the hands of several threads, and of an event loop."""
+"""A device that is used by several threads, and by an event loop."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def device(request: pytest.FixtureRequest) -> Iterator[Device]:
     sim = SimulatedDevice("MTi-630")
     sim.advance(1)
     if request.param == "in process":
-        with connect(sim) as it:
-            yield it
+        with connect(sim) as opened:
+            yield opened
     else:
-        with serving(sim) as port, connect(port) as it:
-            yield it
+        with serving(sim) as port, connect(port) as opened:
+            yield opened
 
 
 def test_commands_while_another_thread_reads(device: Device) -> None:

@@ -1,4 +1,4 @@
-"""Files: Parquet, CSV, Arrow and npz. A file appears whole or not at all."""
+"""Files: Parquet, CSV, Arrow and npz. Files are written atomically."""
 
 from __future__ import annotations
 
@@ -41,41 +41,41 @@ def log(request: pytest.FixtureRequest) -> xbus.Log:
 
 
 # ---------------------------------------------------------------------------------------------
-# There and back
+# Round trips
 # ---------------------------------------------------------------------------------------------
 
 
 def test_parquet(log: xbus.Log, tmp_path: Path) -> None:
-    """The table comes back as it was, metadata included."""
-    log.to_parquet(tmp_path / "it.parquet")
-    table = pq.read_table(tmp_path / "it.parquet")
+    """The table round-trips, including metadata."""
+    log.to_parquet(tmp_path / "log.parquet")
+    table = pq.read_table(tmp_path / "log.parquet")
     expected = log.to_arrow()
     assert table.equals(expected, check_metadata=False)
     for one, other in zip(table.schema, expected.schema, strict=True):
         assert (other.metadata or {}).items() <= (one.metadata or {}).items()
 
 
-def test_parquet_has_statistics_of_what_rows_are_picked_by(tmp_path: Path) -> None:
+def test_parquet_statistics_exist_for_filter_columns(tmp_path: Path) -> None:
     log = xbus.read_log(LOGS["walk"])
-    log.to_parquet(tmp_path / "it.parquet")
-    group = pq.read_metadata(tmp_path / "it.parquet").row_group(0)
+    log.to_parquet(tmp_path / "log.parquet")
+    group = pq.read_metadata(tmp_path / "log.parquet").row_group(0)
     columns = {index.path_in_schema: index for index in map(group.column, range(group.num_columns))}
-    kept = [name for name, it in columns.items() if it.statistics]
+    kept = [name for name, chunk in columns.items() if chunk.statistics]
     assert kept == ["sample", "time", "utc_time"]
     assert columns["time"].statistics.min == np.nanmin(log.time)
     assert columns["time"].statistics.max == np.nanmax(log.time)
 
 
 def test_feather(log: xbus.Log, tmp_path: Path) -> None:
-    log.to_feather(tmp_path / "it.arrow")
-    with pa.ipc.open_file(tmp_path / "it.arrow") as file:
+    log.to_feather(tmp_path / "log.arrow")
+    with pa.ipc.open_file(tmp_path / "log.arrow") as file:
         assert file.read_all().equals(log.to_arrow(), check_metadata=True)
 
 
 def test_csv(log: xbus.Log, tmp_path: Path) -> None:
-    """A header, then a line a sample; fields are empty for nulls, times in UTC."""
-    log.to_csv(str(tmp_path / "it.csv"))
-    with (tmp_path / "it.csv").open(newline="") as file:
+    """A header, then one line for each sample; nulls are empty fields, times are in UTC."""
+    log.to_csv(str(tmp_path / "log.csv"))
+    with (tmp_path / "log.csv").open(newline="") as file:
         header, *rows = list(csv.reader(file))
     table = log.to_arrow()
     assert header == table.column_names
@@ -96,15 +96,15 @@ def test_csv(log: xbus.Log, tmp_path: Path) -> None:
 
 
 def test_utc_in_csv(tmp_path: Path) -> None:
-    xbus.read_log(DATA).to_csv(tmp_path / "it.csv", "utc_time")
-    lines = (tmp_path / "it.csv").read_text().splitlines()
+    xbus.read_log(DATA).to_csv(tmp_path / "log.csv", "utc_time")
+    lines = (tmp_path / "log.csv").read_text().splitlines()
     assert lines == ['"sample","time","utc_time"', "1,,2025-07-13 09:21:34.000000005Z", "2,0.02,"]
 
 
 def test_npz(log: xbus.Log, tmp_path: Path) -> None:
-    """An array a quantity, without pickles; beside it its samples and times."""
-    log.to_npz(tmp_path / "it.npz")
-    with np.load(tmp_path / "it.npz", allow_pickle=False) as file:
+    """One array for each quantity, without pickles, and arrays of its samples and times."""
+    log.to_npz(tmp_path / "log.npz")
+    with np.load(tmp_path / "log.npz", allow_pickle=False) as file:
         found = {name: file[name] for name in file.files}
     assert np.array_equal(found.pop("time"), log.time, equal_nan=True)
     assert np.array_equal(found.pop("packet_counter.unwrapped"), log.packet_counter)
@@ -120,9 +120,9 @@ def test_npz(log: xbus.Log, tmp_path: Path) -> None:
     assert found == {}
 
 
-def test_names_in_npz(tmp_path: Path) -> None:
-    xbus.read_log(DATA).to_npz(tmp_path / "it.npz")
-    with np.load(tmp_path / "it.npz") as file:
+def test_npz_names(tmp_path: Path) -> None:
+    xbus.read_log(DATA).to_npz(tmp_path / "log.npz")
+    with np.load(tmp_path / "log.npz") as file:
         assert {"quaternion_enu", "quaternion_ned", "acceleration", "gnss_sat_info"} <= set(
             file.files
         )
@@ -136,17 +136,17 @@ def test_one_quantity(key: Any, tmp_path: Path) -> None:
     """The same table as `to_arrow` with a key."""
     log = xbus.read_log(DATA)
     expected = log.to_arrow(key)
-    log.to_parquet(tmp_path / "it.parquet", key)
-    assert pq.read_table(tmp_path / "it.parquet").equals(expected)
-    log.to_feather(tmp_path / "it.arrow", key)
-    with pa.ipc.open_file(tmp_path / "it.arrow") as file:
+    log.to_parquet(tmp_path / "log.parquet", key)
+    assert pq.read_table(tmp_path / "log.parquet").equals(expected)
+    log.to_feather(tmp_path / "log.arrow", key)
+    with pa.ipc.open_file(tmp_path / "log.arrow") as file:
         assert file.read_all().equals(expected)
-    log.to_csv(tmp_path / "it.csv", key)
-    assert len((tmp_path / "it.csv").read_text().splitlines()) == 1 + expected.num_rows
+    log.to_csv(tmp_path / "log.csv", key)
+    assert len((tmp_path / "log.csv").read_text().splitlines()) == 1 + expected.num_rows
 
 
-def test_all_bits_in_parquet(tmp_path: Path) -> None:
-    """NaN of any kind, infinities, the ends of integers."""
+def test_parquet_preserves_every_bit(tmp_path: Path) -> None:
+    """All kinds of NaN, infinities, and the limits of integers."""
     numbers = [
         packet(0x0810, bytes.fromhex(name))
         for name in ("7FC00001", "FFC00000", "FF800000", "80000000")
@@ -154,8 +154,8 @@ def test_all_bits_in_parquet(tmp_path: Path) -> None:
     log = xbus.read_log(
         b"".join(mtdata2(number, packet(0x10A0, b"\xff" * 8)) for number in numbers)
     )
-    log.to_parquet(tmp_path / "it.parquet")
-    table = pq.read_table(tmp_path / "it.parquet")
+    log.to_parquet(tmp_path / "log.parquet")
+    table = pq.read_table(tmp_path / "log.parquet")
     temperature = np.asarray(table["temperature"])
     assert reference.same_bits(temperature, log["temperature"].values)
     assert table["sample_time64"].to_pylist() == [2**64 - 1] * 4
@@ -163,7 +163,7 @@ def test_all_bits_in_parquet(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# Whole or not at all
+# Atomic writes
 # ---------------------------------------------------------------------------------------------
 
 WRITERS: dict[str, Callable[[xbus.Log, Any], None]] = {
@@ -178,7 +178,7 @@ FULL_DISK = """
     import xbus
     path, how = sys.argv[1:]
     log = xbus.read_log(sys.stdin.buffer)
-    getattr(log, how)(path + ".sound")  # what is loaded once, and the proof that it would work
+    getattr(log, how)(path + ".sound")  # loads everything, and shows that the write works
     resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))
     try:
         getattr(log, how)(path)
@@ -191,14 +191,14 @@ FULL_DISK = """
 @pytest.mark.parametrize("how", WRITERS)
 @pytest.mark.parametrize("before", [b"what was there", None])
 def test_a_full_disk(how: str, before: bytes | None, tmp_path: Path) -> None:
-    """The write fails on the way: what was there is there, and nothing else."""
-    path = tmp_path / "it"
+    """If the write fails, the existing file is unchanged and no other file remains."""
+    path = tmp_path / "log"
     if before is not None:
         path.write_bytes(before)
     program = [sys.executable, "-c", textwrap.dedent(FULL_DISK), str(path), how]
     result = subprocess.run(program, input=LOGS["walk"], check=True, capture_output=True)  # noqa: S603
     assert b"File too large" in result.stdout, result.stderr
-    sound = tmp_path / "it.sound"
+    sound = tmp_path / "log.sound"
     assert sound.stat().st_size > 20_000
     assert set(tmp_path.iterdir()) == {sound, path} - ({path} if before is None else set())
     assert before is None or path.read_bytes() == before
@@ -207,7 +207,7 @@ def test_a_full_disk(how: str, before: bytes | None, tmp_path: Path) -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, OSError])
 @pytest.mark.parametrize("before", [b"what was there", None])
 def test_an_interruption(error: type[BaseException], before: bytes | None, tmp_path: Path) -> None:
-    path = tmp_path / "it.bin"
+    path = tmp_path / "log.bin"
     if before is not None:
         path.write_bytes(before)
 
@@ -227,8 +227,8 @@ def test_an_interruption(error: type[BaseException], before: bytes | None, tmp_p
 
 @pytest.mark.parametrize("how", WRITERS)
 def test_replacing(how: str, tmp_path: Path) -> None:
-    """What was there goes, its rights stay, and nothing is left beside it."""
-    path = tmp_path / "it"
+    """The existing file is replaced, its permissions are kept, and no other file remains."""
+    path = tmp_path / "log"
     path.write_bytes(b"what was there")
     path.chmod(0o640)
     WRITERS[how](xbus.read_log(DATA), path)
@@ -241,17 +241,17 @@ def test_replacing(how: str, tmp_path: Path) -> None:
 def test_rights_of_a_new_file(tmp_path: Path) -> None:
     old = os.umask(0o027)
     try:
-        xbus.read_log(DATA).to_npz(tmp_path / "it")
+        xbus.read_log(DATA).to_npz(tmp_path / "log")
     finally:
         os.umask(old)
-    assert stat.S_IMODE((tmp_path / "it").stat().st_mode) == 0o640
+    assert stat.S_IMODE((tmp_path / "log").stat().st_mode) == 0o640
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links need rights there")
 def test_through_a_link(tmp_path: Path) -> None:
-    """The link stays one, and what it points to is replaced."""
+    """The link is kept, and its target is replaced."""
     (tmp_path / "there").mkdir()
-    target, link = tmp_path / "there" / "it.csv", tmp_path / "link.csv"
+    target, link = tmp_path / "there" / "log.csv", tmp_path / "link.csv"
     link.symlink_to(target)
     for _ in range(2):  # to nothing, and to a file
         xbus.read_log(DATA).to_csv(link, "acceleration")
@@ -263,7 +263,7 @@ def test_through_a_link(tmp_path: Path) -> None:
 @pytest.mark.parametrize("how", WRITERS)
 def test_no_such_directory(how: str, tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
-        WRITERS[how](xbus.read_log(DATA), tmp_path / "no" / "it")
+        WRITERS[how](xbus.read_log(DATA), tmp_path / "no" / "log")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -276,23 +276,23 @@ def test_a_directory(how: str, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/dev/null").exists(), reason="no such device here")
 @pytest.mark.parametrize("how", ["to_csv", "to_parquet", "to_feather"])
-def test_what_is_no_file_is_written_directly(how: str) -> None:
-    """A device stays what it is."""
+def test_devices_are_written_directly(how: str) -> None:
+    """A device file is not replaced."""
     WRITERS[how](xbus.read_log(DATA), "/dev/null")
     assert Path("/dev/null").is_char_device()
 
 
-def test_a_quantity_that_is_not_there(tmp_path: Path) -> None:
-    """Told before anything is written."""
+def test_a_missing_quantity_is_an_error(tmp_path: Path) -> None:
+    """The error is raised before anything is written."""
     log = xbus.read_log(DATA)
     for write in (log.to_parquet, log.to_csv, log.to_feather):
         with pytest.raises(KeyError):
-            write(tmp_path / "it", "no such quantity")
+            write(tmp_path / "log", "no such quantity")
     assert list(tmp_path.iterdir()) == []
 
 
 # ---------------------------------------------------------------------------------------------
-# What is not installed
+# Missing packages
 # ---------------------------------------------------------------------------------------------
 
 
@@ -330,10 +330,10 @@ def test_a_quantity_that_is_not_there(tmp_path: Path) -> None:
 def test_a_missing_extra(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, how: str, missing: str, text: str
 ) -> None:
-    """One sentence that names it; nothing is written."""
+    """The error is one sentence that names the extra; nothing is written."""
     log = xbus.read_log(DATA)
     monkeypatch.setitem(sys.modules, missing, None)
-    arguments = [tmp_path / "it"] if how in WRITERS else []
+    arguments = [tmp_path / "log"] if how in WRITERS else []
     with pytest.raises(ImportError) as caught:
         getattr(log, how)(*arguments)
     assert str(caught.value) == text
@@ -349,8 +349,8 @@ def test_a_url_without_fsspec(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_numbers_need_no_extra() -> None:
-    """A log is read, looked at, and written as npz with numpy alone."""
+def test_reading_and_npz_need_no_extra() -> None:
+    """A log can be read, inspected and written as npz with numpy alone."""
     program = """
         import io, sys
         for name in ("pyarrow", "pandas", "polars", "fsspec", "duckdb"):
@@ -367,8 +367,8 @@ def test_numbers_need_no_extra() -> None:
     assert result.stdout == "1040\n"
 
 
-def test_tables_beside_each_other(tmp_path: Path) -> None:
-    """What decodes on many machines is joined by its files: the parts of a log have one schema."""
+def test_parts_share_one_schema(tmp_path: Path) -> None:
+    """The parts of a log have one schema, so that files from several machines can be joined."""
     data = b"".join(mtdata2(counter(i), fine(i), real(0x4020, i, 0, 0)) for i in range(100))
     data += mtdata2(packet(0x7020, SATELLITES))
     for i, part in enumerate(xbus.iter_log(data, block_bytes=1000)):

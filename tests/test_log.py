@@ -1,6 +1,6 @@
-"""`read_log`: what a log says, from wherever its bytes come.
+"""`read_log`: the content of a log from any source.
 
-First the oracle of `reference` against everything that can be sent, and what can happen to it; then, in
+First a comparison with `reference` on intact and damaged streams of everything that can be sent; then, in
 tables, the rules one by one.
 """
 
@@ -54,8 +54,8 @@ from streams import frame, mtdata2, packet, real
 # ---------------------------------------------------------------------------------------------
 
 
-def assert_as_the_oracle(data: bytes, limit: int = 0xFFFF) -> None:
-    """The fast path, the plain path and the oracle say the same, bit by bit."""
+def assert_matches_reference(data: bytes, limit: int = 0xFFFF) -> None:
+    """The fast path, the plain path and the reference decoder agree bit by bit."""
     expected = facts_of(reference.decode(data, limit))
     assert differences(facts(read(data, limit=limit)), expected) == []
     assert differences(facts(read(data, limit=limit, fast=False)), expected) == []
@@ -63,32 +63,32 @@ def assert_as_the_oracle(data: bytes, limit: int = 0xFFFF) -> None:
 
 @given(sound_streams())
 def test_sound_streams(data: bytes) -> None:
-    assert_as_the_oracle(data)
+    assert_matches_reference(data)
 
 
 @given(damaged_streams())
 def test_damaged_streams(data: bytes) -> None:
-    assert_as_the_oracle(data)
+    assert_matches_reference(data)
 
 
 @given(damaged_streams(20), st.sampled_from((0, 1, 20, 99, 254, 255, 300, 8185)))
 def test_limits(data: bytes, limit: int) -> None:
     """Frames beyond the limit are damage."""
-    assert_as_the_oracle(data, limit)
+    assert_matches_reference(data, limit)
 
 
 @given(SEEDS, st.sampled_from((1e-4, 1e-3, 1e-2)))
 def test_noise(seed: int, rate: float) -> None:
-    """Flips, losses and bursts everywhere."""
+    """Flipped bits, lost bytes and bursts of garbage everywhere."""
     rng = random.Random(seed)
     data = streams.damage(streams.random_log(rng, 40), rng, flips=rate, drops=rate, bursts=rate)
-    assert_as_the_oracle(data)
+    assert_matches_reference(data)
 
 
 @given(st.binary(max_size=300))
-def test_nonsense(data: bytes) -> None:
-    assert_as_the_oracle(data)
-    assert_as_the_oracle(data.replace(b"\0", b"\xfa").replace(b"\1", b"\xff\x36"))
+def test_random_bytes(data: bytes) -> None:
+    assert_matches_reference(data)
+    assert_matches_reference(data.replace(b"\0", b"\xfa").replace(b"\1", b"\xff\x36"))
 
 
 HOSTILE = {
@@ -108,25 +108,25 @@ HOSTILE = {
 
 @pytest.mark.parametrize("data", HOSTILE.values(), ids=HOSTILE)
 def test_hostile(data: bytes) -> None:
-    assert_as_the_oracle(data)
+    assert_matches_reference(data)
     sound = streams.gnssins(30)
-    assert_as_the_oracle(sound + data + sound + data)
+    assert_matches_reference(sound + data + sound + data)
 
 
 @pytest.mark.parametrize("make", [streams.ahrs, streams.hr, streams.gnssins, streams.dirty])
 def test_streams_of_the_benchmarks(make: Callable[[int], bytes]) -> None:
-    assert_as_the_oracle(make(1500))
+    assert_matches_reference(make(1500))
 
 
 # ---------------------------------------------------------------------------------------------
-# Layouts: messages that come again go another way than the first of their kind
+# Layouts: repeated messages take another path than the first of their kind
 # ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("count", [*range(1, 6), 255, 256, 257, 258, 259, 260, 511, 514, 770])
 @pytest.mark.parametrize("tail", ["", "00", "FA", "FA FF 36", "FA FF 36 4F 00 00 00"])
 def test_any_number_of_messages(count: int, tail: str) -> None:
-    assert_as_the_oracle(streams.hr(count) + bytes.fromhex(tail))
+    assert_matches_reference(streams.hr(count) + bytes.fromhex(tail))
 
 
 INERTIAL = [mtdata2(counter(i), fine(25 * i), real(0x4020, i, -i, 9.81)) for i in range(8)]
@@ -135,29 +135,29 @@ INERTIAL = [mtdata2(counter(i), fine(25 * i), real(0x4020, i, -i, 9.81)) for i i
 @pytest.mark.parametrize("tail", [b"", b"\0", bytes(40)], ids=len)
 @pytest.mark.parametrize("gap", [0, 1, 2, 9, 31, 32, 33, 60])
 def test_gaps_of_equal_length(gap: int, tail: bytes) -> None:
-    """Messages at equal distances, with something between them, and little behind the last."""
-    assert_as_the_oracle(bytes(gap).join(INERTIAL[:2] * 2 + INERTIAL) + tail)
+    """Messages at equal distances with bytes between them, and few bytes after the last."""
+    assert_matches_reference(bytes(gap).join(INERTIAL[:2] * 2 + INERTIAL) + tail)
 
 
 def test_every_bit_of_a_frame() -> None:
-    """One flipped bit costs one message, in the middle of many alike."""
+    """One flipped bit loses one message, among many equal ones."""
     before, at, after = b"".join(INERTIAL[:4]), INERTIAL[4], b"".join(INERTIAL[5:])
     for bit in range(8 * len(at)):
         flipped = bytearray(at)
         flipped[bit // 8] ^= 1 << bit % 8
         data = before + bytes(flipped) + after
-        assert_as_the_oracle(data)
-        # A flipped length, or identifier, makes a sum that may hold by chance: not so here.
+        assert_matches_reference(data)
+        # A flipped length or identifier may match the checksum by chance; here it does not.
         assert len(xbus.read_log(data)) == 7
 
 
 def test_every_byte_of_a_frame_is_lost() -> None:
     for at in range(len(INERTIAL[4])):
         lacking = INERTIAL[4][:at] + INERTIAL[4][at + 1 :]
-        assert_as_the_oracle(b"".join([*INERTIAL[:4], lacking, *INERTIAL[5:]]))
+        assert_matches_reference(b"".join([*INERTIAL[:4], lacking, *INERTIAL[5:]]))
 
 
-def test_layouts_of_one_length() -> None:
+def test_layouts_of_equal_length() -> None:
     """The same identifiers in other orders, other identifiers of the same size."""
     kinds = [0x2010, 0x4020, 0x8020, 0xC020, 0xE020, 0x1060]
     rng = random.Random(5)
@@ -165,34 +165,34 @@ def test_layouts_of_one_length() -> None:
     for _ in range(400):
         rng.shuffle(kinds)
         frames.append(mtdata2(*(streams.random_packet(rng, kind) for kind in kinds)))
-    assert_as_the_oracle(b"".join(frames))
+    assert_matches_reference(b"".join(frames))
 
 
 @pytest.mark.parametrize("count", [7, 8, 9, 31, 32, 33, 254, 255, 256, 300])
 def test_many_layouts(count: int) -> None:
-    """More than anybody wants to remember."""
+    """More layouts than the reader remembers."""
     kinds = [mtdata2(packet(0x7000 + (i << 4), bytes([i % 256])), fine(i)) for i in range(count)]
     one_by_one = b"".join(kind * 4 for kind in kinds)
     in_turn = b"".join(kinds) * 4
-    assert_as_the_oracle(one_by_one + in_turn)
+    assert_matches_reference(one_by_one + in_turn)
 
 
 @pytest.mark.parametrize("count", [2, 4, 255])
-def test_a_count_that_lies(count: int) -> None:
-    """GnssSatInfo of the usual size that counts other satellites is none: it is kept as it is."""
+def test_a_wrong_satellite_count_is_unknown(count: int) -> None:
+    """A GnssSatInfo whose count does not match its size is kept as an unknown packet."""
     sound = packet(0x7020, bytes([0, 0, 0, 1, 3, 0, 0, 0]) + bytes(12))
     lying = packet(0x7020, bytes([0, 0, 0, 1, count, 0, 0, 0]) + bytes(12))
     data = mtdata2(sound) * 5 + mtdata2(lying) + mtdata2(sound) * 5
     log = xbus.read_log(data)
     assert [item[4] for item in log.unknown[0x7020]] == [count]
     assert log["gnss_sat_info"].sample.tolist() == [0, 1, 2, 3, 4, 6, 7, 8, 9, 10]
-    assert_as_the_oracle(data)
+    assert_matches_reference(data)
 
 
 @pytest.mark.parametrize("bid", [0, 1, 2, 31, 32, 0xFE, 0xFF])
 def test_layouts_of_every_bus_identifier(bid: int) -> None:
     own = mtdata2(counter(1), fine(25), bid=bid)
-    assert_as_the_oracle(own * 5 + INERTIAL[0] * 5 + own * 5)
+    assert_matches_reference(own * 5 + INERTIAL[0] * 5 + own * 5)
 
 
 @pytest.mark.parametrize(
@@ -211,8 +211,8 @@ def test_layouts_of_every_bus_identifier(bid: int) -> None:
     ],
 )
 @pytest.mark.parametrize("count", [1, 3, 63, 64, 65, 66, 300])
-def test_configured_anew(before: int, after: int, count: int) -> None:
-    """The device changes its output for a while, and back: short enough to be odd, long enough to stay."""
+def test_output_changes_within_a_log(before: int, after: int, count: int) -> None:
+    """The device changes its output and changes it back, after a short and after a long time."""
     rng = random.Random(count)
 
     def some(data_id: int, of: int, later: bool) -> bytes:
@@ -229,8 +229,8 @@ def test_configured_anew(before: int, after: int, count: int) -> None:
         return b"".join(mtdata2(packet(data_id, head + rng.randbytes(size))) for _ in range(of))
 
     data = some(before, 5, False) + some(after, count, True) + some(before, 5, False)
-    assert_as_the_oracle(data)
-    assert_as_the_oracle(data + some(after, 70, True) + data)
+    assert_matches_reference(data)
+    assert_matches_reference(data + some(after, 70, True) + data)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -239,7 +239,7 @@ def test_configured_anew(before: int, after: int, count: int) -> None:
 
 
 class OneByte:
-    """A reader that never gives more than one byte."""
+    """A reader that never returns more than one byte."""
 
     def __init__(self, data: bytes) -> None:
         self.file = io.BytesIO(data)
@@ -250,7 +250,7 @@ class OneByte:
 
 
 class AnyPath:
-    """A path of somebody else's."""
+    """A path of another library."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -275,7 +275,7 @@ def in_memory() -> str:
 
 
 def pipe(files: contextlib.ExitStack) -> io.BufferedReader:
-    """A pipe that holds the beginning; a pipe has no length and cannot be sought."""
+    """A pipe with the beginning of the data; a pipe has no length and is not seekable."""
     out, into = os.pipe()
     os.write(into, DATA)
     os.close(into)
@@ -324,7 +324,7 @@ def test_sources(
     tmp_path: Path,
     files: contextlib.ExitStack,
 ) -> None:
-    """The same bytes are the same log, wherever they come from."""
+    """The same bytes give the same log from every source."""
     path = tmp_path / "field.mtb"
     path.write_bytes(DATA)
     expected = facts_of(reference.decode(DATA))
@@ -332,12 +332,12 @@ def test_sources(
     parts = list(xbus.iter_log(source(path, files), block_bytes=1000))
     assert len(parts) > 10
     assert differences(facts(*parts), expected) == []
-    gc.collect()  # what was left open would be complained about here
+    gc.collect()  # unclosed files would warn here
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
 def test_named_pipe(tmp_path: Path) -> None:
-    """It is opened once: whoever writes into it goes away with the first reader."""
+    """The pipe is opened once, because the writer exits with the first reader."""
     path = tmp_path / "pipe"
     os.mkfifo(path)
     with concurrent.futures.ThreadPoolExecutor() as pool:
@@ -360,7 +360,7 @@ except KeyboardInterrupt:
 @pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs mkfifo and /proc")
 @pytest.mark.parametrize("has_writer", [False, True])
 def test_ctrl_c_ends_the_wait_for_a_named_pipe(tmp_path: Path, has_writer: bool) -> None:
-    """While no other program has opened the pipe, and while the one that has writes nothing."""
+    """The wait can end before a writer opens the pipe, and while the writer sends nothing."""
     path = tmp_path / "pipe"
     os.mkfifo(path)
     command = [sys.executable, "-c", INTERRUPTED, str(path)]
@@ -378,8 +378,8 @@ def test_ctrl_c_ends_the_wait_for_a_named_pipe(tmp_path: Path, has_writer: bool)
         assert process.communicate(timeout=30)[0] == "interrupted\n"
 
 
-def test_a_file_is_read_from_where_it_stands() -> None:
-    """And no further than a log has to be read: to its end."""
+def test_files_are_read_from_their_position() -> None:
+    """The file is read from its position to its end."""
     file = io.BytesIO(b"a title\n" + DATA)
     file.readline()
     log = xbus.read_log(file)
@@ -389,14 +389,14 @@ def test_a_file_is_read_from_where_it_stands() -> None:
     assert file.read() == b""
 
 
-def test_an_empty_array_of_any_kind() -> None:
+def test_empty_arrays() -> None:
     for empty in (b"", bytearray(), memoryview(b""), np.empty(0, np.uint8), io.BytesIO()):
         log = xbus.read_log(empty)
         assert (len(log), list(log), log.stats.bytes) == (0, [], 0)
 
 
-def test_the_source_is_let_go() -> None:
-    """Columns are made of numbers of their own; a buffer can be used for other things at once."""
+def test_the_source_is_released() -> None:
+    """Columns do not refer to the source, so its buffer can be reused immediately."""
     data = bytearray(DATA)
     log = xbus.read_log(data)
     expected = facts_of(reference.decode(DATA))
@@ -412,7 +412,7 @@ def test_read_only_arrays() -> None:
 
 
 def test_threads() -> None:
-    """Many read at once, and ask one log at once for what is worked out when it is asked for."""
+    """Many threads read at once, and use lazily computed attributes of one log at once."""
     data = streams.gnssins(500)
     expected = facts(read(data))
     log = xbus.read_log(data)
@@ -424,7 +424,7 @@ def test_threads() -> None:
 
 
 def test_long_input(tmp_path: Path) -> None:
-    """Files are read in pieces; frames lie across their ends, long ones too."""
+    """Files are read in pieces; short and long frames cross their boundaries."""
     rng = random.Random(3)
     long = frame(0x91, rng.randbytes(65_535)) + frame(0x36, packet(0x7000, bytes(255)) * 250)
     data = b"".join(streams.dirty(3000, i) + long * (i % 3) + bytes(i) for i in range(8))
@@ -477,7 +477,7 @@ MIXED = b"".join(
     ],
 )  # fmt: skip
 def test_quantities(quantities: Any, keys: list[str]) -> None:
-    """Only what is asked for, in the order of the log; the rest of the log is as it was."""
+    """Only the selected quantities, in the order of the log; everything else is unchanged."""
     log = xbus.read_log(MIXED, quantities=quantities)
     assert [item if isinstance(item, str) else " ".join(item) for item in log] == keys
     whole, part = facts(xbus.read_log(MIXED)), facts(log)
@@ -508,10 +508,10 @@ def test_quantities_of_parts() -> None:
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("reader", [xbus.read_log, xbus.iter_log])
-def test_quantities_that_do_not_exist(
+def test_unknown_quantities_are_rejected(
     reader: Callable[..., Any], quantities: Any, error: type[Exception], text: str
 ) -> None:
-    """Said at once, whatever the log holds."""
+    """The error is raised immediately, whatever the log contains."""
     with pytest.raises(error) as caught:
         reader(b"", quantities=quantities)
     assert text in str(caught.value)
@@ -542,19 +542,19 @@ N = len(GOOD)
     ],
 )  # fmt: skip
 def test_strict(data: bytes, offset: int, data_id: int | None, text: str) -> None:
-    """The first that does not add up is raised, and says what, where and how much."""
+    """The first fault is raised, with its kind, offset and length."""
     with pytest.raises(xbus.DecodeError) as caught:
         xbus.read_log(data, strict=True)
     assert (caught.value.offset, caught.value.data_id) == (offset, data_id)
     assert text in str(caught.value)
     assert isinstance(caught.value, ValueError)
-    # Without it the same is data.
+    # Without `strict` the same bytes are data.
     log = xbus.read_log(data)
     assert log.damage.tolist() or log.stats.malformed or log.unknown
 
 
 def test_strict_in_parts() -> None:
-    """The samples before are handed over first."""
+    """The samples before the fault are returned first."""
     parts = xbus.iter_log(GOOD * 3 + b"\0" + GOOD, block_bytes=10_000, strict=True)
     assert len(next(parts)) == 3
     with pytest.raises(xbus.DecodeError):
@@ -562,8 +562,8 @@ def test_strict_in_parts() -> None:
     assert list(parts) == []
 
 
-def test_strict_and_nothing_wrong() -> None:
-    """Unknown is not damage."""
+def test_strict_accepts_undamaged_input() -> None:
+    """Unknown packets are not damage."""
     data = GOOD + frame(0xB2, b"?") + mtdata2(packet(0x7770, b"?")) + frame(0x3E, bid=77) + GOOD
     assert len(xbus.read_log(data, strict=True)) == 3
     assert len(xbus.read_log(b"", strict=True)) == 0
@@ -579,8 +579,8 @@ def type_of(values: np.ndarray[Any, Any]) -> str:
     return str(values.dtype.str).lstrip("<>|")
 
 
-def column(*packets: bytes) -> xbus.Column:
-    """The only column of a log in which each packet is a message of its own."""
+def read_column(*packets: bytes) -> xbus.Column:
+    """Returns the only column of a log with one packet in each message."""
     log = xbus.read_log(b"".join(mtdata2(item) for item in packets))
     assert len(list(log)) == 1
     return log[next(iter(log))]
@@ -596,15 +596,15 @@ def column(*packets: bytes) -> xbus.Column:
     ],
 )
 def test_vectors(data_id: int, dtype: str, precision: str) -> None:
-    it = column(real(data_id, 0.5, -0.25, 9.75), real(data_id, 1, 2, 3))
-    assert it.values.tolist() == [[0.5, -0.25, 9.75], [1, 2, 3]]
-    assert (type_of(it.values), it.values.shape) == (dtype, (2, 3))
-    assert it.values.flags.c_contiguous
-    assert not it.values.flags.writeable
-    assert (it.name, it.unit, it.fields) == ("acceleration", "m/s2", ("x", "y", "z"))
-    assert (it.precision, it.coordinates, it.data_id) == (precision, None, data_id)
-    assert (it.sample.tolist(), type_of(it.sample), len(it)) == ([0, 1], "i8", 2)
-    assert (type_of(it.time), it.time.shape) == ("f8", (2,))
+    column = read_column(real(data_id, 0.5, -0.25, 9.75), real(data_id, 1, 2, 3))
+    assert column.values.tolist() == [[0.5, -0.25, 9.75], [1, 2, 3]]
+    assert (type_of(column.values), column.values.shape) == (dtype, (2, 3))
+    assert column.values.flags.c_contiguous
+    assert not column.values.flags.writeable
+    assert (column.name, column.unit, column.fields) == ("acceleration", "m/s2", ("x", "y", "z"))
+    assert (column.precision, column.coordinates, column.data_id) == (precision, None, data_id)
+    assert (column.sample.tolist(), type_of(column.sample), len(column)) == ([0, 1], "i8", 2)
+    assert (type_of(column.time), column.time.shape) == ("f8", (2,))
 
 
 @pytest.mark.parametrize(
@@ -630,9 +630,9 @@ def test_vectors(data_id: int, dtype: str, precision: str) -> None:
 def test_reals(data_id: int, name: str, unit: str, fields: tuple[str, ...]) -> None:
     """Table 16 and section 5.3.6: names, units and the order of the numbers."""
     numbers = [float(i) for i in range(len(fields) or 1)]
-    it = column(real(data_id, *numbers))
-    assert (it.name, it.unit, it.fields) == (name, unit, fields)
-    assert it.values.tolist() == ([numbers] if fields else numbers)
+    column = read_column(real(data_id, *numbers))
+    assert (column.name, column.unit, column.fields) == (name, unit, fields)
+    assert column.values.tolist() == ([numbers] if fields else numbers)
 
 
 @pytest.mark.parametrize(
@@ -653,33 +653,37 @@ def test_reals(data_id: int, name: str, unit: str, fields: tuple[str, ...]) -> N
 )
 @pytest.mark.parametrize("format_bits", [0, 3, 0xF])
 def test_integers(data_id: int, name: str, dtype: str, unit: str, format_bits: int) -> None:
-    """Integers keep their width, and format bits change nothing: real devices send 0x3013."""
+    """Integers keep their width, and format bits are ignored: real devices send 0x3013."""
     size = int(dtype[1])
     raw = bytes(range(0x81, 0x81 + size))
-    it = column(packet(data_id | format_bits, raw), packet(data_id | format_bits, raw))
-    assert it.values.tolist() == [int.from_bytes(raw, "big", signed=dtype[0] == "i")] * 2
-    assert (type_of(it.values), it.values.shape) == (dtype, (2,))
-    assert (it.name, it.unit, it.fields) == (name, unit, ())
-    assert (it.precision, it.coordinates, it.data_id) == (None, None, data_id | format_bits)
+    column = read_column(packet(data_id | format_bits, raw), packet(data_id | format_bits, raw))
+    assert column.values.tolist() == [int.from_bytes(raw, "big", signed=dtype[0] == "i")] * 2
+    assert (type_of(column.values), column.values.shape) == (dtype, (2,))
+    assert (column.name, column.unit, column.fields) == (name, unit, ())
+    assert (column.precision, column.coordinates, column.data_id) == (
+        None,
+        None,
+        data_id | format_bits,
+    )
 
 
-def test_the_same_integer_under_two_identifiers() -> None:
-    it = column(packet(0x3010, b"\0\1\x86\xa0"), packet(0x3013, b"\0\1\x86\xa1"))
-    assert (it.values.tolist(), it.data_id) == ([100_000, 100_001], 0x3010)
+def test_integers_with_different_format_bits_share_a_column() -> None:
+    column = read_column(packet(0x3010, b"\0\1\x86\xa0"), packet(0x3013, b"\0\1\x86\xa1"))
+    assert (column.values.tolist(), column.data_id) == ([100_000, 100_001], 0x3010)
 
 
 def test_rotation_matrix() -> None:
     """Column by column on the wire; ``values[k, i, j]`` is row i, column j."""
-    it = column(real(0x2020, 11, 21, 31, 12, 22, 32, 13, 23, 33))
-    assert it.values.tolist() == [[[11, 12, 13], [21, 22, 23], [31, 32, 33]]]
-    assert (type_of(it.values), it.values.shape) == ("f4", (1, 3, 3))
-    assert it.fields == ("m11", "m12", "m13", "m21", "m22", "m23", "m31", "m32", "m33")
-    assert dict(zip(it.fields, it.values[0].reshape(-1), strict=True))["m32"] == 32
-    assert it.coordinates == "ENU"
+    column = read_column(real(0x2020, 11, 21, 31, 12, 22, 32, 13, 23, 33))
+    assert column.values.tolist() == [[[11, 12, 13], [21, 22, 23], [31, 32, 33]]]
+    assert (type_of(column.values), column.values.shape) == ("f4", (1, 3, 3))
+    assert column.fields == ("m11", "m12", "m13", "m21", "m22", "m23", "m31", "m32", "m33")
+    assert dict(zip(column.fields, column.values[0].reshape(-1), strict=True))["m32"] == 32
+    assert column.coordinates == "ENU"
 
 
-def test_rotation_matrix_is_that_of_the_quaternion() -> None:
-    """It turns the sensor's axes into those of the local frame, as the quaternion does."""
+def test_rotation_matrix_matches_the_quaternion() -> None:
+    """The matrix rotates the sensor's axes to the local frame, as the quaternion does."""
     rng = np.random.default_rng(9)
     q = rng.standard_normal((50, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)
@@ -715,27 +719,27 @@ def test_mixed_precisions(
 ) -> None:
     """One quantity in two precisions is one column, widened to float64."""
     third = float(np.float32(1 / 3))
-    it = column(*(real(i, third, -0.5, 2) for i in ids for _ in range(times)))
-    assert it.values.dtype == dtype
-    assert (it.precision, it.data_id, it.coordinates) == (precision, data_id, None)
-    assert np.abs(it.values - [third, -0.5, 2]).max() < 2**-20
+    column = read_column(*(real(i, third, -0.5, 2) for i in ids for _ in range(times)))
+    assert column.values.dtype == dtype
+    assert (column.precision, column.data_id, column.coordinates) == (precision, data_id, None)
+    assert np.abs(column.values - [third, -0.5, 2]).max() < 2**-20
     exact = [row for row, i in enumerate(ids) if i & 3 in (0, 3)]
     for row in exact:
-        assert it.values[row * times].tolist() == [third, -0.5, 2]
+        assert column.values[row * times].tolist() == [third, -0.5, 2]
 
 
 def test_mixed_device_identifiers() -> None:
     """Four bytes of the 10- and 100-series, eight of the later ones."""
     four, eight = packet(0xE080, bytes.fromhex("03700001")), packet(0xE080, b"\0\0\0\0\x80\0\0\1")
-    assert (type_of(column(four).values), type_of(column(eight).values)) == ("u4", "u8")
+    assert (type_of(read_column(four).values), type_of(read_column(eight).values)) == ("u4", "u8")
     for both, expected in ((four, eight), [1, 0]), ((eight, four), [0, 1]):
-        it = column(*both)
-        assert it.values.dtype == "u8"
-        assert it.values[expected].tolist() == [0x80000001, 0x03700001]
+        column = read_column(*both)
+        assert column.values.dtype == "u8"
+        assert column.values[expected].tolist() == [0x80000001, 0x03700001]
 
 
 def test_two_coordinate_systems() -> None:
-    """Two columns; the bare name is refused in a sentence that says what to write instead."""
+    """Each system has a column; the bare name is rejected with an error that names the alternatives."""
     log = xbus.read_log(MIXED)
     assert ("quaternion", "ENU") in list(log)
     assert ("quaternion", "NED") in list(log)
@@ -764,9 +768,9 @@ def test_two_coordinate_systems() -> None:
     [(0x2010, "ENU"), (0x2014, "NED"), (0x2018, "NWU"), (0xD016, "NED"), (0x4030, None), (0x4034, None)],
 )  # fmt: skip
 def test_coordinates(data_id: int, coordinates: str | None) -> None:
-    """Table 17, note 11: they are defined for orientations and velocities only."""
-    it = column(real(data_id, *range(reference.REALS[data_id & 0xFFF0][1])))
-    assert (it.coordinates, it.data_id) == (coordinates, data_id)
+    """Coordinates are defined only for orientations and velocities (Table 17, note 11)."""
+    column = read_column(real(data_id, *range(reference.REALS[data_id & 0xFFF0][1])))
+    assert (column.coordinates, column.data_id) == (coordinates, data_id)
 
 
 @pytest.mark.parametrize(
@@ -784,20 +788,20 @@ def test_what_is_not_there(key: Any, text: str) -> None:
     assert caught.value.args[0] == text
 
 
-def test_nothing_is_there() -> None:
+def test_empty_log() -> None:
     with pytest.raises(KeyError) as caught:
         xbus.read_log(b"")["acceleration"]
     assert caught.value.args[0] == "no 'acceleration' in this log; it has no quantities"
 
 
-def test_special_numbers_pass() -> None:
-    """Every bit that the wire carries arrives."""
+def test_special_numbers_are_preserved() -> None:
+    """Every received bit is preserved."""
     for raw in ("7FC00001", "7F800001", "FFC12345", "7F800000", "FF800000", "80000000", "00000001"):
-        it = column(packet(0x0810, bytes.fromhex(raw)))
-        assert it.values.view("u4")[0] == int(raw, 16)
+        column = read_column(packet(0x0810, bytes.fromhex(raw)))
+        assert column.values.view("u4")[0] == int(raw, 16)
     for raw in ("7FF8000000000001", "7FF0000000000001", "FFF0000000000000", "8000000000000000"):
-        it = column(packet(0x0813, bytes.fromhex(raw)))
-        assert it.values.view("u8")[0] == int(raw, 16)
+        column = read_column(packet(0x0813, bytes.fromhex(raw)))
+        assert column.values.view("u8")[0] == int(raw, 16)
 
 
 @pytest.mark.parametrize(
@@ -815,17 +819,17 @@ def test_special_numbers_pass() -> None:
 )
 def test_fixed_point(data_id: int, raw: str, value: float) -> None:
     """Both are exact in a double. Fp1632 sends its fraction before its integer."""
-    assert column(packet(data_id, bytes.fromhex(raw))).values.tolist() == [value]
+    assert read_column(packet(data_id, bytes.fromhex(raw))).values.tolist() == [value]
 
 
 def test_duplicates() -> None:
     """A packet twice in one message is two rows with the same sample; nothing is dropped."""
     twice = mtdata2(real(0x4020, 1, 2, 3), counter(1), real(0x4020, 4, 5, 6), fine(10))
     log = xbus.read_log(GOOD + twice * 5 + GOOD)
-    it = log["acceleration"]
-    assert it.sample.tolist() == [1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
-    assert it.values[:2].tolist() == [[1, 2, 3], [4, 5, 6]]
-    assert it.time.tolist() == [0.001] * 10
+    column = log["acceleration"]
+    assert column.sample.tolist() == [1, 1, 2, 2, 3, 3, 4, 4, 5, 5]
+    assert column.values[:2].tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert column.time.tolist() == [0.001] * 10
 
 
 # ---------------------------------------------------------------------------------------------
@@ -846,15 +850,20 @@ PVT_VALUES = {
 
 def test_gnss_pvt_data() -> None:
     """Table 25: raw integers under the manual's names, and the same in units."""
-    it = column(
+    column = read_column(
         packet(0x7010, struct.pack(">IHBBBBBBIiBBBBiiiiIIiiiiiIIiHHHHHHH", *PVT_VALUES.values()))
     )
-    assert it.values.dtype.names == it.fields == tuple(PVT_VALUES)
-    assert it.values[0].tolist() == tuple(PVT_VALUES.values())
-    assert it.values.dtype.itemsize == 94
-    assert (it.precision, it.unit, it.data_id, it.values.shape) == (None, "", 0x7010, (1,))
-    scaled = it.scaled[0]
-    assert scaled.dtype.names == it.fields
+    assert column.values.dtype.names == column.fields == tuple(PVT_VALUES)
+    assert column.values[0].tolist() == tuple(PVT_VALUES.values())
+    assert column.values.dtype.itemsize == 94
+    assert (column.precision, column.unit, column.data_id, column.values.shape) == (
+        None,
+        "",
+        0x7010,
+        (1,),
+    )
+    scaled = column.scaled[0]
+    assert scaled.dtype.names == column.fields
     # fmt: off
     expected = {
         "itow": (49662.25, "s"), "tAcc": (5e-9, "s"), "nano": (-0.249768484, "s"),
@@ -866,18 +875,18 @@ def test_gnss_pvt_data() -> None:
         "vdop": (1.12, ""), "hdop": (0.83, ""), "ndop": (0.55, ""), "edop": (0.62, ""),
     }
     # fmt: on
-    assert {name: (scaled[name], it.units[name]) for name in expected} == expected
-    assert it.units["headAcc"] == "deg"
+    assert {name: (scaled[name], column.units[name]) for name in expected} == expected
+    assert column.units["headAcc"] == "deg"
     assert math.isnan(scaled["headAcc"])  # not provided by the receiver
     for name in ("year", "month", "valid", "fixtype", "flags", "numSV", "Reserved1"):
-        assert (scaled[name], it.units[name]) == (PVT_VALUES[name], "")
-        assert it.scaled.dtype[name] == it.values.dtype[name]
+        assert (scaled[name], column.units[name]) == (PVT_VALUES[name], "")
+        assert column.scaled.dtype[name] == column.values.dtype[name]
 
 
 @pytest.mark.parametrize("accuracy", ["tAcc", "hAcc", "vAcc", "sAcc", "headAcc"])
-def test_accuracies_that_are_not_provided(accuracy: str) -> None:
-    """All ones; everywhere else that is a number."""
-    ones = column(packet(0x7010, b"\xff" * 94))
+def test_missing_accuracies_are_nan(accuracy: str) -> None:
+    """An accuracy of all ones is missing; in other fields all ones are a number."""
+    ones = read_column(packet(0x7010, b"\xff" * 94))
     assert math.isnan(ones.scaled[accuracy][0])
     missing = [
         name for name, value in zip(ones.fields, ones.scaled[0], strict=True) if value != value
@@ -898,18 +907,18 @@ STRUCTS = {
 def test_structs(data_id: int, row: tuple[str, str, str]) -> None:
     name, layout, fields = row
     values = tuple(range(1, 1 + len(fields.split())))
-    it = column(packet(data_id, struct.pack(">" + layout, *values)))
-    assert (it.name, it.fields) == (name, tuple(fields.split()))
-    assert it.values[0].tolist() == values
-    assert it.values.dtype.names == it.fields
-    assert it.values.dtype.itemsize == struct.calcsize(">" + layout)
+    column = read_column(packet(data_id, struct.pack(">" + layout, *values)))
+    assert (column.name, column.fields) == (name, tuple(fields.split()))
+    assert column.values[0].tolist() == values
+    assert column.values.dtype.names == column.fields
+    assert column.values.dtype.itemsize == struct.calcsize(">" + layout)
 
 
 def test_raw_temperature_is_signed() -> None:
     """1/256 of a degree Celsius, below zero too."""
-    it = column(packet(0xA010, struct.pack(">9Hh", *[0xFFFF] * 9, -320)))
-    assert it.values[0].tolist() == (*[0xFFFF] * 9, -320)
-    assert it.scaled["Temp"][0] == -1.25
+    column = read_column(packet(0xA010, struct.pack(">9Hh", *[0xFFFF] * 9, -320)))
+    assert column.values[0].tolist() == (*[0xFFFF] * 9, -320)
+    assert column.scaled["Temp"][0] == -1.25
 
 
 def sat_info(*satellites: tuple[int, int, int, int], itow: int = 1000) -> bytes:
@@ -918,28 +927,28 @@ def sat_info(*satellites: tuple[int, int, int, int], itow: int = 1000) -> bytes:
 
 
 def test_gnss_sat_info() -> None:
-    """Table 26: a row a message, and one row a satellite behind it."""
+    """Table 26: one row for each message, and one row for each of its satellites."""
     a, b, c = (0, 5, 22, 0x14), (1, 120, 0, 1), (6, 24, 39, 16)
-    it = column(sat_info(a, b), sat_info(itow=1250), sat_info(c, itow=1500))
-    assert it.values.dtype.names == it.fields == ("itow", "numSvs", "res1", "res2", "res3")
-    assert it.values.tolist() == [(1000, 2, 1, 2, 3), (1250, 0, 1, 2, 3), (1500, 1, 1, 2, 3)]
-    assert it.satellites.dtype.names == ("gnssId", "svId", "cno", "flags")
-    assert it.satellites.tolist() == [a, b, c]
-    assert (it.offsets.tolist(), type_of(it.offsets)) == ([0, 2, 2, 3], "i8")
+    column = read_column(sat_info(a, b), sat_info(itow=1250), sat_info(c, itow=1500))
+    assert column.values.dtype.names == column.fields == ("itow", "numSvs", "res1", "res2", "res3")
+    assert column.values.tolist() == [(1000, 2, 1, 2, 3), (1250, 0, 1, 2, 3), (1500, 1, 1, 2, 3)]
+    assert column.satellites.dtype.names == ("gnssId", "svId", "cno", "flags")
+    assert column.satellites.tolist() == [a, b, c]
+    assert (column.offsets.tolist(), type_of(column.offsets)) == ([0, 2, 2, 3], "i8")
     of = [
-        it.satellites[start:end].tolist()
-        for start, end in zip(it.offsets, it.offsets[1:], strict=False)
+        column.satellites[start:end].tolist()
+        for start, end in zip(column.offsets, column.offsets[1:], strict=False)
     ]
     assert of == [[a, b], [], [c]]
-    assert it.scaled["itow"].tolist() == [1.0, 1.25, 1.5]
+    assert column.scaled["itow"].tolist() == [1.0, 1.25, 1.5]
 
 
 @pytest.mark.parametrize("count", [1, 28, 61])
 def test_gnss_sat_info_of_any_size(count: int) -> None:
     satellites = [(i % 7, i, 40, 7) for i in range(count)]
-    it = column(*[sat_info(*satellites)] * 5, *[sat_info(*satellites[:1])] * 5)
-    assert it.satellites.tolist() == satellites * 5 + satellites[:1] * 5
-    assert it.offsets.tolist() == [i * count for i in range(6)] + [
+    column = read_column(*[sat_info(*satellites)] * 5, *[sat_info(*satellites[:1])] * 5)
+    assert column.satellites.tolist() == satellites * 5 + satellites[:1] * 5
+    assert column.offsets.tolist() == [i * count for i in range(6)] + [
         5 * count + i for i in range(1, 6)
     ]
 
@@ -961,25 +970,25 @@ def test_gnss_sat_info_of_any_size(count: int) -> None:
         (0, (2025, 1, 1, 0, 60, 0), "NaT"),
         (0, (2025, 1, 1, 0, 0, 61), "NaT"),
         (0, (0, 0, 0, 0, 0, 0), "NaT"),
-        (0, (1600, 1, 1, 0, 0, 0), "NaT"),  # beyond what 64 bits of nanoseconds can say
+        (0, (1600, 1, 1, 0, 0, 0), "NaT"),  # outside the range of 64 bits of nanoseconds
         (0, (65535, 1, 1, 0, 0, 0), "NaT"),
         (0xFFFFFFFF, (2025, 1, 1, 0, 0, 0), "NaT"),
     ],
 )
 def test_utc_time(ns: int, date: tuple[int, ...], expected: str) -> None:
-    """Laid out as Table 35; a date that does not exist is no time."""
-    it = column(packet(0x1010, struct.pack(">IHBBBBBB", ns, *date, 7)))
-    assert it.datetime.dtype == "datetime64[ns]"
-    assert str(it.datetime[0]) == expected
-    assert it.values[0].tolist() == (ns, *date, 7)
+    """The layout is that of Table 35; an invalid date is NaT."""
+    column = read_column(packet(0x1010, struct.pack(">IHBBBBBB", ns, *date, 7)))
+    assert column.datetime.dtype == "datetime64[ns]"
+    assert str(column.datetime[0]) == expected
+    assert column.values[0].tolist() == (ns, *date, 7)
 
 
 WORD = 0b0000_1001_1000_0100_0010_0000_0001_0111
 
 
 def test_flags() -> None:
-    """Table 27, and the bits that only the vendor's code names."""
-    flags = column(packet(0xE020, WORD.to_bytes(4, "big")), packet(0xE020, bytes(4))).flags
+    """Flags have the names of Table 27, and of the vendor's code for the remaining bits."""
+    flags = read_column(packet(0xE020, WORD.to_bytes(4, "big")), packet(0xE020, bytes(4))).flags
     assert {name for name in flags if flags[name][0]} == {
         *("selftest", "filter_valid", "gnss_fix", "no_rotation_update_status"),
         *("clip_gyr_z", "retransmitted", "filter_mode", "rtk_status"),
@@ -1007,24 +1016,24 @@ BITS = {
 
 @pytest.mark.parametrize(("name", "bit"), BITS.items())
 def test_each_flag(name: str, bit: int) -> None:
-    flags = column(packet(0xE020, (1 << bit).to_bytes(4, "big"))).flags
+    flags = read_column(packet(0xE020, (1 << bit).to_bytes(4, "big"))).flags
     assert [flag for flag in flags if flags[flag][0]] == [name]
     assert list(flags) == list(BITS)
 
 
 def test_flags_of_status_byte() -> None:
-    flags = column(packet(0xE010, b"\x06")).flags
+    flags = read_column(packet(0xE010, b"\x06")).flags
     assert list(flags) == list(BITS)[:7]
     assert (flags["filter_valid"].tolist(), flags["selftest"].tolist()) == ([True], [False])
 
 
 @pytest.mark.parametrize("name", ["flags", "datetime", "satellites", "offsets"])
-def test_what_a_quantity_does_not_have(name: str) -> None:
-    it = column(real(0x4020, 1, 2, 3))
+def test_missing_column_attributes_raise(name: str) -> None:
+    column = read_column(real(0x4020, 1, 2, 3))
     with pytest.raises(AttributeError, match="acceleration has no"):
-        getattr(it, name)
-    assert not hasattr(it, name)
-    assert it.scaled is it.values
+        getattr(column, name)
+    assert not hasattr(column, name)
+    assert column.scaled is column.values
 
 
 # ---------------------------------------------------------------------------------------------
@@ -1033,7 +1042,7 @@ def test_what_a_quantity_does_not_have(name: str) -> None:
 
 
 def test_messages() -> None:
-    """Every other message, in order, verbatim, with the sample that comes next."""
+    """All other messages, in order, verbatim, with the index of the next sample."""
     data = frame(0x3E) + GOOD + frame(0x42, b"\x29", bid=2) + frame(0xB2, b"?") + GOOD + frame(0x36)
     log = xbus.read_log(data)
     assert list(log.messages) == [
@@ -1054,8 +1063,8 @@ def test_messages() -> None:
     assert repr(log.messages).startswith("<Messages 4: ")
 
 
-def test_messages_in_words_have_the_names_of_their_payloads() -> None:
-    """One MID is the reply to a request and to a setting: the length of the payload tells which."""
+def test_message_names_depend_on_the_payload_length() -> None:
+    """One MID is the reply to a request and to a setting: the length of the payload decides."""
     frames = [(0x19, b""), (0x19, b"\x02"), (0x19, b"\x02"), (0x65, b"General"), (0x08, b"")]
     log = xbus.read_log(b"".join(xbus.encode_frame(*item) for item in frames))
     assert repr(log.messages) == (
@@ -1076,7 +1085,7 @@ def test_messages_in_words_have_the_names_of_their_payloads() -> None:
     ],
 )
 def test_names_of_messages(mid: int, size: int, name: str) -> None:
-    """A request's answer and a setting's share a MID; the payload tells them apart where it can."""
+    """Replies to a request and to a setting share a MID; the name depends on the payload if possible."""
     message = xbus.read_log(GOOD + frame(mid, bytes(size)) + GOOD).messages[0]
     assert (message.mid, len(message.payload)) == (mid, size)
     if mid != 0xC1:
@@ -1084,7 +1093,7 @@ def test_names_of_messages(mid: int, size: int, name: str) -> None:
 
 
 def test_unknown() -> None:
-    """Identifiers and sizes that the tables cannot explain, verbatim, by identifier as received."""
+    """Packets of unknown identifiers and sizes, verbatim, by identifier as received."""
     odd = mtdata2(packet(0x7772, b"abc"), packet(0x4020, b"short"), packet(0x7772, b""), fine(5))
     log = xbus.read_log(GOOD + odd + GOOD + mtdata2(packet(0x7772, b"z")) + GOOD)
     assert list(log.unknown) == [0x7772, 0x4020]
@@ -1099,7 +1108,7 @@ def test_unknown() -> None:
         strange[3]
 
 
-def test_a_stamp_of_the_wrong_size_is_no_stamp() -> None:
+def test_stamps_of_wrong_size_are_ignored() -> None:
     log = xbus.read_log(GOOD + mtdata2(packet(0x1060, b"\0\0\1"), packet(0x1020, bytes(4))) + GOOD)
     assert math.isnan(log.time[1])
     assert log.packet_counter.tolist() == [1, -1, 1]
@@ -1124,7 +1133,7 @@ def test_damage() -> None:
 
 
 def test_samples() -> None:
-    """One of everything for each MTData2 message."""
+    """Every array has one item for each MTData2 message."""
     other = mtdata2(fine(7), bid=3)
     log = xbus.read_log(GOOD + other + frame(0x3E) + GOOD)
     assert log.offset.tolist() == [0, N, N + len(other) + 5]
@@ -1163,7 +1172,7 @@ def at(*values: int, bid: int = 0xFF) -> bytes:
 UNWRAPPING: dict[str, tuple[list[bytes], list[float]]] = {
     # what: messages, ticks
     "starts anywhere": ([at(51_703_123, 51_703_148)], [51_703_123, 51_703_148]),
-    # The device is known.
+    # Known device.
     "MTi-300 wraps after a day": ([MTI_300, at(DAY - 25, 0, 25)], [DAY - 25, DAY, DAY + 25]),
     "MTi-G-710 too": ([MTI_G_710, at(DAY - 25, 0)], [DAY - 25, DAY]),
     "MTi-630 does not": ([MTI_630, at(DAY - 25, DAY, DAY + 25)], [DAY - 25, DAY, DAY + 25]),
@@ -1180,8 +1189,8 @@ UNWRAPPING: dict[str, tuple[list[bytes], list[float]]] = {
     "named too late": ([at(DAY - 25, 0), MTI_630], [DAY - 25, DAY]),
     "named on the way": ([at(DAY - 50), MTI_630, at(DAY - 25, 0)], [DAY - 50, DAY - 25, 0]),
     "the last name counts": ([MTI_630, MTI_300, at(DAY - 25, 0)], [DAY - 25, DAY]),
-    "an unknown family says nothing": ([MTI_300, UNHEARD_OF, at(DAY - 25, 0)], [DAY - 25, DAY]),
-    # It is not: the value before the step back tells.
+    "an unknown family selects no wrap": ([MTI_300, UNHEARD_OF, at(DAY - 25, 0)], [DAY - 25, DAY]),
+    # Unknown device: the value before the step back decides.
     "after a day": ([at(DAY - 25, 0, 25)], [DAY - 25, DAY, DAY + 25]),
     "at 2^32": ([at(ALL_BITS - 25, 0)], [ALL_BITS - 25, ALL_BITS]),
     "beyond a day it is 2^32": ([at(3 * 10**9, 0)], [3 * 10**9, ALL_BITS]),
@@ -1196,7 +1205,7 @@ UNWRAPPING: dict[str, tuple[list[bytes], list[float]]] = {
         [MTI_300, at(DAY - 25, 25), mtdata2(fine(DAY - 400), PVT), at(50)],
         [DAY - 25, DAY + 25, DAY - 400, DAY + 50],
     ),
-    "GNSS without a fix tells anything": (
+    "GNSS without a fix has an arbitrary time": (
         [at(1000), mtdata2(GNSS, fine(3 * 10**9)), at(1025)],
         [1000, 3 * 10**9, 1025],
     ),
@@ -1257,7 +1266,7 @@ UNWRAPPING: dict[str, tuple[list[bytes], list[float]]] = {
 def test_unwrapping(frames: list[bytes], expected: list[float]) -> None:
     """Section 5.3.6: SampleTimeFine wraps after a day, or at 2^32."""
     assert ticks(*frames) == expected
-    assert_as_the_oracle(b"".join(frames))
+    assert_matches_reference(b"".join(frames))
 
 
 @pytest.mark.parametrize(
@@ -1284,7 +1293,7 @@ def test_unwrapping(frames: list[bytes], expected: list[float]) -> None:
     ],
 )
 def test_products(name: str, modulus: int | None) -> None:
-    """Where the clock wraps on each. A late sample shows whether it is known."""
+    """The clock wraps as specified for each product. A late sample shows whether the wrap is known."""
     code = frame(0x1D, name.encode().ljust(20))
     expected = {
         DAY: [DAY - 25, DAY, DAY - 50],
@@ -1295,7 +1304,7 @@ def test_products(name: str, modulus: int | None) -> None:
 
 
 def test_duration_and_rate() -> None:
-    """Between the first and the last stamp; of fewer than two there is neither."""
+    """Both use the first and the last stamp; with fewer than two stamps there is neither."""
     log = xbus.read_log(at(1000, 1100, 1200) + mtdata2(real(0x4040, 1, 2, 3)))
     assert log.duration == pytest.approx(0.02)
     assert log["sample_time_fine"].rate == pytest.approx(100)
@@ -1305,8 +1314,8 @@ def test_duration_and_rate() -> None:
     assert math.isnan(xbus.read_log(at(1000, 1000))["sample_time_fine"].rate)
 
 
-def test_the_receiver_does_not_make_a_log_longer() -> None:
-    """Without a fix its time is arbitrary; where nothing else has any, it is all that there is."""
+def test_gnss_samples_do_not_extend_the_duration() -> None:
+    """Without a fix the GNSS time is arbitrary; it is used only if no other sample has a time."""
     pvt = packet(0x7010, bytes(94))
     receiver = mtdata2(counter(1), fine(3_000_000_000), pvt) + mtdata2(
         counter(2), fine(3_000_002_500), pvt
@@ -1324,8 +1333,8 @@ def test_no_stamp() -> None:
     assert math.isnan(log["acceleration_hr"].time[0])
 
 
-def test_gnss_pvt_pulse_is_in_the_same_clock() -> None:
-    """But it is a number, and tells no time of its own."""
+def test_gnss_pvt_pulse_is_a_plain_number() -> None:
+    """The pulse uses the same clock, but does not give its sample a time."""
     log = xbus.read_log(mtdata2(packet(0x7030, (2**31).to_bytes(4, "big")), fine(20)))
     assert log.time.tolist() == [0.002]
     assert log["gnss_pvt_pulse"].unit == "0.1 ms"
@@ -1365,11 +1374,11 @@ COUNTING: dict[str, tuple[list[bytes], list[int], int, int]] = {
 
 @pytest.mark.parametrize(("frames", "expected", "gaps", "lost"), COUNTING.values(), ids=COUNTING)
 def test_counting(frames: list[bytes], expected: list[int], gaps: int, lost: int) -> None:
-    """PacketCounter is unwrapped, and what it jumps over was lost."""
+    """PacketCounter is unwrapped, and skipped values are lost samples."""
     log = xbus.read_log(b"".join(frames))
     assert log.packet_counter.tolist() == expected
     assert (log.stats.gaps, log.stats.lost_samples) == (gaps, lost)
-    assert_as_the_oracle(b"".join(frames))
+    assert_matches_reference(b"".join(frames))
 
 
 #: A sample with a counter, or one of the messages with which a run starts; from one of three devices.
@@ -1385,7 +1394,7 @@ COUNTED = st.tuples(
 
 @given(st.lists(COUNTED, max_size=60), st.integers(1, 300))
 def test_gaps_and_restarts(sent: list[tuple[int, Any]], block: int) -> None:
-    """Gaps are where the unwrapped counter of a device leaves numbers out within a run."""
+    """A gap is where the unwrapped counter of a device skips values within a run."""
     frames, gaps, restarts = [], [], []
     is_sample = [not (isinstance(what, tuple) and what[0] == "restart") for _, what in sent]
     for bid, what in sent:
@@ -1469,7 +1478,7 @@ def test_configuration_of_the_100_series() -> None:
 
 
 def test_configuration_of_the_600_series() -> None:
-    """The halves of the identifier are exchanged; in plain order they are understood too."""
+    """The halves of the identifier are exchanged; plain order is accepted too."""
     for head in ("800040D2 00000000", "00000000 800040D2"):
         log = xbus.read_log(configuration(head, b"MTi-630-8A1G6  "))
         assert log.configuration is not None
@@ -1480,21 +1489,21 @@ def test_configuration_of_the_600_series() -> None:
         )
 
 
-def test_the_first_to_say_it_counts() -> None:
-    """And a FirmwareRev tells more than a Configuration."""
+def test_the_first_identity_message_wins() -> None:
+    """FirmwareRev takes precedence over Configuration, because it is more detailed."""
     firmware = frame(0x13, bytes.fromhex("010903 00000001 00000002"))
     log = xbus.read_log(configuration("037003F8 0480 0001") + firmware + MTI_630)
     assert (log.device_id, log.firmware) == (0x037003F8, (1, 9, 3, 1, 2))
 
 
-def test_nobody_says_who_it_is() -> None:
+def test_identity_is_empty_without_messages() -> None:
     log = xbus.read_log(GOOD)
     assert (log.device_id, log.product_code, log.firmware, log.configuration) == (None,) * 4
 
 
 @pytest.mark.parametrize("payload", ["", "01", "0108", "010802", "010802 000000", "FF" * 12])
 def test_firmware_of_any_length(payload: str) -> None:
-    """Unusual ones are kept as messages and never break anything."""
+    """Replies of unusual length are kept as messages and raise no error."""
     raw = bytes.fromhex(payload)
     log = xbus.read_log(GOOD + frame(0x13, raw) + GOOD)
     assert log.messages[0].payload == raw
@@ -1525,7 +1534,7 @@ PRINTED = """\
 
 
 def test_repr() -> None:
-    """What, how many, how long, rates, and what is missing."""
+    """The repr has the device, counts, duration, rates and losses."""
     assert repr(xbus.read_log(OWN_CAPTURES / "walk.mtb")) == PRINTED
     first = repr(xbus.read_log(OWN_CAPTURES / "field.mtb")).splitlines()[0]
     assert "1016 samples, 9.99 s, 15 quantities" in first
@@ -1548,19 +1557,19 @@ def test_repr() -> None:
     ],
 )
 def test_repr_of_a_column(packets: list[bytes], printed: str) -> None:
-    assert repr(column(*packets)) == printed
-    html = column(*packets)._repr_html_()
+    assert repr(read_column(*packets)) == printed
+    html = read_column(*packets)._repr_html_()
     assert html.count("<tr>") == html.count("</tr>") == 1 + len(packets)
     assert f"<p>{printed[1:-1]}" in html.replace("&lt;", "").replace("&gt;", "")
 
 
 def test_html_of_a_column() -> None:
-    """The first rows, a number a cell, and how many more there are."""
+    """The first rows, one number in each cell, and the number of further rows."""
     html = xbus.read_log(OWN_CAPTURES / "walk.mtb")["lat_lon"]._repr_html_()
     assert "<th>time</th><th>lat</th><th>lon</th>" in html
     assert html.count("<td>") == 3 * 6
     assert "<p>994 more rows</p>" in html
-    matrix = column(real(0x2020, 11, 21, 31, 12, 22, 32, 13, 23, 33))._repr_html_()
+    matrix = read_column(real(0x2020, 11, 21, 31, 12, 22, 32, 13, 23, 33))._repr_html_()
     assert "<th>m11</th><th>m12</th>" in matrix
     assert "<td>11.0</td><td>12.0</td>" in matrix
 
@@ -1572,7 +1581,7 @@ def test_html() -> None:
 
 
 def test_html_is_escaped() -> None:
-    """A product code is what a device says, and a file can say anything."""
+    """A product code comes from the input, which can contain any text."""
     log = xbus.read_log(frame(0x1D, b"<script>MTi&</script>"[:20]) + GOOD)
     assert log.product_code == "<script>MTi&</script"
     assert "<script" not in log._repr_html_()
@@ -1580,7 +1589,7 @@ def test_html_is_escaped() -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# What is copied: nothing from column to numpy, once from frame to column, nothing from file to frame
+# Copies: none from column to numpy, one from frame to column, none from file to frame
 # ---------------------------------------------------------------------------------------------
 
 
@@ -1589,7 +1598,7 @@ def address(values: Any) -> int:
 
 
 def test_arrays_are_views() -> None:
-    """They show what was decoded; asked for again they are the same memory."""
+    """Arrays are views of the decoded data; repeated access returns the same memory."""
     log = xbus.read_log(OWN_CAPTURES / "walk.mtb")
     for key in log:
         values = log[key].values
@@ -1601,8 +1610,8 @@ def test_arrays_are_views() -> None:
         assert address(getattr(log, name)) == address(getattr(log._core, name))
 
 
-def test_positions_are_signed() -> None:
-    """As numpy's own: what is subtracted from them may be larger."""
+def test_offsets_are_signed() -> None:
+    """Offsets are signed as in numpy, so that differences can be negative."""
     log = xbus.read_log(OWN_CAPTURES / "field.mtb")
     assert len(log.messages) > 0
     assert len(log.damage) > 0
@@ -1615,12 +1624,12 @@ def test_arrays_outlive_the_log() -> None:
     log = xbus.read_log(OWN_CAPTURES / "walk.mtb")
     arrays = {str(key): log[key].values for key in log} | {"time": log.time, "offset": log.offset}
     arrays["mid"] = log.messages.mid
-    copies = {key: it.copy() for key, it in arrays.items()}
+    copies = {key: column.copy() for key, column in arrays.items()}
     del log
     gc.collect()
     trash = [bytes(100_000) for _ in range(100)]
-    for key, it in arrays.items():
-        assert reference.same_bits(it, copies[key]), key
+    for key, column in arrays.items():
+        assert reference.same_bits(column, copies[key]), key
     del trash
 
 
@@ -1635,9 +1644,9 @@ MEASURE = """\
 
     path, how = sys.argv[1:]
     data = np.memmap(path, np.uint8, mode="r") if how == "memmap" else path
-    xbus.read_log(data[:1_000_000] if how == "memmap" else b"")  # what is loaded once
+    xbus.read_log(data[:1_000_000] if how == "memmap" else b"")  # load everything that is loaded once
     with open("/proc/self/clear_refs", "w") as file:
-        file.write("5")  # forget the peak
+        file.write("5")  # reset the peak
     before = anonymous("RssAnon:"), anonymous("VmRSS:")
     log = xbus.read_log(data)
     columns = sum(log[key].values.nbytes for key in log)
@@ -1653,9 +1662,9 @@ MEASURE = """\
 @pytest.mark.skipif(sys.platform != "linux", reason="measured in /proc")
 @pytest.mark.parametrize("how", ["memmap", "file"])
 def test_memory(how: str, tmp_path: Path) -> None:
-    """64 MB cost the columns that come out, once, and never the file itself."""
+    """Reading 64 MB needs memory for the columns, once, and none for the file."""
     path = tmp_path / "long.mtb"
-    piece = streams.ahrs(65_536)  # the counter goes round: the next piece goes on
+    piece = streams.ahrs(65_536)  # the counter wraps, so the next piece continues
     with path.open("wb") as file:
         for _ in range(12):
             file.write(piece)
@@ -1667,5 +1676,5 @@ def test_memory(how: str, tmp_path: Path) -> None:
     assert columns == samples * (2 + 4 + 16 + 3 * 12 + 4)
     assert held < 1.5 * columns, (held / columns, peak / columns)
     assert peak < 1.5 * columns, (held / columns, peak / columns)
-    # An array keeps its own column alive, not those beside it.
+    # An array keeps only its column alive, not the others.
     assert kept < 0.5 * columns, kept / columns

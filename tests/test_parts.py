@@ -1,4 +1,4 @@
-"""`iter_log`: the parts of a log, joined, are the log."""
+"""`iter_log`: the joined parts of a log equal the log."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ GOOD = mtdata2(counter(1), fine(100), real(0x4020, 1, 2, 3))
 
 
 class Choppy:
-    """A reader that gives as many bytes as it likes, never more than asked for."""
+    """A reader that returns any number of bytes, up to the requested number."""
 
     def __init__(self, data: bytes, most: int) -> None:
         self.file = io.BytesIO(data)
@@ -59,14 +59,14 @@ BLOCKS = st.sampled_from((1, 7, 100, 4096, 1 << 40))
 @example(b"\xfa", 1)
 @example(GOOD * 5, 1)
 def test_parts_of_bytes(data: bytes, block: int) -> None:
-    """Every column, time, counter, offset, message, stretch of damage and count."""
+    """Every column, time, counter, offset, message, stretch of damage and count is equal."""
     parts = list(xbus.iter_log(data, block_bytes=block))
     assert differences(facts(*parts), facts_of(reference.decode(data))) == []
 
 
 @given(damaged_streams(30), BLOCKS, st.sampled_from((1, 3, 64, 5000)))
 def test_parts_of_a_stream(data: bytes, block: int, piece: int) -> None:
-    """How the reader hands over its bytes does not matter."""
+    """The sizes of the reader's chunks do not matter."""
     parts = list(xbus.iter_log(Choppy(data, piece), block_bytes=block))
     assert differences(facts(*parts), facts_of(reference.decode(data))) == []
 
@@ -82,15 +82,15 @@ def test_parts_of_a_file(tmp_path_factory: pytest.TempPathFactory, data: bytes, 
 @pytest.mark.parametrize("block", [1, 7, 100, 4096, 1 << 40])
 @pytest.mark.parametrize("make", [streams.gnssins, streams.dirty, streams.hr])
 def test_parts_of_long_streams(make: Callable[[int], bytes], block: int) -> None:
-    """Layouts are known by then, and go on from part to part."""
+    """Layouts that are already learned continue from part to part."""
     data = make(500)
     parts = list(xbus.iter_log(data, block_bytes=block))
     assert differences(facts(*parts), facts_of(reference.decode(data))) == []
 
 
 @pytest.mark.parametrize("block", [1000, 300_000, 1 << 20])
-def test_parts_of_more_than_a_buffer(block: int, tmp_path: Path) -> None:
-    """A file is read in pieces of its own, and they end elsewhere than the parts."""
+def test_parts_larger_than_the_read_buffer(block: int, tmp_path: Path) -> None:
+    """The pieces in which a file is read do not end where the parts end."""
     long = frame(0x91, bytes(65_535)) + frame(0x36, packet(0x7000, bytes(255)) * 250)
     data = b"".join(streams.dirty(2000, i) + long * (i % 3) + bytes(i) for i in range(8))
     path = tmp_path / "long.mtb"
@@ -122,8 +122,8 @@ def test_parts_of_a_real_recording(number: int) -> None:
 # ---------------------------------------------------------------------------------------------
 
 
-def test_a_part_has_about_the_bytes_it_was_told() -> None:
-    """It ends with the frame in which the block ends; no part but the last is smaller."""
+def test_parts_have_about_the_requested_size() -> None:
+    """A part ends with the frame in which the block ends; only the last part is smaller."""
     data = streams.gnssins(500)
     for block in (1, 100, 5000):
         sizes = [item.stats.bytes for item in xbus.iter_log(data, block_bytes=block)]
@@ -132,8 +132,8 @@ def test_a_part_has_about_the_bytes_it_was_told() -> None:
         assert sizes[-1] < block + 260
 
 
-def test_numbers_go_on() -> None:
-    """Samples, offsets, time and counter are those of the whole."""
+def test_parts_continue_the_numbering() -> None:
+    """Samples, offsets, time and counter are those of the whole log."""
     day = reference.DAY
     stamps = [(65534, day - 200), (65535, day - 100), (0, 0), (1, 100), (5, 500)]
     data = b"".join(mtdata2(counter(c), fine(t), real(0x4020, c, 0, 0)) for c, t in stamps)
@@ -151,16 +151,16 @@ def test_numbers_go_on() -> None:
     assert [(part.stats.gaps, part.stats.lost_samples) for part in parts[-2:]] == [(0, 0), (1, 3)]
 
 
-def test_a_part_may_be_read_late() -> None:
-    """Times are worked out from where the part begins, not from where the reader is by then."""
+def test_times_do_not_depend_on_when_a_part_is_read() -> None:
+    """Times are computed from the beginning of the part, not from the reader's current position."""
     data = streams.gnssins(300)
     parts = list(xbus.iter_log(data, block_bytes=3000))
     times = [part.time for part in reversed(parts)]
     assert np.concatenate(times[::-1]).tolist() == xbus.read_log(data).time.tolist()
 
 
-def test_columns_of_parts_are_their_own() -> None:
-    """A part says what came in it: its precision, its type, its identifier."""
+def test_parts_have_independent_columns() -> None:
+    """A column of a part has the precision, type and identifier of this part only."""
     float32, fp1632, ned = real(0x4020, 1, 2, 3), real(0x4022, 4, 5, 6), real(0x2014, 1, 0, 0, 0)
     data = b"".join(mtdata2(item) for item in (float32, fp1632, float32, ned, float32))
     parts = [item for item in xbus.iter_log(data, block_bytes=1) if len(item)]
@@ -181,8 +181,8 @@ def test_columns_of_parts_are_their_own() -> None:
     assert xbus.read_log(data)["acceleration"].precision is None
 
 
-def test_the_device_is_remembered() -> None:
-    """Who it is, and where its clock wraps, was said in the first part."""
+def test_later_parts_know_the_device() -> None:
+    """Identity and clock wrap come from messages in the first part."""
     name = frame(0x01, bytes.fromhex("00000000800040D2")) + frame(0x1D, b"MTi-630".ljust(20))
     firmware = frame(0x13, bytes.fromhex("010802 00000025 00011534"))
     end = 2**32 - 50
@@ -195,12 +195,12 @@ def test_the_device_is_remembered() -> None:
     assert parts[2].firmware is None
     times = [time for part in parts for time in part.time * 1e4]
     assert times == pytest.approx([end, 2**32 + 50, 2**32 + 100])
-    # One part's messages are its own.
+    # Each part has only its own messages.
     assert [len(part.messages) for part in parts][:3] == [1, 1, 0]
 
 
-def test_nothing_comes_from_later() -> None:
-    """What a part says does not change when more bytes follow it."""
+def test_parts_do_not_depend_on_later_bytes() -> None:
+    """A part does not change when more bytes follow."""
     data = streams.gnssins(100) + streams.dirty(100)
     first = next(iter(xbus.iter_log(data, block_bytes=4000)))
     for more in (b"", frame(0x3E), data[5000:5003] + frame(0x01, bytes.fromhex("03887B6D"))):
@@ -217,19 +217,19 @@ def test_an_empty_input_has_one_part() -> None:
 
 
 @pytest.mark.parametrize("block", [0, -1])
-def test_a_block_has_bytes(block: int) -> None:
-    """Said when it is asked for, not when the first part is."""
+def test_block_bytes_must_be_positive(block: int) -> None:
+    """The error is raised by the call, not by the first part."""
     with pytest.raises(ValueError, match=f"block_bytes must be at least 1, not {block}"):
         xbus.iter_log(b"", block_bytes=block)
 
 
-def test_a_file_that_is_missing_is_told_at_once(tmp_path: Path) -> None:
+def test_a_missing_file_raises_immediately(tmp_path: Path) -> None:
     with pytest.raises(FileNotFoundError):
         xbus.iter_log(tmp_path / "no.mtb")
 
 
 def test_parts_as_tables() -> None:
-    """A table of a part has the numbers of the whole; tables of all parts make one."""
+    """A table of a part has the numbers of the whole log; the tables of all parts can be joined."""
     pa = pytest.importorskip("pyarrow")
     data = streams.gnssins(120)
     tables = [item.to_arrow() for item in xbus.iter_log(data, block_bytes=3000)]
@@ -257,12 +257,12 @@ MEASURE = """\
             return next(int(line.split()[1]) << 10 for line in status if line.startswith(name))
 
     path, block = sys.argv[1], int(sys.argv[2])
-    for part in xbus.iter_log(path, block_bytes=block):  # what is loaded once
+    for part in xbus.iter_log(path, block_bytes=block):  # load everything that is loaded once
         part.time
         break
     del part
     with open("/proc/self/clear_refs", "w") as file:
-        file.write("5")  # forget the peak
+        file.write("5")  # reset the peak
     before, samples = resident("VmRSS:"), 0
     for part in xbus.iter_log(path, block_bytes=block):
         samples += len(part)
@@ -272,8 +272,8 @@ MEASURE = """\
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="measured in /proc")
-def test_memory_is_that_of_a_part(tmp_path: Path) -> None:
-    """However long the log: here 69 MB in parts of 4."""
+def test_memory_is_bounded_by_the_part_size(tmp_path: Path) -> None:
+    """Memory does not grow with the log: here 69 MB in parts of 4 MB."""
     path = tmp_path / "long.mtb"
     piece = streams.ahrs(65_536)
     with path.open("wb") as file:

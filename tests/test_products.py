@@ -1,6 +1,6 @@
-"""What each product supports: the manual's tables, written out a second time on purpose, as in `reference`.
+"""What each product supports: the manual's tables, repeated on purpose, as in `reference`.
 
-They stand here as FACTS corrects them. A test that read the package's tables would repeat their mistakes.
+They include the corrections of FACTS. A test that read the package's tables would repeat their mistakes.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ SERIES_600 = (610, 620, 630, 670, 680)
 IMU, GNSS = (1, 10, 100, 610), (7, 710, 670, 680)
 
 
-def test_all_of_them() -> None:
+def test_there_are_sixteen_products() -> None:
     assert sorted(PRODUCTS) == sorted(ALL)
     for number in ALL:
         assert support(number).product is PRODUCTS[number]
@@ -63,9 +63,11 @@ def test_find_product(spelling: str | int, number: int) -> None:
     "spelling",
     ["", "MTi-", "MTi-8", "MTi-630G", "630R", "MTi-G-30", "G-630", "XMTi-3", 0, 640, "G"],
 )
-def test_no_such_product(spelling: str | int) -> None:
-    says = re.escape(f"no product is called {spelling!r}; there are MTi-1, MTi-2, ") + ".*MTi-680G$"
-    with pytest.raises(ValueError, match=says):
+def test_unknown_products_are_rejected(spelling: str | int) -> None:
+    error = (
+        re.escape(f"no product is called {spelling!r}; there are MTi-1, MTi-2, ") + ".*MTi-680G$"
+    )
+    with pytest.raises(ValueError, match=error):
         find_product(spelling)
 
 
@@ -82,7 +84,7 @@ def test_no_such_product(spelling: str | int) -> None:
         ("MTi-8-7A8G6", None), ("MTi-320-8A1G6", None), ("MTi-330-8A1G6", None),
         ("MTi-28A33G85", None), ("MTi-G-28A53G35", None), ("MTi-30A53G35", None),
         ("ARG-10-2A8G6", None), ("SMG-20-2A8G6", None),
-        # Nothing that anybody sells.
+        # No such product.
         ("", None), ("MTi", None), ("MTi-", None), ("MTi-G-", None), ("mti-630-8A1G6", None),
         ("XMTi-630", None), ("630", None), ("MTi-6300-8A1G6", None), ("MTi-99999999999999999999", None),
     ],
@@ -97,7 +99,7 @@ def test_product_of_code(code: str, number: int | None) -> None:
 
 
 def test_messages() -> None:
-    """The product rows of section 5.3, as the list beside the repository has settled them."""
+    """The product rows of section 5.3, as corrected in the list beside the repository."""
     for row in rows("spec/messages.csv"):
         if "series" in row["products"] or row["name"].startswith("InitBus"):
             continue
@@ -108,7 +110,7 @@ def test_messages() -> None:
             assert {item for item in ALL if name in support(item).messages} == expected, name
 
 
-def test_messages_that_the_text_does_not_settle() -> None:
+def test_messages_of_ambiguous_products() -> None:
     """The vendor's software opens every MTi with InitBus; all but the 1-series can store a filter state."""
     assert all({"InitBus", "InitBusResults"} <= support(item).messages for item in ALL)
     without = {item for item in ALL if "StoreFilterState" not in support(item).messages}
@@ -161,27 +163,28 @@ RATES = """
 
 
 def rate_table() -> dict[int, dict[str, int]]:
-    """Of each product the highest rate by quantity."""
+    """Returns the highest rates of each product by quantity."""
     head, *lines = [line.split() for line in RATES.strip().splitlines()]
     table: dict[int, dict[str, int]] = {}
     for column, numbers in enumerate(head[1:], 1):
         cells = {line[0]: line[column] for line in lines if line[column] != "-"}
         for number in numbers.split(","):
             table[int(number)] = {
-                key: EVERY if it == "on" else int(it) for key, it in cells.items()
+                key: EVERY if supported == "on" else int(supported)
+                for key, supported in cells.items()
             }
     return table
 
 
 def test_table_16() -> None:
     found = {item: dict(support(item).rates) for item in ALL}
-    # Triggers of a third line have an identifier, and nothing else is known of them.
+    # Triggers of a third line have an identifier, but nothing else is documented.
     assert {item for item in ALL if found[item].pop("trigger_in3", None)} <= {680}
     assert found == rate_table()
 
 
-def test_table_16_is_that_of_the_list() -> None:
-    """The columns of rates, of the rows that the manual has."""
+def test_table_16_matches_the_list() -> None:
+    """The columns of rates agree for the rows of the manual."""
     columns = {
         "rate_1_2_3": (1, 2, 3), "rate_7_8": (7,), "rate_10s": SERIES_10, "rate_100s": (100, 200, 300),
         "rate_710": (710,), "rate_600s": SERIES_600,
@@ -208,11 +211,11 @@ def test_table_16_is_that_of_the_list() -> None:
 
 
 @pytest.mark.parametrize("number", ALL)
-def test_rates_divide_the_highest(number: int) -> None:
+def test_rates_divide_the_highest_rate(number: int) -> None:
     """FACTS 4.5: all whole f with f * (k + 1) == base; others have one rate."""
-    it = support(number)
-    for name, base in it.rates.items():
-        found = it.rates_of(name)
+    supported = support(number)
+    for name, base in supported.rates.items():
+        found = supported.rates_of(name)
         fixed_hr = name.endswith("_hr") and number in SERIES_10 + SERIES_100
         if base == EVERY or name.startswith("gnss_") or fixed_hr:
             assert found == (base,)
@@ -247,15 +250,15 @@ def test_rates_of() -> None:
 def test_tables_23_and_24(
     number: int, hardware: tuple[int, int], acceleration: int, rate_of_turn: int, divide: bool
 ) -> None:
-    it = support(number, HardwareVersion(*hardware))
-    assert it.hardware == hardware
-    assert (it.rates["acceleration_hr"], it.rates["rate_of_turn_hr"]) == (
+    supported = support(number, HardwareVersion(*hardware))
+    assert supported.hardware == hardware
+    assert (supported.rates["acceleration_hr"], supported.rates["rate_of_turn_hr"]) == (
         acceleration,
         rate_of_turn,
     )
-    assert (len(it.rates_of("acceleration_hr")) > 1) == divide
-    assert (len(it.rates_of("rate_of_turn_hr")) > 1) == divide
-    assert it.rates["acceleration"] == support(number).rates["acceleration"]
+    assert (len(supported.rates_of("acceleration_hr")) > 1) == divide
+    assert (len(supported.rates_of("rate_of_turn_hr")) > 1) == divide
+    assert supported.rates["acceleration"] == support(number).rates["acceleration"]
 
 
 @pytest.mark.parametrize(
@@ -265,7 +268,7 @@ def test_tables_23_and_24(
         (630, (0x2010, 0), 400),
         (630, (0x2010, EVERY), 400),
         (630, (0x2010, 400), 400),
-        # One that it can do, and those between: the next lower.
+        # A supported rate, and rates between: the next lower one.
         (630, (0x2010, 100), 100),
         (630, (0x2010, 99), 80),
         (630, (0x2010, 3), 2),
@@ -274,7 +277,7 @@ def test_tables_23_and_24(
         (630, (0x2010, 401), 400),
         (3, (0x2010, 400), 100),
         (630, (0x2010, 0xFFFE), 400),
-        # With every message, whatever is asked.
+        # With every message, whatever rate is requested.
         (630, (0x1020, 0), EVERY),
         (630, (0x1060, 400), EVERY),
         (630, (0xE020, EVERY), EVERY),
@@ -302,22 +305,22 @@ def test_acknowledged(number: int, asked: tuple[int, int], given: int | None) ->
     assert support(number).acknowledged(Output(*asked)) == expected
 
 
-def test_acknowledged_as_a_real_device_did() -> None:
+def test_acknowledged_matches_real_devices() -> None:
     """The settings that an MTi-300 and an MTi-630 were seen to answer (FACTS 1.10)."""
     asked = (0x1060, 0x4020, 0x8020, 0x2030, 0xE020)
     found = [support(630).acknowledged(Output(item, 400)) for item in asked]
     assert found == [Output(item, EVERY if item in (0x1060, 0xE020) else 400) for item in asked]
 
 
-def test_what_is_acknowledged_is_acknowledged_again() -> None:
+def test_acknowledged_settings_are_stable() -> None:
     for number in ALL:
-        it = support(number)
-        for name in it.rates:
+        supported = support(number)
+        for name in supported.rates:
             for asked in (0, 1, 3, 7, 60, 100, 333, 5000, EVERY):
-                given = it.acknowledged(Output(QUANTITIES[name].id, asked))
+                given = supported.acknowledged(Output(QUANTITIES[name].id, asked))
                 assert given is not None
-                assert given.frequency in it.rates_of(name)
-                assert it.acknowledged(given) == given
+                assert given.frequency in supported.rates_of(name)
+                assert supported.acknowledged(given) == given
 
 
 # ---------------------------------------------------------------------------------------------
@@ -358,7 +361,7 @@ SYNC: dict[tuple[int, ...], dict[int, tuple[int, ...]]] = {
     (670,): {3: (2, 9), 4: (7,), 8: (2, 9, 6), 9: (2, 9), 11: (2, 9), 14: (2, 9)},
     (680,): {3: (2, 9), 4: (7,), 8: (2, 9, 6), 9: (10,), 11: (2, 9), 14: (10,)},
 }  # fmt: skip
-#: Table 11 by itself: who has the function.
+#: Table 11 alone: the products with the function.
 TABLE_11 = {
     3: set(ALL) - set(SERIES_1),
     4: set(ALL) - set(SERIES_1),
@@ -372,8 +375,10 @@ TABLE_11 = {
 def test_tables_11_and_12() -> None:
     for numbers, functions in SYNC.items():
         for number in numbers:
-            found = {it: set(lines) for it, lines in support(number).sync.items()}
-            assert found == {it: set(lines) for it, lines in functions.items()}, number
+            found = {supported: set(lines) for supported, lines in support(number).sync.items()}
+            assert found == {supported: set(lines) for supported, lines in functions.items()}, (
+                number
+            )
     assert {number for numbers in SYNC for number in numbers} == set(ALL)
     for function in SyncFunction:
         having = {item for item in ALL if function in support(item).sync}
@@ -397,7 +402,7 @@ def test_strings() -> None:
             found = {str(string_type.name) for string_type in support(number).string_types}
             assert found == set(text.split()), number
     assert support(680).string_types == StringType(0x7FFF)
-    # Who has no strings does not know the message.
+    # Products without strings do not have the message.
     for number in ALL:
         knows = "SetStringOutputType" in support(number).messages
         assert knows == bool(support(number).string_types)
@@ -429,11 +434,11 @@ TABLE_30 = """
 
 def test_table_30() -> None:
     words = TABLE_30.split()
-    table = {int(it): words[at + 2] for at, it in enumerate(words) if at % 3 == 0}
+    table = {int(profile): words[at + 2] for at, profile in enumerate(words) if at % 3 == 0}
     assert len(table) == 18
     numbers = {
         3: range(50, 55), 30: range(39, 44), 300: range(39, 44), 7: (11, 12, 13), 710: range(1, 6),
-        # A VRU has no use for the others, whose heading is magnetic.
+        # A VRU does not support the others, whose heading is magnetic.
         2: (54,), 20: (43,), 200: (43,),
     }  # fmt: skip
     for product, profiles in numbers.items():
@@ -444,7 +449,7 @@ def test_table_30() -> None:
         assert found == {profile: table[profile].lower() for profile in profiles}
 
 
-def test_profiles_with_names() -> None:
+def test_600_series_profiles() -> None:
     """Of the 600-series: a base, and on the VRU and AHRS a heading (kinds 195 and 197, FACTS 2.29)."""
     labels = {
         number: [
@@ -464,7 +469,7 @@ def test_profiles_with_names() -> None:
     }
 
 
-def test_profiles_of_a_real_device() -> None:
+def test_profiles_match_a_real_device() -> None:
     """The AvailableFilterProfiles of an MTi-300."""
     for line in shared("spec/frames.txt").read_text(encoding="utf-8").splitlines():
         if line.startswith("FA FF 63 "):
@@ -473,22 +478,24 @@ def test_profiles_of_a_real_device() -> None:
 
 
 @pytest.mark.parametrize("number", ALL)
-def test_profiles_can_be_sent_and_set(number: int) -> None:
-    it = support(number)
-    assert bool(it.filter_profiles) == (number not in IMU)
-    if not it.filter_profiles:
-        assert it.filter_profile is None
+def test_profiles_can_be_encoded(number: int) -> None:
+    supported = support(number)
+    assert bool(supported.filter_profiles) == (number not in IMU)
+    if not supported.filter_profiles:
+        assert supported.filter_profile is None
         return
-    payload = encode("AvailableFilterProfiles", it.filter_profiles)
-    assert decode("AvailableFilterProfiles", payload) == it.filter_profiles
-    if isinstance(it.filter_profile, str):
-        assert "SetFilterProfileModern" in it.messages
-        labels = {row.label for row in it.filter_profiles}
-        assert set(it.filter_profile.split("/")) <= labels
-        assert decode("SetFilterProfileModern", encode("SetFilterProfileModern", it.filter_profile))
+    payload = encode("AvailableFilterProfiles", supported.filter_profiles)
+    assert decode("AvailableFilterProfiles", payload) == supported.filter_profiles
+    if isinstance(supported.filter_profile, str):
+        assert "SetFilterProfileModern" in supported.messages
+        labels = {row.label for row in supported.filter_profiles}
+        assert set(supported.filter_profile.split("/")) <= labels
+        assert decode(
+            "SetFilterProfileModern", encode("SetFilterProfileModern", supported.filter_profile)
+        )
     else:
-        assert "SetFilterProfile" in it.messages
-        assert it.filter_profile in {row.type for row in it.filter_profiles}
+        assert "SetFilterProfile" in supported.messages
+        assert supported.filter_profile in {row.type for row in supported.filter_profiles}
 
 
 # ---------------------------------------------------------------------------------------------
@@ -496,7 +503,7 @@ def test_profiles_can_be_sent_and_set(number: int) -> None:
 # ---------------------------------------------------------------------------------------------
 
 FIRST, LAST = "1020 FFFF 1060 FFFF", "E020 FFFF"
-#: Table 2: the output configuration, as a payload. The counter and the time stand in front, as MT Manager
+#: Table 2: the output configuration, as a payload. The counter and the time are first, as MT Manager
 #: writes them.
 TABLE_2 = {
     IMU: f"{FIRST} 8030 0064 4010 0064 C020 0064 {LAST}",
@@ -513,13 +520,13 @@ PROFILE = {
 def test_table_2_outputs() -> None:
     for numbers, payload in TABLE_2.items():
         for number in numbers:
-            it = support(number)
-            assert encode("SetOutputConfiguration", it.output_configuration) == bytes.fromhex(
-                payload
-            )
+            supported = support(number)
+            assert encode(
+                "SetOutputConfiguration", supported.output_configuration
+            ) == bytes.fromhex(payload)
             assert (
-                tuple(it.acknowledged(row) for row in it.output_configuration)
-                == it.output_configuration
+                tuple(supported.acknowledged(row) for row in supported.output_configuration)
+                == supported.output_configuration
             )
     assert {number for numbers in TABLE_2 for number in numbers} == set(ALL)
 
@@ -531,15 +538,15 @@ def test_table_2_profiles() -> None:
 
 
 def test_tables_2_and_41_synchronization() -> None:
-    """Disabled, but that those with a receiver follow its clock, by a line of theirs."""
+    """Disabled, except that products with a receiver synchronize to its clock on their line."""
     for number in ALL:
-        it = support(number)
+        supported = support(number)
         if number not in GNSS:
-            assert it.sync_settings == ()
+            assert supported.sync_settings == ()
             continue
-        (setting,) = it.sync_settings
+        (setting,) = supported.sync_settings
         assert (setting.function, setting.polarity) == (F.CLOCK_BIAS_ESTIMATION, Polarity.RISING)
-        assert setting.line in it.sync[F.CLOCK_BIAS_ESTIMATION]
+        assert setting.line in supported.sync[F.CLOCK_BIAS_ESTIMATION]
     published = {7: (L.GNSS_CLOCK_IN, 1000), 710: (L.GNSS_CLOCK_IN, 250), 680: (L.IN3, 1000)}
     for number, (line, period) in published.items():
         expected = SyncSetting(F.CLOCK_BIAS_ESTIMATION, line, offset=period)
@@ -547,11 +554,11 @@ def test_tables_2_and_41_synchronization() -> None:
 
 
 @pytest.mark.parametrize("number", ALL)
-def test_what_it_calls_itself(number: int) -> None:
-    """Identifiers as FACTS 6 lays them out, and codes that lead back to the product."""
-    it = support(number)
-    identity, series = it.identity, it.product.series
-    assert product_of_code(identity.product_code) is it.product
+def test_identities_match_the_product(number: int) -> None:
+    """Identifiers have the layout of FACTS 6, and codes identify the product."""
+    supported = support(number)
+    identity, series = supported.identity, supported.product.series
+    assert product_of_code(identity.product_code) is supported.product
     for name, value in [
         ("DeviceID", identity.device_id),
         ("ProductCode", identity.product_code),
@@ -559,14 +566,14 @@ def test_what_it_calls_itself(number: int) -> None:
         ("HardwareVersion", identity.hardware),
     ]:
         assert decode(name, encode(name, value)) == value
-    assert len(encode("DeviceID", identity.device_id)) == it.product.id_size
+    assert len(encode("DeviceID", identity.device_id)) == supported.product.id_size
     if series == "600-series":
         assert identity.device_id >> 31 == 1
     else:
         family = {"1-series": 8, "10-series": 6, "100-series": 7}[series]
-        kind = {"IMU": 1, "VRU": 2, "AHRS": 3, "GNSS/INS": 7}[it.product.kind]
+        kind = {"IMU": 1, "VRU": 2, "AHRS": 3, "GNSS/INS": 7}[supported.product.kind]
         assert (identity.device_id >> 20 & 0xF, identity.device_id >> 24) == (family, kind)
         # From 1000 on it is a 710, below it was a 700 (FACTS 6.1).
         assert number != 710 or identity.device_id & 0xFFFF >= 1000
-    # High rates come as the manual has them.
-    assert support(number, identity.hardware).rates == it.rates
+    # High rates are those of the manual.
+    assert support(number, identity.hardware).rates == supported.rates

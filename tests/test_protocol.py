@@ -1,4 +1,4 @@
-"""Messages as values: what each of them says, both ways.
+"""Message payloads: decoding to values, and encoding.
 
 The payloads are the manual's own, those of real devices and of MT Manager where one was published, and else
 made by hand from the manual's tables.
@@ -65,10 +65,10 @@ from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import BAUD_CODES, CAN_BAUD_CODES
 
 # ---------------------------------------------------------------------------------------------
-# What each message says
+# The value of each message
 # ---------------------------------------------------------------------------------------------
 
-#: MTi-630 of a public log, as the host wrote it; its tail is what the manual calls reserved.
+#: MTi-630 of a public log, as recorded by the host; the manual calls the end reserved.
 CONFIGURATION_630 = Configuration(
     device_id=0x8000_40D2, product_code="MTi-630-8A1G6", sampling_period=None, output_skip_factor=None,
     date="20240211", time="13285700", devices=1, filter_profile=0, firmware=Firmware(1, 6, 0),
@@ -100,7 +100,7 @@ OUTPUTS = (
 OUTPUTS_HEX = (
     """1020FFFF 1060FFFF 20100064 40200190 80200190 C0200064 E020FFFF 50420064 50220064 D0120064"""
 )
-#: What an MTi-630 was asked for, and what it made of it.
+#: A configuration that was sent to an MTi-630, and its reply.
 ASKED = (
     *(Output(value, 400) for value in (0x1060, 0x4020, 0x8020, 0x2030, 0xE020)),
     Output(0x4810),
@@ -153,7 +153,7 @@ PROFILES_300_HEX = "".join(
 
 
 def configuration_hex(head: str, date: bytes, code: bytes, device: str, tail: str) -> str:
-    """Table 13: what stands in it, with zeros between."""
+    """Returns a payload of Table 13: the given fields, and zeros elsewhere."""
     texts = f"{date.ljust(16, bytes(1)).hex()} {code.ljust(64, bytes(1)).hex()}"
     return f"{head} {16 * '0'} {texts} 0001 {device} {tail}"
 
@@ -265,7 +265,7 @@ VALUES: list[tuple[str, Any, str]] = [
     ("IccCommandAck", IccReply(IccCommand.STOP, IccResult(4.007143497467041, 2, IccStatus(0))),
      "01 40803A85 02 00"),
     ("SetInitialHeading", -180.0, "C3340000"),
-    # Not in this revision, but asked for or seen.
+    # Not in this revision of the manual, but requested or seen.
     ("SetGnssReceiverSettings", GnssReceiverSettings(GnssReceiver.NMEA, 2, 10, 1), "0001 0002 000A 00000001"),
     ("SetGnssReceiverSettings", GnssReceiverSettings(GnssReceiver.UBLOX, 2, 4), "0006 0002 0004 00000000"),
     ("GnssReceiverSettings", ZED, "0003 0001 0004 00000000"),
@@ -287,9 +287,11 @@ def test_values(name: str, value: Any, payload: str) -> None:
     assert type(found) is type(value)
 
 
-def test_configurations_are_those_of_real_devices() -> None:
-    """The tables above, against what was published byte by byte."""
-    published = {decode("Configuration", it) for name, it in frames() if name == "Configuration"}
+def test_configurations_match_real_devices() -> None:
+    """The tables above match published bytes."""
+    published = {
+        decode("Configuration", output) for name, output in frames() if name == "Configuration"
+    }
     assert published >= {
         CONFIGURATION_300, CONFIGURATION_30, CONFIGURATION_710, CONFIGURATION_7, CONFIGURATION_630,
     }  # fmt: skip
@@ -301,12 +303,12 @@ def test_every_message_has_a_layout() -> None:
         assert (layout is NOTHING) == (MESSAGES[name].kind == "empty"), name
 
 
-def test_every_layout_has_a_value_above() -> None:
-    known = {name for name, it in LAYOUTS.items() if it not in (NOTHING, RAW)}
+def test_every_layout_is_tested() -> None:
+    known = {name for name, output in LAYOUTS.items() if output not in (NOTHING, RAW)}
     assert known == {name for name, _, _ in VALUES} - {"ReqEmts"}
 
 
-#: What is passed on as it is: blobs, output data, and what no source explains.
+#: Payloads that stay bytes: blobs, output data, and undocumented payloads.
 BYTES = {
     "EmtsData", "ReqEmts", "ForwardGnssData", "MTData", "MTData2", "SetObjectAlignment",
     "ObjectAlignmentAck", "GravityMagnitudeAck", "HeadingAck", "ProcessingFlagsAck",
@@ -314,8 +316,8 @@ BYTES = {
 }  # fmt: skip
 
 
-def test_the_rest_is_bytes() -> None:
-    raw = {name for name, it in LAYOUTS.items() if it is RAW}
+def test_other_payloads_stay_bytes() -> None:
+    raw = {name for name, output in LAYOUTS.items() if output is RAW}
     assert raw >= BYTES
     assert {MESSAGES[byte].payload for byte in raw - BYTES} == {"unknown", "opaque"}
     for name in raw:
@@ -324,7 +326,7 @@ def test_the_rest_is_bytes() -> None:
         assert encode(name, data) == data == decode(name, data)
 
 
-def test_nothing() -> None:
+def test_empty_payloads() -> None:
     for name, layout in LAYOUTS.items():
         if layout is NOTHING:
             assert encode(name) == b""
@@ -335,7 +337,7 @@ def test_nothing() -> None:
                 encode(name, 1)
 
 
-def test_no_such_message() -> None:
+def test_unknown_messages_are_rejected() -> None:
     with pytest.raises(KeyError):
         encode("SetWings")
     with pytest.raises(KeyError):
@@ -348,7 +350,7 @@ def test_no_such_message() -> None:
 
 
 def frames() -> list[tuple[str, bytes]]:
-    """Name and payload of the published frames that are no output data."""
+    """Returns name and payload of the published frames, except output data."""
     found = []
     for line in shared("spec/frames.txt").read_text(encoding="utf-8").splitlines():
         if line.startswith("#"):
@@ -365,7 +367,7 @@ def test_published_frames() -> None:
     assert len(frames()) == 81
     for name, payload in frames():
         if len(payload) == 65:
-            # MT Manager writes the profile of its settings file with what lies behind it in memory.
+            # MT Manager writes the profile of its settings file with the bytes that follow in its memory.
             assert (name, decode("SetFilterProfileModern", payload)) == (
                 "SetFilterProfile",
                 "General_RTK",
@@ -375,7 +377,7 @@ def test_published_frames() -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# What is not known passes, what cannot be is refused
+# Unknown values are preserved, impossible values are rejected
 # ---------------------------------------------------------------------------------------------
 
 
@@ -411,7 +413,7 @@ def test_published_frames() -> None:
         ("AvailableFilterProfiles", "C5 02" + 20 * "7A", (AvailableProfile(197, 2, 20 * "z"),)),
     ],
 )  # fmt: skip
-def test_unknown_numbers_pass(name: str, payload: str, value: Any) -> None:
+def test_unknown_numbers_are_preserved(name: str, payload: str, value: Any) -> None:
     data = bytes.fromhex(payload)
     assert decode(name, data) == value
     assert encode(name, value) == data
@@ -420,7 +422,7 @@ def test_unknown_numbers_pass(name: str, payload: str, value: Any) -> None:
 @pytest.mark.parametrize(
     ("name", "payload", "value"),
     [
-        # Texts end where some firmware fills them.
+        # Texts end where some firmware pads them.
         ("ProductCode", b"MTi-3\0\0\0\0\0".hex(), "MTi-3"),
         ("ReqFilterProfileAckModern", b"General_RTK".ljust(62).hex(), "General_RTK"),
         ("Warning", b"\0\0\1\x91lost".ljust(132, b"\0").hex(), DeviceWarning(401, "lost")),
@@ -429,7 +431,7 @@ def test_unknown_numbers_pass(name: str, payload: str, value: Any) -> None:
         ("DeviceID", "037003F8 00000001", 0x0370_03F8),
         # Old firmware.
         ("ReqLatLonAltAck", "42500000 40C00000 BF800000", LatLonAlt(52, 6, -1)),
-        # Nothing is no entry, as an entry of zeros is.
+        # An empty payload has no entry, as an entry of zeros.
         ("ReqSyncSettingsAck", "", ()),
         ("ReqOutputConfigurationAck", "", ()),
         ("PortConfig", "", ()),
@@ -441,12 +443,12 @@ def test_unknown_numbers_pass(name: str, payload: str, value: Any) -> None:
          CONFIGURATION_630),
     ],
 )  # fmt: skip
-def test_read_but_never_written(name: str, payload: str, value: Any) -> None:
+def test_decoded_but_never_encoded(name: str, payload: str, value: Any) -> None:
     assert decode(name, bytes.fromhex(payload)) == value
 
 
 @pytest.mark.parametrize(
-    ("name", "size", "says"),
+    ("name", "size", "error"),
     [
         ("DeviceID", 5, "5 bytes, not 4 or 8"),
         ("InitBusResults", 6, "6 bytes, not entries of 4"),
@@ -473,8 +475,8 @@ def test_read_but_never_written(name: str, payload: str, value: Any) -> None:
         ("GnssReceiverSettings", 9, "9 bytes, not 10"),
     ],
 )
-def test_wrong_lengths(name: str, size: int, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_wrong_lengths(name: str, size: int, error: str) -> None:
+    with pytest.raises(ValueError, match=error):
         decode(name, bytes(size))
 
 
@@ -483,7 +485,7 @@ def changed(value: Any, **changes: Any) -> Any:
 
 
 @pytest.mark.parametrize(
-    ("name", "value", "says"),
+    ("name", "value", "error"),
     [
         ("SetPeriod", 65536, "period cannot be 65536: it must be an integer from 0 to 65535"),
         ("SetPeriod", -1, "period cannot be -1"),
@@ -559,8 +561,8 @@ def changed(value: Any, **changes: Any) -> Any:
         ("SetObjectAlignment", bytes(35), "3 by 3, not 35 bytes"),
     ],
 )
-def test_what_does_not_fit(name: str, value: Any, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_values_that_do_not_fit_are_rejected(name: str, value: Any, error: str) -> None:
+    with pytest.raises(ValueError, match=error):
         encode(name, value)
 
 
@@ -614,7 +616,7 @@ ICC = (
 
 
 def several(entry: st.SearchStrategy[Any], most: int, least: int = 0) -> st.SearchStrategy[Any]:
-    """Lists; but one entry of nothing but zeros is no entry."""
+    """Draws lists, except a single entry of zeros, which counts as no entry."""
     lists = st.lists(entry, min_size=least, max_size=most).map(tuple)
     return lists.filter(lambda item: len(item) != 1 or any(_numbers(item[0])))
 
@@ -625,7 +627,7 @@ def _numbers(entry: Any) -> list[Any]:
     return list(vars(entry).values() if dataclasses.is_dataclass(entry) else entry)
 
 
-#: What each layout can be given.
+#: Values of each layout.
 STRATEGIES: dict[str, st.SearchStrategy[Any]] = {
     "DeviceID": whole(31) | whole(32).map(lambda item: item | 1 << 31),
     "InitBusResults": several(U4, 8),
@@ -680,14 +682,18 @@ STRATEGIES |= dict.fromkeys(
 )
 STRATEGIES |= dict.fromkeys(["SetOutputSettings", "ReqOutputSettingsAck"], U4)
 STRATEGIES |= dict.fromkeys(
-    [name for name, it in LAYOUTS.items() if it not in (NOTHING, RAW) and name not in STRATEGIES],
+    [
+        name
+        for name, output in LAYOUTS.items()
+        if output not in (NOTHING, RAW) and name not in STRATEGIES
+    ],
     U2,
 )
 
 
 @given(st.data())
 @pytest.mark.parametrize("name", STRATEGIES)
-def test_whatever_is_written_is_read(name: str, data: st.DataObject) -> None:
+def test_encoded_values_decode_to_themselves(name: str, data: st.DataObject) -> None:
     value = data.draw(STRATEGIES[name])
     payload = encode(name, value)
     lengths = MESSAGES[name].lengths
@@ -697,7 +703,7 @@ def test_whatever_is_written_is_read(name: str, data: st.DataObject) -> None:
 
 
 @given(st.binary(max_size=140))
-def test_whatever_comes_is_read_or_refused(payload: bytes) -> None:
+def test_any_payload_is_decoded_or_rejected(payload: bytes) -> None:
     for name in LAYOUTS:
         try:
             value = decode(name, payload)
@@ -716,8 +722,8 @@ SHARED = {"ReqFilterProfileAck"}
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_what_has_the_right_length_is_read(seed: int) -> None:
-    """Any bytes; and what was read of them is read again from what it is written as."""
+def test_payloads_of_valid_length_are_decoded(seed: int) -> None:
+    """Any bytes of a valid length are decoded, and the value survives encoding and decoding."""
     rng = random.Random(seed)
     for name, layout in LAYOUTS.items():
         lengths = [item for item in MESSAGES[name].lengths or () if item]
@@ -783,14 +789,14 @@ def test_what_has_the_right_length_is_read(seed: int) -> None:
         ("SetGnssReceiverSettings", "receiver=zed_f9p baud_code=1 rate=4", ZED),
     ],
 )  # fmt: skip
-def test_words(name: str, words: str, value: Any) -> None:
+def test_parse_words(name: str, words: str, value: Any) -> None:
     found = LAYOUTS[name].read(words.split())
     assert found == value
     assert type(found) is type(value)
 
 
 @pytest.mark.parametrize(
-    ("name", "words", "says"),
+    ("name", "words", "error"),
     [
         ("GoToConfig", "now", "no field is called 'now'; there are: none"),
         ("SetPeriod", "", "fields are missing: period"),
@@ -827,13 +833,13 @@ def test_words(name: str, words: str, value: Any) -> None:
         ("SetUTCTime", "ns=0 year=2026", "missing: month, day, hour, minute, second$"),
     ],
 )
-def test_words_that_say_nothing(name: str, words: str, says: str) -> None:
-    with pytest.raises(ValueError, match=says):
+def test_invalid_words_are_rejected(name: str, words: str, error: str) -> None:
+    with pytest.raises(ValueError, match=error):
         LAYOUTS[name].read(words.split())
 
 
-def test_words_can_be_read_again() -> None:
-    """What `xbus dump` shows of a message to the device is what `xbus send` takes."""
+def test_formatted_words_parse_to_the_same_value() -> None:
+    """`xbus send` accepts the text that `xbus dump` shows for a message to the device."""
     for name, value, payload in VALUES:
         if MESSAGES[name].direction == "to device" and not isinstance(value, bytes):
             words = [] if value == () else value_text(value).split()
@@ -858,12 +864,12 @@ def test_words_can_be_read_again() -> None:
         ("ReqEmts", "00FF", "2 bytes"),
     ],
 )  # fmt: skip
-def test_values_in_words(name: str, payload: str, words: str) -> None:
+def test_format_words(name: str, payload: str, words: str) -> None:
     assert value_text(decode(name, bytes.fromhex(payload))) == words
 
 
 # ---------------------------------------------------------------------------------------------
-# What values tell
+# Properties of values
 # ---------------------------------------------------------------------------------------------
 
 #: Code and rate: Table 7, "76k6" as what it means.
@@ -890,7 +896,7 @@ def test_table_7() -> None:
 
 
 def test_can_baud_codes() -> None:
-    """They are not those of Table 7."""
+    """CAN baud codes differ from those of Table 7."""
     assert CAN_BAUD_CODES[0x0C] == 1_000_000
     assert (CanConfig(0x00).baudrate, CanConfig(0x0D).baudrate) == (250_000, None)
     assert sorted(CAN_BAUD_CODES) == sorted(set(range(13)))
@@ -918,9 +924,13 @@ def test_selftest() -> None:
         (0xC2A0, None, None, None),
     ],
 )
-def test_outputs_tell(
+def test_output_properties(
     data_id: int, quantity: str | None, precision: int | None, coordinates: int | None
 ) -> None:
-    it = Output(data_id)
-    assert (it.quantity, it.precision, it.coordinates) == (quantity, precision, coordinates)
-    assert it.frequency == EVERY
+    output = Output(data_id)
+    assert (output.quantity, output.precision, output.coordinates) == (
+        quantity,
+        precision,
+        coordinates,
+    )
+    assert output.frequency == EVERY

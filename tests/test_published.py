@@ -1,4 +1,4 @@
-"""Published frames, captures and rules by hand, read by the package and by the oracle.
+"""Published frames, captures and hand-written cases, decoded by the package and by the reference.
 
 The expected values are literals: printed in the manual (MT0101P, revision 2020.A), or shown by the
 vendor's MT Manager for frames of real devices. `decode` and `scan` read the bytes twice, with the package
@@ -29,20 +29,20 @@ from xbus import _core
 
 SAT_INFO = packet(0x7020, bytes(8))
 
-# A frame whose checksum is good, but that no device sends: believed only in step.
+# A frame with a good checksum that no device sends: accepted only in step.
 STRANGE = frame(0xB2, b"\1\2\3")
 WAKE_UP = frame(0x3E)
 
 
 def decode(data: bytes) -> Reference:
-    """Reads a log with the package and with the oracle. Returns the oracle's reading: the two are equal."""
+    """Decodes a log with the package and with the reference, and asserts that they agree."""
     log = reference.decode(data)
     assert differences(facts(xbus.read_log(data)), facts_of(log)) == []
     return log
 
 
 def scan(data: bytes, limit: int = reference.LONGEST) -> tuple[list[Frame], list[Damage], int]:
-    """Frames, damage and checksum errors. The two readings are equal."""
+    """Returns frames, damage and checksum errors. Package and reference agree."""
     frames, damage, checksum_errors = reference.scan(data, limit)
     reader = _core.Reader(np.frombuffer(data, np.uint8), limit=limit, strict=False, wanted=None)
     while reader.advance(len(data) + 1):
@@ -91,8 +91,8 @@ def test_number(precision: int, raw: str, value: float) -> None:
     assert number(bytes.fromhex(raw), precision) == pytest.approx(value, rel=0, abs=1e-12)
 
 
-def test_number_keeps_every_bit() -> None:
-    """A NaN's bits arrive; fixed-point numbers go there and back."""
+def test_number_preserves_every_bit() -> None:
+    """The bits of a NaN are preserved; fixed-point numbers round-trip."""
     for raw in ("7FC00001", "FF800001", "7F800000", "80000000"):
         value = number(bytes.fromhex(raw), FLOAT32)
         assert isinstance(value, reference.Float32)
@@ -431,7 +431,7 @@ OTHER_FRAMES: dict[str, tuple[int, str]] = {
 
 
 def test_published_messages() -> None:
-    """Messages of devices are plausible: found between garbage, and told in order."""
+    """Messages of devices are plausible: they are found between garbage, and returned in order."""
     log = decode(b"\x11".join(bytes.fromhex(raw) for raw in OTHER_FRAMES))
     expected = [(mid, bytes.fromhex(payload)) for mid, payload in OTHER_FRAMES.values()]
     assert [(message.mid, message.payload) for message in log.messages] == expected
@@ -448,8 +448,8 @@ def published() -> list[tuple[str, bytes]]:
     return found
 
 
-def test_published_frames_together() -> None:
-    """All published frames in a row are found whole, those of a host too: they are in step."""
+def test_published_frames_are_found_back_to_back() -> None:
+    """All published frames in a row are found, including those of a host: they are in step."""
     frames = [raw for _, raw in published()]
     assert len(frames) > 90
     log = decode(b"".join(frames))
@@ -457,8 +457,8 @@ def test_published_frames_together() -> None:
     assert not log.damage
 
 
-def test_published_frames_apart() -> None:
-    """Those from a device whose length is known are found between garbage as well."""
+def test_published_device_frames_are_found_in_garbage() -> None:
+    """Frames from a device with a known length are found between garbage."""
     garbage = b"\x00\xfa\xff"
     count = 0
     for kind, raw in published():
@@ -481,7 +481,7 @@ def test_published_frames_apart() -> None:
 CAPTURES = [f"mtig710-{i}" for i in range(1, 6)]
 PRECISIONS = dict(zip(CAPTURES, (0, 1, 2, 3, 0), strict=True))
 
-# Quantities as the other decoder calls them, where lower case does not tell.
+# Names of quantities in the other decoder, if they differ by more than case.
 OTHER_NAMES = {
     "AltitudeEllipsoid": "altitude_ellipsoid",
     "BaroPressure": "baro_pressure",
@@ -507,7 +507,7 @@ OTHER_NAMES = {
 
 
 def golden_numbers(name: str, text: str) -> list[float] | str:
-    """What the other decoder printed for one quantity."""
+    """Returns what the other decoder printed for one quantity."""
     if name == "utc_time":
         return text
     if name.startswith("status"):
@@ -518,7 +518,7 @@ def golden_numbers(name: str, text: str) -> list[float] | str:
 
 
 def our_numbers(name: str, values: Any) -> list[float] | str:
-    """The same from the oracle."""
+    """Returns the same from the reference."""
     if name == "utc_time":
         date = "{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}".format(**values)
         return f"{date}.{values['ns']:09}".rstrip("0").rstrip(".") + "Z"
@@ -529,7 +529,7 @@ def our_numbers(name: str, values: Any) -> list[float] | str:
 
 @pytest.mark.parametrize("capture", CAPTURES)
 def test_capture(capture: str) -> None:
-    """100 frames without damage, with the very numbers that another decoder printed for them."""
+    """100 frames without damage have exactly the numbers that another decoder printed."""
     raw = shared(f"captures/{capture}/raw.bin").read_bytes()
     golden = shared(f"captures/{capture}/decoded.golden").read_text()
     log = decode(raw)
@@ -560,7 +560,7 @@ def test_capture(capture: str) -> None:
 
 @pytest.mark.parametrize("capture", CAPTURES)
 def test_capture_clock(capture: str) -> None:
-    """The clock runs on between the GNSS samples; these lie up to 60 ms behind their neighbours."""
+    """The clock continues between the GNSS samples, which are up to 60 ms behind their neighbours."""
     log = decode(shared(f"captures/{capture}/raw.bin").read_bytes())
     gnss = {r.sample for name in reference.GNSS for r in log.columns.get((name, None), [])}
     assert len(gnss) in (4, 5, 6, 7)
@@ -574,7 +574,7 @@ def test_capture_clock(capture: str) -> None:
 
 
 def test_capture_rotation_matrix() -> None:
-    """The matrix, rows first, is the one of the quaternion beside it (section 5.3.6)."""
+    """The matrix, rows first, matches the quaternion of the same sample (section 5.3.6)."""
     log = decode(shared("captures/mtig710-5/raw.bin").read_bytes())
     matrix = array(log, ("rotation_matrix", "ENU"))
     q0, q1, q2, q3 = array(log, ("quaternion", "ENU")).astype("f8").T
@@ -672,14 +672,14 @@ def offsets(data: bytes, limit: int = 65535) -> list[int]:
     ],
 )
 def test_damage(data: bytes, expected: list[Damage]) -> None:
-    """One row for every stretch between frames, its reason from the byte where one was due."""
+    """Each stretch between frames is one row, with the reason from the byte where a frame was due."""
     _, found, checksum_errors = scan(data, limit=8185)
     assert found == expected
     assert checksum_errors == sum(stretch.reason == "checksum" for stretch in expected)
 
 
 def test_in_step() -> None:
-    """A frame that no device sends is believed only between good neighbours."""
+    """A frame that no device sends is accepted only between intact neighbours."""
     size = len(STRANGE)
     assert offsets(STRANGE) == [0]
     assert offsets(STRANGE + STRANGE) == [0, size]
@@ -688,7 +688,7 @@ def test_in_step() -> None:
     assert offsets(WAKE_UP + STRANGE + b"\xfa" + WAKE_UP) == [0, 6 + size]
     assert offsets(WAKE_UP + b"\0" + STRANGE + WAKE_UP) == [0, 6 + size]
     assert offsets(STRANGE + b"\xfa\xff\x3e") == []
-    # The next frame may be as strange, but must be within the limit.
+    # The next frame may be unknown too, but must be within the limit.
     long = frame(0xB2, bytes(300))
     assert offsets(STRANGE + long + WAKE_UP) == [0, size, size + len(long)]
     assert offsets(STRANGE + long + WAKE_UP, limit=299) == [size + len(long)]
@@ -735,19 +735,19 @@ def test_in_step() -> None:
     ],
 )
 def test_plausible(raw: bytes, believed: bool) -> None:
-    """A plausible frame stands alone in garbage; another one only where it is in step."""
+    """A plausible frame is found in garbage; another frame only if it is in step."""
     assert offsets(raw) == [0]
     assert offsets(b"\0" + raw + b"\0") == ([1] if believed else [])
 
 
-def test_a_false_start_costs_one_byte() -> None:
-    """Preambles before a frame hide nothing of it, whatever they claim."""
+def test_a_false_start_hides_nothing() -> None:
+    """Preambles before a frame do not hide the frame, whatever length they claim."""
     for start in (b"\xfa", b"\xfa\xfa\xfa", b"\xfa\xff\x36\xff\x00\x10", b"\xfa\xff\x36\x20"):
         assert offsets(start + GOOD + GOOD) == [len(start), len(start) + len(GOOD)]
 
 
 def test_extended_length() -> None:
-    """Any value is taken, up to the limit."""
+    """Any length is accepted, up to the limit."""
     for size in (0, 1, 254, 255, 8185):
         raw = frame(0x7B, bytes(size), extended=True)
         assert raw[3] == 0xFF
@@ -759,8 +759,8 @@ def test_extended_length() -> None:
     assert len(frame(0x7B, bytes(255))) == 255 + 7
 
 
-def test_a_sound_log_is_read_whole() -> None:
-    """Every frame of a sound stream is found, odd ones too; cut anywhere only the last is lost."""
+def test_undamaged_streams_are_read_completely() -> None:
+    """Every frame of an intact stream is found; a cut anywhere loses only the last frame."""
     for trial in range(300):
         rng = random.Random(trial)
         frames = streams.random_frames(rng)
@@ -770,7 +770,7 @@ def test_a_sound_log_is_read_whole() -> None:
 
 
 def test_damage_accounts_for_every_byte() -> None:
-    """Frames and damage tile what was read; what is damaged is not next to more damage."""
+    """Frames and damage cover the input without gaps; two stretches of damage are never adjacent."""
     for trial in range(300):
         rng = random.Random(trial)
         data = streams.damage(streams.random_log(rng), rng, flips=2e-3, drops=2e-3, bursts=1e-3)
@@ -788,12 +788,12 @@ def test_damage_accounts_for_every_byte() -> None:
 
 
 def frame_end(data: bytes, found: reference.Frame) -> int:
-    """Where a frame that was found ends."""
+    """Returns where a frame ends."""
     return found.offset + (7 if data[found.offset + 3] == 0xFF else 5) + len(found.payload)
 
 
 def test_hostile_input() -> None:
-    """Nothing is found where there is nothing, and the reason is right."""
+    """Nothing is found in hostile input, and the reason is correct."""
     assert scan(streams.zeros(100)) == ([], [Damage(0, 100, "no preamble")], 0)
     assert scan(streams.only_fa(1000)) == ([], [Damage(0, 1000, "checksum")], 1)
     assert scan(streams.lying(1000)) == ([], [Damage(0, 1000, "truncated")], 0)
@@ -832,7 +832,7 @@ def test_columns() -> None:
 
 
 def test_unknown() -> None:
-    """Strange identifiers and sizes are kept as they came; they are no stamps either."""
+    """Unknown identifiers and sizes are kept as received, and are not used as stamps."""
     log = decode(
         mtdata2(packet(0x7772, b"abc"), packet(0x1060, b"\0\0\1"), packet(0x1021, b"\0\1"))
     )
@@ -843,7 +843,7 @@ def test_unknown() -> None:
 
 
 def test_malformed() -> None:
-    """An MTData2 message that is empty or not tiled is a message, where it is in step."""
+    """An MTData2 message that is empty or malformed is a message, not a sample, if it is in step."""
     data = GOOD + mtdata2() + GOOD + mtdata2(counter(2), b"\x40\x20") + GOOD
     log = decode(data)
     assert [(m.mid, len(m.payload), m.sample) for m in log.messages] == [(0x36, 0, 1), (0x36, 7, 2)]
@@ -880,8 +880,8 @@ def test_integers() -> None:
     assert types["raw_acc_gyr_mag_temp"]["temp"] == "i2"
 
 
-def test_arrays_of_everything() -> None:
-    """Every column has an array, a row for every packet, equal to itself bit by bit."""
+def test_every_column_has_an_array() -> None:
+    """Every column has an array with one row for each packet, equal to itself bit by bit."""
     for trial in range(50):
         log = decode(streams.random_log(random.Random(trial)))
         for key, rows in log.columns.items():
@@ -921,7 +921,7 @@ def stamped(*values: int) -> list[bytes]:
 @pytest.mark.parametrize(
     ("name", "values", "expected"),
     [
-        # Nothing is known: the value before a step back decides.
+        # Unknown device: the value before a step back decides.
         (b"", [100, 125, 150], [100, 125, 150]),
         (b"", [DAY - 25, 0, 25], [DAY - 25, DAY, DAY + 25]),
         (b"", [DAY, 0], [DAY, 0]),
@@ -930,7 +930,7 @@ def stamped(*values: int) -> list[bytes]:
         (b"", [1000, 900, 1025], [1000, 900, 1025]),
         (b"", [0, LAST], [0, LAST]),
         (b"", [DAY - 25, 0, DAY - 50, 25], [DAY - 25, DAY, 2 * DAY - 50, 2 * DAY + 25]),
-        # Half a turn is forward, more is back.
+        # Up to half the range is forward, more is back.
         (b"", [DAY // 2 + 100, 100], [DAY // 2 + 100, DAY + 100]),
         (b"", [DAY // 2 + 100, 101], [DAY // 2 + 100, 101]),
         (NAMED_ALL_BITS, [2**31 + 5, 5], [2**31 + 5, 2**32 + 5]),
@@ -938,7 +938,7 @@ def stamped(*values: int) -> list[bytes]:
         # Nothing steps back below zero.
         (NAMED_ALL_BITS, [5, LAST], [5, LAST]),
         (NAMED_DAY, [100, DAY - 100], [100, DAY - 100]),
-        # It is known.
+        # Known device.
         (NAMED_DAY, [DAY - 25, 0, DAY - 50, 25], [DAY - 25, DAY, DAY - 50, DAY + 25]),
         (NAMED_ALL_BITS, [DAY - 25, 0, 25], [DAY - 25, 0, 25]),
         (NAMED_ALL_BITS, [LAST, 0, LAST - 5, 9], [LAST, LAST + 1, LAST - 5, LAST + 10]),
@@ -969,7 +969,7 @@ def test_unwrapping(name: bytes, values: list[int], expected: list[int]) -> None
         (frame(0x13, bytes(11)), None),
     ],
 )
-def test_naming_messages(naming: bytes, modulus: int | None) -> None:
+def test_identity_messages_select_the_wrap(naming: bytes, modulus: int | None) -> None:
     """Identifiers of all families, as the messages carry them."""
     assert reference.modulus_of_message(scan(naming)[0][0]) == modulus
 
@@ -1002,8 +1002,8 @@ def test_product_codes(code: str, modulus: int | None) -> None:
     assert reference.modulus_of_product(code.ljust(20).encode()) == modulus
 
 
-def test_naming_matters_from_there_on() -> None:
-    """Only earlier messages of the same device count, and the last of them."""
+def test_identity_applies_to_later_samples() -> None:
+    """The last earlier message of the same device applies."""
     back = stamped(DAY - 25, 0)
     assert ticks(*back, NAMED_ALL_BITS) == [DAY - 25, DAY]
     assert ticks(NAMED_ALL_BITS, *back) == [DAY - 25, 0]
@@ -1013,7 +1013,7 @@ def test_naming_matters_from_there_on() -> None:
     assert ticks(frame(0x01, bytes.fromhex("03887B6D"), bid=2), *back) == [DAY - 25, DAY]
 
 
-def test_devices_have_clocks_of_their_own() -> None:
+def test_devices_have_separate_clocks() -> None:
     """FF and 1 are the same device, any other is another."""
     data = [mtdata2(fine(DAY - 25), counter(65535)), mtdata2(fine(5), counter(7), bid=2)]
     data += [mtdata2(fine(0), counter(0), bid=1), mtdata2(fine(30), counter(8), bid=2)]
@@ -1024,7 +1024,7 @@ def test_devices_have_clocks_of_their_own() -> None:
 
 
 def test_gnss_samples_do_not_move_the_clock() -> None:
-    """They run behind, and without a fix they tell anything."""
+    """GNSS samples are delayed, and without a fix their time is arbitrary."""
     assert ticks(*stamped(1000), mtdata2(SAT_INFO, fine(550)), *stamped(1025)) == [1000, 550, 1025]
     assert ticks(*stamped(DAY - 50), mtdata2(SAT_INFO, fine(DAY - 500)), *stamped(25)) == [
         DAY - 50,
@@ -1038,10 +1038,10 @@ def test_gnss_samples_do_not_move_the_clock() -> None:
         DAY - 400,
         DAY + 50,
     ]
-    # Before any other the plain value; the next sample is the first.
+    # Before any other sample the value is used unchanged; the next sample starts the clock.
     assert ticks(mtdata2(SAT_INFO, fine(DAY - 5)), *stamped(3)) == [DAY - 5, 3]
     assert ticks(mtdata2(packet(0x7010, bytes(94)), fine(9)), *stamped(3)) == [9, 3]
-    # One that does not fit is nothing of the kind.
+    # A packet of the wrong size is not a GNSS packet.
     assert ticks(*stamped(DAY - 25), mtdata2(packet(0x7010, bytes(9)), fine(0)), *stamped(25)) == [
         DAY - 25,
         DAY,
@@ -1050,7 +1050,7 @@ def test_gnss_samples_do_not_move_the_clock() -> None:
 
 
 def test_coarse_time() -> None:
-    """With SampleTimeCoarse the manual's big timestamp holds, and the clock learns from it."""
+    """With SampleTimeCoarse the manual's big timestamp applies, and sets the clock."""
     assert ticks(mtdata2(coarse(5174), fine(51747668))) == [51747668]
     # Two days on: the fine time wrapped twice.
     two_days = 2 * DAY + 12_345
@@ -1058,21 +1058,21 @@ def test_coarse_time() -> None:
     assert ticks(sample, *stamped(12_370)) == [two_days, two_days + 25]
     assert ticks(NAMED_DAY, sample, *stamped(12_370)) == [two_days, two_days + 25]
     assert ticks(NAMED_ALL_BITS, sample, *stamped(12_370)) == [two_days, 12_370]
-    # A coarse time that does not belong to the fine one is told, but the clock stays.
+    # A coarse time that does not match the fine time is reported, but does not change the clock.
     odd = mtdata2(coarse(77), fine(1025))
     assert ticks(*stamped(1000), odd, *stamped(1050)) == [1000, 771_025, 1050]
-    # Behind the fine one it belongs to no number of wraps.
+    # A coarse time behind the fine time matches no number of wraps.
     behind = mtdata2(coarse(0), fine(DAY + 5))
     assert ticks(behind, *stamped(DAY + 30)) == [5, DAY + 30]
-    # Alone it is seconds.
+    # Without a fine time it is in seconds.
     assert ticks(*stamped(1000), mtdata2(coarse(77)), *stamped(1025)) == [1000, 770_000, 1025]
-    # In a GNSS sample it moves nothing.
+    # In a GNSS sample it does not change the clock.
     gnss = mtdata2(coarse(86_400), fine(0), SAT_INFO)
     assert ticks(*stamped(1000), gnss, *stamped(1025)) == [1000, DAY, 1025]
 
 
 def test_trigger_time() -> None:
-    """A TriggerIn sample has a stamp of its own, in microseconds of the same clock."""
+    """A TriggerIn sample has its time stamp in microseconds of the same clock."""
     log = decode(b"".join([*stamped(2906348), mtdata2(trigger(290637743)), *stamped(2906373)]))
     assert log.time == [290.6348, 290.637743, 290.6373]
     assert ticks(mtdata2(trigger(123))) == [1.23]
@@ -1081,15 +1081,15 @@ def test_trigger_time() -> None:
     assert ticks(*stamped(wrap - 10), mtdata2(trigger(4)))[1] == pytest.approx(2**32 / 100 + 0.04)
     assert ticks(*stamped(wrap + 10), mtdata2(trigger(2**32 - 96)))[1] == wrap
     assert ticks(*stamped(10), mtdata2(trigger(2**32 - 100)))[1] == pytest.approx(wrap - 0.04)
-    # With a SampleTimeFine beside it that one counts; the last trigger of several does.
+    # SampleTimeFine takes precedence; of several triggers the last one applies.
     assert ticks(mtdata2(trigger(123), fine(55))) == [55]
     assert ticks(mtdata2(trigger(100), trigger(200, 0x4820))) == [2]
-    # It does not move the clock.
+    # It does not change the clock.
     assert ticks(mtdata2(trigger(2**32 - 100)), *stamped(10)) == [pytest.approx(wrap - 0.04), 10]
 
 
 def test_no_time() -> None:
-    """A sample without a stamp has none; the last of two stamps counts."""
+    """A sample without a stamp has no time; the last of two stamps applies."""
     assert math.isnan(decode(mtdata2(real(0x4040, 1, 2, 3))).time[0])
     assert ticks(mtdata2(fine(5), fine(9))) == [9]
 
@@ -1119,13 +1119,13 @@ def counted(*frames: bytes) -> tuple[list[int], int, int]:
     ],
 )
 def test_counter(values: list[int], expected: tuple[list[int], int, int]) -> None:
-    """PacketCounter is unwrapped, and what it jumps over was lost (section 5.3.6)."""
+    """PacketCounter is unwrapped, and skipped values are lost samples (section 5.3.6)."""
     assert counted(*(mtdata2(counter(value)) for value in values)) == expected
 
 
 @pytest.mark.parametrize("mid", [0x11, 0x41, 0x3E])
 def test_counter_restarts(mid: int) -> None:
-    """Nothing was lost between two measurements."""
+    """No sample counts as lost between two measurements."""
     first, jump, gap = (mtdata2(counter(value)) for value in (5, 100, 102))
     none = mtdata2(fine(1))
     assert counted(first, frame(mid), none, jump, gap) == ([5, -1, 100, 102], 1, 1)
@@ -1136,7 +1136,7 @@ def test_counter_restarts(mid: int) -> None:
 
 
 def test_no_counter() -> None:
-    """A sample without a counter breaks nothing; the last of two counters counts."""
+    """A sample without a counter is no loss; the last of two counters applies."""
     five, six = mtdata2(counter(5)), mtdata2(counter(6))
     assert counted(five, mtdata2(trigger(1)), six) == ([5, -1, 6], 0, 0)
     assert counted(mtdata2(counter(9), counter(5)), six) == ([5, 6], 0, 0)
@@ -1148,7 +1148,7 @@ def test_no_counter() -> None:
 
 
 def test_streams() -> None:
-    """The streams of the benchmarks hold what they promise, and the same every time."""
+    """The streams of the benchmarks have the documented content, and are the same every time."""
     n = 200
     assert len(streams.ahrs(n)) == 88 * n
     assert len(streams.hr(n)) == 27 * n
@@ -1169,7 +1169,7 @@ def test_streams() -> None:
 
 
 def test_dirty() -> None:
-    """Most frames survive the damage, and what is lost shows in the counter."""
+    """Most frames survive the damage, and the counter shows the lost samples."""
     n = 2000
     data = streams.dirty(n, 7)
     assert data == streams.dirty(n, 7)

@@ -1,4 +1,4 @@
-"""Recordings of devices: what came is in the files, whatever the program does, and whatever happens to it."""
+"""Recordings of devices: the files hold every received byte, whatever happens to the program."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from xbus import Device, Faults, SimulatedDevice
 from xbus.protocol import State
 from xbus.sim import PtyServer, serve, serving
 
-#: Seconds that nothing here should take.
+#: Seconds after which a test fails.
 LONG = 30.0
 FASTEST = {
     "packet_counter": None,
@@ -36,7 +36,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals an
 
 
 def noted(device: SimulatedDevice) -> bytearray:
-    """All that the device sends from now on."""
+    """Returns a buffer that collects everything that the device sends."""
     sent = bytearray()
     read = device.read
 
@@ -51,7 +51,7 @@ def noted(device: SimulatedDevice) -> bytearray:
 
 @contextmanager
 def measuring(how: str) -> Iterator[tuple[Device, bytearray]]:
-    """A device at its highest rates, in this process or behind a port, and what it sends."""
+    """Yields a device at its highest rates, in this process or behind a port, and what it sends."""
     virtual = SimulatedDevice("MTi-680G")
     sent = noted(virtual)
     if how == "in process":
@@ -70,7 +70,7 @@ HOW = ["in process", pytest.param("pty", marks=posix), "tcp"]
 
 
 def parted(path: Path | str) -> tuple[bytes, bytes]:
-    """What stands at the beginning of a file, and what came."""
+    """Splits a file into its head and the received bytes."""
     data = Path(path).read_bytes()
     scanner = xbus.Scanner()
     first, second = scanner.feed(data)[:2]
@@ -91,11 +91,11 @@ def wait_until(condition: Callable[[], object]) -> None:
         never.wait(0.002)
 
 
-# What is in the files
+# Content of the files
 
 
 @pytest.mark.parametrize("how", HOW)
-def test_the_file_is_what_came(tmp_path: Path, how: str) -> None:
+def test_the_file_holds_every_received_byte(tmp_path: Path, how: str) -> None:
     path = tmp_path / "log.mtb"
     with measuring(how) as (device, sent):
         with device.record(path) as recording:
@@ -114,7 +114,7 @@ def test_the_file_is_what_came(tmp_path: Path, how: str) -> None:
     assert (log.product_code, log.device_id) == ("MTi-680G-8A1G6", device.device_id)
 
 
-def test_the_file_says_when_it_was_recorded(tmp_path: Path) -> None:
+def test_the_file_holds_the_recording_date(tmp_path: Path) -> None:
     before = datetime.now() - timedelta(seconds=1)
     with xbus.connect("sim:MTi-300") as device, device.record(tmp_path / "log.mtb"):
         next(device.blocks(samples=10))
@@ -182,10 +182,10 @@ def test_no_times(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["log.mtb"]
 
 
-# Meanwhile
+# During a recording
 
 
-def test_commands_go_on(tmp_path: Path) -> None:
+def test_commands_work_while_recording(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     with measuring("in process") as (device, sent), device.record(path):
         for _ in range(3):
@@ -200,7 +200,7 @@ def test_commands_go_on(tmp_path: Path) -> None:
     assert sent.endswith(parted(path)[1])
 
 
-def test_one_at_a_time(tmp_path: Path) -> None:
+def test_only_one_recording_at_a_time(tmp_path: Path) -> None:
     with xbus.connect("sim:MTi-630") as device:
         with device.record(tmp_path / "one.mtb") as recording:
             with pytest.raises(RuntimeError, match="a recording is in progress"):
@@ -215,7 +215,7 @@ def test_one_at_a_time(tmp_path: Path) -> None:
 
 
 @posix
-def test_nobody_has_to_read(tmp_path: Path) -> None:
+def test_recording_needs_no_reader(tmp_path: Path) -> None:
     with measuring("pty") as (device, sent):
         with device.record(tmp_path / "log.mtb", flush=0.01) as recording:
             wait_until(lambda: recording.bytes > 30_000)
@@ -223,7 +223,7 @@ def test_nobody_has_to_read(tmp_path: Path) -> None:
     assert parted(tmp_path / "log.mtb")[1] in sent
 
 
-def test_a_device_that_was_closed(tmp_path: Path) -> None:
+def test_closing_the_device_ends_the_recording(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     virtual = SimulatedDevice("MTi-630")
     sent = noted(virtual)
@@ -241,7 +241,7 @@ def test_a_device_that_was_closed(tmp_path: Path) -> None:
 
 
 @posix
-def test_a_plug_that_is_pulled_and_put_in_again(tmp_path: Path) -> None:
+def test_recording_continues_after_a_reconnect(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     virtual = SimulatedDevice("MTi-680G", faults=Faults(unplug=(2.0, 2.5)))
     sent = noted(virtual)
@@ -266,10 +266,10 @@ def test_a_plug_that_is_pulled_and_put_in_again(tmp_path: Path) -> None:
     assert len(parted(path)[1]) < len(sent)
 
 
-# What goes wrong
+# Faults
 
 
-def test_files_that_cannot_be_made(tmp_path: Path) -> None:
+def test_files_that_cannot_be_created(tmp_path: Path) -> None:
     (tmp_path / "closed").mkdir(mode=0o500)
     wrong: dict[str, type[OSError]] = {"no/log.mtb": FileNotFoundError, ".": IsADirectoryError}
     if hasattr(os, "geteuid") and os.geteuid() != 0:
@@ -285,7 +285,7 @@ def test_files_that_cannot_be_made(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-def test_a_disk_that_is_full_from_the_start() -> None:
+def test_a_disk_that_is_already_full() -> None:
     with xbus.connect("sim:MTi-630") as device, pytest.raises(OSError, match="No space left"):
         device.record("/dev/full", times=False)
 
@@ -318,7 +318,7 @@ def test_a_disk_that_fills(tmp_path: Path) -> None:
     assert int(size) == len(body)
     assert error.startswith(f"{path}: File too large")
     assert second == f"the recording ended early: {error}"
-    assert third == "100", "the device goes on"
+    assert third == "100", "the device continues"
     log = xbus.read_log(path)
     assert (log.stats.lost_samples, log.stats.skipped_bytes) == (0, 0)
     assert 49_900 < path.stat().st_size <= 50_000
@@ -355,8 +355,8 @@ def test_killed(tmp_path: Path, seed: int) -> None:
     assert log.damage["offset"].tolist() == ([path.stat().st_size - cut] if cut else [])
 
 
-def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
-    """But for an empty one; and a number that is taken is left out."""
+def test_existing_recordings_are_not_overwritten(tmp_path: Path) -> None:
+    """Empty files are overwritten; a number that is in use is skipped."""
     path = tmp_path / "log.mtb"
     path.touch()
     taken = tmp_path / "log-0001.mtb"

@@ -1,6 +1,6 @@
 """Corrections: RTCM frames to the receiver of a virtual device, and from a caster on this machine.
 
-`LocalCaster` is the caster: it hands out what a test wants, and writes down what it was asked.
+`LocalCaster` is the caster: it sends what a test requires, and records the requests.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ JUNK = [NMEA, UBX, DAMAGED, FALSE_START, b"noise", b"\x00" * 40, frame(0x30)]
 
 
 class Meddler(SimLink):
-    """A link that writes down what goes out, and leaves messages out or replaces them on the way back."""
+    """A link that records what is sent, and drops or replaces received messages."""
 
     def __init__(self, device: SimulatedDevice) -> None:
         super().__init__(device)
@@ -95,7 +95,7 @@ def opened(product: str = "MTi-680G", **options: Any) -> tuple[Device, Meddler]:
 
 
 def payloads(link: Meddler) -> list[bytes]:
-    """What the receiver was given."""
+    """Returns the payloads that the receiver was sent."""
     scanner = Scanner()
     found = [*scanner.feed(b"".join(link.written)), *scanner.close()]
     assert {message.name for message in found if isinstance(message, xbus.Message)} <= {
@@ -108,7 +108,7 @@ def payloads(link: Meddler) -> list[bytes]:
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 100, 10_000])
-def test_frames_are_found_however_they_come(size: int) -> None:
+def test_frames_are_found_in_any_chunks(size: int) -> None:
     data = b"".join(FRAMES)
     chunks = [data[at : at + size] for at in range(0, len(data), size)]
     assert list(rtcm_frames(chunks)) == FRAMES
@@ -119,12 +119,12 @@ def test_nothing_else_is_a_frame(pieces: list[bytes]) -> None:
     assert list(rtcm_frames(pieces)) == [piece for piece in pieces if piece in FRAMES]
 
 
-def test_a_false_start_costs_no_frame() -> None:
+def test_a_false_start_loses_no_frame() -> None:
     data = [b"noise", FALSE_START, *FRAMES * 3]
     assert list(rtcm_frames(data)) == FRAMES * 3
 
 
-def test_the_next_chunk_is_asked_for_only_when_it_is_needed() -> None:
+def test_chunks_are_read_only_when_needed() -> None:
     asked: list[int] = []
 
     def chunks() -> Iterator[bytes]:
@@ -151,7 +151,7 @@ def test_only_rtcm_reaches_the_receiver() -> None:
     assert forwarder.unanswered == 0
 
 
-def test_the_status_goes_from_none_over_float_to_fixed_and_back() -> None:
+def test_the_status_changes_from_none_to_float_to_fixed_and_back() -> None:
     device, _ = opened()
     fix = Fix()
     seen: list[tuple[str | None, str | None]] = []
@@ -179,7 +179,7 @@ def test_the_status_goes_from_none_over_float_to_fixed_and_back() -> None:
     ]
 
 
-def test_no_sample_is_lost_meanwhile() -> None:
+def test_no_sample_is_lost_while_forwarding() -> None:
     device, _ = opened()
     before = device.lost_samples
     counters: list[int] = []
@@ -196,20 +196,20 @@ def test_no_sample_is_lost_meanwhile() -> None:
     assert device.lost_samples == before
 
 
-def test_other_products_are_refused() -> None:
+def test_products_without_rtk_are_rejected() -> None:
     device, link = opened("MTi-670")
     with pytest.raises(StateError, match=r"the MTi-670 does not support ForwardGnssData.*MTi-680G"):
         device.forward_gnss(FRAMES)
     assert link.written == []
 
 
-def test_in_config_state_it_is_refused() -> None:
+def test_config_state_is_rejected() -> None:
     device, _ = opened()
     with device.configure(), pytest.raises(StateError, match="go_to_measurement"):
         device.forward_gnss(FRAMES)
 
 
-def test_what_the_device_refuses_is_raised() -> None:
+def test_error_messages_of_the_device_are_raised() -> None:
     device, link = opened()
     link.instead = [None, frame(MessageId.Error, b"\x21")]
     forwarder = Forwarder(device)
@@ -239,7 +239,7 @@ def sample(**values: Any) -> Sample:
     return Sample(b"".join(packets))
 
 
-def test_the_receiver_tells_more_than_the_status_word() -> None:
+def test_the_receiver_reports_more_than_the_status_word() -> None:
     outputs = {"gnss_pvt_data": None, "lat_lon": 4, "altitude_ellipsoid": 4}
     with connect(SimulatedDevice("MTi-680G", trajectory="still")) as device:
         with device.configure(outputs):
@@ -264,7 +264,7 @@ def test_the_receiver_tells_more_than_the_status_word() -> None:
     assert at.hdop
 
 
-def test_a_position_is_that_of_the_scaled_column() -> None:
+def test_positions_match_the_scaled_column() -> None:
     device = connect(SimulatedDevice("MTi-680G"))
     with device.configure({"gnss_pvt_data": None, "acceleration": 100}):
         pass
@@ -283,7 +283,7 @@ def test_a_position_is_that_of_the_scaled_column() -> None:
     assert [position.hdop for position in found] == scaled["hdop"].tolist()
 
 
-def test_without_the_receiver_the_filter_tells_the_position() -> None:
+def test_the_filter_position_is_used_without_a_receiver() -> None:
     fix = Fix()
     fix.update(sample(lat_lon=(52.5, 6.5), altitude_ellipsoid=80.0))
     assert fix.position == Position(52.5, 6.5, 80.0)
@@ -301,15 +301,15 @@ class LocalCaster(socketserver.ThreadingTCPServer):
     """An NTRIP caster with one mountpoint, BASE.
 
     Attributes:
-        style: 1 for ICY, 2 for HTTP, "chunked" for HTTP in chunks, "garbage" for neither, "silent" to hang
-            up without an answer, "reset" to do it with a reset, "table" to answer every request with the
-            source table.
-        account: User and password that are asked for, or None.
-        sends: What each connection gets in turn, again and again; the pause between two is `PAUSE`.
-        once: Whether to hang up when each was sent a few times.
+        style: 1 for ICY, 2 for HTTP, "chunked" for HTTP in chunks, "garbage" for neither, "silent" to
+            disconnect without an answer, "reset" to reset the connection without an answer, "table" to
+            answer every request with the source table.
+        account: Required user and password, or None.
+        sends: Data that each connection receives in turn, repeated; `PAUSE` is the pause between two.
+        once: Whether to disconnect when each was sent a few times.
         requests: The requests, as text.
-        gga: Positions that came after the request.
-        asked: How often somebody came.
+        gga: Positions received after the request.
+        asked: Number of connections.
     """
 
     allow_reuse_address = True
@@ -441,7 +441,7 @@ def local() -> Iterator[LocalCaster]:
 
 @pytest.mark.parametrize("style", [1, 2, "chunked"])
 @pytest.mark.parametrize("ntrip", [1, 2])
-def test_frames_come_from_casters_of_both_kinds(
+def test_frames_arrive_from_both_kinds_of_caster(
     local: LocalCaster, style: int | str, ntrip: int
 ) -> None:
     local.style = style
@@ -467,14 +467,14 @@ def test_user_and_password(local: LocalCaster) -> None:
 
 
 def problem(address: str, mountpoint: str = "BASE", **options: Any) -> str:
-    """What a caster that does not give corrections is refused with, without its address."""
+    """Returns the error of a caster that sends no corrections, without its address."""
     with Caster(address, mountpoint, **options) as caster, pytest.raises(CasterError) as caught:
         caster.read(10)
     return str(caught.value).replace(address, "CASTER")
 
 
-def test_what_a_caster_does_instead_of_sending_corrections(local: LocalCaster) -> None:
-    """A wrong mountpoint, a source table, no answer, another server: each gives a message of its own."""
+def test_casters_that_send_no_corrections(local: LocalCaster) -> None:
+    """A wrong mountpoint, a source table, no answer, another server: each has a distinct error."""
     found = {"mountpoint": problem(local.address, "NOWHERE")}
     for style in (1, "table", "silent", "reset", "garbage"):
         local.style = style
@@ -497,7 +497,7 @@ def test_what_a_caster_does_instead_of_sending_corrections(local: LocalCaster) -
 
 
 @pytest.mark.parametrize("sends", [[], [STATION]])
-def test_a_caster_that_hangs_up_after_its_answer(local: LocalCaster, sends: list[bytes]) -> None:
+def test_a_caster_that_disconnects_after_its_answer(local: LocalCaster, sends: list[bytes]) -> None:
     local.once, local.sends = True, sends
     start = time.monotonic()
     with Caster(local.address, "BASE") as caster:
@@ -508,7 +508,7 @@ def test_a_caster_that_hangs_up_after_its_answer(local: LocalCaster, sends: list
     assert time.monotonic() - start < 15
 
 
-def test_nobody_there(local: LocalCaster) -> None:
+def test_no_caster_at_the_address(local: LocalCaster) -> None:
     with serving_caster() as gone:
         address = gone.address
     with Caster(address, "BASE") as caster, pytest.raises(CasterError) as caught:
@@ -539,7 +539,7 @@ def test_positions_are_sent(local: LocalCaster) -> None:
     assert "Ntrip-GGA: $GPGGA," in local.requests[0]
 
 
-#: The longest values of every field, and the usual ones with what comes of arithmetic in binary.
+#: The longest values of every field, and usual values with rounding errors of binary arithmetic.
 EXTREMES = [
     Position(-89.999999999, -179.999999999, -1234.5678, -106.98765, 99, 99.99),
     Position(52.1, 6.1, 12345.6789, 42.800000000000004, 12, 1.1500000000000001),
@@ -566,20 +566,18 @@ def test_a_gga_sentence_has_at_most_82_characters(local: LocalCaster, position: 
     assert all(len(field.partition(".")[2]) <= 2 for field in sentence.split(",")[7:11])
 
 
-def test_impossible_heights_do_not_make_a_sentence_longer(local: LocalCaster) -> None:
+def test_impossible_heights_do_not_lengthen_the_sentence(local: LocalCaster) -> None:
     sentence = sentence_of(local, Position(-89.99, -179.99, -2147483.648, -4294967.3, 99, 655.35))
     assert len(sentence) <= 82
 
 
-def test_what_was_not_measured_is_not_in_the_sentence(local: LocalCaster) -> None:
+def test_missing_values_are_empty_in_the_sentence(local: LocalCaster) -> None:
     fields = sentence_of(local, Position(52.25, -6.5, 45.2)).split(",")
     assert fields[7:14] == ["", "", "45.2", "M", "0.0", "M", ""]
     assert fields[14].startswith("*")
 
 
-def test_a_lost_connection_is_made_again(
-    local: LocalCaster, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lost_connection_is_reopened(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("xbus.rtk.caster.FIRST_PAUSE", 0.01)
     local.once = True
     local.sends = [STATION]
@@ -591,7 +589,7 @@ def test_a_lost_connection_is_made_again(
     assert {("streaming", False), ("connecting", True)} <= states
 
 
-def test_a_silent_connection_is_made_again(
+def test_a_silent_connection_is_reopened(
     local: LocalCaster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("xbus.rtk.caster.TIMEOUT", 0.1)
@@ -604,7 +602,7 @@ def test_a_silent_connection_is_made_again(
         assert next(iter(caster)) == STATION
 
 
-def test_pauses_get_longer(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pauses_double(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("xbus.rtk.caster.FIRST_PAUSE", 0.01)
     with Caster(local.address, "BASE") as caster:
         assert next(iter(caster)) in FRAMES
@@ -623,7 +621,9 @@ def test_pauses_get_longer(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) 
         assert caster._pause == 0.01
 
 
-def test_junk_forever_is_silence(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_junk_counts_as_silence(
+    local: LocalCaster, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr("xbus.rtk.caster.NO_CORRECTION_TIMEOUT", 0.5)
     local.sends = [b"noise" * 20]
     with Caster(local.address, "BASE") as caster:
@@ -640,7 +640,7 @@ def test_from_a_caster_to_a_device(local: LocalCaster) -> None:
     assert set(payloads(link)) <= set(FRAMES)
 
 
-def test_reading_in_another_thread_ends_when_it_is_closed(local: LocalCaster) -> None:
+def test_close_ends_a_read_in_another_thread(local: LocalCaster) -> None:
     local.sends = []
     with Caster(local.address, "BASE") as caster:
         found: list[bytes] = []
@@ -676,7 +676,7 @@ def test_the_source_table(local: LocalCaster, style: int) -> None:
     ("style", "message"),
     [("silent", "hangs up"), ("reset", "hangs up"), ("garbage", "is no NTRIP caster")],
 )
-def test_there_is_no_source_table(local: LocalCaster, style: str, message: str) -> None:
+def test_a_missing_source_table_is_an_error(local: LocalCaster, style: str, message: str) -> None:
     local.style = style
     with pytest.raises(CasterError, match=message):
         read_source_table(local.address)
@@ -698,7 +698,7 @@ def test_a_web_server_has_no_source_table() -> None:
             thread.join()
 
 
-def test_nobody_has_a_source_table() -> None:
+def test_no_caster_for_a_source_table() -> None:
     with serving_caster() as gone:
         address = gone.address
     with pytest.raises(CasterError, match=f"cannot reach {address}: Connection refused"):
@@ -725,7 +725,7 @@ def test_a_mountpoint_has_no_spaces() -> None:
 @pytest.mark.parametrize(
     "url", ["", "http://", "ftp://host", "host:port", "host/BASE", "host:99999"]
 )
-def test_addresses_that_are_none(url: str) -> None:
+def test_invalid_addresses_are_rejected(url: str) -> None:
     with pytest.raises(ValueError, match="is no caster"):
         Caster(url, "BASE")
 
@@ -738,7 +738,9 @@ def test_addresses(url: str, host: str) -> None:
     assert Caster(url, "BASE").host == host
 
 
-def test_its_loggers_say_nothing(local: LocalCaster, capfd: pytest.CaptureFixture[str]) -> None:
+def test_pygnssutils_loggers_are_silent(
+    local: LocalCaster, capfd: pytest.CaptureFixture[str]
+) -> None:
     local.account = ("me", "secret")
     with Caster(local.address, "BASE") as caster, pytest.raises(CasterError):
         caster.read(10)

@@ -1,4 +1,4 @@
-"""The session: what goes out, what is made of what comes in, and the state in between. No port, no clock."""
+"""The session: what it sends, how it handles received bytes, and its state. No port, no clock."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ from xbus.protocol.tables import MESSAGES, QUANTITIES
 
 REQUESTS = [row for row in MESSAGES.values() if row.direction == "to device"]
 ANSWERED = [row for row in REQUESTS if row.reply is not None]
-#: Of these, the ones of whose answer it is known how long it is.
+#: Of these, the ones whose reply has a known length.
 KNOWN = [
     request
     for request in ANSWERED
@@ -67,7 +67,7 @@ def session(state: State = State.CONFIG, product: str | None = None, bid: int = 
 
 
 def value_for(name: str) -> Any:
-    """Something that the message can say."""
+    """Returns a valid value of the message."""
     values = {
         "SetPeriod": 1152, "SetBaudrate": 0x02, "SetNoRotation": 6, "SetSyncSettings": (), "SetUTCTime":
         xbus.protocol.UtcTime(0, 2026, 11, 22, 9, 30, 0), "SetOptionFlags": OptionFlags(),
@@ -90,13 +90,13 @@ def value_for(name: str) -> Any:
 
 # Exchanges
 
-#: MT Manager fills a name up with spaces, and then with what was in its memory.
+#: MT Manager pads a name with spaces, and then with uninitialized memory.
 FILLED_UP = "FA FF 64 41"
 
 
 @pytest.mark.parametrize("product", EXCHANGES)
 def test_published_exchanges(product: str) -> None:
-    """Byte for byte, from what the frames say; however the answer is cut, and with samples in between."""
+    """The session sends the same bytes, and accepts replies in any pieces and with samples in between."""
     host = session(State.CONFIG, product)
     lines = EXCHANGES[product]
     for sent, came in zip(lines[::2], lines[1::2], strict=True):
@@ -113,7 +113,7 @@ def test_published_exchanges(product: str) -> None:
 
 
 def command_of(request: bytes, product: str) -> str:
-    """The command that a frame is, of those that the product knows."""
+    """Returns the command of a frame, among those that the product supports."""
     known = support(product).messages
     length = len(request) - 5
     rows = [row for row in REQUESTS if row.mid == request[2] and row.name in known]
@@ -121,7 +121,7 @@ def command_of(request: bytes, product: str) -> str:
 
 
 def assert_answered(host: Session, command: str, answer: bytes, cut: int = 0) -> Reply:
-    """That it takes an answer, which comes in two pieces and with samples before and behind."""
+    """Asserts that a reply in two pieces, with samples before and after, is accepted."""
     assert host.pending == command
     events = host.receive(SAMPLE + answer[:cut])
     events += host.receive(answer[cut:] + SAMPLE)
@@ -133,7 +133,7 @@ def assert_answered(host: Session, command: str, answer: bytes, cut: int = 0) ->
     return reply
 
 
-# Other answers that devices are known to have given: command, value, frame, answer, what it says.
+# Other published replies of devices: command, value, frame, reply, decoded value.
 ANSWERS: list[tuple[str, Any, str, str, Any]] = [
     ("IccCommand", IccCommand.STOP, "FA FF 74 01 01 8B", "FA FF 75 07 01 40 80 3A 85 02 00 03",
      IccReply(IccCommand.STOP, IccResult(4.007143497467041, 2, IccStatus(0)))),
@@ -144,7 +144,7 @@ ANSWERS: list[tuple[str, Any, str, str, Any]] = [
     ("RunSelftest", None, "FA FF 24 00 DD", "FA FF 25 02 01 FF DA", Selftest(0x1FF)),
     ("ReqHardwareVersion", None, "FA FF 1E 00 E3", "FA FF 1F 02 02 00 DE", HardwareVersion(2, 0)),
     ("ReqOptionFlags", None, "FA FF 48 00 B9", "FA FF 49 04 00 00 00 10 A4", OptionFlag.ENABLE_AHS),
-    # What a device sends back with a setting is read like the answer to the request.
+    # The payload of a reply to a setting is decoded like the reply to the request.
     ("SetOptionFlags", OptionFlags(OptionFlag.ENABLE_AHS), "FA FF 48 08 00 00 00 10 00 00 00 00 A1",
      "FA FF 49 04 00 00 00 10 A4", OptionFlag.ENABLE_AHS),
     ("ReqFilterProfile", None, "FA FF 64 00 9D", "FA FF 65 02 0F 27 64", FilterProfile(15, 39)),
@@ -153,13 +153,13 @@ ANSWERS: list[tuple[str, Any, str, str, Any]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("command", "value", "sent", "came", "says"), ANSWERS)
-def test_answers(command: str, value: Any, sent: str, came: str, says: Any) -> None:
+@pytest.mark.parametrize(("command", "value", "sent", "came", "expected"), ANSWERS)
+def test_answers(command: str, value: Any, sent: str, came: str, expected: Any) -> None:
     answer = bytes.fromhex(came)
     for cut in range(len(answer)):
         host = session(State.CONFIG if "config" in MESSAGES[command].states else State.MEASUREMENT)
         assert host.request(command, value) == bytes.fromhex(sent)
-        assert assert_answered(host, command, answer, cut).value == says
+        assert assert_answered(host, command, answer, cut).value == expected
 
 
 # States
@@ -167,7 +167,7 @@ def test_answers(command: str, value: Any, sent: str, came: str, says: Any) -> N
 
 @pytest.mark.parametrize("state", list(State))
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda host: host.name)
-def test_a_command_is_sent_in_its_states_only(
+def test_commands_are_sent_only_in_their_states(
     row: xbus.protocol.tables.MessageRow, state: State
 ) -> None:
     host = session(state)
@@ -184,7 +184,7 @@ def test_a_command_is_sent_in_its_states_only(
         assert host.pending is None
 
 
-# state, what comes, state then
+# state, received message, new state
 CHANGES = [
     (State.UNKNOWN, SAMPLE, State.MEASUREMENT),
     (State.WAKEUP, SAMPLE, State.MEASUREMENT),
@@ -199,7 +199,7 @@ CHANGES = [
 
 
 @pytest.mark.parametrize(("before", "comes", "after"), CHANGES)
-def test_what_comes_changes_the_state(before: State, comes: bytes, after: State) -> None:
+def test_received_messages_change_the_state(before: State, comes: bytes, after: State) -> None:
     host = session(before)
     host.receive(comes)
     assert host.state == after
@@ -216,7 +216,7 @@ def test_wake_up_is_answered_once_and_leads_to_config() -> None:
     ("came", "state"),
     [("FA FF 01 04 03 60 08 A6 EB", State.CONFIG), ("FA FF 42 01 04 BA", State.MEASUREMENT)],
 )
-def test_a_silent_device_tells_its_state_by_how_it_answers_req_did(came: str, state: State) -> None:
+def test_the_reply_to_req_did_shows_the_state(came: str, state: State) -> None:
     host = session(State.UNKNOWN)
     host.request("ReqDID")
     host.receive(bytes.fromhex(came))
@@ -224,7 +224,7 @@ def test_a_silent_device_tells_its_state_by_how_it_answers_req_did(came: str, st
 
 
 @pytest.mark.parametrize("row", ANSWERED, ids=lambda host: host.name)
-def test_an_abandoned_command_leaves_a_state_that_is_true(
+def test_an_abandoned_command_leaves_a_correct_state(
     row: xbus.protocol.tables.MessageRow,
 ) -> None:
     state = State(row.states[0])
@@ -248,13 +248,13 @@ def test_one_command_at_a_time() -> None:
 # Products
 
 
-def test_what_is_no_command() -> None:
+def test_unknown_commands_are_rejected() -> None:
     for name in ("DeviceID", "MTData2", "SetNothing"):
         with pytest.raises(ValueError, match="there is no command"):
             session().request(name)
 
 
-# product, command, value, what the message says
+# product, command, value, error message
 REFUSED: list[tuple[str, str, Any, str]] = [
     ("MTi-1", "SetOutputConfiguration", [Output(0x2010, 100)], "the MTi-1 has no output quaternion"),
     ("MTi-3", "SetOutputConfiguration", [Output(0x4020, 400)],
@@ -287,17 +287,17 @@ REFUSED: list[tuple[str, str, Any, str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("product", "command", "value", "says"), REFUSED)
-def test_what_a_product_cannot_do_is_not_sent(
-    product: str, command: str, value: Any, says: str
+@pytest.mark.parametrize(("product", "command", "value", "error"), REFUSED)
+def test_unsupported_commands_are_not_sent(
+    product: str, command: str, value: Any, error: str
 ) -> None:
     host = session(State(MESSAGES[command].states[-1]), product)
-    with pytest.raises(ValueError, match=says):
+    with pytest.raises(ValueError, match=error):
         host.request(command, value)
     assert host.pending is None
 
 
-# What goes wrong, in the middle of every command
+# Faults during every command
 
 
 @pytest.mark.parametrize("row", ANSWERED, ids=lambda host: host.name)
@@ -341,7 +341,7 @@ def test_garbage_does_not_hide_the_answer(row: xbus.protocol.tables.MessageRow) 
     assert host.pending is None
 
 
-def test_errors_about_the_stream_answer_no_command() -> None:
+def test_stream_errors_do_not_answer_a_command() -> None:
     host = session(State.MEASUREMENT)
     host.request("SetNoRotation", 3)
     (notice,) = host.receive(bytes.fromhex("FA FF 42 01 29 95"))
@@ -387,7 +387,7 @@ def test_code_40_keeps_its_four_bytes() -> None:
 
 # Bus identifiers
 
-# addressed, comes from, heard
+# addressed, sender, accepted
 BUS = [
     (0xFF, 0xFF, True),
     (0xFF, 0x01, True),
@@ -409,22 +409,22 @@ def test_bus_identifiers(bid: int, sender: int, heard: bool) -> None:
 
 
 @pytest.mark.parametrize("bid", [0, 32, 254, -1])
-def test_bus_identifiers_that_no_device_has(bid: int) -> None:
+def test_invalid_bus_identifiers_are_rejected(bid: int) -> None:
     with pytest.raises(ValueError, match="1 to 31"):
         Session(bid=bid)
 
 
-# All that is published
+# All published frames
 
 
-def test_published_host_frames_are_what_the_session_sends() -> None:
-    """Every request that somebody has published, composed from what it says."""
+def test_the_session_sends_the_published_host_frames() -> None:
+    """Every published request is encoded from its decoded value."""
     lines = shared("spec/frames.txt").read_text(encoding="utf-8").splitlines()
     count = 0
     for line in lines:
         raw = bytes.fromhex(line.split("#")[0])
         rows = [row for row in REQUESTS if raw[2:3] == bytes([row.mid])]
-        if not rows or "Config.FilterProfile" in line:  # the latter is filled up by MT Manager
+        if not rows or "Config.FilterProfile" in line:  # the latter is padded by MT Manager
             continue
         payload = raw[4:-1]
         name = next(row.name for row in rows if row.lengths and len(payload) in row.lengths)
@@ -472,7 +472,7 @@ SENT = st.tuples(
 def test_live_samples_have_the_times_of_a_log(
     sent: list[tuple[int, tuple[int, bytes]]], cuts: list[int]
 ) -> None:
-    """The same clock: wraps, coarse times, triggers, the GNSS receiver, restarts, several devices."""
+    """The clock is the same: wraps, coarse times, triggers, the GNSS receiver, restarts, several devices."""
     data = b"".join(encode_frame(mid, payload, bid=bid) for bid, (mid, payload) in sent)
     live, samples, at = Session(), [], 0
     for size in itertools.cycle(cuts):
@@ -482,7 +482,7 @@ def test_live_samples_have_the_times_of_a_log(
             break
     samples += [item for item in live.quiet() if isinstance(item, Sample)]
     log = xbus.read_log(data)
-    # A payload without packets is no sample of a log.
+    # A payload without packets is not a sample of a log.
     times = [sample.time for sample in samples if sample.payload]
     np.testing.assert_array_equal(times, log.time)
     assert all(np.isnan(sample.time) for sample in samples if not sample.payload)

@@ -1,4 +1,4 @@
-"""String outputs of devices: set in the user's words, sent by virtual devices, read live and recorded."""
+"""String outputs of devices: configured, sent by virtual devices, read live and recorded."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ EM1000 = bytes.fromhex("00 90 7B 00 38 FE 00 00 39 30")
 
 
 def sending(product: str | int, strings: Any, rate: float | None, **options: Any) -> Device:
-    """A device that sends strings."""
+    """Returns a device that sends strings."""
     device = connect(SimulatedDevice(product, **options))
     with device.configure():
         device.set_strings(strings, rate, check_baudrate=False)
@@ -73,7 +73,7 @@ def test_rates_of_period_and_skip_factor(frequency: float, period: int, skip_fac
     assert frequency_of(period, skip_factor) == pytest.approx(frequency)
 
 
-def test_every_pair_makes_a_rate_that_can_be_asked_for() -> None:
+def test_every_pair_gives_a_rate_that_can_be_requested() -> None:
     for period in range(225, 1153, 7):
         for skip_factor in (0, 1, 2, 9, 100, 65534):
             rate = frequency_of(period, skip_factor)
@@ -96,7 +96,7 @@ def test_every_pair_makes_a_rate_that_can_be_asked_for() -> None:
         (float("nan"), "not nan Hz"),
     ],
 )
-def test_rates_that_nothing_makes(frequency: float, problem: str) -> None:
+def test_impossible_rates_are_rejected(frequency: float, problem: str) -> None:
     with pytest.raises(ValueError, match=r"^[^\n]*$") as caught:
         period_and_skip_factor(frequency)
     assert problem in str(caught.value)
@@ -120,7 +120,7 @@ def test_rates_that_nothing_makes(frequency: float, problem: str) -> None:
         (680, [], None, [("SetStringOutputType", StringOutput(StringType(0), 0))]),
     ],
 )  # fmt: skip
-def test_what_a_wish_takes(product: int, strings: Any, rate: Any, messages: Any) -> None:
+def test_string_settings(product: int, strings: Any, rate: Any, messages: Any) -> None:
     assert plan_strings(strings, rate, support(PRODUCTS[product])).messages == messages
 
 
@@ -142,8 +142,10 @@ def test_what_a_wish_takes(product: int, strings: Any, rate: Any, messages: Any)
          " carry 11,520; use at least 460,800 baud"),
     ],
 )  # fmt: skip
-def test_a_wish_that_cannot_be_met(product: str, strings: Any, rate: Any, problem: str) -> None:
-    """Is one sentence, and nothing is sent that sets anything."""
+def test_impossible_string_settings_are_rejected(
+    product: str, strings: Any, rate: Any, problem: str
+) -> None:
+    """The error is one sentence, and no setting is sent."""
     virtual = SimulatedDevice(product)
     before = virtual.settings
     device = connect(virtual)
@@ -153,7 +155,7 @@ def test_a_wish_that_cannot_be_met(product: str, strings: Any, rate: Any, proble
     assert virtual.settings == before
 
 
-def test_a_name_is_no_list_of_names() -> None:
+def test_a_single_name_is_not_a_list() -> None:
     with pytest.raises(TypeError, match=r"\['HEHDT'\]"):
         connect("sim:MTi-30", strings="HEHDT")
     with pytest.raises(ValueError, match="no string is called 'X'"):
@@ -167,7 +169,7 @@ def test_a_name_is_no_list_of_names() -> None:
 
 @pytest.mark.parametrize("product", WITH_STRINGS)
 def test_every_string_of_every_product(product: int) -> None:
-    """At once, none of it damage; and back to samples."""
+    """All strings at once cause no damage; afterwards the device returns to samples."""
     types = support(PRODUCTS[product]).string_types
     device = sending(product, types, 10, time_to_fix=0.0, noise=1.0)
     assert device.state == State.MEASUREMENT
@@ -188,7 +190,7 @@ def test_every_string_of_every_product(product: int) -> None:
 
 
 @pytest.mark.parametrize("rate", [1, 2.5, 100, 400, 115200 / 227])
-def test_strings_come_at_their_rate(rate: float) -> None:
+def test_strings_are_sent_at_their_rate(rate: float) -> None:
     device = sending("MTi-300", ["GPZDA"], rate)
     device.read_string()
     moments = [device.read_string().values["time"] for _ in range(50)]
@@ -200,8 +202,8 @@ def test_strings_come_at_their_rate(rate: float) -> None:
 
 
 @pytest.mark.parametrize("motion", ["tumble", "drive", "sail", "turn"])
-def test_strings_say_what_samples_say(motion: str) -> None:
-    """The same trajectory at the same instants, seen through another window."""
+def test_strings_match_the_samples(motion: str) -> None:
+    """Strings and samples describe the same trajectory at the same instants."""
     product = find_product("MTi-680G")
     sensors = Sensors(trajectory(motion), product)
     device = sending(
@@ -209,8 +211,8 @@ def test_strings_say_what_samples_say(motion: str) -> None:
     )
     rounds = [[device.read_string() for _ in range(15)] for _ in range(40)]
     for strings in rounds:
-        said = {string.type: string.values for string in strings}
-        moment = said[StringType.GPZDA]["time"]
+        by_type = {string.type: string.values for string in strings}
+        moment = by_type[StringType.GPZDA]["time"]
         tick = round((moment.second + moment.microsecond / 1e6) * 10)
         ticks = Ticks(tick, 1, 10)
 
@@ -229,36 +231,38 @@ def test_strings_say_what_samples_say(motion: str) -> None:
         pitch, roll = np.degrees(np.arcsin(bow[2])), np.degrees(np.arctan2(port_up, up_up))
 
         for kind in ("HCHDM", "HCHDG", "TSS2", "PRDID", "EM1000", "HEHDT", "PTCF"):
-            off = (said[StringType[kind]]["heading"] - heading + 180) % 360 - 180
+            off = (by_type[StringType[kind]]["heading"] - heading + 180) % 360 - 180
             assert abs(off) < 0.051, kind
         for kind in ("PHTRO", "PRDID", "EM1000", "PTCF"):
-            assert said[StringType[kind]]["pitch"] == pytest.approx(pitch, abs=0.051), kind
-            assert said[StringType[kind]]["roll"] == pytest.approx(roll, abs=0.051), kind
-        # Its mask has four digits.
-        assert said[StringType.TSS2]["roll"] == pytest.approx(
+            assert by_type[StringType[kind]]["pitch"] == pytest.approx(pitch, abs=0.051), kind
+            assert by_type[StringType[kind]]["roll"] == pytest.approx(roll, abs=0.051), kind
+        # The mask of TSS2 has four digits.
+        assert by_type[StringType.TSS2]["roll"] == pytest.approx(
             np.clip(roll, -99.99, 99.99), abs=0.006
         )
-        psoncms = said[StringType.PSONCMS]
+        psoncms = by_type[StringType.PSONCMS]
         for name in ("quaternion", "acceleration", "rate_of_turn", "magnetic_field", "temperature"):
             values = [value for key, value in psoncms.items() if key.startswith(name)]
             assert values == pytest.approx(
                 read(name).tolist(), abs=0.051 if len(values) == 1 else 6e-5
             )
         x, y, z = np.degrees(read("rate_of_turn"))
-        assert said[StringType.HEROT]["rate_of_turn"] == pytest.approx(-60 * z, abs=0.051)
-        assert said[StringType.PTCF]["roll_rate"] == pytest.approx(x, abs=0.051)
-        assert said[StringType.PTCF]["pitch_rate"] == pytest.approx(-y, abs=0.051)
+        assert by_type[StringType.HEROT]["rate_of_turn"] == pytest.approx(-60 * z, abs=0.051)
+        assert by_type[StringType.PTCF]["roll_rate"] == pytest.approx(x, abs=0.051)
+        assert by_type[StringType.PTCF]["pitch_rate"] == pytest.approx(-y, abs=0.051)
         velocity = read("velocity_xyz")
-        assert list(said[StringType.XSVEL].values()) == pytest.approx(velocity.tolist(), abs=6e-5)
+        assert list(by_type[StringType.XSVEL].values()) == pytest.approx(
+            velocity.tolist(), abs=6e-5
+        )
         lat, lon = read("lat_lon")
         for kind, digits in (("GPGGA", 4), ("GPRMC", 2)):
-            place = said[StringType[kind]]
+            place = by_type[StringType[kind]]
             assert (place["lat"], place["lon"]) == pytest.approx(
                 (lat, lon), abs=0.51 * 10**-digits / 60
             )
         pvt = dict(zip((field.name for field in xbus.protocol.tables.QUANTITIES["gnss_pvt_data"].fields),
                        read("gnss_pvt_data"), strict=True))  # fmt: skip
-        gga, rmc = said[StringType.GPGGA], said[StringType.GPRMC]
+        gga, rmc = by_type[StringType.GPGGA], by_type[StringType.GPRMC]
         assert gga["height_msl"] == pytest.approx(pvt["hMSL"] / 1000, abs=0.051)
         assert gga["satellites"] == pvt["numSV"]
         assert (gga["quality"], rmc["status"]) == (1, "A")
@@ -269,12 +273,12 @@ def test_strings_say_what_samples_say(motion: str) -> None:
         elif pvt["gSpeed"] < 190:
             assert rmc["course"] is None
         assert (rmc["date"], rmc["time"]) == (
-            said[StringType.GPZDA]["date"],
+            by_type[StringType.GPZDA]["date"],
             moment.replace(microsecond=0),
         )
 
 
-def test_before_the_first_fix_there_is_no_position() -> None:
+def test_no_position_before_the_first_fix() -> None:
     device = sending("MTi-680G", ["GPGGA", "GPRMC"], 10, time_to_fix=2.0)
     pairs = [(device.read_string(), device.read_string()) for _ in range(40)]
     valid = [bool(gga.valid) for gga, _ in pairs]
@@ -284,7 +288,7 @@ def test_before_the_first_fix_there_is_no_position() -> None:
         assert (gga.values["lat"] is None) == (rmc.values["lat"] is None) == (not gga.valid)
 
 
-def test_how_time_is_cut_changes_nothing() -> None:
+def test_time_steps_do_not_change_the_strings() -> None:
     def sent(steps: list[float]) -> bytes:
         device = SimulatedDevice("MTi-300", noise=1.0, trajectory="tumble")
         connected = connect(device)
@@ -322,8 +326,8 @@ def test_strings_on_demand(product: str) -> None:
 # ---------------------------------------------------------------------------------------------
 
 
-def test_a_device_that_sends_strings_is_found() -> None:
-    """By them, without a byte from the host."""
+def test_a_device_that_sends_strings_is_detected() -> None:
+    """The strings identify the device, without a byte from the host."""
     virtual = SimulatedDevice("MTi-30")
     device = connect(virtual)
     with device.configure():
@@ -337,18 +341,18 @@ def test_a_device_that_sends_strings_is_found() -> None:
     assert again.read_string().type is StringType.HEHDT
 
 
-def test_em1000_is_told_by_the_device_or_the_caller() -> None:
+def test_em1000_is_enabled_by_the_device_or_the_caller() -> None:
     virtual = SimulatedDevice("MTi-300")
     device = connect(virtual)
     with device.configure():
-        device.commands.set_string_output_type(StringType.EM1000)  # it is asked whether it took it
+        device.commands.set_string_output_type(StringType.EM1000)  # the setting is read back
     assert device.read_string().type is StringType.EM1000
     assert device.stats.skipped_bytes == 0
     assert connect(virtual, strings=["EM1000"]).read_string().type is StringType.EM1000
     unaware = connect(virtual)
     with pytest.raises(XbusTimeout, match=r"no string from sim:MTi-300 within 0\.5 s"):
         unaware.read_string(0.5)
-    assert unaware.stats.skipped_bytes > 400  # also while nothing follows
+    assert unaware.stats.skipped_bytes > 400  # even if nothing follows
     with unaware.configure() as cfg:
         cfg.commands.req_string_output_type()
     assert unaware.read_string().type is StringType.EM1000
@@ -357,7 +361,7 @@ def test_em1000_is_told_by_the_device_or_the_caller() -> None:
     assert not unaware.session.receive(EM1000 * 2 + xbus.encode_frame(0x3E))[0:-1]
 
 
-def test_who_waits_for_the_other_kind_is_told() -> None:
+def test_waiting_for_the_wrong_kind_of_output_raises() -> None:
     device = sending("MTi-300", ["HEHDT"], 10)
     with pytest.raises(XbusTimeout, match=r"sends strings, which read_string\(\) returns"):
         device.read_sample(0.5)
@@ -370,7 +374,7 @@ def test_who_waits_for_the_other_kind_is_told() -> None:
             device.read_string()
 
 
-def test_strings_that_nobody_reads_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unread_strings_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(channel_module, "MAX_UNREAD_STRINGS", 10)
     device = sending("MTi-300", ["HEHDT"], 100)
     device._channel.wait_for(lambda: device.lost_strings >= 25, 5.0)
@@ -379,7 +383,7 @@ def test_strings_that_nobody_reads_are_counted(monkeypatch: pytest.MonkeyPatch) 
 
 
 def mixed(seconds: float) -> bytes:
-    """A stream of 400 Hz, each sample with a string behind it."""
+    """A stream at 400 Hz, with a string after each sample."""
     pieces = []
     for i in range(round(400 * seconds)):
         pieces.append(xbus.encode_sample({"packet_counter": i % 65536, "sample_time_fine": 25 * i}))
@@ -390,7 +394,7 @@ def mixed(seconds: float) -> bytes:
 @pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
 @pytest.mark.parametrize("how", ["samples", "seconds"])
 def test_a_mixed_stream_live_loses_nothing(how: str) -> None:
-    """At 400 Hz over a pseudo-terminal: blocks hold both, in order."""
+    """Blocks contain samples and strings in order, at 400 Hz over a pseudo-terminal."""
     data = mixed(3.0)
     virtual = SimulatedDevice("MTi-630", replay=Replay(data))
     with serving(virtual) as port, connect(port) as device:
@@ -404,7 +408,7 @@ def test_a_mixed_stream_live_loses_nothing(how: str) -> None:
         first = round(joined[0] * 100)
         assert joined == [i / 100 for i in range(first, first + len(joined))]
         samples = [string.sample for block in found for string in block.strings]
-        # Each stands behind its sample.
+        # Each string follows its sample.
         assert samples == [
             counters[0] * 0 + i + 1 + first - counters[0] for i in range(len(samples))
         ]
@@ -413,7 +417,7 @@ def test_a_mixed_stream_live_loses_nothing(how: str) -> None:
         assert stats.rates["HEHDT"] == pytest.approx(stats.rates["packet_counter"], rel=0.1)
 
 
-def test_samples_and_strings_each_by_their_own_call() -> None:
+def test_samples_and_strings_are_read_by_separate_calls() -> None:
     device = connect(SimulatedDevice("MTi-630", replay=Replay(mixed(1.0))))
     for _ in range(50):
         sample = device.read_sample()
@@ -423,8 +427,8 @@ def test_samples_and_strings_each_by_their_own_call() -> None:
     assert all((string.arrival or -1) >= 0 for string in strings)
 
 
-def test_a_recording_has_its_strings(tmp_path: Path) -> None:
-    """EM1000, too, without being named: the recording says that it is on."""
+def test_recordings_contain_strings(tmp_path: Path) -> None:
+    """EM1000 is found without an option, because the recording contains the setting."""
     virtual = SimulatedDevice("MTi-300", noise=1.0)
     device = connect(virtual)
     with device.configure():
@@ -441,7 +445,7 @@ def test_a_recording_has_its_strings(tmp_path: Path) -> None:
     assert np.isfinite(times).all()
     assert (np.diff(times) >= 0).all()
     again = Replay(path)
-    assert len(again) == len(log.strings)  # what a device sends unasked
+    assert len(again) == len(log.strings)  # sent without a request
     assert connect(SimulatedDevice("MTi-300", replay=again), strings=["EM1000"]).read_string()
 
 
@@ -453,7 +457,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.usefixtures("folder")
-def test_info_and_dump_tell_of_strings() -> None:
+def test_info_and_dump_report_strings() -> None:
     page = run("info", "mixed.mtb").stdout
     assert "HEHDT 200, others 1" in page
     assert "10 bytes of damage in 1 place" in page
@@ -468,8 +472,8 @@ def test_info_and_dump_tell_of_strings() -> None:
     assert lines[1].split()[1:] == ["HEHDT", "$HEHDT,000.00,T*1F"]
     assert lines[-2].split()[1] == "GPGSV"
     assert lines[-1].split()[1:3] == ["EM1000", "00"]
-    told = json.loads(run("dump", "--json", "mixed.mtb").stdout.splitlines()[1])
-    assert told == {
+    document = json.loads(run("dump", "--json", "mixed.mtb").stdout.splitlines()[1])
+    assert document == {
         "offset": 17, "string": "HEHDT", "text": "$HEHDT,000.00,T*1F",
         "bytes": b"$HEHDT,000.00,T*1F\r\n".hex().upper(),
     }  # fmt: skip
@@ -482,7 +486,7 @@ def test_info_and_dump_tell_of_strings() -> None:
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".csv", ".npz"])
-def test_decode_writes_a_type_of_string(folder: Path, suffix: str) -> None:
+def test_decode_writes_one_string_type(folder: Path, suffix: str) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     pc = pytest.importorskip("pyarrow.csv")
     result = run("decode", "mixed.mtb", "--quantity", "HEHDT", "-o", f"out{suffix}")
@@ -496,12 +500,14 @@ def test_decode_writes_a_type_of_string(folder: Path, suffix: str) -> None:
     assert heading.tolist() == [i / 100 for i in range(200)]
     missing = run("decode", "mixed.mtb", "--quantity", "GPGGA", "-o", f"none{suffix}")
     assert (missing.exit_code, "no GPGGA in mixed.mtb" in missing.stderr) == (1, True)
-    told = json.loads(run("decode", "mixed.mtb", "--quantity", "HEHDT", "-o", out, "--json").stdout)
-    assert (told["rows"], told["columns"], told["strings"]) == (200, 5, 201)
+    document = json.loads(
+        run("decode", "mixed.mtb", "--quantity", "HEHDT", "-o", out, "--json").stdout
+    )
+    assert (document["rows"], document["columns"], document["strings"]) == (200, 5, 201)
 
 
 @pytest.mark.usefixtures("folder")
-def test_npz_has_what_was_asked_for() -> None:
+def test_npz_contains_the_requested_quantities() -> None:
     for key, names in (
         ("HEHDT", {"HEHDT"}),
         ("packet_counter", {"time", "packet_counter.unwrapped", "packet_counter", "packet_counter.sample",
@@ -514,7 +520,7 @@ def test_npz_has_what_was_asked_for() -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_a_log_of_nothing_but_strings() -> None:
+def test_a_log_of_strings_only() -> None:
     Path("nmea.txt").write_bytes(b"$HEHDT,123.45,T*1E\n" * 3)
     assert "HEHDT 3" in run("info", "nmea.txt").stdout
     assert run("dump", "nmea.txt").stdout.count("HEHDT") == 6
@@ -562,8 +568,8 @@ def test_rotated_files_end_with_whole_strings(tmp_path: Path, strings: list[str]
     assert device.stats.skipped_bytes == 0
 
 
-def test_each_file_says_which_strings_are_on(tmp_path: Path) -> None:
-    """Also those that were switched on while the recording went on."""
+def test_each_file_begins_with_the_enabled_strings(tmp_path: Path) -> None:
+    """Strings that are enabled during the recording are included."""
     device = sending("MTi-300", ["HEHDT"], 100)
     with device.record(tmp_path / "log.mtb", rotate_bytes=4000) as recording:
         for _ in range(150):
@@ -582,7 +588,7 @@ def test_each_file_says_which_strings_are_on(tmp_path: Path) -> None:
         ("EM1000", 1500), ("HEHDT", 600))] == [True, True]  # fmt: skip
 
 
-def test_firmware_that_does_not_know_strings_is_recorded(
+def test_firmware_without_strings_is_recorded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     device = connect("sim:MTi-300")

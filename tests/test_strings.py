@@ -1,7 +1,7 @@
 """String outputs: section 5.3.5, SetStringOutputType.
 
 The sentences are the manual's masks filled in, and public ones of such devices where there are any.
-What the standard ones say is held to pynmeagps, an independent reader of NMEA 0183.
+The values of standard strings are compared with pynmeagps, an independent NMEA 0183 parser.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from reference import decode
 from xbus import Scanner, String, StringType, encode_string, parse_string
 from xbus.protocol.strings import STRING_FIELDS
 
-#: What a string is, its text, and what it says.
+#: The type of a string, its text, and its values.
 SENTENCES: list[tuple[str, str, dict[str, Any]]] = [
     ("HCHDM", "$HCHDM,123.45,M*18", {"heading": 123.45}),
     ("HCHDG", "$HCHDG,98.3,0.1,E,12.6,W*56", {"heading": 98.3, "deviation": 0.1, "variation": -12.6}),
@@ -90,7 +90,7 @@ SAMPLE = xbus.encode_sample({"packet_counter": 7, "sample_time_fine": 100})
 
 
 @pytest.mark.parametrize(("name", "wire", "values"), WIRES, ids=[wire[0] for wire in WIRES])
-def test_a_string_both_ways(name: str, wire: bytes, values: dict[str, Any]) -> None:
+def test_strings_round_trip(name: str, wire: bytes, values: dict[str, Any]) -> None:
     string = parse_string(wire)
     assert string.type is StringType[name]
     assert string.name == name
@@ -104,8 +104,8 @@ def test_a_string_both_ways(name: str, wire: bytes, values: dict[str, Any]) -> N
 
 
 @pytest.mark.parametrize(("name", "wire", "values"), WIRES, ids=[wire[0] for wire in WIRES])
-def test_a_string_among_frames(name: str, wire: bytes, values: dict[str, Any]) -> None:
-    """It is found wherever the input is cut, and neither it nor a frame beside it is damage."""
+def test_strings_are_found_among_frames(name: str, wire: bytes, values: dict[str, Any]) -> None:
+    """A string is found wherever the input is cut, and neither the string nor adjacent frames are damage."""
     stream = wire + SAMPLE + wire + wire + SAMPLE + SAMPLE + wire
     log = xbus.read_log(stream, strict=True, strings=[name])
     assert [string.data for string in log.strings] == [wire] * 4
@@ -131,7 +131,7 @@ def test_a_public_sentence_with_fewer_digits() -> None:
 @pytest.mark.parametrize(
     ("text", "name", "value"),
     [
-        ("$HEROT,-10.3,T*21", "valid", True),  # what the vendor's own parser asks for
+        ("$HEROT,-10.3,T*21", "valid", True),  # as the vendor's parser requires
         ("$HEROT,-10.3,V*23", "valid", False),
         ("$GPRMC,091507,V,,,,,,,130725,,,*2A", "valid", False),
         ("$GPGGA,091507.00,,,,,0,00,,,M,,M,,*44", "valid", False),
@@ -155,7 +155,7 @@ def test_a_public_sentence_with_fewer_digits() -> None:
         ("$XSVEL,-000.1000, 1.5,.25*5E", "velocity_z", 0.25),
     ],
 )  # fmt: skip
-def test_what_fields_may_say(text: str, name: str, value: Any) -> None:
+def test_field_values(text: str, name: str, value: Any) -> None:
     body = text[1:].split("*")[0]
     if "*" in text:
         text = streams.sentence(body).decode().strip()
@@ -206,7 +206,7 @@ def wrong(body: str) -> bytes:
         (wrong("GPRMC,091507,A,,,,,,,13072025,,,"), "GPRMC, date: '13072025' is no date"),
     ],
 )  # fmt: skip
-def test_a_bad_string_is_one_sentence(data: bytes, problem: str) -> None:
+def test_bad_strings_raise_one_sentence(data: bytes, problem: str) -> None:
     with pytest.raises(xbus.DecodeError) as caught:
         parse_string(data)
     assert problem in str(caught.value)
@@ -237,13 +237,13 @@ def test_a_bad_string_is_one_sentence(data: bytes, problem: str) -> None:
         ("GPGSV", {}, "no string is called 'GPGSV'; there are HCHDM, "),
     ],
 )
-def test_what_cannot_be_written(name: str, values: dict[str, Any], problem: str) -> None:
+def test_invalid_values_are_not_encoded(name: str, values: dict[str, Any], problem: str) -> None:
     with pytest.raises(ValueError, match=r"^[^\n]*$") as caught:
         encode_string(name, values)
     assert problem in str(caught.value)
 
 
-def test_names_that_name_no_string() -> None:
+def test_unknown_string_names_are_rejected() -> None:
     for wrong_name in (1, None, b"HEHDT"):
         with pytest.raises(TypeError, match="a string type is a StringType or its name"):
             encode_string(wrong_name)  # type: ignore[arg-type]
@@ -255,15 +255,15 @@ def test_names_that_name_no_string() -> None:
     assert encode_string("HEHDT", {"heading": np.float32("nan")}) == encode_string("HEHDT")
 
 
-def test_texts_are_kept_whole_in_tables() -> None:
+def test_texts_are_complete_in_tables() -> None:
     wires = [encode_string("GPGGA", {"dgps_station": name}) for name in ("0120", "12345678", "")]
     table = xbus.read_log(b"".join(wires)).strings.table("GPGGA")
     assert table["dgps_station"].tolist() == ["0120", "12345678", ""]
 
 
 @pytest.mark.parametrize("kind", list(StringType))
-def test_nothing_is_available(kind: StringType) -> None:
-    """Empty fields, but for TSS2 and EM1000, whose fields have their place."""
+def test_missing_values_are_empty_fields(kind: StringType) -> None:
+    """Missing values are empty fields, except in TSS2 and EM1000, whose fields have fixed positions."""
     wire = encode_string(kind)
     values = parse_string(wire).values
     assert xbus.read_log(wire, strict=True, strings=[kind]).strings[0].values == values
@@ -280,7 +280,7 @@ def test_nothing_is_available(kind: StringType) -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# Values there and back
+# Round trips of values
 # ---------------------------------------------------------------------------------------------
 
 #: Values of a field, by how it is written.
@@ -295,7 +295,7 @@ RANGES: dict[str, st.SearchStrategy[Any]] = {
 
 
 @st.composite
-def said(draw: st.DrawFn) -> tuple[StringType, dict[str, Any]]:
+def string_values(draw: st.DrawFn) -> tuple[StringType, dict[str, Any]]:
     kind = draw(st.sampled_from(list(StringType)))
     values = {}
     for field in STRING_FIELDS[kind].fields:
@@ -304,9 +304,9 @@ def said(draw: st.DrawFn) -> tuple[StringType, dict[str, Any]]:
     return kind, values
 
 
-@given(said())
-def test_values_come_back(string: tuple[StringType, dict[str, Any]]) -> None:
-    """To the last digit that is written; what has been written once is written the same again."""
+@given(string_values())
+def test_encoded_values_round_trip(string: tuple[StringType, dict[str, Any]]) -> None:
+    """Values agree to the last encoded digit; encoding them again gives the same bytes."""
     kind, values = string
     wire = encode_string(kind, values)
     assert len(wire) <= STRING_FIELDS[kind].length + 8
@@ -332,7 +332,7 @@ def test_minutes_are_never_sixty(lat: float, lon: float) -> None:
     assert (values["lat"], values["lon"]) == pytest.approx((lat, lon), abs=0.005 / 60 + 1e-9)
 
 
-#: What pynmeagps calls the fields; None where it says it in another way.
+#: The names of the fields in pynmeagps; None if it represents the value in another way.
 PEER = {
     "HCHDM": {"heading": "headingM"},
     "HCHDG": {
@@ -356,7 +356,7 @@ PEER = {
 @pytest.mark.parametrize("name", PEER)
 def test_pynmeagps_reads_the_same(name: str) -> None:
     pynmeagps = pytest.importorskip("pynmeagps")
-    wires = [wire for it, wire, _ in WIRES if it == name]
+    wires = [wire for string, wire, _ in WIRES if string == name]
     random.seed(0)
     device = xbus.SimulatedDevice(680, trajectory="drive", noise=1.0, time_to_fix=0.0)
     wires += [item.data for item in strings_of(device, [StringType[name]], 20, 2.0)]
@@ -383,7 +383,7 @@ def test_pynmeagps_reads_the_same(name: str) -> None:
 
 @st.composite
 def mixed_streams(draw: st.DrawFn) -> bytes:
-    """Frames and strings in turns, some of them damaged."""
+    """Draws alternating frames and strings, some of them damaged."""
     rng = random.Random(draw(SEEDS))
     pieces = streams.random_frames(rng, draw(st.integers(0, 10)))
     pieces += [streams.random_string(rng) for _ in range(draw(st.integers(0, 20)))]
@@ -392,7 +392,7 @@ def mixed_streams(draw: st.DrawFn) -> bytes:
 
 
 @given(mixed_streams(), st.booleans())
-def test_the_oracle_reads_the_same(stream: bytes, named: bool) -> None:
+def test_the_reference_decodes_the_same(stream: bytes, named: bool) -> None:
     strings = ["EM1000"] if named else []
     expected = facts_of(decode(stream, named=StringType.EM1000 if named else 0))
     log = xbus.read_log(stream, strings=strings)
@@ -402,7 +402,7 @@ def test_the_oracle_reads_the_same(stream: bytes, named: bool) -> None:
 
 
 @given(damaged_streams(), st.integers(0, 100))
-def test_every_byte_is_frame_string_or_damage(stream: bytes, seed: int) -> None:
+def test_every_byte_is_in_a_frame_a_string_or_damage(stream: bytes, seed: int) -> None:
     stream += streams.random_string(random.Random(seed))
     log = xbus.read_log(stream)
     scanner = Scanner(65535)
@@ -423,7 +423,7 @@ def test_every_byte_is_frame_string_or_damage(stream: bytes, seed: int) -> None:
 
 @given(st.sampled_from(WIRES[:-1]), st.lists(edits(), min_size=1, max_size=2))
 def test_parser_and_scanner_agree(row: tuple[str, bytes, Any], changes: list[Any]) -> None:
-    """What is read alone is a string in a stream; what is none says why, or its fields do."""
+    """A text that parses alone is a string in a stream; otherwise the text or its fields are invalid."""
     text = edited(row[1], changes)
     found = Scanner().feed(text) + Scanner().close()
     is_string = [item for item in found if isinstance(item, String)] == [
@@ -452,7 +452,7 @@ def test_parser_and_scanner_agree(row: tuple[str, bytes, Any], changes: list[Any
     ],
 )
 def test_a_bad_string_is_damage(data: bytes, reason: str) -> None:
-    """And costs nothing beside it."""
+    """Adjacent frames and strings are not affected."""
     log = xbus.read_log(SAMPLE + data)
     assert log.damage.tolist() == [(len(SAMPLE), len(data), reason)]
     assert log.stats.checksum_errors == (reason == "checksum")
@@ -463,8 +463,8 @@ def test_a_bad_string_is_damage(data: bytes, reason: str) -> None:
     assert log.stats.skipped_bytes == len(data)
 
 
-def test_a_string_that_the_manual_does_not_list() -> None:
-    """Unknown is not damage; pynmeagps reads it."""
+def test_unlisted_strings_are_not_damage() -> None:
+    """An unlisted string is kept, and pynmeagps can parse the text."""
     wire = streams.sentence("GPGSV,1,1,01,05,40,083,46")
     log = xbus.read_log(SAMPLE + wire + SAMPLE, strict=True)
     (string,) = log.strings
@@ -478,35 +478,35 @@ def test_a_string_that_the_manual_does_not_list() -> None:
 
 
 def test_an_unknown_frame_between_strings() -> None:
-    """A string is a neighbour as good as a frame: what begins behind it is in step."""
+    """Strings count as neighbours like frames: a frame that begins after a string is in step."""
     strange, string = xbus.encode_frame(0xB2, b"\1\2"), b"$HEHDT,123.45,T*1E\r\n"
     log = xbus.read_log(string + strange + string, strict=True)
     assert [message.mid for message in log.messages] == [0xB2]
 
 
-def test_em1000_is_looked_for_where_it_is_named() -> None:
+def test_em1000_is_found_only_where_enabled() -> None:
     stream = EM1000 * 3 + SAMPLE + EM1000
     assert len(xbus.read_log(stream).strings) == 0
     assert len(xbus.read_log(stream, strings=[StringType.EM1000]).strings) == 4
     for payload in (b"\0\x20", b"\0\0\0\x20\0\x0a"):
-        told = xbus.encode_frame(0x8F, payload)
-        log = xbus.read_log(EM1000 + told + stream)
+        enabled = xbus.encode_frame(0x8F, payload)
+        log = xbus.read_log(EM1000 + enabled + stream)
         assert log.stats.strings == 4
         assert log.damage["length"].tolist() == [10]
         off = xbus.encode_frame(0x8F, bytes(len(payload)))
-        assert xbus.read_log(told + off + stream).stats.strings == 0
+        assert xbus.read_log(enabled + off + stream).stats.strings == 0
         ack = xbus.encode_frame(0x8F)
-        assert xbus.read_log(told + ack + stream).stats.strings == 4
+        assert xbus.read_log(enabled + ack + stream).stats.strings == 4
 
 
-def test_em1000_in_a_cut_stream() -> None:
-    """Half of one costs no other."""
+def test_em1000_in_a_truncated_stream() -> None:
+    """A truncated EM1000 string does not affect the others."""
     for cut in range(1, 10):
         log = xbus.read_log(EM1000 * 2 + EM1000[:cut] + EM1000 * 2, strings=["EM1000"])
         assert log.stats.strings == 4, cut
 
 
-def test_noise_holds_hardly_any_em1000() -> None:
+def test_em1000_is_rarely_found_in_noise() -> None:
     noise = np.random.default_rng(0).integers(0, 256, 1_000_000, np.uint8)
     assert xbus.read_log(noise, strings=["EM1000"]).stats.strings < 4
 
@@ -518,7 +518,7 @@ def test_noise_holds_hardly_any_em1000() -> None:
 
 @pytest.fixture
 def mixed() -> bytes:
-    """A second of 400 Hz, each sample with a heading, every tenth with what else there is."""
+    """A second at 400 Hz, each sample with a heading, every tenth with all other strings."""
     stream = []
     for i in range(400):
         stream.append(xbus.encode_sample({"packet_counter": i, "sample_time_fine": 25 * i}))
@@ -563,7 +563,7 @@ def test_a_table_of_strings(mixed: bytes) -> None:
         log.strings.table("GPGSV")
 
 
-def test_strings_whose_fields_do_not_fit_are_rows_of_nothing() -> None:
+def test_strings_with_invalid_fields_are_null_rows() -> None:
     odd = streams.sentence("HEHDT,12,T,13")
     log = xbus.read_log(odd + encode_string("HEHDT", {"heading": 1.0}), strict=True)
     with pytest.raises(ValueError, match="HEHDT has 2 fields, not 3"):
@@ -586,7 +586,7 @@ def test_strings_as_arrow(mixed: bytes) -> None:
     assert table["host_time"].type == pa.float64()
 
 
-def test_parts_have_their_strings(mixed: bytes) -> None:
+def test_parts_contain_their_strings(mixed: bytes) -> None:
     parts = list(xbus.iter_log(mixed, block_bytes=1000))
     assert len(parts) > 20
     assert [string.data for part in parts for string in part.strings] == [
@@ -597,7 +597,7 @@ def test_parts_have_their_strings(mixed: bytes) -> None:
 def strings_of(
     device: xbus.SimulatedDevice, kinds: list[StringType], rate: float, seconds: float
 ) -> list[String]:
-    """What a virtual device sends when it is set to these strings."""
+    """Returns what a virtual device sends when these strings are enabled."""
     with xbus.connect(device, strings=kinds) as connected:
         with connected.configure():
             connected.set_strings(kinds, rate, check_baudrate=False)

@@ -1,4 +1,4 @@
-"""The tables that everything reads, against the specification beside the repository."""
+"""The tables of the package, compared with the specification beside the repository."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from xbus.protocol.tables import (
 
 
 def rows(path: str) -> Iterator[dict[str, str]]:
-    """The rows of a table beside the repository."""
+    """Returns the rows of a table beside the repository."""
     with shared(path).open(newline="") as file:
         yield from csv.DictReader(file)
 
@@ -35,7 +35,7 @@ def rows(path: str) -> Iterator[dict[str, str]]:
 #: Kept as unknown packets on purpose: blobs, other product lines, layouts that are disputed.
 OPAQUE = {0x8840, 0x88A0, 0xA080, 0xC810, 0xC820, 0xC830, 0xC840, 0xCA30, 0xCA40}
 
-#: Units that the list words in another way.
+#: Units that the list spells differently.
 OTHER_UNITS = {"-": "", "count": "", "packets": "", "bits": "", "ADC": "", "device ticks": ""}
 
 NUMBER = {
@@ -51,7 +51,7 @@ NUMBER = {
 
 
 def sizes(quantity: Quantity) -> list[int]:
-    """Bytes of a packet: in each precision, or of each kind."""
+    """Returns the sizes of a packet in bytes, by precision or kind."""
     if quantity.kind == "real":
         return [quantity.numbers * value for value in (4, 4, 6, 8)]
     if quantity.kind == "id":
@@ -59,7 +59,7 @@ def sizes(quantity: Quantity) -> list[int]:
     return [quantity.size or 0]
 
 
-def test_data_identifiers_are_those_of_the_list() -> None:
+def test_data_identifiers_match_the_list() -> None:
     listed = {int(row["base_id"], 16) for row in rows("spec/data_ids.csv")}
     assert {quantity.id for quantity in QUANTITIES.values()} == listed - OPAQUE
 
@@ -94,8 +94,8 @@ def test_quantities() -> None:
             assert set(quantity.products) == products, quantity
 
 
-def test_quantities_are_those_of_the_oracle() -> None:
-    """A second copy that was made from the manual by somebody else."""
+def test_quantities_match_the_reference() -> None:
+    """The reference has an independent copy of the manual's tables."""
     tables: dict[int, tuple[Any, ...]] = {
         **reference.REALS,
         **reference.NUMBERS,
@@ -171,7 +171,7 @@ def test_table_17() -> None:
 
 
 def test_table_27() -> None:
-    """What the manual says of each bit of StatusWord; its text is checked for the words."""
+    """The bits of StatusWord match the manual, and its text contains the words."""
     flags = {
         status_flag.name: (status_flag.bit, status_flag.width)
         for status_flag in STATUS_FLAGS.values()
@@ -213,7 +213,7 @@ def lengths(text: str) -> set[int]:
     return {int(part) for part in text.split()}
 
 
-def test_message_identifiers_are_those_of_the_list() -> None:
+def test_message_identifiers_match_the_list() -> None:
     listed: dict[int, set[str]] = {}
     for row in rows("spec/messages.csv"):
         listed.setdefault(int(row["hex"], 16), set()).update(names(row["name"]))
@@ -223,7 +223,7 @@ def test_message_identifiers_are_those_of_the_list() -> None:
     assert found == listed
 
 
-def test_what_a_device_sends() -> None:
+def test_messages_of_devices() -> None:
     """Directions, and the lengths that make a frame plausible."""
     listed: dict[int, set[int]] = {}
     for row in rows("spec/messages.csv"):
@@ -232,10 +232,10 @@ def test_what_a_device_sends() -> None:
     to_host = [message for message in MESSAGES.values() if message.direction != "to device"]
     assert {item.mid for item in to_host} == set(listed)
     assert {item.mid: set(item.lengths or ()) for item in to_host} == listed
-    assert {mid: set(it) for mid, it in reference.LENGTHS.items()} | {0x36: set()} == listed
+    assert {mid: set(sizes) for mid, sizes in reference.LENGTHS.items()} | {0x36: set()} == listed
 
 
-def test_who_answers_with_what() -> None:
+def test_replies() -> None:
     for row in rows("spec/messages.csv"):
         mid, ack = int(row["hex"], 16), row["ack_mid"]
         replies = {message.reply for message in MESSAGES.values() if message.mid == mid}
@@ -253,8 +253,8 @@ def test_states() -> None:
         }, row
 
 
-def test_who_knows_them() -> None:
-    """The product rows of section 5.3, where the text has kept them or a pair tells."""
+def test_products_of_messages() -> None:
+    """The product rows of section 5.3, if the text has them or the paired message has."""
     for row in rows("spec/messages.csv"):
         if "series" in row["products"]:
             continue
@@ -268,7 +268,7 @@ def test_who_knows_them() -> None:
                 assert set(message.products) == expected, row
 
 
-def test_a_reply_is_a_message_to_the_host() -> None:
+def test_replies_are_messages_to_the_host() -> None:
     directions = {message.mid: message.direction for message in MESSAGES.values()}
     for message in MESSAGES.values():
         if message.reply is not None and message.name != "WakeUp":
@@ -311,7 +311,7 @@ def test_enums() -> None:
     assert {item.name: int(item) for item in DataId} == {
         quantity.manual: quantity.id for quantity in QUANTITIES.values()
     }
-    members = {name: int(it) for name, it in MessageId.__members__.items()}
+    members = {name: int(mid) for name, mid in MessageId.__members__.items()}
     assert members == {message.name: message.mid for message in MESSAGES.values()}
     assert (MessageId.GoToConfig, MessageId.MTData2, DataId.Quaternion) == (0x30, 0x36, 0x2010)
     assert MessageId(0x30).name == "GoToConfig"

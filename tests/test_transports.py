@@ -15,7 +15,7 @@ from xbus.protocol.products import support
 from xbus.protocol.tables import MESSAGES, PRODUCTS
 from xbus.sim import serving
 
-#: Left out of the round: they change the state, and come in their own place.
+#: Excluded here because they change the state; tested separately.
 APART = ("GoToConfig", "GoToMeasurement", "Reset", "RestoreFactoryDef", "WakeUpAck", "ReqData")
 
 
@@ -32,11 +32,11 @@ def on_tcp(sim: SimulatedDevice) -> contextlib.AbstractContextManager[str]:
     return serving(sim, tcp=True)
 
 
-def round_of_config(device: Device) -> list[tuple[str, Any]]:
-    """Every request, and every setting with what it has, each with what was answered."""
+def exercise_config(device: Device) -> list[tuple[str, Any]]:
+    """Sends every request, and every setting with its current value. Returns the replies."""
     known = device.support
     assert known is not None
-    said: list[tuple[str, Any]] = []
+    answers: list[tuple[str, Any]] = []
     for row in MESSAGES.values():
         if row.name not in known.messages or row.direction != "to device" or row.name in APART:
             continue
@@ -44,15 +44,15 @@ def round_of_config(device: Device) -> list[tuple[str, Any]]:
             continue
         value = value_for(row.name, device)
         answer = device.command(row.name, value).value
-        if row.name not in ("ReqUTCTime", "SetUTCTime"):  # time goes on
-            said.append((row.name, answer))
+        if row.name not in ("ReqUTCTime", "SetUTCTime"):  # time advances
+            answers.append((row.name, answer))
         if row.name.startswith("Set"):
             read_back(device, row.name, value)
-    return said
+    return answers
 
 
 def read_back(device: Device, name: str, value: Any) -> None:
-    """What was set is what is there."""
+    """Asserts that the setting can be read back."""
     assert device.support is not None
     request = f"Req{name[3:].removesuffix('Modern')}"
     if request not in device.support.messages or name in ("SetOptionFlags", "SetUTCTime"):
@@ -80,7 +80,7 @@ def value_for(name: str, device: Device) -> Any:
     return device.command(f"Req{name[3:]}").value
 
 
-def round_of_measurement(device: Device) -> list[tuple[str, Any]]:
+def exercise_measurement(device: Device) -> list[tuple[str, Any]]:
     known = device.support
     assert known is not None
     commands = {
@@ -97,9 +97,9 @@ def round_of_measurement(device: Device) -> list[tuple[str, Any]]:
 
 
 def exercise(device: Device) -> list[tuple[str, Any]]:
-    """All of it; what was said comes back."""
+    """Sends all commands. Returns the replies."""
     with device.configure() as cfg:
-        said = round_of_config(cfg)
+        answers = exercise_config(cfg)
         assert cfg.support is not None
         sync = [function for function in cfg.support.sync if 6 in cfg.support.sync[function]]
         cfg.commands.set_sync_settings(
@@ -108,19 +108,19 @@ def exercise(device: Device) -> list[tuple[str, Any]]:
         cfg.set_output_configuration([Output(0x1020), Output(0x4020, 50)])
         cfg.go_to_measurement()
         cfg.commands.req_data()
-        said.append(("ReqData", sorted(map(str, cfg.read_sample()))))
+        answers.append(("ReqData", sorted(map(str, cfg.read_sample()))))
         cfg.go_to_config()
         cfg.commands.restore_factory_def()
-        said.append(("RestoreFactoryDef", cfg.commands.req_output_configuration()))
+        answers.append(("RestoreFactoryDef", cfg.commands.req_output_configuration()))
         cfg.reset(config=True)
-    said += round_of_measurement(device)
+    answers += exercise_measurement(device)
     for _ in range(3):
         assert "packet_counter" in device.read_sample()
-    return said
+    return answers
 
 
 def awake(product: xbus.protocol.tables.Product) -> SimulatedDevice:
-    """One that has been on for a while: nobody has to wait for it to wake up."""
+    """Returns a device that has been on for a while, so that no test waits for WakeUp."""
     sim = SimulatedDevice(product)
     sim.advance(1)
     return sim
@@ -130,7 +130,7 @@ def awake(product: xbus.protocol.tables.Product) -> SimulatedDevice:
 @pytest.mark.parametrize(
     "transport", [in_process, on_a_pty, on_tcp], ids=lambda transport: transport.__name__
 )
-def test_all_commands(
+def test_all_commands_on_all_transports(
     product: xbus.protocol.tables.Product,
     transport: Callable[..., contextlib.AbstractContextManager[Any]],
 ) -> None:
