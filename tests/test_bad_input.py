@@ -39,7 +39,7 @@ SIZE = len(SOUND[0])
 
 @pytest.mark.parametrize("end", range(3 * SIZE, 5 * SIZE))
 def test_truncated(end: int) -> None:
-    """Only the last message is lost, and where it begins is told."""
+    """Only the last message is lost, and its offset is reported."""
     log = xbus.read_log(b"".join(SOUND)[:end])
     whole, rest = divmod(end, SIZE)
     assert log["acceleration"].values[:, 0].tolist() == list(range(whole))
@@ -161,10 +161,10 @@ def test_no_xbus_at_all(reader: Callable[[Any], Any], data: bytes, tmp_path: Pat
     path.write_bytes(data)
     found = reader(path)
     parts = found if isinstance(found, list) else [found]
-    said = facts(*parts)
-    assert differences(said, facts_of(reference.decode(data))) == []
-    assert said["stats"]["samples"] == 0
-    assert said["stats"]["skipped_bytes"] >= len(data) - 20
+    output = facts(*parts)
+    assert differences(output, facts_of(reference.decode(data))) == []
+    assert output["stats"]["samples"] == 0
+    assert output["stats"]["skipped_bytes"] >= len(data) - 20
     assert "0 samples" in repr(xbus.read_log(path))
 
 
@@ -207,10 +207,10 @@ def test_a_file_cut_short(tmp_path: Path) -> None:
     first = [next(parts), next(parts)]
     os.truncate(path, 30_000)
     rest = list(parts)
-    said = facts(*first, *rest)
-    got = said["stats"]["bytes"]
+    output = facts(*first, *rest)
+    got = output["stats"]["bytes"]
     assert 30_000 <= got < len(data)
-    assert differences(said, facts(read(data[:got]))) == []
+    assert differences(output, facts(read(data[:got]))) == []
 
 
 def test_a_file_cut_to_nothing(tmp_path: Path) -> None:
@@ -231,9 +231,9 @@ def test_a_file_that_grows(tmp_path: Path) -> None:
     first = [next(parts)]
     with path.open("ab") as file:
         file.write(data[2_000_000:])
-    said = facts(*first, *parts)
-    assert said["stats"]["bytes"] == len(data)
-    assert differences(said, facts(read(data))) == []
+    output = facts(*first, *parts)
+    assert output["stats"]["bytes"] == len(data)
+    assert differences(output, facts(read(data))) == []
 
 
 def test_a_file_that_is_replaced(tmp_path: Path) -> None:

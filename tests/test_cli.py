@@ -1,6 +1,6 @@
-"""The command line as a whole: help, how commands end, what they cost. Each command has a file of its own.
+"""The command line as a whole: help, how commands end, what they cost. Each command has its own test file.
 
-`run` calls a command in this process, `start` as a program of its own.
+`run` calls a command in this process, `start` in a separate one.
 """
 
 # ruff: noqa: S603, S607 - the programs that are started here are our own, and sh
@@ -23,7 +23,7 @@ HERE = Path(__file__).parent
 WALK = str(OWN_CAPTURES / "walk.mtb")
 FIELD = str(OWN_CAPTURES / "field.mtb")
 PROGRAM = [sys.executable, "-m", "xbus"]
-#: Output is buffered, as it is where nobody asks for anything else.
+#: Output is buffered, as it is by default.
 ENVIRONMENT = {key: it for key, it in os.environ.items() if key != "PYTHONUNBUFFERED"}
 
 
@@ -45,7 +45,7 @@ def sentence(result: Result) -> str:
 
 
 def start(*args: str, **options: object) -> subprocess.Popen[bytes]:
-    """A command as a program of its own, with pipes."""
+    """A command in a separate process, with pipes."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": ENVIRONMENT}
     return subprocess.Popen([*PROGRAM, *args], **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
 
@@ -166,15 +166,15 @@ def reading(
 
 
 def test_no_such_file(reading: list[str]) -> None:
-    said = sentence(run(*reading, "nowhere.mtb"))
-    assert said == "cannot read nowhere.mtb: No such file or directory; check the path"
+    shown = sentence(run(*reading, "nowhere.mtb"))
+    assert shown == "cannot read nowhere.mtb: No such file or directory; check the path"
     assert list(Path().iterdir()) == []
 
 
 def test_a_folder(reading: list[str]) -> None:
     Path("logs.mtb").mkdir()
-    said = sentence(run(*reading, "logs.mtb"))
-    assert said == "cannot read logs.mtb: Is a directory; name files, such as DIR/*.mtb"
+    shown = sentence(run(*reading, "logs.mtb"))
+    assert shown == "cannot read logs.mtb: Is a directory; name files, such as DIR/*.mtb"
 
 
 def test_a_part_of_the_path_is_a_file(reading: list[str]) -> None:
@@ -191,10 +191,10 @@ def test_no_permission(reading: list[str]) -> None:
 @pytest.mark.parametrize("content", [b"", b"time,acc_x\n0.01,0.2\n" * 50, b"\xfa" * 1000])
 def test_no_frame(reading: list[str], content: bytes) -> None:
     Path("walk.txt").write_bytes(content)
-    said = sentence(run(*reading, "walk.txt"))
-    assert said.startswith("no Xbus frame in walk.txt: ")
+    shown = sentence(run(*reading, "walk.txt"))
+    assert shown.startswith("no Xbus frame in walk.txt: ")
     assert (
-        "the input is empty" in said if not content else f"none in {len(content):,} bytes" in said
+        "the input is empty" in shown if not content else f"none in {len(content):,} bytes" in shown
     )
     assert [path.name for path in Path().iterdir()] == ["walk.txt"]
 
@@ -205,8 +205,8 @@ def test_reading_breaks_off(reading: list[str], monkeypatch: pytest.MonkeyPatch)
     if not mem.exists():
         pytest.skip("no /proc")
     Path("disk.mtb").symlink_to(mem)
-    said = sentence(run(*reading, "disk.mtb"))
-    assert said == "cannot read disk.mtb: Input/output error; try again, or check the disk"
+    shown = sentence(run(*reading, "disk.mtb"))
+    assert shown == "cannot read disk.mtb: Input/output error; try again, or check the disk"
     assert [path.name for path in Path().iterdir()] == ["disk.mtb"]
 
 
@@ -216,14 +216,14 @@ def test_names_that_no_terminal_can_show(tmp_path: Path) -> None:
     plain = {**ENVIRONMENT, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
     for args in (["info"], ["info", "--json"], ["decode", "--json", "-o", f"{odd}.csv"]):
         with start(*args, odd, env=plain) as child:
-            out, said = child.communicate()
-        assert child.returncode == 0, said
+            out, shown = child.communicate()
+        assert child.returncode == 0, shown
         assert out
     with start("info", f"{odd}?", env=plain) as child:
-        _, said = child.communicate()
+        _, shown = child.communicate()
     assert child.returncode == 1
-    assert said.startswith(b"xbus: cannot read ")
-    assert said.count(b"\n") == 1
+    assert shown.startswith(b"xbus: cannot read ")
+    assert shown.count(b"\n") == 1
 
 
 # Outputs that cannot be written
@@ -243,9 +243,9 @@ OUTPUTS = [
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full")
 @pytest.mark.parametrize("args", OUTPUTS, ids=" ".join)
 def test_full_disk(args: list[str]) -> None:
-    code, said = shell('exec "$@" > /dev/full', *args)
+    code, shown = shell('exec "$@" > /dev/full', *args)
     assert code == 1
-    assert said == (
+    assert shown == (
         "xbus: cannot write to standard output: No space left on device; "
         "free some space, or write to another disk\n"
     )
@@ -253,15 +253,15 @@ def test_full_disk(args: list[str]) -> None:
 
 @pytest.mark.parametrize("args", OUTPUTS[:6], ids=" ".join)
 def test_closed_output(args: list[str]) -> None:
-    code, said = shell('exec "$@" >&-', *args)
+    code, shown = shell('exec "$@" >&-', *args)
     assert code == 1
-    assert said.startswith("xbus: cannot write to standard output: Bad file descriptor; ")
-    assert said.count("\n") == 1
+    assert shown.startswith("xbus: cannot write to standard output: Bad file descriptor; ")
+    assert shown.count("\n") == 1
 
 
 def test_closed_input() -> None:
-    code, said = shell('exec "$@" <&-', "info", "-")
-    assert (code, said) == (1, "xbus: standard input is closed; name a file\n")
+    code, shown = shell('exec "$@" <&-', "info", "-")
+    assert (code, shown) == (1, "xbus: standard input is closed; name a file\n")
 
 
 @pytest.mark.parametrize("args", OUTPUTS, ids=" ".join)
@@ -271,8 +271,8 @@ def test_broken_pipe(args: list[str]) -> None:
     os.close(ours)
     with start(*args, stdout=theirs) as child:
         os.close(theirs)
-        _, said = child.communicate()
-    assert (child.returncode, said) == (0, b"")
+        _, shown = child.communicate()
+    assert (child.returncode, shown) == (0, b"")
 
 
 def test_head_reads_one_line() -> None:
@@ -295,8 +295,8 @@ def test_ctrl_c_while_reading(tmp_path: Path) -> None:
             # That it could be opened says that it is being read.
             writer.write(Path(WALK).read_bytes()[:1000])
             child.send_signal(signal.SIGINT)
-            out, said = child.communicate()
-        assert (child.returncode, said) == (130, b"")
+            out, shown = child.communicate()
+        assert (child.returncode, shown) == (130, b"")
         assert out == b"" or args == ["dump"]
         assert [path.name for path in tmp_path.iterdir()] == ["port"]
 
@@ -339,8 +339,8 @@ def test_a_signal_while_writing_leaves_nothing(number: int, code: int, tmp_path:
         assert child.stdout.readline() == b"now\n"
         assert len(list(tmp_path.iterdir())) == 2
         child.send_signal(number)
-        _, said = child.communicate()
-    assert (child.returncode, said) == (code, b"")
+        _, shown = child.communicate()
+    assert (child.returncode, shown) == (code, b"")
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"what was there"]
 
 

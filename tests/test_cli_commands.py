@@ -125,8 +125,8 @@ def test_a_device_that_refuses_the_self_test(monkeypatch: pytest.MonkeyPatch) ->
 @pytest.mark.parametrize("product", ["MTi-300", "MTi-630"])
 def test_the_baud_rate_is_changed_and_stays(product: str) -> None:
     with served(product, baudrate=115200) as (port, device):
-        said = done(run("baudrate", port, "921600"))
-        assert said == f"xbus: {port} uses 921,600 baud now, before 115,200\n"
+        shown = done(run("baudrate", port, "921600"))
+        assert shown == f"xbus: {port} uses 921,600 baud now, before 115,200\n"
         wait_until(State.MEASUREMENT, device)
         device.power_cycle()
         wait_until(State.MEASUREMENT, device)
@@ -137,9 +137,9 @@ def test_the_baud_rate_is_changed_and_stays(product: str) -> None:
 
 def test_a_rate_that_the_product_does_not_have() -> None:
     with served("MTi-300", baudrate=115200) as (port, device):
-        said = sentence(run("baudrate", port, "4000000"))
-        assert said.startswith("the MTi-300 does not support 4000000 baud")
-        assert said.endswith("; nothing was changed")
+        shown = sentence(run("baudrate", port, "4000000"))
+        assert shown.startswith("the MTi-300 does not support 4000000 baud")
+        assert shown.endswith("; nothing was changed")
         wait_until(State.MEASUREMENT, device)
         assert device.baudrate == 115200
     assert run("baudrate", "sim:MTi-300", "0").exit_code == 2
@@ -153,8 +153,8 @@ def test_a_device_restarts() -> None:
         with connect(port) as connected:
             connected.go_to_config()
         sent = device.sent
-        said = done(run("reset", port))
-        assert said == f"xbus: {port} has restarted; its state is measurement\n"
+        shown = done(run("reset", port))
+        assert shown == f"xbus: {port} has restarted; its state is measurement\n"
         assert device.sent > sent
         wait_until(State.MEASUREMENT, device)
         assert done(run("reset", port, "--config")).endswith("its state is config\n")
@@ -172,7 +172,7 @@ def test_a_device_that_does_not_measure_by_itself_stays_in_config_state() -> Non
 # restore
 
 
-def test_communication_is_restored_when_somebody_switches_the_device_off_and_on() -> None:
+def test_communication_is_restored_when_the_device_is_power_cycled() -> None:
     with served("MTi-300", baudrate=460800) as (port, device):
         stopped = threading.Event()
 
@@ -183,16 +183,16 @@ def test_communication_is_restored_when_somebody_switches_the_device_off_and_on(
         thread = threading.Thread(target=switch)
         thread.start()
         try:
-            said = done(run("restore", port, "--timeout", "30"))
+            shown = done(run("restore", port, "--timeout", "30"))
         finally:
             stopped.set()
             thread.join()
-    lines = said.splitlines()
+    lines = shown.splitlines()
     assert lines[0] == "xbus: switch the device off and on now, within 30 s"
     assert lines[1].startswith(f"xbus: {port} answers at 115,200 baud")
 
 
-def test_nobody_switches_the_device_off_and_on() -> None:
+def test_restore_times_out_without_a_power_cycle() -> None:
     with served("MTi-300", baudrate=460800) as (port, _):
         result = run("restore", port, "--timeout", "0.5")
     assert result.exit_code == 1
@@ -205,6 +205,6 @@ def test_nobody_switches_the_device_off_and_on() -> None:
 @pytest.mark.parametrize("command", [["identify"], ["baudrate", "115200"], ["reset"], ["restore"]])
 def test_no_port(command: list[str]) -> None:
     name, *rest = command
-    said = sentence(run(name, "/dev/nowhere", *rest))
-    assert said.startswith("cannot open /dev/nowhere: No such file or directory")
+    shown = sentence(run(name, "/dev/nowhere", *rest))
+    assert shown.startswith("cannot open /dev/nowhere: No such file or directory")
     assert run(name, "sim:MTi-5", *rest).exit_code == 2

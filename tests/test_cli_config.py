@@ -119,12 +119,12 @@ def test_what_the_device_rounds(file: Callable[[str], str]) -> None:
 
 def test_more_than_the_line_carries(file: Callable[[str], str]) -> None:
     name = file('output_configuration = [{ quantity = "acceleration", precision = "Float64" }]')
-    said = sentence(run("config", "apply", "sim:MTi-630", name))
-    assert f"{name}: line 1, output_configuration: these outputs make about" in said
+    printed = sentence(run("config", "apply", "sim:MTi-630", name))
+    assert f"{name}: line 1, output_configuration: these outputs make about" in printed
     assert run("config", "apply", "sim:MTi-630", name, "--no-line").exit_code == 0
 
 
-#: What is in the file, or None for none; and what is said of it.
+#: Content of the file, or None for no file; and the error message.
 BAD: list[tuple[str | bytes | None, str]] = [
     (None, "cannot read FILE: No such file or directory; check the path"),
     (b"\xff", "FILE: byte 0 is not UTF-8; this is not TOML"),
@@ -357,8 +357,8 @@ def test_recording_with_a_file(tmp_path: Path, file: Callable[[str], str]) -> No
 
 def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
     out = tmp_path / "nowhere" / "mti.toml"
-    said = sentence(run("config", "dump", "sim:MTi-3", "-o", str(out)))
-    assert said == f"cannot write {out}: No such file or directory; check the path"
+    printed = sentence(run("config", "dump", "sim:MTi-3", "-o", str(out)))
+    assert printed == f"cannot write {out}: No such file or directory; check the path"
 
 
 @pytest.mark.parametrize("command", ["dump", "diff", "apply"])

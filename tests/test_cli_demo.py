@@ -1,4 +1,4 @@
-"""``xbus demo``: the first thing that somebody sees of xbus."""
+"""``xbus demo``: the first command that new users run."""
 
 from __future__ import annotations
 
@@ -59,5 +59,7 @@ def test_no_such_product() -> None:
 
 def test_a_folder_that_is_a_file(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    said = sentence(run("demo", "--folder", str(tmp_path / "file")))
-    assert said == f"cannot write to {tmp_path / 'file'}: File exists; try again, or check the disk"
+    output = sentence(run("demo", "--folder", str(tmp_path / "file")))
+    assert (
+        output == f"cannot write to {tmp_path / 'file'}: File exists; try again, or check the disk"
+    )

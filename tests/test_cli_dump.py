@@ -84,16 +84,16 @@ def test_lines_of_a_recording() -> None:
     assert plain == [line.partition("  | ")[0] for line in lines]
 
 
-def test_damage_has_lines_of_its_own() -> None:
+def test_damage_has_its_own_lines() -> None:
     lines = run("dump", FIELD).stdout.splitlines()
     assert lines[0] == "         0                damage  83 bytes: no preamble"
     damage = [line for line in lines if "  damage  " in line]
     assert len(damage) == 12
     assert damage[1] == "      3713                damage  227 bytes: checksum"
     log = xbus.read_log(FIELD)
-    said = [item for item in dumped(FIELD) if "reason" in item]
-    assert [tuple(item.values()) for item in said] == log.damage.tolist()
-    assert list(said[0]) == ["offset", "length", "reason"]
+    shown = [item for item in dumped(FIELD) if "reason" in item]
+    assert [tuple(item.values()) for item in shown] == log.damage.tolist()
+    assert list(shown[0]) == ["offset", "length", "reason"]
 
 
 @given(damaged_streams())
@@ -137,7 +137,7 @@ def test_memory_is_bounded() -> None:
     assert damage == ""
 
 
-def test_a_frame_in_an_unusual_form_is_shown_as_it_came() -> None:
+def test_an_unusual_frame_is_shown_as_received() -> None:
     """A short payload with an extended length."""
     data = frame(0x36, packet(0x3010, bytes(4)), extended=True)
     (line,) = lines_of(data)
@@ -203,12 +203,12 @@ def test_messages_in_words(mid: int, payload: str, words: str) -> None:
     message = encode_frame(mid, bytes.fromhex(payload))
     line = lines_of(around + message + around)[1]
     assert line[26:].partition("  | ")[0].partition("  ")[2] == words
-    said = json.loads(lines_of(around + message + around, as_json=True)[1])
-    assert (said["mid"], said["frame"]) == (mid, message.hex().upper())
-    assert said["text"] in words
+    shown = json.loads(lines_of(around + message + around, as_json=True)[1])
+    assert (shown["mid"], shown["frame"]) == (mid, message.hex().upper())
+    assert shown["text"] in words
     if mid in (MessageId.Error, MessageId.Warning):
-        code = "" if said["code"] is None else f"{said['code']}: "
-        assert words.startswith(f"{code}{said['text']}")
+        code = "" if shown["code"] is None else f"{shown['code']}: "
+        assert words.startswith(f"{code}{shown['text']}")
 
 
 # Packets in words
@@ -272,8 +272,8 @@ def test_unknown_packets_and_malformed_samples() -> None:
     assert (
         "MTData2  baro_pressure 0 Pa; malformed: the packets do not fill the message  | FA" in line
     )
-    said = json.loads(lines_of(around + bad + around, as_json=True)[1])
-    assert said["malformed"] is True
+    shown = json.loads(lines_of(around + bad + around, as_json=True)[1])
+    assert shown["malformed"] is True
     empty = lines_of(around + frame(0x36, b"") + around)[1]
     assert "MTData2  malformed: the packets do not fill the message  | " in empty
 
@@ -316,14 +316,14 @@ def test_stamps() -> None:
 def test_json_is_exact() -> None:
     """Reals to the last bit, integers raw, as the columns have them."""
     log = xbus.read_log(FIELD)
-    said = [item for item in dumped(FIELD) if item.get("packets")]
-    assert [item["offset"] for item in said] == log.offset.tolist()
+    shown = [item for item in dumped(FIELD) if item.get("packets")]
+    assert [item["offset"] for item in shown] == log.offset.tolist()
     for name in log:
         assert isinstance(name, str)
         column = log[name]
         rows = [
             (at, item)
-            for at, sample in enumerate(said)
+            for at, sample in enumerate(shown)
             for item in sample["packets"]
             if item["name"] == name
         ]
@@ -351,8 +351,8 @@ def test_json_of_satellites_and_unknown() -> None:
     infinite = encode_frame(
         MessageId.MTData2, encode_packet("lat_lon", [float("nan"), float("-inf")])
     )
-    (said,) = json.loads(lines_of(infinite, as_json=True)[0])["packets"]
-    assert said["values"] == {"lat": None, "lon": None}
+    (shown,) = json.loads(lines_of(infinite, as_json=True)[0])["packets"]
+    assert shown["values"] == {"lat": None, "lon": None}
 
 
 def test_json_without_hex() -> None:
@@ -365,8 +365,8 @@ def test_json_without_hex() -> None:
 
 @pytest.mark.parametrize("mid", ["0x42", "66", "Error", "error"])
 def test_filter(mid: str) -> None:
-    (said,) = dumped("--mid", mid, FIELD)
-    assert (said["name"], said["code"]) == ("Error", 41)
+    (shown,) = dumped("--mid", mid, FIELD)
+    assert (shown["name"], shown["code"]) == ("Error", 41)
 
 
 def test_filters_add_up() -> None:
@@ -376,7 +376,7 @@ def test_filters_add_up() -> None:
     assert (result.exit_code, result.output) == (0, "")
 
 
-def test_filter_by_name_tells_a_request_from_a_setting() -> None:
+def test_filter_by_name_distinguishes_requests_from_settings() -> None:
     data = encode_frame(0x18) + encode_frame(0x18, b"\x02")
     for wanted, count in (("ReqBaudrate", 1), ("SetBaudrate", 1), (0x18, 2)):
         teller = DumpFormatter([wanted], with_hex=False, as_json=False)
@@ -401,8 +401,8 @@ def test_follow(tmp_path: Path) -> None:
         whole = [child.stdout.readline() for _ in range(1042 - 3)]
         assert b"MTData2" in whole[-1]
         child.send_signal(signal.SIGINT)
-        rest, said = child.communicate()
-    assert (child.returncode, rest, said) == (130, b"", b"")
+        rest, shown = child.communicate()
+    assert (child.returncode, rest, shown) == (130, b"", b"")
 
 
 def test_follow_a_file_that_begins_anew(tmp_path: Path) -> None:
@@ -421,7 +421,7 @@ def test_follow_a_file_that_begins_anew(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("options", [[], ["--follow"]])
-def test_a_pipe_is_told_as_it_comes(options: list[str], tmp_path: Path) -> None:
+def test_a_pipe_is_dumped_as_it_arrives(options: list[str], tmp_path: Path) -> None:
     data = Path(WALK).read_bytes()
     os.mkfifo(tmp_path / "port")
     with (
@@ -434,9 +434,9 @@ def test_a_pipe_is_told_as_it_comes(options: list[str], tmp_path: Path) -> None:
         writer.write(data[139:400])
         assert child.stdout.readline().split()[0] == b"139"
         writer.close()
-        rest, said = child.communicate()
+        rest, shown = child.communicate()
         assert rest.splitlines()[-1].endswith(b"truncated")
-    assert (child.returncode, said) == (0, b"")
+    assert (child.returncode, shown) == (0, b"")
 
 
 def test_standard_input() -> None:
@@ -452,12 +452,17 @@ def test_standard_input() -> None:
 
 
 def test_a_port_is_followed_to_its_end() -> None:
-    """All that comes, from the middle of whatever it was; nothing is sent."""
-    with simulated("--fault", "unplug=2") as (port, _):
+    """Shows all bytes, from the middle of a frame on, until the device is unplugged; nothing is sent."""
+    with simulated() as (port, sim):
         with start("dump", "--follow", "--json", port) as child:
-            out, said = child.communicate()
+            assert child.stdout is not None
+            out = b"".join(child.stdout.readline() for _ in range(30))
+            sim.send_signal(signal.SIGINT)
+            sim.wait(10)
+            rest, shown = child.communicate()
+            out += rest
         assert child.returncode == 1
-        assert said.decode() == (
+        assert shown.decode() == (
             f"xbus: {port} is gone: unplugged, or closed on the other side; check the cable\n"
         )
         lines = [json.loads(line) for line in out.splitlines()]
@@ -500,8 +505,8 @@ def test_at_the_rate_of_the_line_until_ctrl_c() -> None:
             assert child.stdout is not None
             assert b"  MTData2  " in b"".join(child.stdout.readline() for _ in range(3))
             child.send_signal(signal.SIGINT)
-            _, said = child.communicate()
-        assert (child.returncode, said) == (130, b"")
+            _, shown = child.communicate()
+        assert (child.returncode, shown) == (130, b"")
 
 
 def test_a_virtual_device_is_a_port() -> None:
@@ -512,8 +517,8 @@ def test_a_virtual_device_is_a_port() -> None:
         assert child.wait() == 0
 
 
-def test_bytes_that_were_dropped_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Who does not read the lines for half an hour is told that there are gaps."""
+def test_dropped_bytes_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reader that stops for half an hour gets a message about the gaps."""
     stats = {"dropped_bytes": 0}
 
     class Full:
@@ -532,9 +537,9 @@ def test_bytes_that_were_dropped_are_told(monkeypatch: pytest.MonkeyPatch) -> No
         return Received.at(link.device.read(link.baudrate), link.clock())
 
     monkeypatch.setattr(SimLink, "read", full)
-    said = run("dump", "--follow", "sim:MTi-3").stderr.splitlines()
-    assert said[0] == "xbus: 1,000 bytes lost: the reader of the output is too slow"
-    assert len(said) == 2
+    shown = run("dump", "--follow", "sim:MTi-3").stderr.splitlines()
+    assert shown[0] == "xbus: 1,000 bytes lost: the reader of the output is too slow"
+    assert len(shown) == 2
 
 
 @pytest.mark.parametrize(
@@ -547,7 +552,7 @@ def test_bytes_that_were_dropped_are_told(monkeypatch: pytest.MonkeyPatch) -> No
         (["sim:nonsense", "--follow"], "sim:nonsense is not a port"),
     ],
 )
-def test_ports_and_files_are_told_apart(args: list[str], words: str) -> None:
+def test_ports_and_files_are_distinguished(args: list[str], words: str) -> None:
     result = run("dump", *args)
     assert result.exit_code == 2
     assert words in " ".join(result.output.split())

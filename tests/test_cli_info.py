@@ -26,7 +26,7 @@ def facts_of(data: bytes, block: int = 1 << 20) -> LogSummary:
     return LogSummary(xbus.iter_log(data, block_bytes=block))
 
 
-def said_of(data: bytes, tmp_path: Path) -> dict[str, Any]:
+def output_of(data: bytes, tmp_path: Path) -> dict[str, Any]:
     """The JSON object of a log with these bytes."""
     path = tmp_path / "log.mtb"
     path.write_bytes(data)
@@ -41,9 +41,9 @@ def only(text: str) -> dict[str, Any]:
     def never(word: str) -> None:
         raise AssertionError(f"{word} is no JSON")
 
-    (said,) = json.loads(text, parse_constant=never)
-    assert isinstance(said, dict)
-    return said
+    (output,) = json.loads(text, parse_constant=never)
+    assert isinstance(output, dict)
+    return output
 
 
 def sample(*packets: bytes) -> bytes:
@@ -171,24 +171,24 @@ def test_page_has_80_columns(data: bytes) -> None:
 
 def test_json_says_all(tmp_path: Path) -> None:
     log = xbus.read_log(FIELD)
-    said = only(run("info", "--json", FIELD).stdout)
+    output = only(run("info", "--json", FIELD).stdout)
     stats = dataclasses.asdict(log.stats)
     listed = ("messages", "strings", "gaps")
-    assert {key: said[key] for key in stats if key not in listed} == {
+    assert {key: output[key] for key in stats if key not in listed} == {
         key: it for key, it in stats.items() if key not in listed
     }
-    assert said["file"] == FIELD
-    assert [tuple(item.values()) for item in said["damage"]] == log.damage.tolist()
-    assert len(said["gaps"]) == stats["gaps"]
-    assert sum(item["lost"] for item in said["gaps"]) == stats["lost_samples"]
-    for item in said["gaps"]:
+    assert output["file"] == FIELD
+    assert [tuple(item.values()) for item in output["damage"]] == log.damage.tolist()
+    assert len(output["gaps"]) == stats["gaps"]
+    assert sum(item["lost"] for item in output["gaps"]) == stats["lost_samples"]
+    for item in output["gaps"]:
         assert item["time_s"] == log.time[item["sample"]]
-    assert said["start_s"] == log.time.min()
-    assert said["duration_s"] == log.duration
-    assert said["messages"] == {"FirmwareRev": 1, "Error": 1}
-    assert said["strings"] == {}
-    assert [item["name"] for item in said["quantities"]] == list(log)
-    for item in said["quantities"]:
+    assert output["start_s"] == log.time.min()
+    assert output["duration_s"] == log.duration
+    assert output["messages"] == {"FirmwareRev": 1, "Error": 1}
+    assert output["strings"] == {}
+    assert [item["name"] for item in output["quantities"]] == list(log)
+    for item in output["quantities"]:
         column = log[item["name"]]
         assert item == {
             "name": column.name,
@@ -200,7 +200,7 @@ def test_json_says_all(tmp_path: Path) -> None:
             "unit": column.unit,
         }
     (error,) = log.messages.named("Error")
-    assert said["events"] == [
+    assert output["events"] == [
         {
             "offset": error.offset,
             "sample": error.sample,
@@ -211,28 +211,28 @@ def test_json_says_all(tmp_path: Path) -> None:
             "detail": None,
         }
     ]
-    assert said["device"] == {
+    assert output["device"] == {
         "product_code": None,
         "device_id": None,
         "firmware": "1.12.0",
         "firmware_build": 30,
         "firmware_source": 0x12345,
     }
-    assert said["utc"] == {
+    assert output["utc"] == {
         "first": "2026-11-22T09:30:00.000000000Z",
         "last": "2026-11-22T09:30:09.990000000Z",
         "rows": 1016,
         "valid": 1016,
     }
-    assert (said["recorded"], said["configuration"], said["unknown"]) == (None, None, [])
+    assert (output["recorded"], output["configuration"], output["unknown"]) == (None, None, [])
 
 
 def test_json_of_a_log_that_names_its_device() -> None:
-    said = only(run("info", "--json", WALK).stdout)
-    assert said["device"]["product_code"] == "MTi-680G-8A1G6"
-    assert said["device"]["device_id"] == "008000A1B2"
-    assert said["recorded"] == "2026-11-22 09:29:59.00"
-    assert said["configuration"] == {
+    output = only(run("info", "--json", WALK).stdout)
+    assert output["device"]["product_code"] == "MTi-680G-8A1G6"
+    assert output["device"]["device_id"] == "008000A1B2"
+    assert output["recorded"] == "2026-11-22 09:29:59.00"
+    assert output["configuration"] == {
         "sampling_period": None,
         "output_skip_factor": None,
         "date": "20261122",
@@ -329,7 +329,7 @@ def test_errors_and_warnings_in_words(tmp_path: Path) -> None:
     data += encode_frame(MessageId.Error, b"\x28\x00\x00\x00\x06") * 3
     data += encode_frame(MessageId.Warning, warning + b"receiver is \x1b[31mgone\0")
     data += encode_frame(MessageId.Warning, (999).to_bytes(4, "big")) + counted(3)
-    events = said_of(encode_frame(MessageId.Error, b"\x04") + data, tmp_path)["events"]
+    events = output_of(encode_frame(MessageId.Error, b"\x04") + data, tmp_path)["events"]
     assert [
         (event["name"], event["code"], event["time_s"], event["sample"]) for event in events
     ] == [
@@ -357,12 +357,12 @@ def test_errors_and_warnings_in_words(tmp_path: Path) -> None:
 def test_unknown_identifiers_and_malformed_samples(tmp_path: Path) -> None:
     data = counted(1) + sample(packet(0xC2A0, b"12345"), packet(0x4020, b"no")) + counted(2)
     data += frame(0x36, b"\x40\x20\x0c") + counted(3)
-    said = said_of(data, tmp_path)
-    assert said["unknown"] == [
+    output = output_of(data, tmp_path)
+    assert output["unknown"] == [
         {"data_id": "0xC2A0", "packets": 1, "bytes": 5},
         {"data_id": "0x4020", "packets": 1, "bytes": 2},
     ]
-    assert said["malformed"] == said["messages"]["MTData2"] == 1
+    assert output["malformed"] == output["messages"]["MTData2"] == 1
     text = run("info", str(tmp_path / "log.mtb")).stdout
     assert "malformed 1: the packets do not fill the message\n" in text
     _, _, rows = text.partition("\nunknown data identifiers\n")
@@ -378,14 +378,14 @@ def test_utc_that_the_device_does_not_vouch_for(tmp_path: Path) -> None:
         date = (2025).to_bytes(2, "big") + bytes([month, 13, 9, 21, second, valid])
         return sample(packet(0x1010, bytes(4) + date))
 
-    said = said_of(utc(0) + utc(3), tmp_path)
-    assert said["utc"] == {"first": None, "last": None, "rows": 2, "valid": 0}
+    output = output_of(utc(0) + utc(3), tmp_path)
+    assert output["utc"] == {"first": None, "last": None, "rows": 2, "valid": 0}
     assert (
         "UTC       sent, but never marked as valid\n"
         in run("info", str(tmp_path / "log.mtb")).stdout
     )
-    said = said_of(utc(0, second=1) + utc(7) + utc(0x37, second=9) + utc(7, month=13), tmp_path)
-    assert said["utc"] == {
+    output = output_of(utc(0, second=1) + utc(7) + utc(0x37, second=9) + utc(7, month=13), tmp_path)
+    assert output["utc"] == {
         "first": "2025-07-13T09:21:07.000000000Z",
         "last": "2025-07-13T09:21:09.000000000Z",
         "rows": 4,
@@ -394,17 +394,17 @@ def test_utc_that_the_device_does_not_vouch_for(tmp_path: Path) -> None:
 
 
 def test_a_log_without_samples(tmp_path: Path) -> None:
-    said = said_of(encode_frame(0x32, bytes(40)) * 3, tmp_path)
-    assert (said["samples"], said["messages"]) == (0, {"MTData": 3})
-    assert (said["duration_s"], said["start_s"], said["utc"]) == (None, None, None)
+    output = output_of(encode_frame(0x32, bytes(40)) * 3, tmp_path)
+    assert (output["samples"], output["messages"]) == (0, {"MTData": 3})
+    assert (output["duration_s"], output["start_s"], output["utc"]) == (None, None, None)
     text = run("info", str(tmp_path / "log.mtb")).stdout
     assert "samples   0\n" in text
     assert "messages  MTData 3\n" in text
 
 
 def test_a_log_without_counter_and_time(tmp_path: Path) -> None:
-    said = said_of(sample(packet(0x3010, bytes(4))) * 2, tmp_path)
-    assert said["quantities"][0]["rate_hz"] is None
+    output = output_of(sample(packet(0x3010, bytes(4))) * 2, tmp_path)
+    assert output["quantities"][0]["rate_hz"] is None
     assert (
         "losses    no packet counter to detect losses\n"
         in run("info", str(tmp_path / "log.mtb")).stdout
@@ -414,7 +414,7 @@ def test_a_log_without_counter_and_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", [f"mtig710-{i}" for i in range(1, 6)])
 def test_real(name: str) -> None:
     path = str(shared(f"captures/{name}/raw.bin"))
-    said = only(run("info", "--json", path).stdout)
-    assert (said["samples"], said["lost_samples"], said["damage"]) == (100, 0, [])
-    assert said["utc"]["first"].startswith("2019-01-20T13:47:2")
+    output = only(run("info", "--json", path).stdout)
+    assert (output["samples"], output["lost_samples"], output["damage"]) == (100, 0, [])
+    assert output["utc"]["first"].startswith("2019-01-20T13:47:2")
     assert "device    not named in this log\n" in run("info", path).stdout

@@ -54,9 +54,9 @@ def test_all_forms_and_coordinates_agree_with_the_accelerometer(coordinates: str
     )
     up = block["acceleration"].values / 9.81
     for at in range(len(block)):
-        told = [attitude_of(form, coordinates, block[form].values[at]) for form in forms]
+        reported = [attitude_of(form, coordinates, block[form].values[at]) for form in forms]
         x, y, z = up[at].tolist()
-        for item in told:
+        for item in reported:
             assert item is not None
             assert math.sin(math.radians(item.pitch)) == pytest.approx(x, abs=2e-3)
             if math.hypot(y, z) > 0.1:  # next to the vertical roll means nothing
@@ -66,7 +66,7 @@ def test_all_forms_and_coordinates_agree_with_the_accelerometer(coordinates: str
                 assert math.hypot(y, z) * math.cos(math.radians(item.roll)) == pytest.approx(
                     z, abs=2e-3
                 )
-                turned = math.radians(item.heading - told[0].heading)  # type: ignore[union-attr]
+                turned = math.radians(item.heading - reported[0].heading)  # type: ignore[union-attr]
                 assert math.cos(turned) == pytest.approx(1, abs=1e-3)
 
 
@@ -75,10 +75,10 @@ def test_the_heading_is_that_of_a_car() -> None:
     moving = block["velocity_xyz"]
     for velocity, sample in zip(moving.values, moving.sample, strict=True):
         row = block["quaternion"].values[block["quaternion"].sample == sample]
-        told = attitude_of("quaternion", "NED", row[0])
-        assert told is not None
+        reported = attitude_of("quaternion", "NED", row[0])
+        assert reported is not None
         track = math.degrees(math.atan2(velocity[0], velocity[1]))
-        assert math.cos(math.radians(told.heading - track)) == pytest.approx(1, abs=1e-3)
+        assert math.cos(math.radians(reported.heading - track)) == pytest.approx(1, abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -97,8 +97,8 @@ def test_what_is_no_orientation_is_not_shown_as_one(form: str, row: Any) -> None
 
 
 def test_the_heading_is_never_360() -> None:
-    told = attitude_of("euler_angles", "ENU", [0, 0, 90 + 1e-9])
-    assert told == Attitude(0.0, 0.0, 0.0)
+    reported = attitude_of("euler_angles", "ENU", [0, 0, 90 + 1e-9])
+    assert reported == Attitude(0.0, 0.0, 0.0)
 
 
 def picture(attitude: Attitude) -> list[str]:
@@ -162,7 +162,7 @@ def shown_values(data: bytes) -> dict[str, str]:
 
 def test_values() -> None:
     date = [1_000_000, 2026, 11, 22, 9, 30, 5, 7]
-    said = shown_values(
+    printed = shown_values(
         encode_sample(
             {
                 "temperature": 31.625,
@@ -179,7 +179,7 @@ def test_values() -> None:
         )
         + encode_frame(MessageId.MTData2, packet(0xC2A0, b"\x01\xff") + packet(0xC2B0, b""))
     )
-    assert said == {
+    assert printed == {
         "temperature": "31.62",
         "baro_pressure": "100259",
         "lat_lon": "52.2404607   -6.8382202",
@@ -236,15 +236,15 @@ def words(model: Model) -> dict[str, str]:
 def test_status_by_name() -> None:
     word = 1 << 8 | 1 << 19 | 3 << 23
     sample = {"packet_counter": 1, "status_word": word}
-    said = words(known(encode_sample(sample | {"quaternion": [1, 0, 0, 0]})))
-    assert said["status"] == "filter not valid clip_acc_x clipping filter_mode=3"
+    printed = words(known(encode_sample(sample | {"quaternion": [1, 0, 0, 0]})))
+    assert printed["status"] == "filter not valid clip_acc_x clipping filter_mode=3"
     # One that has no filter need not say so.
-    said = words(known(encode_sample(sample)))
-    assert said["status"] == "clip_acc_x clipping filter_mode=3"
-    assert "GNSS" not in said
-    assert said["losses"] == "no samples lost  no damage  queue empty"
-    said = words(known(encode_sample({"status_byte": 0b111})))
-    assert said["status"] == "selftest filter_valid gnss_fix"
+    printed = words(known(encode_sample(sample)))
+    assert printed["status"] == "clip_acc_x clipping filter_mode=3"
+    assert "GNSS" not in printed
+    assert printed["losses"] == "no samples lost  no damage  queue empty"
+    printed = words(known(encode_sample({"status_byte": 0b111})))
+    assert printed["status"] == "selftest filter_valid gnss_fix"
 
 
 def test_gnss() -> None:
@@ -337,7 +337,7 @@ def test_a_long_name_leaves_room_for_the_state() -> None:
     assert title.startswith(" …ter_0123456789-if00-port0  PAUSED  Measurement State")
 
 
-def test_where_there_is_no_room_for_all_of_it(field: Model) -> None:
+def test_a_small_screen_omits_parts(field: Model) -> None:
     first = trimmed(field, ViewState(), 80, 20)
     head = next(item for item in first if item.startswith("quantity"))
     assert head.endswith("4 below: arrow keys")
@@ -501,7 +501,7 @@ def test_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(files) == 2
 
 
-def test_a_recording_that_cannot_be_made_is_told(
+def test_a_recording_that_cannot_start_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -537,7 +537,7 @@ class FullDisk:
         raise OSError(self.error)
 
 
-def test_a_recording_that_ends_by_itself_is_told(
+def test_a_recording_that_ends_by_itself_is_reported(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -545,9 +545,9 @@ def test_a_recording_that_ends_by_itself_is_told(
     source, model, _ = live(SimulatedDevice("MTi-680G"))
     source.toggle_recording(model)
     assert model.recording is None
-    said = "recorded 1,234 bytes in full.mtb; the recording ended early: No space left on device"
-    assert (model.events[-1].text, model.events[-1].is_bad) == (said, True)
-    assert [str(recording) for recording in source.recordings] == [said]
+    printed = "recorded 1,234 bytes in full.mtb; the recording ended early: No space left on device"
+    assert (model.events[-1].text, model.events[-1].is_bad) == (printed, True)
+    assert [str(recording) for recording in source.recordings] == [printed]
 
 
 @pytest.mark.parametrize("measured", [True, False])
@@ -581,13 +581,13 @@ def test_nothing_is_sent_while_one_looks(monkeypatch: pytest.MonkeyPatch) -> Non
 
 def test_a_lost_port_is_waited_for() -> None:
     source, model, device = live(SimulatedDevice("MTi-630", faults=xbus.Faults(unplug=(2.0, 3.0))))
-    said = set()
+    printed = set()
     while device.link.clock() < 8:
         source.advance(model)
-        said.add(model.is_lost)
+        printed.add(model.is_lost)
         if model.is_lost and model.now - 2.0 > 2:
             assert next(iter(model.quantities.values())).rate(model.now) == 0
-    assert said == {True, False}
+    assert printed == {True, False}
     assert not model.is_lost
     assert model.state == State.MEASUREMENT
     texts = [event.text for event in model.events]
@@ -611,13 +611,13 @@ def test_counts_are_those_since_the_monitor_began() -> None:
 
 
 def test_once() -> None:
-    said = run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
-    assert said[0].startswith("sim:MTi-680G  Measurement State  115200 baud  3.")
-    assert said[1].startswith("heading ")
-    head = next(at for at, it in enumerate(said) if it.startswith("quantity "))
-    found = {item.split()[0]: item.split()[1] for item in said[head + 1 :]}
+    printed = run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
+    assert printed[0].startswith("sim:MTi-680G  Measurement State  115200 baud  3.")
+    assert printed[1].startswith("heading ")
+    head = next(at for at, it in enumerate(printed) if it.startswith("quantity "))
+    found = {item.split()[0]: item.split()[1] for item in printed[head + 1 :]}
     assert found["packet_counter"] == found["quaternion"] == "100.0"
-    assert said == run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
+    assert printed == run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
 
 
 def test_once_of_a_recording() -> None:
@@ -640,8 +640,8 @@ def test_once_of_a_recording() -> None:
 
 def test_once_of_a_port_that_is_lost(behind: Any) -> None:
     port = behind(SimulatedDevice("MTi-630", faults=xbus.Faults(unplug=(2.0, 9.0))))
-    said = sentence(run("monitor", port, "--once", "5"))
-    assert said == "mti is gone: sim:MTi-630 was unplugged; check the cable"
+    printed = sentence(run("monitor", port, "--once", "5"))
+    assert printed == "mti is gone: sim:MTi-630 was unplugged; check the cable"
 
 
 def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
@@ -652,12 +652,12 @@ def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
         + frame(0x0D, b"MTi\x1b[2J\x07 abcdef")
     )
     for args in (["--once", "1"], ["--once", "1", "--json"]):
-        said = run("monitor", str(path), *args).stdout
-        assert all(item.isprintable() or item == "\n" for item in said)
+        printed = run("monitor", str(path), *args).stdout
+        assert all(item.isprintable() or item == "\n" for item in printed)
 
 
 @pytest.mark.parametrize(
-    ("args", "said"),
+    ("args", "printed"),
     [
         (["sim:MTi-630"], "needs a terminal"),
         (["sim:MTi-630", "--json"], "--json requires --once"),
@@ -667,10 +667,10 @@ def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
         (["sim:nonsense", "--once", "1"], "is not a port"),
     ],
 )
-def test_wrong_call(args: list[str], said: str) -> None:
+def test_wrong_call(args: list[str], printed: str) -> None:
     result = run("monitor", *args)
     assert result.exit_code == 2
-    assert said in " ".join(result.output.split())
+    assert printed in " ".join(result.output.split())
 
 
 def test_what_cannot_be_read(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""``xbus monitor`` on a terminal, as somebody sees it: the screen is that of a terminal emulator."""
+"""``xbus monitor`` on a terminal: the screen of a terminal emulator."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ LEFT = b"\x1b[?25h\x1b[?1049l"
 
 
 class Seen:
-    """A terminal with somebody before it."""
+    """A terminal with a user."""
 
     def __init__(self, master: int, columns: int, lines: int) -> None:
         self._master = master
@@ -157,7 +157,7 @@ def test_a_terminal_that_is_closed() -> None:
         child.send_signal(signal.SIGHUP)
 
 
-def test_whatever_goes_wrong_the_terminal_is_as_it_was() -> None:
+def test_errors_restore_the_terminal() -> None:
     patched = (
         "import sys, xbus.cli.monitor.screen as screen; from xbus.cli import main\n"
         "title = screen._title\n"
@@ -216,10 +216,10 @@ def test_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         assert log.product_code == "MTi-680G-8A1G6"
         assert log.stats.skipped_bytes == 0
     assert len(read_log(first)) > 10
-    # The one that was under way was ended, and what was recorded is told behind the screen.
-    told = seen.bytes.rpartition(LEFT)[2].decode()
-    assert f"{first.name}\r\n" in told
-    assert f"{second.name}\r\n" in told
+    # The recording ended, and its summary follows the screen.
+    reported = seen.bytes.rpartition(LEFT)[2].decode()
+    assert f"{first.name}\r\n" in reported
+    assert f"{second.name}\r\n" in reported
 
 
 def test_config_state() -> None:
@@ -253,7 +253,7 @@ def test_a_pulled_plug(tmp_path: Path) -> None:
         )
         seen.press("q")
         assert sim.stdout is not None
-        sim.stdout.readline()  # it tells its new port
+        sim.stdout.readline()  # it prints its new port
 
 
 def test_any_size_of_terminal() -> None:
@@ -303,7 +303,7 @@ def test_a_recording_is_replayed_to_its_end() -> None:
         seen.press("q")
 
 
-def test_the_quantities_move_where_there_is_no_room() -> None:
+def test_the_quantities_move_on_a_small_screen() -> None:
     with monitoring(FIELD, "--speed", "20", size=(80, 18)) as (seen, _):
         seen.wait_for("end of the recording", "6 below: arrow keys")
         seen.press("\x1b[B")

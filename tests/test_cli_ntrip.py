@@ -125,11 +125,11 @@ def test_what_is_no_rtcm_is_not_forwarded(local: LocalCaster) -> None:
     assert b"GPGGA" not in written
 
 
-def test_the_caster_is_told_where_the_device_is(local: LocalCaster) -> None:
+def test_the_caster_receives_the_position(local: LocalCaster) -> None:
     with serving_fast(rover()) as port, started(port, local, "--json", "--gga", "1") as child:
         assert next(statuse for statuse in statuses(child) if statuse["gga"])["gga"] == 1
-        told = pynmeagps.NMEAReader.parse(local.gga.get(timeout=10))
-    assert (told.lat, told.lon) == pytest.approx((ORIGIN.lat, ORIGIN.lon), abs=1e-5)
+        reported = pynmeagps.NMEAReader.parse(local.gga.get(timeout=10))
+    assert (reported.lat, reported.lon) == pytest.approx((ORIGIN.lat, ORIGIN.lon), abs=1e-5)
 
 
 def test_before_the_first_fix_there_is_nothing_to_tell(local: LocalCaster) -> None:
@@ -157,17 +157,17 @@ def test_a_line_that_changes_on_a_terminal(local: LocalCaster) -> None:
     ours, theirs = os.openpty()
     try:
         with serving_fast(rover()) as port, started(port, local, stderr=theirs):
-            said = b""
-            while b"RTK float" not in said:
-                said += os.read(ours, 1000)
+            output = b""
+            while b"RTK float" not in output:
+                output += os.read(ours, 1000)
     finally:
         os.close(ours)
         os.close(theirs)
-    assert b"\n" not in said
-    assert all(len(part) < 80 for part in said.split(b"\r")[1:])
+    assert b"\n" not in output
+    assert all(len(part) < 80 for part in output.split(b"\r")[1:])
 
 
-def test_a_lost_caster_is_told_and_found_again(local: LocalCaster) -> None:
+def test_a_lost_caster_is_reported_and_reconnected(local: LocalCaster) -> None:
     local.once = True
     with serving_fast(rover()) as port, started(port, local, "--json") as child:
         found = statuses(child)
@@ -185,12 +185,12 @@ def test_a_flood_of_corrections_leaves_time_for_the_status(local: LocalCaster) -
     ours, theirs = os.openpty()
     try:
         with serving_fast(rover()) as port, started(port, local, stderr=theirs):
-            said = b""
-            while b"RTK float" not in said:
-                said += os.read(ours, 1000)
-            start, count = time.monotonic(), said.count(b"\r")
-            while said.count(b"\r") < count + 10:
-                said += os.read(ours, 1000)
+            output = b""
+            while b"RTK float" not in output:
+                output += os.read(ours, 1000)
+            start, count = time.monotonic(), output.count(b"\r")
+            while output.count(b"\r") < count + 10:
+                output += os.read(ours, 1000)
             assert time.monotonic() - start < 15
     finally:
         os.close(ours)
@@ -236,8 +236,8 @@ def test_wrong_calls(args: list[str], message: str) -> None:
 
 
 def test_an_unknown_mountpoint(local: LocalCaster) -> None:
-    said = wanted("--caster", local.address, mountpoint="NOWHERE")
-    assert said == (
+    output = wanted("--caster", local.address, mountpoint="NOWHERE")
+    assert output == (
         f"{local.address} has no mountpoint NOWHERE; xbus ntrip --list prints those that it has"
     )
 
@@ -245,21 +245,21 @@ def test_an_unknown_mountpoint(local: LocalCaster) -> None:
 def test_who_is_not_let_in(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
     local.account = ("me", "secret")
     monkeypatch.setenv("XBUS_NTRIP_PASSWORD", "wrong")
-    said = wanted("--caster", local.address, "--user", "me")
-    assert said == f"{local.address} does not let that user in (401); check user and password"
+    output = wanted("--caster", local.address, "--user", "me")
+    assert output == f"{local.address} does not let that user in (401); check user and password"
     assert "Authorization" in local.requests[0]
 
 
-def test_nobody_there() -> None:
+def test_no_caster_answers() -> None:
     with serving_caster() as gone:
         address = gone.address
     assert wanted("--caster", address) == f"cannot reach {address}: Connection refused"
 
 
 def test_a_product_without_rtk(local: LocalCaster) -> None:
-    said = wanted("--caster", local.address, port="sim:MTi-670")
-    assert said.startswith("the MTi-670 does not support ForwardGnssData")
-    assert "MTi-680G" in said
+    output = wanted("--caster", local.address, port="sim:MTi-670")
+    assert output.startswith("the MTi-670 does not support ForwardGnssData")
+    assert "MTi-680G" in output
     assert local.requests == []
 
 
@@ -267,22 +267,22 @@ def test_a_device_that_does_not_measure(local: LocalCaster) -> None:
     with serving(rover()) as port:
         with connect(port) as device:
             device.go_to_config()
-        said = wanted("--caster", local.address, port=port)
-    assert said.startswith("the device is in Config State")
-    assert f"xbus send {port} GoToMeasurement" in said
+        output = wanted("--caster", local.address, port=port)
+    assert output.startswith("the device is in Config State")
+    assert f"xbus send {port} GoToMeasurement" in output
 
 
-def test_a_device_that_tells_no_position(local: LocalCaster) -> None:
+def test_a_device_without_a_position(local: LocalCaster) -> None:
     with serving(rover()) as port:
         with connect(port) as device, device.configure({"acceleration": 100}):
             pass
-        said = wanted("--caster", local.address, "--gga", "5", port=port)
-    assert "add gnss_pvt_data" in said
+        output = wanted("--caster", local.address, "--gga", "5", port=port)
+    assert "add gnss_pvt_data" in output
 
 
 def test_no_port(local: LocalCaster) -> None:
-    said = wanted("--caster", local.address, port="/dev/nowhere")
-    assert said.startswith("cannot open /dev/nowhere")
+    output = wanted("--caster", local.address, port="/dev/nowhere")
+    assert output.startswith("cannot open /dev/nowhere")
 
 
 def test_a_caster_that_is_none() -> None:
@@ -293,7 +293,7 @@ def test_a_caster_that_is_none() -> None:
 
 def test_without_the_extra(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygnssutils", None)
-    said = wanted("--caster", local.address)
-    assert said == (
+    output = wanted("--caster", local.address)
+    assert output == (
         'to get corrections from a caster, pygnssutils is needed: pip install "xbus-mti[rtk]"'
     )

@@ -99,13 +99,13 @@ def test_who_is_there(machine: list[ListPortInfo]) -> None:
     with serving(sim) as path:
         machine += [SOMEBODY, port(path, 0x2639, 1)]
         lines = run("ports", "--identify").stdout.splitlines()
-        said = ports("--identify")
+        output = ports("--identify")
     assert [line.split("  ")[-1].strip() for line in lines] == [
         "device",
         "MTi-680G-8A1G6 008000A1B2, firmware 1.8.0, 115200 baud",
         "not identified",
     ]
-    assert said[0] | {"port": "", "description": ""} == {
+    assert output[0] | {"port": "", "description": ""} == {
         "port": "",
         "likely": True,
         "description": "",
@@ -115,7 +115,7 @@ def test_who_is_there(machine: list[ListPortInfo]) -> None:
         "firmware": "1.8.0",
         "baudrate": 115200,
     }
-    assert list(said[1]) == ["port", "likely", "description", "serial_number"]
+    assert list(output[1]) == ["port", "likely", "description", "serial_number"]
     assert sim.state == "measurement"
 
 
@@ -131,9 +131,11 @@ def test_all_are_asked_where_none_says_xsens(
     machine += [SOMEBODY, port("/dev/nowhere")]
     with serving(SimulatedDevice("MTi-3")) as path:
         machine.append(port(path))
-        said = {item["port"]: item for item in ports("--identify")}
+        output = {item["port"]: item for item in ports("--identify")}
         table = run("ports", "--identify").stdout
-    assert said[path]["product_code"] == "MTi-3-8A7G6"
-    assert said["/dev/ttyS0"]["problem"] == "no answer"
-    assert said["/dev/nowhere"]["problem"].startswith("cannot open /dev/nowhere: No such file or ")
+    assert output[path]["product_code"] == "MTi-3-8A7G6"
+    assert output["/dev/ttyS0"]["problem"] == "no answer"
+    assert output["/dev/nowhere"]["problem"].startswith(
+        "cannot open /dev/nowhere: No such file or "
+    )
     assert table.count("no answer") == 1

@@ -39,14 +39,14 @@ def recording(port: str, path: Path, *args: str) -> Iterator[subprocess.Popen[by
 
 def end(child: subprocess.Popen[bytes]) -> tuple[int, str]:
     """How it ends, and the line that it says last."""
-    _, said = child.communicate(timeout=LONG)
-    return child.returncode, said.decode().splitlines()[-1]
+    _, printed = child.communicate(timeout=LONG)
+    return child.returncode, printed.decode().splitlines()[-1]
 
 
 # Recordings
 
 
-def test_so_many_seconds(tmp_path: Path) -> None:
+def test_duration_in_seconds(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     result = run("record", "sim:MTi-630", "-o", str(path), "--duration", "3")
     assert result.exit_code == 0
@@ -209,8 +209,8 @@ def test_nothing_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with serving(SimulatedDevice("MTi-630"), tcp=True) as port:
         with xbus.connect(port) as device, device.configure():
             device.set_output_configuration([])
-        said = sentence(run("record", port, "-o", str(tmp_path / "log.mtb")))
-    assert said == (
+        printed = sentence(run("record", port, "-o", str(tmp_path / "log.mtb")))
+    assert printed == (
         f"{port} sends nothing: it waits for a trigger, or has no outputs; xbus config dump"
         f" {port} shows the output configuration"
     )
@@ -254,7 +254,7 @@ def test_a_line_that_changes_on_a_terminal(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("args", "said"),
+    ("args", "printed"),
     [
         (["--rotate", "100"], "'100' is neither a size (100MB, 2GB) nor a time (90s, 30min, 1h)"),
         (["--rotate", "0MB"], "'0MB' is neither a size"),
@@ -266,24 +266,24 @@ def test_a_line_that_changes_on_a_terminal(tmp_path: Path) -> None:
         (["--duration", "0"], "--duration"),
     ],
 )
-def test_wrong_calls(tmp_path: Path, args: list[str], said: str) -> None:
+def test_wrong_calls(tmp_path: Path, args: list[str], printed: str) -> None:
     result = run("record", "sim:MTi-630", "-o", str(tmp_path / "log.mtb"), *args)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert printed in result.stderr
     assert list(tmp_path.iterdir()) == []
 
 
 def test_what_the_product_cannot_do(tmp_path: Path) -> None:
     path = str(tmp_path / "log.mtb")
-    said = sentence(run("record", "sim:MTi-630", "-o", path, "--output", "lat_lon=100"))
-    assert said.startswith("the MTi-630 ")
-    assert said.endswith("; nothing was recorded")
+    printed = sentence(run("record", "sim:MTi-630", "-o", path, "--output", "lat_lon=100"))
+    assert printed.startswith("the MTi-630 ")
+    assert printed.endswith("; nothing was recorded")
 
 
 def test_no_such_folder(tmp_path: Path) -> None:
     path = str(tmp_path / "no" / "log.mtb")
-    said = sentence(run("record", "sim:MTi-630", "-o", path))
-    assert said == f"cannot write {path}: No such file or directory; check the path"
+    printed = sentence(run("record", "sim:MTi-630", "-o", path))
+    assert printed == f"cannot write {path}: No such file or directory; check the path"
 
 
 def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:

@@ -61,8 +61,8 @@ def test_what_is_there_is_replaced_and_kept_on_failure() -> None:
 
 
 def test_where_nothing_can_be_written() -> None:
-    said = sentence(run("report", WALK, "-o", "nowhere/it.html"))
-    assert said == "cannot write nowhere/it.html: No such file or directory; check the path"
+    shown = sentence(run("report", WALK, "-o", "nowhere/it.html"))
+    assert shown == "cannot write nowhere/it.html: No such file or directory; check the path"
     Path("it.html").mkdir()
     assert "cannot write it.html: Is a directory" in sentence(run("report", WALK, "-o", "it.html"))
 
@@ -76,8 +76,8 @@ def test_the_input_is_not_overwritten() -> None:
 
 def test_without_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plotly", None)
-    said = sentence(run("report", WALK, "-o", "it.html"))
-    assert said == 'to write a report, plotly is needed: pip install "xbus-mti[report]"'
+    shown = sentence(run("report", WALK, "-o", "it.html"))
+    assert shown == 'to write a report, plotly is needed: pip install "xbus-mti[report]"'
     assert list(Path().iterdir()) == []
 
 
@@ -97,8 +97,8 @@ def test_ctrl_c_leaves_nothing() -> None:
         # That it could be opened says that it is being read.
         writer.write(Path(WALK).read_bytes()[:1000])
         child.send_signal(signal.SIGINT)
-        out, said = child.communicate()
-    assert (child.returncode, out, said) == (130, b"", b"")
+        out, shown = child.communicate()
+    assert (child.returncode, out, shown) == (130, b"", b"")
     assert [path.name for path in Path().iterdir()] == ["port"]
 
 

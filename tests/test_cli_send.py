@@ -33,7 +33,7 @@ def exchange(*args: str) -> list[str]:
 
 
 def wrong(*args: str) -> str:
-    """What is said of a wrong call; nothing was shown."""
+    """The error message of a wrong call; nothing else is printed."""
     result = run("send", *args)
     assert (result.exit_code, result.stdout) == (2, "")
     return " ".join(result.stderr.partition("Error: ")[2].split())
@@ -111,9 +111,9 @@ ANSWERED = """
 def test_replies_are_named_after_the_command(line: str) -> None:
     call, _, answer = line.partition("|")
     product, *words = call.split()
-    question, said = exchange(f"sim:{product}", "--config", *words)
+    question, printed = exchange(f"sim:{product}", "--config", *words)
     assert question.lower().startswith(f"> {words[0]}".lower())
-    assert said.startswith(f"< {answer.strip()}")
+    assert printed.startswith(f"< {answer.strip()}")
 
 
 @pytest.mark.parametrize("words", [["ReqData"], ["--hex", "3F"], ["--hex", "34", "--wait", "0"]])
@@ -210,9 +210,9 @@ def test_a_device_is_left_as_it_was_found(behind: Callable[[SimulatedDevice], st
     ],
 )
 def test_a_message_at_the_wrong_time(words: str, advice: str) -> None:
-    said = sentence(run("send", AHS, *words.split()))
-    assert said.endswith(f"; nothing was sent; {advice}")
-    assert " State, but the state is " in said
+    printed = sentence(run("send", AHS, *words.split()))
+    assert printed.endswith(f"; nothing was sent; {advice}")
+    assert " State, but the state is " in printed
 
 
 def test_measurement_state_is_a_message_away(behind: Callable[[SimulatedDevice], str]) -> None:
@@ -245,7 +245,7 @@ def test_measurement_state_is_a_message_away(behind: Callable[[SimulatedDevice],
     ],
 )  # fmt: skip
 def test_wrong_call(words: str, says: str) -> None:
-    """It is told before the port is opened, which is not there."""
+    """The error comes before the port, which does not exist, is opened."""
     assert says in wrong("/dev/nowhere", *words.split())
 
 
@@ -278,9 +278,9 @@ def test_a_port_that_cannot_be_opened(port: str, says: str) -> None:
 
 def test_a_port_that_is_taken() -> None:
     with serving(SimulatedDevice("MTi-630")) as port, connect(port):
-        said = sentence(run("send", port, "ReqDID"))
+        printed = sentence(run("send", port, "ReqDID"))
     assert (
-        said
+        printed
         == f"cannot open {port}: Resource temporarily unavailable; close the program that uses it"
     )
 
@@ -295,32 +295,32 @@ def test_a_port_that_is_taken() -> None:
     ],
 )  # fmt: skip
 def test_what_the_product_cannot_do(words: str, says: str) -> None:
-    said = sentence(run("send", AHS, "--config", *words.split()))
-    assert said.startswith(says)
-    assert "nothing was sent" in said
+    printed = sentence(run("send", AHS, "--config", *words.split()))
+    assert printed.startswith(says)
+    assert "nothing was sent" in printed
 
 
 def failed(result: Result) -> tuple[list[str], str]:
     """The exchange so far, and the sentence."""
     assert result.exit_code == 1
-    *_, said = result.stderr.splitlines()
-    assert said.startswith("xbus: ")
-    return [line.split("  ")[-1].strip() for line in result.stdout.splitlines()], said
+    *_, printed = result.stderr.splitlines()
+    assert printed.startswith("xbus: ")
+    return [line.split("  ")[-1].strip() for line in result.stdout.splitlines()], printed
 
 
 def test_an_error(behind: Callable[[SimulatedDevice], str]) -> None:
     """Without --config the product is not known, and only the device can say that it cannot."""
     port = behind(SimulatedDevice("MTi-630"))
     exchange(port, "GoToConfig")
-    shown, said = failed(run("send", port, "ReqGnssPlatform"))
+    shown, printed = failed(run("send", port, "ReqGnssPlatform"))
     assert shown == ["ReqGnssPlatform", INVALID]
-    assert said == f"xbus: the device answered ReqGnssPlatform with Error {INVALID}"
+    assert printed == f"xbus: the device answered ReqGnssPlatform with Error {INVALID}"
 
 
 def test_no_answer() -> None:
-    shown, said = failed(run("send", AHS, "--bid", "2", "GoToConfig"))
+    shown, printed = failed(run("send", AHS, "--bid", "2", "GoToConfig"))
     assert shown == ["GoToConfig"] * 12  # once in 0.2 s, for 2 s and what may wait on the line
-    assert "no answer to GoToConfig from sim:MTi-630 within 2.4 s" in said
+    assert "no answer to GoToConfig from sim:MTi-630 within 2.4 s" in printed
 
 
 @pytest.mark.parametrize(
@@ -334,9 +334,9 @@ def test_a_pulled_plug(
     words: list[str], says: str, behind: Callable[[SimulatedDevice], str]
 ) -> None:
     sim = SimulatedDevice("MTi-630", faults=Faults.parse(["unplug=2:60"], 0))
-    shown, said = failed(run("send", behind(sim), *words))
+    shown, printed = failed(run("send", behind(sim), *words))
     assert len(shown) >= 2
-    assert said == f"xbus: {says}"
+    assert printed == f"xbus: {says}"
 
 
 def test_a_plug_that_is_pulled_before_the_answer(
@@ -351,9 +351,9 @@ def test_a_plug_that_is_pulled_before_the_answer(
         monkeypatch.setattr(SimulatedDevice, "plugged", False)
 
     monkeypatch.setattr(SimLink, "write", last_words)
-    shown, said = failed(run("send", port, "GoToConfig"))
+    shown, printed = failed(run("send", port, "GoToConfig"))
     assert shown == ["GoToConfig"]
-    assert "sim:MTi-630 was lost during GoToConfig" in said
+    assert "sim:MTi-630 was lost during GoToConfig" in printed
 
 
 def test_ctrl_c() -> None:
@@ -363,8 +363,8 @@ def test_ctrl_c() -> None:
         assert child.stdout.readline().endswith(b"ReqDID\n")
         assert child.stdout.readline().endswith(b"00800040D2\n")
         child.send_signal(signal.SIGINT)
-        out, said = child.communicate(timeout=20)
-    assert (child.returncode, out, said) == (130, b"", b"")
+        out, printed = child.communicate(timeout=20)
+    assert (child.returncode, out, printed) == (130, b"", b"")
     assert sim.state == State.MEASUREMENT
 
 

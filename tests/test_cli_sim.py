@@ -31,12 +31,12 @@ REQ_DID, REQ_PRODUCT_CODE = frame(0x00), frame(0x1C)
 
 
 def first_line(child: subprocess.Popen[bytes]) -> str:
-    """The port that is told; the command is ready then."""
+    """The port that the command prints when it is ready."""
     assert child.stdout is not None
-    said = child.stdout.readline().decode()
-    assert said.startswith("port: ")
-    assert said.endswith("\n")
-    return said[len("port: ") : -1]
+    output = child.stdout.readline().decode()
+    assert output.startswith("port: ")
+    assert output.endswith("\n")
+    return output[len("port: ") : -1]
 
 
 @contextmanager
@@ -190,7 +190,7 @@ def test_an_idle_client_is_disconnected() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_ends_quietly_when_told(number: int) -> None:
+def test_a_signal_ends_it_quietly(number: int) -> None:
     with start("sim", "--product", "MTi-630") as child:
         path = first_line(child)
         child.send_signal(number)
@@ -208,7 +208,7 @@ def test_it_ends_after_so_long() -> None:
 
 
 @pytest.mark.parametrize(
-    ("args", "said"),
+    ("args", "output"),
     [
         ([], "--product is missing; choose from MTi-1, MTi-2"),
         (["--product", "MTi-5"], "MTi-1, MTi-2"),
@@ -229,10 +229,10 @@ def test_it_ends_after_so_long() -> None:
         (["--replay", str(OWN_CAPTURES / "field.mtb")], "field.mtb has no product; choose a --product"),
     ],
 )  # fmt: skip
-def test_wrong_calls(args: list[str], said: str) -> None:
+def test_wrong_calls(args: list[str], output: str) -> None:
     result = run("sim", *args)
     assert result.exit_code == 2
-    assert said in result.stderr
+    assert output in result.stderr
     assert result.stdout == ""
 
 

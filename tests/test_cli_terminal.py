@@ -31,7 +31,7 @@ IMPATIENT, PATIENT = waiting(0), waiting(3600)
 
 
 class Terminal:
-    """A terminal: what the program writes, as it comes."""
+    """A terminal: the output of the program as it arrives."""
 
     def __init__(self, master: int) -> None:
         self._master = master
@@ -130,20 +130,20 @@ def test_progress_knows_the_size(tmp_path: Path) -> None:
         assert child.wait() == 0
 
 
-def test_reading_tells_how_far_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reading_shows_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bytes of all files, of a pipe without a total."""
-    told: list[tuple[str, int, int | None]] = []
-    monkeypatch.setattr(Progress, "update", lambda _, *args: told.append(args))
+    reported: list[tuple[str, int, int | None]] = []
+    monkeypatch.setattr(Progress, "update", lambda _, *args: reported.append(args))
     size = Path(WALK).stat().st_size + Path(FIELD).stat().st_size
     with Progress("") as progress, Input([WALK, FIELD], progress) as source:
         assert operator.length_hint(source) == size
         while source.read(99_999):
             pass
-    assert told[0] == ("reading walk.mtb", 99_999, size)
-    assert told[-1] == ("reading field.mtb", size, size)
-    told.clear()
+    assert reported[0] == ("reading walk.mtb", 99_999, size)
+    assert reported[-1] == ("reading field.mtb", size, size)
+    reported.clear()
     run("info", "-", stdin=Path(WALK).read_bytes())
-    assert {item[2] for item in told} == {None}
+    assert {item[2] for item in reported} == {None}
 
 
 @pytest.mark.parametrize(
@@ -196,7 +196,7 @@ def test_headings_are_bold_on_a_terminal_only() -> None:
 
 @pytest.mark.parametrize("columns", [80, 140, 200])
 def test_tables_fit_the_terminal(columns: int) -> None:
-    """No name is cut; a narrow terminal is told what it does not show."""
+    """No name is cut; a narrow terminal shows how many columns are missing."""
     for command, names, spare in (
         ("quantities", list(QUANTITIES), "manual, products, source"),
         ("messages", [message.name for message in MESSAGES.values()], "states, products, status"),
@@ -205,8 +205,8 @@ def test_tables_fit_the_terminal(columns: int) -> None:
         assert max(map(len, text.splitlines())) <= columns
         assert set(names) <= set(text.split())
         head = text.partition("\u2500")[0].split()
-        told = f"A wider terminal or a pipe also shows {spare}."
-        assert (told in text) == (spare.split(", ")[0] not in head) == (columns == 80)
+        reported = f"A wider terminal or a pipe also shows {spare}."
+        assert (reported in text) == (spare.split(", ")[0] not in head) == (columns == 80)
 
 
 def test_items() -> None:
@@ -291,9 +291,9 @@ def test_text_that_is_nowhere(command: str) -> None:
 
 
 def test_tables_for_programs() -> None:
-    said = run("quantities", "--json").stdout
-    assert len(said.splitlines()) == len(QUANTITIES)
-    found = json.loads(said)
+    output = run("quantities", "--json").stdout
+    assert len(output.splitlines()) == len(QUANTITIES)
+    found = json.loads(output)
     for it, row in zip(found, QUANTITIES.values(), strict=True):
         assert list(it) == list(row._fields)
         assert tuple(it["products"]) == row.products

@@ -30,7 +30,7 @@ from xbus.report.page import page
 pytest.importorskip("plotly")
 
 WALK, FIELD = OWN_CAPTURES / "walk.mtb", OWN_CAPTURES / "field.mtb"
-#: Stands for plotly's JavaScript where nobody draws.
+#: Replaces plotly's JavaScript where nothing is drawn.
 NO_PLOTLY = "var none = '</b>';"
 EVIL = "</script><script>alert(1)</script><b>&"
 
@@ -100,7 +100,7 @@ def array(data: dict[str, str]) -> npt.NDArray[Any]:
     return np.frombuffer(base64.b64decode(data["bdata"]), f"<{data['dtype']}")
 
 
-def said(source: Any) -> list[str]:
+def output(source: Any) -> list[str]:
     return [finding.text for finding in findings(gather(source))]
 
 
@@ -119,7 +119,7 @@ def sample(row: int, *more: bytes, start: int = 0, bid: int = 0xFF) -> bytes:
     return mtdata2(counter(row), fine(10_000 * start + 100 * row), *more, bid=bid)
 
 
-# What is said
+# Findings
 
 
 def test_a_good_recording() -> None:
@@ -130,12 +130,12 @@ def test_a_good_recording() -> None:
     assert ["acceleration", "", "1,000", "100.0", "Float32", "m/s2", "0"] in it.rows
     assert ["filter profile", "0"] in it.rows
     assert ["MTData2 (samples)", "1,040"] in it.rows
-    assert said(WALK) == []
+    assert output(WALK) == []
 
 
 def test_a_bad_recording() -> None:
     it = page_of(FIELD)
-    first, *rest = said(FIELD)
+    first, *rest = output(FIELD)
     assert first == "23 samples lost in 12 gaps, 2.2 %; largest gap: 12 samples before 2.99 s"
     assert rest[:2] == [
         "1,816 bytes of damage in 12 places, 1.1 % of the file",
@@ -208,11 +208,11 @@ def test_lines_end_at_lost_samples() -> None:
     assert array(it.figure("events")["data"][0]["x"])[:2] == pytest.approx([0.39, 0.45])
 
 
-def test_clipping_is_told() -> None:
+def test_clipping_is_reported() -> None:
     word = 1 << 10 | 1 << 19 | 2
     rows = samples(100, status_word=lambda row: word if 20 <= row < 22 else 2)
     assert (
-        said(b"".join(rows))[0]
+        output(b"".join(rows))[0]
         == "accelerometer z out of range in 2 % of the time, first at 0.20 s"
     )
     data = {item["name"]: item for item in page_of(b"".join(rows)).figure("status")["data"]}
@@ -223,12 +223,12 @@ def test_clipping_is_told() -> None:
 def test_a_filter_that_is_not_valid() -> None:
     rows = samples(100, status_word=lambda row: 0 if row in (5, 7) else 2)
     text = "the orientation filter is not valid in 2 % of the time, last at 0.07 s"
-    assert text in said(b"".join(rows))
+    assert text in output(b"".join(rows))
 
 
 def test_what_the_recording_does_not_say() -> None:
     rows = b"".join(encode_sample({"acceleration": [0, 0, index]}) for index in range(50))
-    texts = said(rows)
+    texts = output(rows)
     assert "no time stamps: the horizontal axis is the sample number" in texts
     assert any(text.startswith("no packet counter") for text in texts)
     it = page_of(rows)
@@ -251,12 +251,12 @@ def test_without_a_counter_times_tell_of_pauses() -> None:
         encode_sample({"sample_time_fine": 100 * index, "temperature": 1}) for index in range(90)
     ]
     text = "1 pause in the time stamps of temperature, and no packet counter"
-    assert said(b"".join(rows[:50] + rows[60:]))[0] == text
+    assert output(b"".join(rows[:50] + rows[60:]))[0] == text
 
 
 def test_values_that_are_none() -> None:
     rows = samples(30, acceleration=lambda row: [np.nan if row == 3 else 0, 0, 9.81])
-    assert "1 value of acceleration NaN or infinite" in said(b"".join(rows))
+    assert "1 value of acceleration NaN or infinite" in output(b"".join(rows))
 
 
 def test_messages_alone() -> None:
@@ -322,10 +322,10 @@ def test_other_sources_of_a_track(name: str) -> None:
 def test_a_track_without_a_fix() -> None:
     rows = samples(50, lat_lon=[0, 0], status_word=0)
     assert "track" not in {figure["name"] for figure in page_of(b"".join(rows)).figures}
-    assert "no GNSS fix in 100 % of the time" in said(b"".join(rows))
+    assert "no GNSS fix in 100 % of the time" in output(b"".join(rows))
 
 
-def test_a_receiver_without_a_fix_tells_no_height() -> None:
+def test_a_receiver_without_a_fix_has_no_height() -> None:
     virtual = SimulatedDevice("MTi-680G", trajectory="drive", time_to_fix=3)
     with xbus.connect(virtual) as device, device.configure() as cfg:
         cfg.set_output_configuration({"sample_time_fine": None, "gnss_pvt_data": 4})
@@ -337,7 +337,7 @@ def test_a_receiver_without_a_fix_tells_no_height() -> None:
     assert len(array(it.figure("gnss_pvt_data height")["data"][0]["y"])) == np.count_nonzero(fixes)
     satellites = it.figure("gnss_pvt_data fix type and satellites")["data"][0]["y"]
     assert len(array(satellites)) == len(fixes)
-    assert any(item.startswith("no GNSS fix in") for item in said(data))
+    assert any(item.startswith("no GNSS fix in") for item in output(data))
 
 
 def test_a_long_track_keeps_its_corners() -> None:
@@ -561,7 +561,7 @@ def test_a_browser_draws_all_of_it(tmp_path: Path) -> None:
     # What the page is not allowed to do, such as to fetch something, is a complaint too.
     assert complaints == ""
     assert f'data-drawn="{len(figures)}"' in dom
-    # Each plot has as many curves as it was given, in a picture of its own.
+    # Each plot has as many curves as it was given, in its own picture.
     plots = dom.split('class="plot js-plotly-plot"')[1:]
     assert len(plots) == len(figures)
     for plot, figure in zip(plots, figures, strict=True):
@@ -585,24 +585,24 @@ def test_a_browser_shows_it(tmp_path: Path) -> None:
         assert np.count_nonzero(near) > 300, colour
 
 
-#: Somebody who zooms in one plot and prints; tells what has become of all of them.
+#: Zooms in one plot, prints, and reports the ranges of all plots.
 VISITOR = """<script>
 (async () => {
   while (!document.body.dataset.drawn) await new Promise((go) => setTimeout(go, 10));
   const plots = [...document.querySelectorAll(".plot")];
-  const told = {};
-  const ranges = () => plots.map((it) => it.layout.xaxis.range.map(Number));
-  told.before = ranges();
+  const report = {};
+  const ranges = () => plots.map((plot) => plot.layout.xaxis.range.map(Number));
+  report.before = ranges();
   await Plotly.relayout(plots[0], { "xaxis.range[0]": 2, "xaxis.range[1]": 3 });
   await new Promise((go) => setTimeout(go, 100));
-  told.zoomed = ranges();
+  report.zoomed = ranges();
   dispatchEvent(new Event("beforeprint"));
-  told.printed = plots.map((it) => it.layout.width);
+  report.printed = plots.map((plot) => plot.layout.width);
   dispatchEvent(new Event("afterprint"));
-  told.after = plots.map((it) => it.querySelector("svg").getBoundingClientRect().width > 900);
+  report.after = plots.map((plot) => plot.querySelector("svg").getBoundingClientRect().width > 900);
   const note = document.createElement("pre");
-  note.id = "told";
-  note.textContent = JSON.stringify(told);
+  note.id = "ranges";
+  note.textContent = JSON.stringify(report);
   document.body.append(note);
 })();
 </script>"""
@@ -616,14 +616,14 @@ def test_a_browser_follows(tmp_path: Path) -> None:
     out.write_text(text.replace("</body>", f"{VISITOR}</body>"), "utf-8")
     dom, complaints = browse(out, "--dump-dom")
     assert complaints == ""
-    found = re.search('<pre id="told">(.*?)</pre>', dom)
+    found = re.search('<pre id="ranges">(.*?)</pre>', dom)
     assert found is not None
-    told = json.loads(found[1])
-    for figure, before, zoomed in zip(figures, told["before"], told["zoomed"], strict=True):
+    reported = json.loads(found[1])
+    for figure, before, zoomed in zip(figures, reported["before"], reported["zoomed"], strict=True):
         assert zoomed == ([2, 3] if figure["is_over_time"] else before), figure["name"]
         assert before != [2, 3]
-    assert set(told["printed"]) == {700}
-    assert set(told["after"]) == {True}
+    assert set(reported["printed"]) == {700}
+    assert set(reported["after"]) == {True}
 
 
 # What makes an axis difficult

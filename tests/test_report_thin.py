@@ -199,7 +199,7 @@ def test_time_that_goes_back_is_a_gap() -> None:
     assert np.flatnonzero(Steps().breaks(time)).tolist() == [100]
 
 
-def test_jitter_is_told() -> None:
+def test_jitter_is_reported() -> None:
     time = np.arange(1000) / 100
     time[::2] += 0.002
     steps = Steps()

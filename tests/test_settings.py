@@ -652,7 +652,7 @@ def test_ctrl_c_says_what_was_applied(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "applied: filter_profile; unknown: location_id" in caught.value.__notes__[0]
 
 
-def test_what_the_device_rounds_is_told() -> None:
+def test_rounded_settings_are_reported() -> None:
     """The receiver delivers when it delivers (Table 16)."""
     device = connect("sim:MTi-670")
     settings = Settings(output_configuration=(Output(0x7010, 4), Output(0x4020, 100)))

@@ -49,7 +49,7 @@ def test_damage_is_counted() -> None:
     assert 0 < stats.gaps <= stats.lost_samples
 
 
-def test_samples_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unread_samples_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     """The oldest go, and are counted."""
     monkeypatch.setattr(channel, "MAX_UNREAD_SAMPLES", 100)
     device = measuring()
@@ -62,7 +62,7 @@ def test_samples_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
     assert stats.dropped_samples == pytest.approx(400, abs=3)
 
 
-def test_an_error_of_the_device_is_told() -> None:
+def test_device_errors_are_counted() -> None:
     """Too much for 9600 baud: samples are lost in the device, which says so."""
     device = connect(SimulatedDevice("MTi-300", baudrate=9600))
     with device.configure({"packet_counter": None, "acceleration": 400}, check_baudrate=False):
