@@ -59,7 +59,7 @@ fn names(batch: &RecordBatch) -> Vec<String> {
 }
 
 #[test]
-fn a_quantity_that_some_samples_lack_has_nulls() {
+fn missing_values_are_null() {
     let part = part(vec![
         Message::default().integers("sample_time_fine", &[10_000]).reals("acceleration", None, &[1.0, 2.0, 3.0]),
         Message::default().integers("packet_counter", &[7]),
@@ -91,7 +91,7 @@ fn a_quantity_that_some_samples_lack_has_nulls() {
 }
 
 #[test]
-fn a_scalar_of_every_sample_is_lent() {
+fn a_full_scalar_column_is_not_copied() {
     let part = part((0..50).map(|counter| Message::default().integers("packet_counter", &[counter])).collect());
     let batch = only_batch(&wide(&part));
     let xbus::column::Values::U16(values) = &part.part.columns[0].values else { panic!() };
@@ -100,7 +100,7 @@ fn a_scalar_of_every_sample_is_lent() {
 }
 
 #[test]
-fn two_coordinate_systems_are_two_sets_of_columns() {
+fn each_coordinate_system_has_columns() {
     let quaternion = |system| Message::default().reals("quaternion", Some(system), &[1.0, 0.0, 0.0, 0.0]);
     let part = part(vec![quaternion(Coordinates::Enu), quaternion(Coordinates::Ned)]);
     let names = names(&only_batch(&wide(&part)));
@@ -110,7 +110,7 @@ fn two_coordinate_systems_are_two_sets_of_columns() {
 }
 
 #[test]
-fn a_rotation_matrix_is_row_by_row() {
+fn rotation_matrices_are_in_row_order() {
     let matrix: Vec<f64> = (0..9).map(f64::from).collect();
     let batch = only_batch(&wide(&part(vec![Message::default().reals("rotation_matrix", None, &matrix)])));
     let names = names(&batch);
@@ -122,7 +122,7 @@ fn a_rotation_matrix_is_row_by_row() {
 }
 
 #[test]
-fn utc_is_a_time_stamp_and_null_where_it_does_not_exist() {
+fn invalid_dates_are_null() {
     let utc = |month: i64| Message::default().integers("utc_time", &[5, 2026, month, 22, 12, 30, 15, 7]);
     let batch = only_batch(&wide(&part(vec![utc(11), utc(13)])));
     let stamps: Vec<_> = batch["utc_time"].as_primitive::<TimestampNanosecondType>().iter().collect();
@@ -130,7 +130,7 @@ fn utc_is_a_time_stamp_and_null_where_it_does_not_exist() {
 }
 
 #[test]
-fn a_list_has_one_row_for_each_entry() {
+fn lists_have_one_row_for_each_entry() {
     let satellites = |tow: i64, ids: &[i64]| {
         let mut numbers = vec![tow, i64::try_from(ids.len()).unwrap(), 0, 0, 0];
         numbers.extend(ids.iter().flat_map(|id| [0, *id, 30, 1]));
@@ -155,7 +155,7 @@ fn host_times_are_a_column() {
 }
 
 #[test]
-fn long_tables_come_in_batches_and_empty_ones_have_a_schema() {
+fn long_tables_are_batched_and_empty_tables_have_a_schema() {
     let count = (1 << 18) + 10;
     let message = |counter: i64| {
         let message = Message::default().integers("packet_counter", &[counter & 0xFFFF]);

@@ -41,8 +41,8 @@ fn items() -> Vec<Item> {
                 line,
                 id: u16::from_str_radix(id, 16).expect(line),
                 quantity: quantity_named(quantity).expect(line),
-                precision: Precision::ALL.into_iter().find(|it| it.name() == precision),
-                coordinates: Coordinates::ALL.into_iter().find(|it| it.name() == coordinates),
+                precision: Precision::ALL.into_iter().find(|known| known.name() == precision),
+                coordinates: Coordinates::ALL.into_iter().find(|known| known.name() == coordinates),
                 data: (0..digits.len()).step_by(2).map(byte).collect(),
                 values: values.split(' ').collect(),
             }
@@ -52,18 +52,18 @@ fn items() -> Vec<Item> {
     items
 }
 
-/// Whether a number is what the text says, to the last bit.
+/// Whether a number equals the text, to the last bit.
 fn is(number: Number, text: &str) -> bool {
     match number {
         Number::Integer(value) => text.parse() == Ok(value),
         Number::Wide(value) => text.parse() == Ok(value),
-        Number::Single(value) => text.parse::<f32>().is_ok_and(|it| it.to_bits() == value.to_bits()),
-        Number::Double(value) => text.parse::<f64>().is_ok_and(|it| it.to_bits() == value.to_bits()),
+        Number::Single(value) => text.parse::<f32>().is_ok_and(|parsed| parsed.to_bits() == value.to_bits()),
+        Number::Double(value) => text.parse::<f64>().is_ok_and(|parsed| parsed.to_bits() == value.to_bits()),
     }
 }
 
 #[test]
-fn printed_packets_have_the_printed_numbers() {
+fn printed_packets_decode_to_the_printed_numbers() {
     for Item { line, id, quantity, precision, coordinates, data, values } in items() {
         let reading = Packet { id, at: 0, data: &data }.reading().expect(line);
         assert_eq!(reading.quantity.id, quantity.id, "{line}");
@@ -82,9 +82,9 @@ fn printed_packets_have_the_printed_numbers() {
 }
 
 #[test]
-fn printed_numbers_give_the_printed_packets() {
+fn printed_numbers_encode_to_the_printed_packets() {
     for Item { line, id, quantity, precision, coordinates, data, values } in items() {
-        // Numbers as a user types them: integers where they look like it, doubles elsewhere.
+        // Numbers as a user types them: integers if they look like integers, doubles otherwise.
         let wide = matches!(quantity.kind, Kind::Id) && data.len() == 8;
         let number = |text: &&str| match (text.parse(), text.parse()) {
             (_, Ok(value)) if wide => Number::Wide(value),
@@ -106,7 +106,7 @@ fn printed_numbers_give_the_printed_packets() {
 // Every quantity
 // ---------------------------------------------------------------------------------------------
 
-/// A packet that the encoder could have written, of any quantity.
+/// A packet of any quantity that the encoder could have written.
 fn canonical() -> impl Strategy<Value = (u16, Vec<u8>)> {
     let format = (select(&Precision::ALL[..]), select(&Coordinates::ALL[..]), 0..=61_usize, any::<bool>());
     (select(QUANTITIES), format).prop_flat_map(|(quantity, (precision, coordinates, entries, wide))| {
@@ -133,7 +133,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn what_is_read_is_written_again_bit_by_bit((id, data) in canonical()) {
+    fn decoded_packets_encode_to_the_same_bytes((id, data) in canonical()) {
         let packet = Packet { id, at: 0, data: &data };
         prop_assert!(is_canonical(&packet));
         let reading = packet.reading().unwrap();
@@ -142,9 +142,9 @@ proptest! {
         prop_assert_eq!(payload, streams::packet(id, &data));
     }
 
-    /// Format bits that mean nothing do not change how the data are read, and are not written.
+    /// Unused format bits are ignored when decoding, and are not encoded.
     #[test]
-    fn idle_format_bits_change_nothing((id, data) in canonical(), bits in 0u16..16) {
+    fn unused_format_bits_are_ignored((id, data) in canonical(), bits in 0u16..16) {
         rewrite(&Packet { id: id | bits, at: 0, data: &data });
         let plain = Packet { id, at: 0, data: &data }.reading().unwrap();
         if !matches!(plain.form, Form::Real(..)) {
@@ -154,26 +154,26 @@ proptest! {
         }
     }
 
-    /// A packet whose size does not fit its identifier is kept as it is, never guessed.
+    /// A packet whose size does not fit its identifier is kept unchanged, never guessed.
     #[test]
-    fn a_wrong_size_has_no_reading((id, data) in canonical(), size in 0usize..256) {
+    fn packets_of_wrong_size_are_not_decoded((id, data) in canonical(), size in 0usize..256) {
         let other: Vec<u8> = data.iter().copied().cycle().chain(std::iter::repeat(0)).take(size).collect();
         let packet = Packet { id, at: 0, data: &other };
         if size != data.len() {
-            match packet.reading().map(|it| it.form) {
+            match packet.reading().map(|reading| reading.form) {
                 None => prop_assert!(!packet.is_sound()),
-                // Device identifiers have two sizes, and a list as many as it has counts.
+                // Device identifiers have two sizes, and lists have one for each count.
                 Some(form) => prop_assert!(matches!(form, Form::Fixed(Wire::U4 | Wire::U8, 1) | Form::List(..))),
             }
         }
     }
 
     #[test]
-    fn packets_tile_their_payload(all in prop::collection::vec(canonical(), 0..8), cut: Index) {
+    fn packets_fill_their_payload(all in prop::collection::vec(canonical(), 0..8), cut: Index) {
         let payload: Vec<u8> = all.iter().flat_map(|(id, data)| streams::packet(*id, data)).collect();
-        let found: Vec<_> = packets(&payload).map(|it| it.map(|it| (it.id, it.data.to_vec()))).collect();
+        let found: Vec<_> = packets(&payload).map(|packet| packet.map(|packet| (packet.id, packet.data.to_vec()))).collect();
         prop_assert_eq!(found, all.iter().cloned().map(Ok).collect::<Vec<_>>());
-        // Cut off somewhere, all but the last are the same, and the last one says where it begins.
+        // In a truncated payload all packets but the last are the same, and the error has the offset of the last.
         let cut = cut.index(payload.len() + 1);
         let mut end = 0;
         for packet in packets(&payload[..cut]) {
@@ -192,10 +192,10 @@ proptest! {
         prop_assert_eq!(end, cut);
     }
 
-    /// A number comes back as near as its precision has one, and saturated where it has none.
+    /// A number is rounded to its precision, and saturates out of range.
     #[test]
     #[allow(clippy::cast_possible_truncation)] // to a Float32
-    fn what_is_written_is_read_within_the_resolution(value: f64, small in -40_000.0..40_000.0, which: bool) {
+    fn encoded_numbers_decode_within_the_resolution(value: f64, small in -40_000.0..40_000.0, which: bool) {
         let value = if which { value } else { small };
         let [float32, fp1220, fp1632, float64] = Precision::ALL.map(|precision| through(precision, value));
         prop_assert_eq!(float64.to_bits(), value.to_bits());
@@ -221,14 +221,14 @@ fn through(precision: Precision, value: f64) -> f64 {
 }
 
 #[test]
-fn every_bit_of_a_nan_arrives() {
+fn nan_bits_are_preserved() {
     let acceleration = quantity_named("acceleration").unwrap();
     for data in ["7FC00000 7F800001 FFBFFFFF", "FFC12345 7FA00000 FF800001"] {
         let bits: Vec<u32> = data.split(' ').map(|it| u32::from_str_radix(it, 16).unwrap()).collect();
-        let numbers: Vec<_> = bits.iter().map(|it| Number::Single(f32::from_bits(*it))).collect();
+        let numbers: Vec<_> = bits.iter().map(|bits| Number::Single(f32::from_bits(*bits))).collect();
         let mut payload = vec![];
         write_packet(&mut payload, acceleration, None, None, &numbers).unwrap();
-        let data: Vec<u8> = bits.iter().flat_map(|it| it.to_be_bytes()).collect();
+        let data: Vec<u8> = bits.iter().flat_map(|bits| bits.to_be_bytes()).collect();
         assert_eq!(payload, streams::packet(0x4020, &data));
         rewrite(&Packet { id: 0x4020, at: 0, data: &data });
     }
@@ -260,7 +260,7 @@ fn fixed_point_saturates_and_rounds_half_away_from_zero() {
 }
 
 // ---------------------------------------------------------------------------------------------
-// What the encoder refuses
+// Values that the encoder rejects
 // ---------------------------------------------------------------------------------------------
 
 fn refuse(
@@ -278,7 +278,7 @@ fn refuse(
 
 #[test]
 #[rustfmt::skip]
-fn what_cannot_be_written_is_refused_with_a_sentence() {
+fn invalid_values_are_rejected_with_an_error() {
     use Number::{Double, Integer, Single, Wide};
     let one = [Integer(1); 35];
     let nan = [Single(f32::NAN), Double(1.0), Double(1.0)];
@@ -310,7 +310,7 @@ fn what_cannot_be_written_is_refused_with_a_sentence() {
 }
 
 #[test]
-fn a_list_that_does_not_fit_a_packet_is_refused() {
+fn lists_that_do_not_fit_a_packet_are_rejected() {
     let info = quantity_named("gnss_sat_info").unwrap();
     for satellites in [61, 62, 255] {
         let mut numbers = vec![Number::Integer(0); 5 + 4 * satellites];
@@ -324,7 +324,7 @@ fn a_list_that_does_not_fit_a_packet_is_refused() {
 }
 
 #[test]
-fn a_list_that_counts_nonsense_is_refused() {
+fn invalid_list_counts_are_rejected() {
     let info = quantity_named("gnss_sat_info").unwrap();
     for count in [-1, 256, 1 << 32, 1 << 62, i64::MAX, i64::MIN] {
         let mut numbers = [Number::Integer(0); 5];
@@ -334,7 +334,7 @@ fn a_list_that_counts_nonsense_is_refused() {
 }
 
 #[test]
-fn the_count_of_a_list_is_what_is_there() {
+fn list_counts_match_the_entries() {
     let info = quantity_named("gnss_sat_info").unwrap();
     let counted = |count, satellites: usize| {
         let mut numbers = vec![Number::Integer(7); 5 + 4 * satellites];
@@ -345,7 +345,7 @@ fn the_count_of_a_list_is_what_is_there() {
     let two = counted(Number::Integer(2), 2).unwrap();
     assert_eq!(two.len(), 3 + 8 + 2 * 4);
     for count in [Number::Wide(2), Number::Single(2.0), Number::Double(2.0)] {
-        // Whether a count may be a float or not: a packet whose count and size disagree cannot be read.
+        // A packet whose count and size disagree cannot be decoded.
         assert!(counted(count, 2).is_ok_and(|it| it == two) || counted(count, 2).is_err(), "{count:?}");
         assert!(counted(count, 0).is_err(), "{count:?}");
     }

@@ -1,4 +1,4 @@
-//! Every input that the fuzzer keeps, replayed on the stable toolchain.
+//! Replays the fuzz corpus on the stable toolchain.
 //!
 //! A failing input of a fuzz target, minimised, goes to `fuzz/corpus/<target>/` and stays there.
 
@@ -28,7 +28,7 @@ fn folder(target: &str) -> PathBuf {
 }
 
 fn replay(target: &str) {
-    let (_, check) = TARGETS.into_iter().find(|it| it.0 == target).expect("one of the targets");
+    let (_, check) = TARGETS.into_iter().find(|(name, _)| *name == target).expect("one of the targets");
     let mut files = 0;
     for file in fs::read_dir(folder(target)).expect("a folder of the repository") {
         let path = file.expect("a file of the repository").path();
@@ -65,9 +65,9 @@ fn parts() {
     replay("parts");
 }
 
-/// Where they differ the files are written anew, and the test fails once.
+/// If they differ, the test rewrites the files and fails once.
 #[test]
-fn the_seeds_are_those_of_the_program() {
+fn seeds_match_the_program() {
     let mut written = vec![];
     for (target, _) in TARGETS {
         fs::create_dir_all(folder(target)).expect("the repository can be written");
@@ -89,7 +89,7 @@ fn the_seeds_are_those_of_the_program() {
 }
 
 #[test]
-fn every_target_has_a_program_and_is_replayed() {
+fn every_fuzz_target_is_replayed() {
     let manifest = include_str!("../fuzz/Cargo.toml");
     let programs: Vec<_> = manifest.lines().filter_map(|line| line.strip_prefix("path = \"fuzz_targets/")).collect();
     let expected: Vec<_> = TARGETS.iter().map(|(target, _)| format!("{target}.rs\"")).collect();

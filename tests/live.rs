@@ -1,4 +1,4 @@
-//! Acquisition and recording: what goes in comes out, and what does not is counted.
+//! Acquisition and recording: all input is returned and recorded, and losses are counted.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -11,7 +11,7 @@ use xbus::log::{Options, Reader};
 use xbus::scan::{Scanner, Step, Window};
 use xbus::table::{ERROR, LONGEST_PAYLOAD, MTDATA2, WARNING};
 
-/// Nothing here should take so long.
+/// A test fails after this time.
 const LONG: Duration = Duration::from_secs(20);
 
 fn frame(mid: u8, payload: &[u8]) -> Vec<u8> {
@@ -29,7 +29,7 @@ fn samples(n: u16) -> Vec<u8> {
     (0..n).flat_map(sample).collect()
 }
 
-/// Takes until there is no more to come.
+/// Takes pieces until the end of the input.
 fn drain(acquisition: &Acquisition) -> (Vec<u8>, u64) {
     let (mut all, mut missed) = (vec![], 0);
     while acquisition.wait(1, LONG) {
@@ -56,7 +56,7 @@ fn stop(acquisition: &Acquisition) -> Report {
     acquisition.stop_recording(LONG).expect("a recording that can be stopped")
 }
 
-/// Frames in a log, and bytes that belong to none.
+/// Frames in a log, and bytes outside of frames.
 fn frames_of(log: &[u8]) -> (u64, u64) {
     let mut reader = Reader::new(Options::default(), 0);
     reader.read(Window { bytes: log, offset: 0, last: true }, u64::MAX).unwrap();
@@ -65,14 +65,14 @@ fn frames_of(log: &[u8]) -> (u64, u64) {
 }
 
 #[test]
-fn what_is_pushed_is_counted_and_queued() {
+fn pushed_bytes_are_counted_and_queued() {
     let acquisition = Acquisition::new(QUEUE);
     let stream = [
         sample(7),
         sample(8),
         sample(11),       // two are missing
         frame(0x11, &[]), // GoToMeasurementAck
-        sample(0),        // the counter began anew
+        sample(0),        // the counter restarted
         b"noise".to_vec(),
         sample(1),
         frame(MTDATA2, &[0x10, 0x20, 0x09]), // a packet that runs past the end, in step
@@ -109,7 +109,7 @@ fn a_checksum_error_is_counted_once() {
 }
 
 #[test]
-fn a_full_queue_drops_the_oldest_and_says_so() {
+fn a_full_queue_drops_the_oldest_and_counts_them() {
     let acquisition = Acquisition::new(100);
     for byte in 0..30u8 {
         acquisition.push(&[byte; 20]);
@@ -127,7 +127,7 @@ fn a_full_queue_drops_the_oldest_and_says_so() {
 }
 
 #[test]
-fn waiting_for_more_bytes_than_there_are_takes_the_whole_time() {
+fn waiting_for_missing_bytes_times_out() {
     let acquisition = Acquisition::new(QUEUE);
     acquisition.push(b"ab");
     assert!(acquisition.wait(2, Duration::ZERO));
@@ -140,7 +140,7 @@ fn waiting_for_more_bytes_than_there_are_takes_the_whole_time() {
 }
 
 #[test]
-fn an_end_wakes_the_reader() {
+fn the_end_of_input_wakes_the_reader() {
     let acquisition = Acquisition::new(QUEUE);
     thread::scope(|scope| {
         let reader = scope.spawn(|| acquisition.wait(1, LONG));
@@ -151,7 +151,7 @@ fn an_end_wakes_the_reader() {
 }
 
 #[test]
-fn a_recording_is_head_and_every_byte() {
+fn recordings_hold_the_head_and_every_byte() {
     let path = folder("every_byte").join("log.mtb");
     let acquisition = Acquisition::new(QUEUE);
     let stream = [samples(100), b"noise".to_vec(), samples(100)].concat();
@@ -174,7 +174,7 @@ fn a_recording_is_head_and_every_byte() {
 }
 
 #[test]
-fn times_tell_when_bytes_came() {
+fn arrival_times_are_recorded() {
     let path = folder("times").join("log.mtb");
     let acquisition = Acquisition::new(QUEUE);
     acquisition.record(Recording { head: frame(0x0D, &[0; 16]), ..Recording::to(&path) }).unwrap();
@@ -188,12 +188,13 @@ fn times_tell_when_bytes_came() {
     assert_eq!(header[..8], TIMES_MAGIC);
     assert_eq!(header[8..16], [1, 0, 0, 0, 16, 0, 0, 0]);
     assert_eq!(i64::from_le_bytes(*header[16..].first_chunk().unwrap()), acquisition.epoch());
-    let record =
-        |it: &[u8; 16]| (u64::from_le_bytes(*it.first_chunk().unwrap()), i64::from_le_bytes(*it.last_chunk().unwrap()));
+    let record = |bytes: &[u8; 16]| {
+        (u64::from_le_bytes(*bytes.first_chunk().unwrap()), i64::from_le_bytes(*bytes.last_chunk().unwrap()))
+    };
     let records: Vec<_> = records.as_chunks::<16>().0.iter().map(record).collect();
     assert_eq!(records[0].0, 21 + 25, "the head and the first piece");
     assert_eq!(*records.last().unwrap(), (fs::metadata(&path).unwrap().len(), last));
-    assert!(records.windows(2).all(|it| it[0].0 < it[1].0 && it[0].1 <= it[1].1));
+    assert!(records.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 <= pair[1].1));
     assert!(records.len() < 500, "of pieces that come close together only some are noted");
 }
 
@@ -240,14 +241,14 @@ fn files_rotate_by_time() {
         acquisition.push(&sample(counter));
     });
     let files = stop(&acquisition).files;
-    let contents: Vec<_> = files.iter().map(|it| fs::read(it).unwrap()).collect();
-    assert!(contents.iter().all(|it| !it.is_empty() && it.len() % 25 == 0));
+    let contents: Vec<_> = files.iter().map(|path| fs::read(path).unwrap()).collect();
+    assert!(contents.iter().all(|file| !file.is_empty() && file.len() % 25 == 0));
     assert_eq!(contents.concat(), samples(9));
     assert!(contents.len() > 2);
 }
 
 #[test]
-fn what_is_flushed_is_a_log_wherever_it_is_cut() {
+fn flushed_files_are_valid_logs_at_any_cut() {
     let path = folder("killed").join("log.mtb");
     let acquisition = Acquisition::new(QUEUE);
     acquisition.record(Recording { flush: Duration::ZERO, ..Recording::to(&path) }).unwrap();
@@ -255,7 +256,7 @@ fn what_is_flushed_is_a_log_wherever_it_is_cut() {
     for piece in stream.chunks(100) {
         acquisition.push(piece);
     }
-    // No stop: what a process leaves behind that is killed.
+    // No stop: as if the process was killed.
     let began = Instant::now();
     while fs::metadata(&path).unwrap().len() < stream.len() as u64 {
         assert!(began.elapsed() < LONG);
@@ -269,7 +270,7 @@ fn what_is_flushed_is_a_log_wherever_it_is_cut() {
 }
 
 #[test]
-fn a_queue_that_overflows_ends_the_recording_without_a_hole() {
+fn queue_overflow_ends_the_recording_without_a_gap() {
     let path = folder("overflow").join("log.mtb");
     let acquisition = Acquisition::new(QUEUE);
     acquisition.record(Recording { flush: LONG, bound: 2500, ..Recording::to(&path) }).unwrap();
@@ -286,7 +287,7 @@ fn a_queue_that_overflows_ends_the_recording_without_a_hole() {
 }
 
 #[test]
-fn a_folder_that_does_not_exist_is_an_error_at_once() {
+fn a_missing_folder_is_an_immediate_error() {
     let acquisition = Acquisition::new(QUEUE);
     let error = acquisition.record(Recording::to(folder("absent").join("no/log.mtb"))).unwrap_err();
     assert_eq!(error.kind(), std::io::ErrorKind::NotFound);
@@ -331,7 +332,7 @@ mod ports {
     /// Both sides of a pseudo-terminal, raw as a port is.
     fn pty() -> (File, File) {
         let (mut master, mut slave) = (0, 0);
-        // SAFETY: the calls write to what they are given, and the descriptors are new and ours.
+        // SAFETY: the calls write only to their arguments, and the descriptors are new and owned here.
         #[allow(unsafe_code)]
         unsafe {
             let null = std::ptr::null_mut();
@@ -339,7 +340,7 @@ mod ports {
             let mut settings: libc::termios = std::mem::zeroed();
             libc::tcgetattr(slave, &raw mut settings);
             libc::cfmakeraw(&raw mut settings);
-            // As pyserial sets it: a read returns at once, with nothing if need be.
+            // As pyserial configures a port: a read returns immediately, even without data.
             (settings.c_cc[libc::VMIN], settings.c_cc[libc::VTIME]) = (0, 0);
             libc::tcsetattr(slave, libc::TCSANOW, &raw const settings);
             (File::from(OwnedFd::from_raw_fd(master)), File::from(OwnedFd::from_raw_fd(slave)))
@@ -355,7 +356,7 @@ mod ports {
     }
 
     #[test]
-    fn a_burst_is_taken_in_while_nobody_reads() {
+    fn bursts_are_received_without_a_reader() {
         let (mut master, slave) = pty();
         let path = folder("burst").join("log.mtb");
         let acquisition = Acquisition::new(QUEUE);
@@ -367,7 +368,7 @@ mod ports {
         let stream: Vec<u8> = (0..60).flat_map(|_| samples(1000)).collect();
         master.write_all(&stream).unwrap(); // waits whenever the terminal is full
         assert!(acquisition.wait(stream.len(), LONG));
-        drop(master); // a terminal forgets what it holds
+        drop(master); // closing a terminal discards its buffer
         assert!(drain(&acquisition) == (stream.clone(), 0));
         assert_eq!(acquisition.ended().unwrap(), "the port is gone: unplugged, or closed on the other side");
         let stats = acquisition.stats();
@@ -377,7 +378,7 @@ mod ports {
     }
 
     #[test]
-    fn nothing_about_the_descriptor_changes() {
+    fn descriptor_flags_are_unchanged() {
         let (_master, slave) = pty();
         let before = flags(&slave);
         let acquisition = Acquisition::new(QUEUE);
@@ -404,17 +405,17 @@ mod ports {
     }
 
     #[test]
-    fn dropping_ends_the_thread() {
+    fn drop_ends_the_thread() {
         let (reader, mut writer) = pipe().unwrap();
         let acquisition = Acquisition::new(QUEUE);
         acquisition.open(reader.as_raw_fd()).unwrap();
         drop(reader);
         drop(acquisition);
-        assert_eq!(writer.write(&[1]).unwrap_err().kind(), ErrorKind::BrokenPipe, "nobody has the other side");
+        assert_eq!(writer.write(&[1]).unwrap_err().kind(), ErrorKind::BrokenPipe, "the other side is closed");
     }
 
     #[test]
-    fn another_port_goes_on_where_one_has_ended() {
+    fn a_new_port_continues_the_stream() {
         let acquisition = Acquisition::new(QUEUE);
         let path = folder("again").join("log.mtb");
         acquisition.record(Recording::to(&path)).unwrap();
@@ -437,7 +438,7 @@ mod ports {
     }
 
     #[test]
-    fn a_pushed_end_makes_room_for_a_port() {
+    fn a_port_can_be_opened_after_a_pushed_end() {
         let (_master, slave) = pty();
         let acquisition = Acquisition::new(QUEUE);
         acquisition.open(slave.as_raw_fd()).unwrap();
@@ -447,7 +448,7 @@ mod ports {
     }
 
     #[test]
-    fn a_number_that_is_no_descriptor_is_an_error() {
+    fn invalid_descriptors_are_an_error() {
         let acquisition = Acquisition::new(QUEUE);
         assert_eq!(acquisition.open(-1).unwrap_err().raw_os_error(), Some(libc::EBADF));
         assert_eq!(acquisition.open(99_999).unwrap_err().raw_os_error(), Some(libc::EBADF));

@@ -1,4 +1,4 @@
-//! Logs: parts joined are the whole, and a log says what its bytes say.
+//! Logs: joined parts equal the whole log, and columns, clocks and counts match the input.
 
 #[allow(dead_code)] // each test takes what it needs
 #[path = "../fuzz/src/lib.rs"]
@@ -32,7 +32,7 @@ fn counted(counter: u8, id: u16, data: &[u8]) -> Vec<u8> {
 }
 
 // ---------------------------------------------------------------------------------------------
-// Parts joined are the whole
+// Joined parts equal the whole log
 // ---------------------------------------------------------------------------------------------
 
 proptest! {
@@ -40,23 +40,23 @@ proptest! {
 
     /// Each input is a seed and a stream, or a recipe for one.
     #[test]
-    fn parts_joined_are_the_whole(input in prop::collection::vec(any::<u8>(), 3..60)) {
+    fn joined_parts_equal_the_whole_log(input in prop::collection::vec(any::<u8>(), 3..60)) {
         parts(&input);
     }
 
     #[test]
-    fn a_log_is_what_one_reads_by_hand(input in prop::collection::vec(any::<u8>(), 3..60)) {
+    fn log_matches_the_reference_decoder(input in prop::collection::vec(any::<u8>(), 3..60)) {
         decode(&input);
     }
 
     #[test]
-    fn each_part_is_the_same_on_both_paths(input in prop::collection::vec(any::<u8>(), 3..60)) {
+    fn parts_are_equal_on_both_paths(input in prop::collection::vec(any::<u8>(), 3..60)) {
         fast_is_plain(&input);
     }
 }
 
 #[test]
-fn a_log_is_the_same_cut_at_any_byte() {
+fn cutting_at_any_byte_does_not_change_the_log() {
     let frames = [
         frame(0x01, &[0x03, 0x60, 0x08, 0xA6]),
         counted(1, 0x4020, &[0x41; 12]),
@@ -93,7 +93,7 @@ fn long_stream() -> Vec<u8> {
 }
 
 #[test]
-fn a_stream_is_read_as_from_memory() {
+fn streams_equal_memory() {
     let bytes = long_stream();
     let mut reader = Reader::new(Options::default(), 0);
     let mut stream = Stream::new(&bytes[..]);
@@ -110,7 +110,7 @@ fn a_stream_is_read_as_from_memory() {
 }
 
 #[test]
-fn pushed_bytes_are_read_as_from_memory() {
+fn pushed_bytes_equal_memory() {
     let bytes = long_stream();
     let frame = counted(0, 0x4020, &[0x41; 12]).len();
     let (mut reader, mut buffer) = (Reader::new(Options::default(), 0), PushBuffer::default());
@@ -125,7 +125,7 @@ fn pushed_bytes_are_read_as_from_memory() {
 }
 
 #[test]
-fn a_stream_ends_with_the_error_of_its_input_or_the_first_fault() {
+fn streams_end_with_the_input_error_or_the_first_fault() {
     struct Broken;
     impl Read for Broken {
         fn read(&mut self, _: &mut [u8]) -> io::Result<usize> {
@@ -145,7 +145,7 @@ fn a_stream_ends_with_the_error_of_its_input_or_the_first_fault() {
 }
 
 #[test]
-fn timed_parts_continue_where_the_last_one_ended() {
+fn timed_parts_are_contiguous() {
     let bytes = long_stream();
     let window = Window { bytes: &bytes, offset: 0, last: true };
     let (mut reader, mut clocks, mut counters, mut gaps) =
@@ -162,7 +162,7 @@ fn timed_parts_continue_where_the_last_one_ended() {
 }
 
 #[test]
-fn a_part_ends_where_it_is_told_to() {
+fn parts_end_at_the_requested_size() {
     let frames: Vec<_> = (0..50).map(|i| counted(i, 0x4020, &[0x41; 12])).collect();
     let stream = frames.concat();
     let length = frames[0].len() as u64;
@@ -175,9 +175,9 @@ fn a_part_ends_where_it_is_told_to() {
     }
 }
 
-/// The length of the input, as far as it is known, decides how much room columns are given, and nothing else.
+/// The expected length of the input decides only how much memory columns reserve.
 #[test]
-fn an_input_that_ends_early_is_read() {
+fn inputs_shorter_than_expected_are_read() {
     let stream = counted(7, 0x2020, &[0x3F; 36]).repeat(3000);
     for total in [0, 1, stream.len() as u64, 1 << 30, u64::MAX] {
         let mut reader = Reader::new(Options::default(), total);
@@ -191,7 +191,7 @@ fn an_input_that_ends_early_is_read() {
 // ---------------------------------------------------------------------------------------------
 
 #[test]
-fn every_row_knows_its_sample() {
+fn rows_have_their_sample() {
     let stream = [
         counted(0, 0x4020, &[0x41; 12]),
         frame(0x42, &[4]),
@@ -206,7 +206,7 @@ fn every_row_knows_its_sample() {
     assert_eq!(log.column("acceleration").samples, [0, 2, 2]);
     assert_eq!(log.column("acceleration").rows[2], [Bits(0x4444_4444); 3]);
     assert_eq!(log.column("rate_of_turn").samples, [1]);
-    // Nothing is guessed: an unknown identifier and a size that does not fit are kept as they are.
+    // Unknown identifiers and wrong sizes are kept unchanged.
     assert_eq!(log.column("F123").rows, [[1, 2, 3].map(Bits)]);
     assert_eq!((&log.column("4020").samples[..], log.column("4020").rows[0].len()), (&[4][..], 5));
     assert_eq!(log.messages[0].sample, 1);
@@ -214,7 +214,7 @@ fn every_row_knows_its_sample() {
 }
 
 #[test]
-fn a_column_is_as_wide_as_its_widest_numbers() {
+fn columns_use_the_widest_precision() {
     #[rustfmt::skip]
     let rows: [(&str, Vec<Vec<u8>>, &str, bool); 8] = [
         ("acceleration", vec![packet(0x4020, &[0; 12]), packet(0x4020, &[1; 12])], "f4", false),
@@ -227,7 +227,7 @@ fn a_column_is_as_wide_as_its_widest_numbers() {
         ("baro_pressure", vec![packet(0x3010, &[0; 4]), packet(0x3013, &[1; 4])],  "u4", false),
     ];
     for (name, packets, numbers, mixed) in rows {
-        // Seldom, so that each is decoded on its own, and often, so that each layout is learned.
+        // Rare, so that each is decoded separately, and frequent, so that each layout is learned.
         for times in [1, 3, 100] {
             let stream: Vec<u8> = packets.iter().flat_map(|it| frame(table::MTDATA2, it).repeat(times)).collect();
             let log = read(&stream);
@@ -241,20 +241,20 @@ fn a_column_is_as_wide_as_its_widest_numbers() {
 }
 
 #[test]
-fn each_coordinate_system_is_a_column() {
+fn coordinate_systems_have_separate_columns() {
     let stream: Vec<u8> =
         [0x2010, 0x2014, 0x2018, 0x2010].iter().flat_map(|id| sample(&[(*id, &[0x3F; 16])])).collect();
     let log = read(&stream);
     assert_eq!(log.subjects(), ["quaternion ENU", "quaternion NED", "quaternion NWU"]);
     assert_eq!(log.column("quaternion ENU").samples, [0, 3]);
-    // The fourth code means nothing, and acceleration has no coordinates whatever its bits say.
+    // The fourth code is undefined, and acceleration has no coordinates whatever its bits are.
     let log = read(&[sample(&[(0x201C, &[0x3F; 16])]), sample(&[(0x4024, &[0; 12])])].concat());
     assert_eq!(log.subjects(), ["201C", "acceleration"]);
 }
 
 #[test]
-fn frames_at_even_distances_lose_no_row() {
-    // The same number of bytes from one frame to the next, and behind the last one there are fewer than that.
+fn evenly_spaced_frames_lose_no_row() {
+    // Frames have equal distances, and fewer bytes than that follow the last one.
     for gap in [0, 1, 2, 50, 300] {
         for tail in [0, 1, 10, 40, 100] {
             for times in [3, 4, 5, 300] {
@@ -273,15 +273,15 @@ fn a_short_frame_behind_a_long_one_loses_no_row() {
     let short = sample(&[(0x1020, &[0, 2]), (0xE020, &[0; 4])]);
     let known = [long.clone(), short.clone()].concat().repeat(4);
     for tail in 0..100 {
-        // The command is not known: before it and behind it frames of known layouts are gathered apart.
+        // The command has no layout, so the frames before and after are gathered separately.
         let stream = [&known[..], &frame(0x08, &[]), &long, &short, &vec![0; tail]].concat();
         assert_eq!(read(&stream).column("packet_counter").rows.len(), 10, "{tail}");
     }
 }
 
 #[test]
-fn a_later_part_begins_with_the_identifier_it_begins_with() {
-    // Two layouts in turns: by the second part both are known, and its first packet is 3010.
+fn columns_of_later_parts_use_their_first_identifier() {
+    // Two alternating layouts: in the second part both are known, and its first packet is 3010.
     let turn = [counted(0, 0x3010, &[0, 1, 0x86, 0xE1]), counted(1, 0x3013, &[0, 1, 0x86, 0xE2])].concat();
     let stream = turn.repeat(50);
     for fast in [false, true] {
@@ -297,7 +297,7 @@ fn a_later_part_begins_with_the_identifier_it_begins_with() {
 }
 
 #[test]
-fn only_the_wanted_quantities_are_kept_and_those_that_clocks_need() {
+fn selected_quantities_do_not_change_the_clocks() {
     let stamps = sample(&[(0x1020, &[0, 7]), (0x1060, &[0, 0, 0, 9]), (0x1070, &[0, 0, 0, 1])]);
     let measured = sample(&[(0x2010, &[0; 16]), (0x2014, &[0; 16]), (0x4020, &[0; 12]), (0xF123, &[1])]);
     let stream = [stamps, measured].concat().repeat(5);
@@ -323,7 +323,7 @@ fn only_the_wanted_quantities_are_kept_and_those_that_clocks_need() {
 // ---------------------------------------------------------------------------------------------
 
 #[test]
-fn what_is_counted() {
+fn statistics_count_everything() {
     let good = counted(1, 0x4020, &[0x41; 12]);
     let stream = [
         &good[..],
@@ -342,11 +342,12 @@ fn what_is_counted() {
     assert_eq!(stats.bytes, stream.len() as u64);
     assert_eq!((stats.frames, stats.samples, stats.messages, stats.malformed), (7, 4, 3, 2));
     assert_eq!((stats.skipped_bytes, stats.checksum_errors), (8, 1));
-    let place = |it: &Damage| (it.offset, it.length, it.reason);
+    let place = |damage: &Damage| (damage.offset, damage.length, damage.reason);
     let end = stream.len() as u64 - 3 - (good.len() as u64 + 2);
     let expected = [(good.len() as u64 * 2 + 5 + 5 + 8, 5, Reason::Checksum), (end, 3, Reason::NoPreamble)];
     assert_eq!(log.damage.iter().map(place).collect::<Vec<_>>(), expected);
-    let messages: Vec<_> = log.messages.iter().map(|it| (it.mid, it.bid, it.sample, it.payload.len())).collect();
+    let messages: Vec<_> =
+        log.messages.iter().map(|message| (message.mid, message.bid, message.sample, message.payload.len())).collect();
     assert_eq!(messages, [(0x31, 1, 1, 0), (0x36, 0xFF, 1, 0), (0x36, 0xFF, 1, 3)]);
     assert_eq!(log.bids, [0xFF; 4]);
     assert_eq!(log.offsets[0], 0);
@@ -359,7 +360,7 @@ fn an_empty_input_is_an_empty_log() {
 }
 
 #[test]
-fn a_strict_reader_stops_at_the_first_fault() {
+fn strict_readers_stop_at_the_first_fault() {
     let good = counted(1, 0x4020, &[0x41; 12]);
     let offset = 2 * good.len() as u64;
     #[rustfmt::skip]
@@ -399,7 +400,7 @@ fn a_strict_reader_stops_at_the_first_fault() {
 // Clocks and counters
 // ---------------------------------------------------------------------------------------------
 
-/// Where the fine time of the older families wraps, in ticks of 0.1 ms; that of the others does at 32 bits.
+/// Where the fine time of the older families wraps, in ticks of 0.1 ms; that of the others wraps at 32 bits.
 const DAY: i64 = 864_000_000;
 const ALL: i64 = 1 << 32;
 
@@ -413,7 +414,7 @@ fn fine(ticks: i64) -> Vec<u8> {
     sample(&[(0x1060, &(ticks.cast_unsigned() as u32).to_be_bytes())])
 }
 
-/// What names the device.
+/// A message that identifies the device.
 fn device(id: u32) -> Vec<u8> {
     frame(0x01, &id.to_be_bytes())
 }
@@ -421,10 +422,10 @@ fn device(id: u32) -> Vec<u8> {
 /// The times of a log in ticks.
 #[allow(clippy::cast_possible_truncation)] // below 2^53
 fn ticks(log: &Log) -> Vec<i64> {
-    log.times.iter().map(|it| (f64::from_bits(it.0) * 1e4).round() as i64).collect()
+    log.times.iter().map(|time| (f64::from_bits(time.0) * 1e4).round() as i64).collect()
 }
 
-/// A device sends these fine times, and the log makes those of them.
+/// Asserts the unwrapped times of a device that sends these fine times.
 fn unwrap(what: &str, id: Option<u32>, sent: &[i64], expected: &[i64]) {
     let samples = sent.iter().map(|it| fine(*it));
     let stream: Vec<u8> = id.map(device).into_iter().chain(samples).flatten().collect();
@@ -433,7 +434,7 @@ fn unwrap(what: &str, id: Option<u32>, sent: &[i64], expected: &[i64]) {
 
 #[test]
 #[rustfmt::skip]
-fn the_fine_time_goes_on_where_it_wraps() {
+fn fine_time_is_unwrapped() {
     unwrap("no wrap",                      None,          &[0, 25, 50],               &[0, 25, 50]);
     unwrap("a day, device known",          Some(MTI_30),  &[DAY - 25, 0, 25],         &[DAY - 25, DAY, DAY + 25]);
     unwrap("32 bits, device known",        Some(MTI_630), &[ALL - 1, 24],             &[ALL - 1, ALL + 24]);
@@ -449,7 +450,7 @@ fn the_fine_time_goes_on_where_it_wraps() {
 }
 
 #[test]
-fn every_message_that_names_the_device_names_its_clock() {
+fn identity_messages_select_the_clock_wrap() {
     let mut configuration = vec![0; 118];
     configuration[..4].copy_from_slice(&MTI_630.to_be_bytes());
     let code = |text: &str| frame(0x1D, format!("{text:<20}").as_bytes());
@@ -465,20 +466,20 @@ fn every_message_that_names_the_device_names_its_clock() {
         (code("MTi-G-710"), DAY),
         (code("MTi-680G"), ALL),
         (code("MTi-3-8A7G6"), ALL),
-        // Nobody is named: then a day, for the last time was within one.
+        // Unknown device: a wrap after a day, because the last time was within a day.
         (frame(0x42, &[4]), DAY),
         (code("something else"), DAY),
     ];
     for (naming, wrap) in rows {
         let log = read(&[naming.clone(), fine(DAY - 1), fine(0)].concat());
-        // Where the wrap is far away this is a step back: forth it would be longer.
+        // Far from the wrap this is a step back, because a step forward would be longer.
         assert_eq!(ticks(&log)[1], if wrap == DAY { DAY } else { 0 }, "{naming:02X?}");
     }
 }
 
-/// A device sends these counters: what the log makes of them, and how many samples are missing at how many places.
+/// Asserts the unwrapped counters of a device, its number of missing samples and of gaps.
 fn count(what: &str, sent: &[u16], expected: &[i64], missing: u64, places: u64) {
-    let stream: Vec<u8> = sent.iter().flat_map(|it| sample(&[(0x1020, &it.to_be_bytes())])).collect();
+    let stream: Vec<u8> = sent.iter().flat_map(|counter| sample(&[(0x1020, &counter.to_be_bytes())])).collect();
     let log = read(&stream);
     assert_eq!(log.counters, expected, "{what}");
     assert_eq!((log.losses().samples, log.losses().gaps), (missing, places), "{what}");
@@ -486,7 +487,7 @@ fn count(what: &str, sent: &[u16], expected: &[i64], missing: u64, places: u64) 
 
 #[test]
 #[rustfmt::skip]
-fn counters_wrap_and_count_losses() {
+fn counters_are_unwrapped_and_losses_are_counted() {
     count("no loss",        &[5, 6, 7],            &[5, 6, 7],                    0, 0);
     count("the wrap",       &[65534, 65535, 0, 1], &[65534, 65535, 65536, 65537], 0, 0);
     count("one is missing", &[5, 7, 8],            &[5, 7, 8],                    1, 1);
@@ -497,7 +498,7 @@ fn counters_wrap_and_count_losses() {
 }
 
 #[test]
-fn a_device_that_begins_anew_has_lost_nothing() {
+fn restarts_are_not_losses() {
     let counter = |it: u8| sample(&[(0x1020, &[0, it])]);
     for (mid, lost) in [(0x11, 0), (0x41, 0), (0x3E, 0), (0x31, 194)] {
         let log = read(&[counter(5), frame(mid, &[]), counter(200), counter(201)].concat());
@@ -506,7 +507,7 @@ fn a_device_that_begins_anew_has_lost_nothing() {
 }
 
 #[test]
-fn each_device_on_the_bus_has_a_clock_and_a_counter_of_its_own() {
+fn devices_on_a_bus_have_separate_clocks_and_counters() {
     let of = |bid, counter| frame_of(bid, table::MTDATA2, &packet(0x1020, &[0, counter]));
     let log = read(&[of(1, 5), of(2, 100), of(0xFF, 6), of(2, 101), of(1, 7)].concat());
     assert_eq!(log.losses().samples, 0);
@@ -515,7 +516,7 @@ fn each_device_on_the_bus_has_a_clock_and_a_counter_of_its_own() {
 }
 
 #[test]
-fn a_gnss_sample_does_not_move_the_clock() {
+fn gnss_samples_do_not_move_the_clock() {
     let gnss = |ticks: i64| [&packet(0x7010, &[0; 94])[..], &fine(ticks)[4..11]].concat();
     let gnss = |ticks: i64| frame(table::MTDATA2, &gnss(ticks));
     let stream = [device(MTI_30), fine(DAY - 25), fine(0), gnss(DAY - 450), fine(25), gnss(3), fine(50)].concat();
@@ -523,20 +524,20 @@ fn a_gnss_sample_does_not_move_the_clock() {
 }
 
 #[test]
-fn a_coarse_time_makes_the_big_timestamp() {
+fn coarse_and_fine_time_are_combined() {
     let both = |coarse: u32, fine: u32| sample(&[(0x1060, &fine.to_be_bytes()), (0x1070, &coarse.to_be_bytes())]);
     let log = read(&[both(0, 9999), both(1, 10_000), both(500_000, 25), fine(50)].concat());
     assert_eq!(ticks(&log)[..3], [9999, 10_000, 5_000_000_025]);
-    // Coarse time alone is time as well.
+    // Coarse time alone is also a time.
     assert_eq!(ticks(&read(&sample(&[(0x1070, &[0, 0, 0, 7])]))), [70_000]);
 }
 
 #[test]
-fn a_trigger_brings_its_own_time() {
+fn trigger_samples_use_the_trigger_time() {
     let trigger = |id, micros: u32| sample(&[(id, &[&[9, 1][..], &micros.to_be_bytes(), &[0, 0]].concat())]);
     // The trigger guide's example: between two samples, in microseconds of the same clock.
     let log = read(&[fine(2_906_348), trigger(0x4820, 290_637_743), fine(2_906_373)].concat());
-    let seconds: Vec<f64> = log.times.iter().map(|it| f64::from_bits(it.0)).collect();
+    let seconds: Vec<f64> = log.times.iter().map(|time| f64::from_bits(time.0)).collect();
     assert_eq!(seconds, [290.6348, 290.637_743, 290.6373]);
     assert_eq!(log.counters, [-1; 3]);
     // Microseconds wrap every 2^32, that is 72 minutes, and follow the clock.
@@ -545,7 +546,7 @@ fn a_trigger_brings_its_own_time() {
 }
 
 #[test]
-fn several_triggers_in_one_sample_do_not_lose_their_place() {
+fn several_triggers_in_one_sample_keep_the_clock() {
     let stamp = |micros: u32| [&[9, 1][..], &micros.to_be_bytes(), &[0, 0]].concat();
     let both = sample(&[(0x4810, &stamp(1_000_000)), (0x4820, &stamp(2_000_000))]);
     let first = sample(&[(0x4810, &stamp(3_000_000))]);
@@ -554,7 +555,7 @@ fn several_triggers_in_one_sample_do_not_lose_their_place() {
 }
 
 #[test]
-fn without_a_stamp_there_is_no_time() {
+fn samples_without_a_stamp_have_no_time() {
     let log = read(&sample(&[(0x4040, &[0; 12])]));
     assert!(f64::from_bits(log.times[0].0).is_nan());
     assert_eq!(log.counters, [-1]);

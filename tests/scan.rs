@@ -1,4 +1,4 @@
-//! The three laws of the scanner, the manual's frames, and what becomes of bytes that are no frames.
+//! The three laws of the scanner, the manual's frames, and damage.
 
 #[allow(dead_code)] // each test takes what it needs
 #[path = "../fuzz/src/lib.rs"]
@@ -42,13 +42,13 @@ fn printed() -> Vec<Printed> {
     frames
 }
 
-/// Bytes as they are printed; `-` is none.
+/// Bytes as printed; `-` means no bytes.
 fn hex(text: &str) -> Vec<u8> {
     text.split(' ').filter(|it| *it != "-").map(|it| u8::from_str_radix(it, 16).expect(text)).collect()
 }
 
 #[test]
-fn printed_frames_are_written_as_printed() {
+fn printed_frames_are_encoded_as_printed() {
     for Printed { name, mid, payload, wire } in printed() {
         assert_eq!(frame(mid, &payload), wire, "{name}");
         assert!(table::messages(mid).any(|message| message.name == name), "{name}");
@@ -56,7 +56,7 @@ fn printed_frames_are_written_as_printed() {
 }
 
 #[test]
-fn printed_frames_are_read_as_printed_in_every_chunking() {
+fn printed_frames_are_decoded_in_every_chunking() {
     for Printed { name, mid, payload, wire } in printed() {
         let expected = Scan { frames: vec![(0, wire.len())], ..Scan::default() };
         assert_eq!(Scan::plainly(&wire, LIMIT), expected, "{name}");
@@ -76,10 +76,10 @@ fn in_two(bytes: &[u8], cut: usize) -> Scan {
 }
 
 #[test]
-fn all_printed_frames_in_a_row() {
-    let wires: Vec<_> = printed().into_iter().map(|it| it.wire).collect();
+fn printed_frames_are_found_back_to_back() {
+    let wires: Vec<_> = printed().into_iter().map(|frame| frame.wire).collect();
     let stream = wires.concat();
-    let expected = Scan { frames: one_behind_the_other(&wires), ..Scan::default() };
+    let expected = Scan { frames: places(&wires), ..Scan::default() };
     assert_eq!(Scan::plainly(&stream, LIMIT), expected);
     assert_eq!(Scan::byte_by_byte(&stream, LIMIT), expected);
     for cut in 0..stream.len() {
@@ -88,7 +88,7 @@ fn all_printed_frames_in_a_row() {
 }
 
 /// Offsets and lengths.
-fn one_behind_the_other(wires: &[Vec<u8>]) -> Vec<(usize, usize)> {
+fn places(wires: &[Vec<u8>]) -> Vec<(usize, usize)> {
     let mut end = 0;
     let mut place = |wire: &Vec<u8>| {
         end += wire.len();
@@ -98,19 +98,19 @@ fn one_behind_the_other(wires: &[Vec<u8>]) -> Vec<(usize, usize)> {
 }
 
 #[test]
-fn printed_frames_are_found_behind_all_noise() {
-    // Whatever the host sends is no message of a device: in noise it counts only between frames that are.
+fn printed_frames_are_found_after_noise() {
+    // Messages of the host are implausible: in noise they are accepted only between plausible frames.
     let before = frame(0x31, &[]);
     let noises = [
         Random::new(1).noise(80),
         Random::new(2).noise(80),
         vec![PREAMBLE; 80],
         vec![0; 80],
-        printed().into_iter().flat_map(|it| it.wire).take(300).collect(),
+        printed().into_iter().flat_map(|frame| frame.wire).take(300).collect(),
     ];
     for noise in noises {
         for length in 0..=noise.len() {
-            // What the noise itself says is its own affair; it must not touch what comes after.
+            // Frames found in the noise do not matter; the noise must not affect what follows.
             let noise = [&noise[..length], &[PREAMBLE, 0, 0]].concat();
             let step = if length % 10 == 0 { 1 } else { 7 };
             for Printed { name, wire, .. } in printed().into_iter().skip(length % step).step_by(step) {
@@ -138,7 +138,7 @@ proptest! {
 
     /// Frames, damage, host messages, odd and extended frames in any order.
     #[test]
-    fn streams_are_cut_and_compared_with_the_plain_rules(
+    fn chunked_streams_match_the_reference_scanner(
         recipe in prop::collection::vec(any::<u8>(), 0..60),
         limit in prop::sample::select(vec![16, 254, 255, 8185, LIMIT]),
         seed: u64,
@@ -152,16 +152,16 @@ proptest! {
     #![proptest_config(cases(500))]
 
     #[test]
-    fn random_bytes_are_cut_and_compared_with_the_plain_rules(
+    fn chunked_random_bytes_match_the_reference_scanner(
         bytes in prop::collection::vec(any::<u8>(), 0..300),
         seed: u64,
     ) {
         scanning(&bytes, LIMIT, &mut Random::new(seed));
     }
 
-    /// Nothing but bytes that headers are made of.
+    /// Only bytes that occur in headers.
     #[test]
-    fn hostile_bytes_are_cut_and_compared_with_the_plain_rules(
+    fn chunked_hostile_bytes_match_the_reference_scanner(
         bytes in prop::collection::vec(prop::sample::select(vec![0xFA, 0xFF, 0x36, 0x31, 0x00, 0x01, 0x03, 0xE0, 0x20]), 0..200),
         limit in prop::sample::select(vec![0, 1, 16, 254, 255, 256, LIMIT]),
         seed: u64,
@@ -175,7 +175,7 @@ proptest! {
 
     /// Strings of all kinds, whole and damaged, among frames and noise.
     #[test]
-    fn strings_are_cut_and_compared_with_the_plain_rules(
+    fn chunked_strings_match_the_reference_scanner(
         kinds in prop::collection::vec(0_usize..20, 0..40),
         limit in prop::sample::select(vec![16, 254, LIMIT]),
         seed: u64,
@@ -191,23 +191,23 @@ proptest! {
         scanning(&stream, limit, &mut random);
     }
 
-    /// Nothing but bytes that strings are made of.
+    /// Only bytes that occur in strings.
     #[test]
-    fn pieces_of_strings_are_cut_and_compared_with_the_plain_rules(
+    fn chunked_string_pieces_match_the_reference_scanner(
         bytes in prop::collection::vec(prop::sample::select(b"$:*ABPRDI,-.0 \r\nHF\x00\x90\xFA\xFF".to_vec()), 0..400),
         seed: u64,
     ) {
-        let told = frame(table::STRING_OUTPUT_TYPE, &[0xFF, 0xFF]);
+        let enabled = frame(table::STRING_OUTPUT_TYPE, &[0xFF, 0xFF]);
         scanning(&bytes, LIMIT, &mut Random::new(seed));
-        scanning(&[told, bytes].concat(), LIMIT, &mut Random::new(seed));
+        scanning(&[enabled, bytes].concat(), LIMIT, &mut Random::new(seed));
     }
 }
 
 #[test]
-fn a_string_is_at_most_so_long() {
+fn strings_have_a_maximum_length() {
     for length in 240..270 {
         let body = format!("PX,{}", "0".repeat(length - "$PX,*hh\r\n".len()));
-        let sum = body.bytes().fold(0, |sum, it| sum ^ it);
+        let sum = body.bytes().fold(0, |sum, byte| sum ^ byte);
         let wire = format!("${body}*{sum:02X}\r\n").into_bytes();
         assert_eq!(wire.len(), length);
         let scan = Scan::whole(&wire, LIMIT);
@@ -222,7 +222,7 @@ fn a_string_is_at_most_so_long() {
 }
 
 #[test]
-fn what_nothing_tells_from_noise_is_expected_first() {
+fn em1000_is_accepted_only_where_expected() {
     let wire = [0x00, 0x90, 0x7B, 0x00, 0x38, 0xFE, 0x00, 0x00, 0x39, 0x30];
     let window = Window { bytes: &wire, offset: 0, last: true };
     let mut scanner = Scanner::new(LIMIT);
@@ -234,7 +234,7 @@ fn what_nothing_tells_from_noise_is_expected_first() {
 }
 
 #[test]
-fn a_header_that_is_cut_waits() {
+fn incomplete_headers_wait() {
     let wire = extended(MASTER, 0x31, &[]);
     for length in 0..wire.len() {
         let mut scanner = Scanner::new(LIMIT);
@@ -244,7 +244,7 @@ fn a_header_that_is_cut_waits() {
 }
 
 #[test]
-fn a_false_header_holds_nothing_back_that_can_be_decided() {
+fn false_headers_do_not_delay_decided_bytes() {
     let good = frame(0x31, &[]);
     // In damage, so that only plausibility counts.
     let waits = |header: &[u8], more: usize| {
@@ -253,27 +253,27 @@ fn a_false_header_holds_nothing_back_that_can_be_decided() {
         assert!(step == Step::More || matches!(step, Step::Frame { at, .. } if at == 1 + header.len()));
         step == Step::More
     };
-    // Refused by the header alone: no such bus, a command, no such length, too long.
+    // Rejected by the header: unknown bus identifier, a command, an invalid length, too long.
     assert!(!waits(&[0xFA, 0x40, 0x36, 0x80], 0));
     assert!(!waits(&[0xFA, 0xFF, 0x30, 0x00], 0));
     assert!(!waits(&[0xFA, 0xFF, 0x31, 0x80], 0));
     assert!(!waits(&[0xFA, 0xFF, 0x36, 0x00], 0));
-    // Refused by a packet, once it is there: an acceleration has 12 bytes, and no packet runs past the end.
+    // Rejected by a packet once received: an acceleration has 12 bytes, and no packet exceeds the payload.
     assert!(!waits(&[0xFA, 0xFF, 0x36, 0x80, 0x40, 0x20, 0x0D], 8));
     assert!(!waits(&[0xFA, 0xFF, 0x36, 0x80, 0x40, 0x20, 0x7E], 0));
     assert!(!waits(&[0xFA, 0xFF, 0x36, 0x08, 0x10, 0x20, 0x02, 0x00, 0x00, 0x10, 0x20], 0));
-    // Nothing speaks against it but the checksum, which waits for all that is claimed.
+    // Only the checksum is wrong, which requires all claimed bytes.
     assert!(waits(&[0xFA, 0xFF, 0x36, 0x80, 0x40, 0x20, 0x0C], 0));
     assert!(waits(&[0xFA, 0xFF, 0x36, 0x0F, 0x40, 0x20, 0x0C], 7));
     assert!(!waits(&[0xFA, 0xFF, 0x36, 0x0F, 0x40, 0x20, 0x0C], 8));
 }
 
 // ---------------------------------------------------------------------------------------------
-// Second law: a false start costs one byte
+// Second law: after a false start the scan continues one byte further
 // ---------------------------------------------------------------------------------------------
 
 #[test]
-fn a_frame_that_breaks_off_costs_the_next_one_nothing() {
+fn truncated_frames_do_not_hide_the_next_frame() {
     for Printed { name, wire, .. } in printed() {
         for length in 1..wire.len() {
             let rest = [frame(0x42, &[4]), wire.clone(), frame(0x31, &[])];
@@ -287,23 +287,23 @@ fn a_frame_that_breaks_off_costs_the_next_one_nothing() {
 }
 
 #[test]
-fn a_length_that_lies_hides_nothing() {
+fn wrong_lengths_hide_no_frame() {
     let frames: Vec<_> = (0..40).map(|i| sample(&[(0x1020, &[0, i]), (0xE020, &[0, 0, 0, i])])).collect();
     let true_stream = frames.concat();
     for length in 0..=u8::MAX {
         let mut stream = true_stream.clone();
         stream[3] = length;
-        let expected = one_behind_the_other(&frames);
+        let expected = places(&frames);
         let expected = if stream == true_stream { &expected[..] } else { &expected[1..] };
         assert_eq!(Scan::whole(&stream, LIMIT).frames, expected, "{length}");
     }
 }
 
 // ---------------------------------------------------------------------------------------------
-// Third law: an intact frame is not lost to the damage beside it
+// Third law: an intact frame is not lost to adjacent damage
 // ---------------------------------------------------------------------------------------------
 
-/// What a device could send, one message of each kind: standard and extended, samples and answers.
+/// One device message of each kind: standard and extended, samples and replies.
 fn answers() -> Vec<Vec<u8>> {
     let long: Vec<u8> =
         (0..30).flat_map(|i| packet(0x1060, &[0, 0, 1, i])).chain(packet(0x2023, &[0x3F; 72])).collect();
@@ -319,9 +319,9 @@ fn answers() -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn one_flipped_bit_costs_one_frame() {
+fn one_flipped_bit_loses_one_frame() {
     let frames = answers();
-    let places = one_behind_the_other(&frames);
+    let places = places(&frames);
     let stream = frames.concat();
     for bit in 0..8 * stream.len() {
         let mut stream = stream.clone();
@@ -335,9 +335,9 @@ fn one_flipped_bit_costs_one_frame() {
 }
 
 #[test]
-fn one_lost_byte_and_one_too_many_cost_one_frame() {
+fn one_missing_or_extra_byte_loses_one_frame() {
     let frames = answers();
-    let places = one_behind_the_other(&frames);
+    let places = places(&frames);
     let stream = frames.concat();
     let texts = |bytes: &[u8]| -> Vec<Vec<u8>> {
         Scan::whole(bytes, LIMIT).frames.iter().map(|&(at, length)| bytes[at..at + length].to_vec()).collect()
@@ -357,7 +357,7 @@ fn one_lost_byte_and_one_too_many_cost_one_frame() {
 }
 
 #[test]
-fn what_nobody_has_heard_of_is_believed_between_frames() {
+fn unknown_messages_are_accepted_between_frames() {
     let good = frame(0x31, &[]);
     let odd = [
         ("a message without a row", frame(0x08, &[1, 2, 3])),
@@ -372,11 +372,11 @@ fn what_nobody_has_heard_of_is_believed_between_frames() {
     ];
     for (what, odd) in odd {
         let frames = [good.clone(), odd.clone(), odd.clone(), good.clone()];
-        let sound = Scan { frames: one_behind_the_other(&frames), ..Scan::default() };
+        let sound = Scan { frames: places(&frames), ..Scan::default() };
         assert_eq!(Scan::whole(&frames.concat(), LIMIT), sound, "{what}");
-        // Alone, too: the input begins and ends with it.
+        // Also alone, because the input begins and ends with the frame.
         assert_eq!(Scan::whole(&odd, LIMIT).frames, [(0, odd.len())], "{what}");
-        // Damage before or behind it, and nothing speaks for it.
+        // Rejected with damage before or after the frame.
         let behind = Scan::whole(&[&good[..], &[0], &odd, &good].concat(), LIMIT);
         assert_eq!(behind.frames, [(0, 5), (6 + odd.len(), 5)], "{what}");
         assert_eq!(behind.damage[0].reason, Reason::NoPreamble, "{what}");
@@ -388,8 +388,8 @@ fn what_nobody_has_heard_of_is_believed_between_frames() {
 }
 
 #[test]
-fn what_a_device_sends_is_believed_anywhere() {
-    let believed = [
+fn device_messages_are_accepted_anywhere() {
+    let plausible = [
         frame(0x31, &[]),
         frame_of(1, 0x31, &[]),
         frame_of(31, 0x31, &[]),
@@ -404,7 +404,7 @@ fn what_a_device_sends_is_believed_anywhere() {
         extended(MASTER, table::MTDATA2, &packet(0x1020, &[0, 1])),
         frame(0x91, &[0x55; 1320]),
     ];
-    for wire in believed {
+    for wire in plausible {
         let noise = [0; 3];
         let stream = [&noise[..], &wire, &noise].concat();
         let scan = Scan::whole(&stream, LIMIT);
@@ -419,7 +419,7 @@ fn what_a_device_sends_is_believed_anywhere() {
 // ---------------------------------------------------------------------------------------------
 
 #[test]
-fn damage_says_what_was_wrong_where_it_begins() {
+fn damage_has_the_reason_at_its_first_byte() {
     use Reason::{Checksum, Implausible, NoPreamble, TooLong, Truncated};
     let good = frame(0x31, &[]);
     let rows: [(&[u8], Reason, u64); 9] = [
@@ -445,7 +445,7 @@ fn damage_says_what_was_wrong_where_it_begins() {
 }
 
 #[test]
-fn the_end_of_the_input_cuts_a_frame() {
+fn frames_cut_by_the_end_of_input_are_damage() {
     let wire = sample(&[(0x1020, &[0, 7]), (0x4020, &[0x41; 12])]);
     for length in 1..wire.len() {
         let scan = Scan::whole(&[&wire[..], &wire[..length]].concat(), LIMIT);
@@ -456,7 +456,7 @@ fn the_end_of_the_input_cuts_a_frame() {
 }
 
 #[test]
-fn no_input_is_an_input() {
+fn empty_input_is_valid() {
     assert_eq!(Scan::whole(&[], LIMIT), Scan::default());
     assert_eq!(Scan::plainly(&[], LIMIT), Scan::default());
     assert_eq!(Reason::ALL.map(Reason::name).len(), Reason::ALL.len());
@@ -467,7 +467,7 @@ fn no_input_is_an_input() {
 // ---------------------------------------------------------------------------------------------
 
 #[test]
-fn the_extended_form_may_carry_any_length() {
+fn extended_frames_accept_any_length() {
     for length in [0, 1, 3, 253, 254, 255, 256, 511, 512, 2048, 8185, 65534, 65535] {
         let payload = vec![0x55; length];
         for wire in [frame(0x08, &payload), extended(MASTER, 0x08, &payload)] {
@@ -476,14 +476,14 @@ fn the_extended_form_may_carry_any_length() {
             assert_eq!(Frame::of(&wire).payload, payload, "{length}");
         }
     }
-    // The writer has no choice: one byte of length as long as it will do.
+    // The encoder uses one byte of length whenever possible.
     assert_eq!(frame(0x08, &[0; 254])[..4], [0xFA, 0xFF, 0x08, 0xFE]);
     assert_eq!(frame(0x08, &[0; 255])[..6], [0xFA, 0xFF, 0x08, 0xFF, 0x00, 0xFF]);
     assert_eq!(extended(MASTER, 0x08, &[0; 255]), frame(0x08, &[0; 255]));
 }
 
 #[test]
-fn the_limit_is_the_longest_payload() {
+fn the_limit_is_inclusive() {
     for limit in [0, 1, 253, 254, 255, 300, 65534] {
         let (fits, too_long) = (frame(0x08, &vec![0; limit]), frame(0x08, &vec![0; limit + 1]));
         assert_eq!(Scan::whole(&fits, limit).frames, [(0, fits.len())], "{limit}");
@@ -494,20 +494,20 @@ fn the_limit_is_the_longest_payload() {
 }
 
 #[test]
-fn a_payload_beyond_16_bits_is_refused() {
+fn payloads_beyond_16_bits_are_rejected() {
     let error = Frame { bid: MASTER, mid: 0x08, payload: &vec![0; 65536] }.encode().unwrap_err();
     assert_eq!(error.to_string(), "a payload of 65536 bytes does not fit into a frame; its length has 16 bits");
 }
 
 // ---------------------------------------------------------------------------------------------
-// Attacks: an input that means no good costs no more than another
+// Attacks: hostile input takes no more time than other input
 // ---------------------------------------------------------------------------------------------
 
-/// Long enough for anything quadratic to run for minutes.
+/// Long enough for a quadratic algorithm to run for minutes.
 const MUCH: usize = 1 << 20;
 
 #[test]
-fn hostile_input_ends_in_time() {
+fn hostile_input_is_scanned_in_linear_time() {
     let claims = |length: u16| {
         let [high, low] = length.to_be_bytes();
         [0xFA, 0xFF, 0x36, 0xFF, high, low]
@@ -534,15 +534,15 @@ fn hostile_input_ends_in_time() {
 }
 
 #[test]
-fn a_true_message_behind_hostile_input_is_found_again() {
-    // The packets of extended candidates are walked on credit, which such input uses up. A while later all is well.
+fn messages_after_hostile_input_are_found() {
+    // Checking the packets of extended candidates uses a budget, which such input exhausts. Later bytes restore it.
     let attack = [0xFA, 0xFF, 0x36, 0xFF, 0xFF, 0xFF, 0xF0, 0x00, 0x00].repeat(10_000);
     let packets = packet(0x2010, &[0x3F; 16]).repeat(1000);
     let long = extended(MASTER, table::MTDATA2, &packets);
     let stream = [&attack[..], &vec![0; 1 << 16], &long].concat();
     let scan = Scan::whole(&stream, LIMIT);
     assert_eq!(scan.frames, [(stream.len() - long.len(), long.len())]);
-    // In step it needs no credit but for its own packets.
+    // In step only the frame's own packets use the budget.
     let short = frame(0x31, &[]);
     let stream = [&attack[..], &short, &extended(MASTER, table::MTDATA2, &packets[..19])].concat();
     assert_eq!(Scan::whole(&stream, LIMIT).frames.len(), 2);

@@ -101,7 +101,7 @@ class Caster:
         self._connection: _Connection | None = None
         self._was_accepted = False
         self._pause = FIRST_PAUSE
-        self._again_at = self._heard_at = 0.0
+        self._retry_at = self._received_at = 0.0
         self._closed = threading.Event()
 
     def read(self, timeout: float = 0.0) -> bytes:
@@ -147,7 +147,7 @@ class Caster:
         try:
             raw, reason = connection.queue.get(timeout=max(until - time.monotonic(), 0))
         except Empty:
-            if time.monotonic() - self._heard_at > NO_CORRECTION_TIMEOUT:
+            if time.monotonic() - self._received_at > NO_CORRECTION_TIMEOUT:
                 self._ended(connection, TIMED_OUT)
             return b""
         if isinstance(raw, list):
@@ -160,21 +160,21 @@ class Caster:
             self.state, self.problem = "streaming", None
             self._pause = FIRST_PAUSE
             self._was_accepted = True
-            self._heard_at = time.monotonic()
+            self._received_at = time.monotonic()
             connection.has_streamed = True
             return bytes(raw)
         return b""
 
     def _connect(self, until: float) -> _Connection | None:
         """Opens a connection if the next attempt is due; otherwise waits for it, up to ``until``."""
-        wait = self._again_at - time.monotonic()
+        wait = self._retry_at - time.monotonic()
         if wait <= 0 and self._request["ggainterval"] != -1 and self._position() is None:
             self.state, wait = "no position", POSITION_INTERVAL
         if wait > 0:
             self._closed.wait(max(min(wait, until - time.monotonic()), 0))
             return None
         self.state = "connecting"
-        self._heard_at = time.monotonic()
+        self._received_at = time.monotonic()
         self._connection = _Connection(self._request, self._position)
         return self._connection
 
@@ -189,7 +189,7 @@ class Caster:
             raise CasterError(self.problem)
         self._was_accepted = True
         self.state = "lost"
-        self._again_at = time.monotonic() + self._pause
+        self._retry_at = time.monotonic() + self._pause
         self._pause = min(2 * self._pause, MAX_PAUSE)
 
     def _why(self, connection: _Connection, reason: str | None) -> str:
@@ -248,7 +248,7 @@ class _Connection:
 
     def __init__(self, request: dict[str, Any], position: Callable[[], Position | None]) -> None:
         pygnssutils = require("pygnssutils", "rtk", "to get corrections from a caster")
-        #: A frame or GGA with its parsed form; or nothing, with the reason for the end or None.
+        #: A frame or GGA with its parsed form; or empty, with the reason for the end or None.
         self.queue: Queue[tuple[Any, Any]] = Queue(QUEUE_SIZE)
         self.mountpoints: list[str] = []
         self.has_streamed = False
@@ -338,7 +338,7 @@ def _client_class(pygnssutils: Any) -> Any:
 
         def _close_connection(self, sock: Any) -> None:
             super()._close_connection(sock)
-            # The client leaves a socket open whose other end is gone, because its shutdown fails.
+            # The client leaves a socket open after the caster has closed it, because its shutdown fails.
             if sock is not None:
                 sock.close()
 
