@@ -245,7 +245,7 @@ def hardware_rates() -> list[nodes.Node]:
     return [
         table(
             header,
-            ((code(it[0]), describe_products(who), *it[1:]) for it, who in differing.items()),
+            ((code(row[0]), describe_products(who), *row[1:]) for row, who in differing.items()),
         )
     ]
 
@@ -278,7 +278,7 @@ def _bits(
         (
             code(f"{entry.value:04X}"),
             code(entry.name or ""),
-            who(lambda its, item=entry: item in of(its)),
+            who(lambda support, item=entry: item in of(support)),
         )
         for entry in kind
     )
@@ -286,11 +286,11 @@ def _bits(
 
 
 def option_flags() -> list[nodes.Node]:
-    return _bits(OptionFlag, "flag", lambda its: its.option_flags)
+    return _bits(OptionFlag, "flag", lambda support: support.option_flags)
 
 
 def strings() -> list[nodes.Node]:
-    return _bits(StringType, "string", lambda its: its.string_types)
+    return _bits(StringType, "string", lambda support: support.string_types)
 
 
 def string_fields() -> list[nodes.Node]:
@@ -316,7 +316,10 @@ def filter_profiles() -> list[nodes.Node]:
 
 def baudrates() -> list[nodes.Node]:
     every = sorted(set(BAUD_CODES.values()))
-    rows = ((f"{entry:,}", who(lambda its, item=entry: item in its.baudrates)) for entry in every)
+    rows = (
+        (f"{entry:,}", who(lambda support, item=entry: item in support.baudrates))
+        for entry in every
+    )
     return [table(("bits per second", "products"), rows)]
 
 

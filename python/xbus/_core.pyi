@@ -569,7 +569,7 @@ class Column:
 
 @final
 class Acquisition:
-    """Receives a stream of bytes in a thread of its own, without the GIL; counts, queues and records it.
+    """Receives a stream of bytes in its own thread, without the GIL; counts, queues and records it.
 
     The thread reads a duplicate of a descriptor. The original stays as it is, and can be used for writing and
     for settings, but must not be read. The port is free again once the stream has ended: after `close`, or

@@ -153,7 +153,7 @@ class Commands:
     def set_string_output_type(self, types: int, frequency: int | None = None) -> None:
         """SetStringOutputType (0x8E): strings that replace MTData2. No types switches back to MTData2.
 
-        The new setting is read back: it tells the scanner whether to look for EM1000, the string that only
+        The new setting is read back: it sets whether the scanner looks for EM1000, the string that only
         its length distinguishes from noise, and recordings need the same information.
 
         Args:

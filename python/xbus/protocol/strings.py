@@ -88,7 +88,7 @@ def _number(spec: str, *, blank: bool = False) -> Form:
     """A number in a format of Python's; ``blank``: a blank stands where a minus would."""
 
     def read(parts: Sequence[str]) -> float | None:
-        # A blank in the place of the sign, as in PTCF; and blanks alone, where there is nothing to tell.
+        # A blank in place of the sign, as in PTCF; blanks alone if the value is not available.
         return _float(text) if (text := parts[0].strip()) else None
 
     def write(value: float | None) -> list[str]:

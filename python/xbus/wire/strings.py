@@ -197,7 +197,7 @@ def _type(data: bytes) -> StringType | None:
                 f"byte {at} is 0x{byte:02X}, and strings are of printable characters, with one $ in front",
                 at,
             )
-    kind = next((it for it, start in STARTS.items() if text.startswith(start)), None)
+    kind = next((kind for kind, start in STARTS.items() if text.startswith(start)), None)
     body, star, checksum = text[1:].rpartition(b"*")
     if kind is StringType.TSS2:
         if len(text) != 25:
