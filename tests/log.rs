@@ -229,7 +229,8 @@ fn columns_use_the_widest_precision() {
     for (name, packets, numbers, mixed) in rows {
         // Rare, so that each is decoded separately, and frequent, so that each layout is learned.
         for times in [1, 3, 100] {
-            let stream: Vec<u8> = packets.iter().flat_map(|it| frame(table::MTDATA2, it).repeat(times)).collect();
+            let stream: Vec<u8> =
+                packets.iter().flat_map(|packet| frame(table::MTDATA2, packet).repeat(times)).collect();
             let log = read(&stream);
             let column = log.column(name);
             assert_eq!((column.numbers, column.mixed_precisions), (numbers, mixed), "{name}, {times}");
@@ -427,7 +428,7 @@ fn ticks(log: &Log) -> Vec<i64> {
 
 /// Asserts the unwrapped times of a device that sends these fine times.
 fn unwrap(what: &str, id: Option<u32>, sent: &[i64], expected: &[i64]) {
-    let samples = sent.iter().map(|it| fine(*it));
+    let samples = sent.iter().map(|ticks| fine(*ticks));
     let stream: Vec<u8> = id.map(device).into_iter().chain(samples).flatten().collect();
     assert_eq!(ticks(&read(&stream)), expected, "{what}");
 }

@@ -44,7 +44,7 @@ fn printed() -> Vec<Printed> {
 
 /// Bytes as printed; `-` means no bytes.
 fn hex(text: &str) -> Vec<u8> {
-    text.split(' ').filter(|it| *it != "-").map(|it| u8::from_str_radix(it, 16).expect(text)).collect()
+    text.split(' ').filter(|byte| *byte != "-").map(|byte| u8::from_str_radix(byte, 16).expect(text)).collect()
 }
 
 #[test]
