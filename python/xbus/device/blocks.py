@@ -85,7 +85,8 @@ class Blocks:
         while available and strings[0].offset < until:
             taken.append(strings.popleft())
             available -= 1
-        taken.sort(key=lambda item: item.offset)
+        if len(taken) > count:
+            taken.sort(key=lambda item: item.offset)
         ends = self._feed([item.frame if isinstance(item, Sample) else item.data for item in taken])
         epoch = channel.link.epoch
         seconds = np.array([item.arrival or 0.0 for item in taken])

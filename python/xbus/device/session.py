@@ -7,7 +7,7 @@ from typing import Any
 from xbus import _core
 from xbus.device.checks import check
 from xbus.device.events import Notice, Refusal, Reply, SessionEvent
-from xbus.device.sample import Sample
+from xbus.device.sample import MTDATA2, Sample
 from xbus.errors import DecodeError, DeviceError, StateError
 from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import LAYOUTS, decode, encode
@@ -196,7 +196,7 @@ class Session:
         return self.bid == 0xFF or bid in (self.bid, 0xFF)
 
     def _event(self, offset: int, bid: int, mid: int, payload: bytes) -> SessionEvent:
-        if mid == MessageId.MTData2:
+        if mid == MTDATA2:
             if self.state in (State.UNKNOWN, State.WAKEUP):
                 self.state = State.MEASUREMENT
             sample = Sample(payload, bid, offset)
