@@ -34,7 +34,7 @@ COLORS = {"brown": "yellow", "brightbrown": "bright_yellow"}
 
 
 def color(name: str) -> str | None:
-    """The color of pyte as rich spells it; None for the default."""
+    """Returns the color of pyte as rich spells it; None for the default."""
     if name == "default":
         return None
     if re.fullmatch("[0-9a-f]{6}", name):
@@ -50,7 +50,7 @@ def style_of(char: pyte.screens.Char) -> Style:
 def terminal(
     command: list[str], folder: Path, *, columns: int, lines: int, seconds: float
 ) -> pyte.Screen:
-    """The screen of a terminal after a command has run in it for some seconds, or to its end."""
+    """Returns the screen of a terminal after a command has run in it for some seconds, or to its end."""
     screen = pyte.Screen(columns, lines)
     stream = pyte.ByteStream(screen)
     ours, theirs = pty.openpty()
@@ -79,7 +79,7 @@ def terminal(
 
 
 def svg(screen: pyte.Screen, title: str) -> str:
-    """The screen as an SVG picture of a terminal window."""
+    """Returns the screen as an SVG picture of a terminal window."""
     rows = []
     for number in range(screen.lines):
         row = Text()

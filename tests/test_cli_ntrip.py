@@ -288,7 +288,7 @@ def test_no_port(local: LocalCaster) -> None:
 def test_a_caster_that_is_none() -> None:
     result = run("ntrip", "sim:MTi-680G", "--caster", "ftp://a", "--mountpoint", "BASE")
     assert result.exit_code == 2
-    assert "is no caster" in result.stderr
+    assert "is not the address of a caster" in result.stderr
 
 
 def test_without_the_extra(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:

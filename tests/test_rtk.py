@@ -492,7 +492,7 @@ def test_casters_that_send_no_corrections(local: LocalCaster) -> None:
         "reset": (
             "CASTER hangs up without an answer; check the port, and whether the address needs https://"
         ),
-        "garbage": "what answers at CASTER is no NTRIP caster",
+        "garbage": "the server at CASTER is not an NTRIP caster",
     }
 
 
@@ -674,7 +674,7 @@ def test_the_source_table(local: LocalCaster, style: int) -> None:
 
 @pytest.mark.parametrize(
     ("style", "message"),
-    [("silent", "hangs up"), ("reset", "hangs up"), ("garbage", "is no NTRIP caster")],
+    [("silent", "hangs up"), ("reset", "hangs up"), ("garbage", "is not an NTRIP caster")],
 )
 def test_a_missing_source_table_is_an_error(local: LocalCaster, style: str, message: str) -> None:
     local.style = style
@@ -691,7 +691,7 @@ def test_a_web_server_has_no_source_table() -> None:
         thread = threading.Thread(target=server.serve_forever, args=(0.01,))
         thread.start()
         try:
-            with pytest.raises(CasterError, match="is no NTRIP caster"):
+            with pytest.raises(CasterError, match="is not an NTRIP caster"):
                 read_source_table(f"127.0.0.1:{server.server_address[1]}")
         finally:
             server.shutdown()
@@ -726,7 +726,7 @@ def test_a_mountpoint_has_no_spaces() -> None:
     "url", ["", "http://", "ftp://host", "host:port", "host/BASE", "host:99999"]
 )
 def test_invalid_addresses_are_rejected(url: str) -> None:
-    with pytest.raises(ValueError, match="is no caster"):
+    with pytest.raises(ValueError, match="is not the address of a caster"):
         Caster(url, "BASE")
 
 

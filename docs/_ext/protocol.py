@@ -76,7 +76,7 @@ def row(cells: tuple[Cell, ...]) -> nodes.row:
 
 
 def names(quantity: Quantity) -> nodes.Node:
-    """The name in xbus, and that of the manual below it."""
+    """Returns the name in xbus, and that of the manual below it."""
     return nodes.inline("", "", code(quantity.name), nodes.Text(f" {quantity.manual}"))
 
 
@@ -205,12 +205,12 @@ def products() -> list[nodes.Node]:
 
 
 def who(has: Callable[[Support], bool]) -> str:
-    """The products of which something is true."""
+    """Returns the products of which something is true."""
     return describe_products([product for product in PRODUCTS if has(support(product))])
 
 
 def rate(supported: Support, quantity: str) -> str:
-    """The highest rate of a quantity, ``only`` where it is the only one."""
+    """Returns the highest rate of a quantity, ``only`` where it is the only one."""
     highest = supported.rates.get(quantity, 0)
     if highest == EVERY:
         return "each"
@@ -273,7 +273,7 @@ def _bits(
     word: str,
     of: Callable[[Support], Container[OptionFlag | StringType]],
 ) -> list[nodes.Node]:
-    """The bits of a kind, and the products that have each."""
+    """Returns the bits of a kind, and the products that have each."""
     rows = (
         (
             code(f"{entry.value:04X}"),
@@ -370,7 +370,7 @@ def request_of(method: str) -> MessageRow | None:
 
 
 def sections() -> dict[str, list[str]]:
-    """The methods for commands by the section of the manual, which comments in the source name."""
+    """Returns the methods for commands by the section of the manual, which comments in the source name."""
     found: dict[str, list[str]] = {"5.3.1": []}
     marks = re.compile(r"^    (?:# (5\.3\.\d)|def ([a-z]\w+))", re.MULTILINE)
     methods = found["5.3.1"]
@@ -403,7 +403,7 @@ def owner_of(method: str) -> type[Device | Commands]:
 
 
 def what_it_does(method: str) -> str:
-    """The first paragraphs of a docstring as one, without the message that they begin with."""
+    """Returns the first paragraphs of a docstring as one, without the message that they begin with."""
     text = inspect.getdoc(getattr(owner_of(method), method)) or ""
     text = re.split(r"\n(?:Args|Returns|Raises):", text)[0]
     text = re.sub(r"^\w+ \(0x[0-9A-F]{2}(?:, ([^)]*))?\)[:;.]?\s*", r"\1: ", text)
@@ -412,7 +412,7 @@ def what_it_does(method: str) -> str:
 
 
 def variants(row: MessageRow) -> list[MessageRow]:
-    """The message, and what some products have in its place under the same MID."""
+    """Returns the message, and what some products have in its place under the same MID."""
     return [
         request for request in REQUESTS.values() if request.name in (row.name, f"{row.name}Modern")
     ]

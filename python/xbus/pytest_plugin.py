@@ -28,8 +28,8 @@ class ServedDevice:
 
     Attributes:
         port: What a program opens: the path of a pseudo-terminal, or ``socket://HOST:PORT``.
-        device: The virtual device. Its time is real time; what hands do, such as `unplug`, and its
-            `faults` may be changed at any time.
+        device: The virtual device. Its time is real time. Physical actions, such as `unplug`, and changes of
+            `faults` are possible at any time.
     """
 
     port: str

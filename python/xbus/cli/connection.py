@@ -86,7 +86,7 @@ def port_lost(port: str, error: OSError) -> Failure:
 
 
 def _cause(error: OSError) -> tuple[int, str]:
-    """Returns number and text of a system error, also if pyserial has wrapped it."""
+    """Returns number and text of a system error, even if pyserial has wrapped it."""
     match (error.__context__ or error).args:
         case (int(number), str(text), *_):
             return number, text

@@ -27,7 +27,7 @@ __all__ = ["Exchange", "show_exchange"]
 
 @contextlib.contextmanager
 def show_exchange(device: Device, *, as_json: bool) -> Iterator[Exchange]:
-    """Shows the messages on the link of a device, also if an exception ends the exchange."""
+    """Shows the messages on the link of a device, even if an exception ends the exchange."""
     link = device.link
     exchange = Exchange(device, as_json=as_json)
     device.link = exchange

@@ -317,6 +317,6 @@ class LogSummary:
 
 
 def _settings(configuration: Configuration) -> dict[str, Any]:
-    """The fields of a Configuration that do not identify the device."""
+    """Returns the fields of a Configuration that do not identify the device."""
     identifying = ("device_id", "product_code", "firmware")
     return {name: v for name, v in asdict(configuration).items() if name not in identifying}

@@ -102,7 +102,7 @@ def message_dict(message: Message) -> dict[str, Any]:
 
 def _payload(message: Message) -> str:
     name, payload = message.name, message.payload
-    # Nothing is what an acknowledgement may carry, also where a value has the same row.
+    # An acknowledgement may be empty even if its row describes a value.
     if name not in LAYOUTS or not payload:
         return ""
     try:
@@ -190,7 +190,7 @@ def printable(data: bytes) -> str:
 
 
 def describe_packet(packet: _core.Packet) -> str:
-    """A packet in words: name, values and unit; format and coordinates where they are not the default."""
+    """Returns name, values and unit of a packet, with format and coordinates if they are not the default."""
     if packet.name is None:
         return f"0x{packet.data_id:04X} unknown, {len(packet.numbers)} bytes"
     return _writer(packet.name, packet.precision, packet.coordinates)(packet.numbers)

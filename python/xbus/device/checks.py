@@ -96,7 +96,7 @@ def _member_of(kind: type[IntEnum]) -> Callable[[int], None]:
     def check_number(number: int) -> None:
         if number not in list(kind):
             members = ", ".join(f"{member.name} {member:d}" for member in kind)
-            raise ValueError(f"{number} is none of {members}")
+            raise ValueError(f"{number} is not one of {members}")
 
     return check_number
 

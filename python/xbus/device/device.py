@@ -347,7 +347,7 @@ class Device:
             output_configuration: Rates in Hz by quantity, such as
                 ``{"acceleration": 400, ("quaternion", "NED", "Fp1632"): 100}``, with None for the highest
                 rate or, for time stamps and status, every message; or a list of `Output`.
-            check_baudrate: Whether the baud rate must carry the outputs; False if the port is no serial line.
+            check_baudrate: Whether the baud rate must carry the outputs; False for a port without a rate.
 
         Returns:
             The outputs in effect, as the device acknowledges them; also in `output_configuration`.
@@ -369,7 +369,7 @@ class Device:
         return self.output_configuration
 
     def _enabled_strings(self) -> StringType:
-        """The strings that the device sends; firmware that does not know the request sends none."""
+        """Returns the strings that the device sends; firmware that does not know the request sends none."""
         try:
             return self.commands.req_string_output_type().types
         except DeviceError as error:
@@ -394,7 +394,7 @@ class Device:
             strings: Names or `StringType` flags: ``["HEHDT", "GPGGA"]``.
             frequency: Rate in Hz. None: strings come only on request, by `commands.req_data`, which the
                 600-series does not support.
-            check_baudrate: Whether the baud rate must carry the strings; False if the port is no serial line.
+            check_baudrate: Whether the baud rate must carry the strings; False for a port without a rate.
 
         Returns:
             The rate in Hz; None if strings come on request, or never.
@@ -661,7 +661,7 @@ class Device:
         with self.configure():
             self.link.acquisition.record(
                 path,
-                recording_head(self),
+                recording_head(self._channel),
                 flush,
                 fsync,
                 rotate_bytes,

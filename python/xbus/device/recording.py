@@ -5,16 +5,14 @@ from __future__ import annotations
 import contextlib
 import time
 from types import TracebackType
-from typing import TYPE_CHECKING
 
 from xbus import _core
+from xbus.device.channel import Channel
+from xbus.device.commands import Commands
 from xbus.device.string_output import UNFRAMED_STRINGS
 from xbus.errors import DeviceError, StateError, XbusTimeout
 from xbus.protocol.ids import MessageId
 from xbus.wire.codec import encode_frame
-
-if TYPE_CHECKING:
-    from xbus.device.device import Device
 
 __all__ = ["Recording", "recording_head"]
 
@@ -22,22 +20,21 @@ __all__ = ["Recording", "recording_head"]
 _DATE_AND_TIME = slice(16, 32)
 
 
-def recording_head(device: Device) -> bytes:
+def recording_head(channel: Channel) -> bytes:
     """Returns the frames that start a file, read from a device in Config State.
 
     Args:
-        device: The device. Configuration is required; not every device has the other messages, and files are
-            readable without.
+        channel: The channel. Configuration is required; not every device has the other messages, and a file is
+            readable without them.
     """
-    head = _configuration_frame(device.command("ReqConfiguration").payload)
+    head = _configuration_frame(channel.command("ReqConfiguration", None).payload)
     with contextlib.suppress(DeviceError, StateError, XbusTimeout):
-        strings = device.command("ReqStringOutputType")
-        if (
-            strings.value.types & UNFRAMED_STRINGS
-        ):  # with this message, a reader of the file finds them
+        strings = channel.command("ReqStringOutputType", None)
+        # A reader of the file parses these strings only if this message enables them.
+        if strings.value.types & UNFRAMED_STRINGS:
             head += encode_frame(MessageId.ReqStringOutputTypeAck, strings.payload)
     with contextlib.suppress(DeviceError, StateError, XbusTimeout):
-        head += encode_frame(MessageId.EmtsData, device.commands.req_emts())
+        head += encode_frame(MessageId.EmtsData, Commands(channel).req_emts())
     return head
 
 

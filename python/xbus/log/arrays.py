@@ -19,7 +19,7 @@ def read_only(array: npt.NDArray[S]) -> npt.NDArray[S]:
 
 
 def identical(one: npt.NDArray[Any], other: npt.NDArray[Any]) -> bool:
-    """Whether two arrays have the same type, shape and bits: NaN equals NaN, and 0.0 is not -0.0."""
+    """Returns whether two arrays have the same type, shape and bits: NaN equals NaN, and 0.0 is not -0.0."""
     if one is other:
         return True
     if one.dtype != other.dtype or one.shape != other.shape:

@@ -52,7 +52,7 @@ class Column:
     """
 
     def __init__(self, core: _core.Column, host_times: HostTimes) -> None:
-        assert core.name is not None  # noqa: S101 - unknown identifiers are no columns
+        assert core.name is not None  # noqa: S101 - unknown identifiers have no column
         self._core = core
         # The part and not the Log: a reference to the Log would be a cycle, and keep parts of a long log in
         # memory.
@@ -71,7 +71,7 @@ class Column:
         return len(self._core)
 
     def __getitem__(self, index: Any) -> Any:
-        """Rows by index, slice or mask, as of `values`; one component by its name.
+        """Returns rows of `values` by index, slice or mask, or one component by its name.
 
         Raises:
             IndexError: The index is out of range.
@@ -155,7 +155,7 @@ class Column:
         """The fields of a struct in SI units and degrees, as a structured array ``(N,)``.
 
         Fields with a scale are float64, with NaN for the value that means "not provided"; counts, dates and
-        bits stay integers. For a quantity that is no struct, `scaled` is `values`.
+        bits stay integers. For a quantity that is not a struct, `scaled` is `values`.
         """
         return _scaled(self.values, self._row.fields) if self._row.fields else self.values
 
@@ -232,7 +232,7 @@ class Column:
     # Tables
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """The table of `to_arrow`, for libraries that speak the Arrow C interface."""
+        """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
         stream = _core.ArrowStream.rows(self._core, self._host_times.known)
         return stream.__arrow_c_stream__(requested_schema)
 

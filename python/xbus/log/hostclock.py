@@ -152,6 +152,6 @@ class HostClock:
             return "<HostClock without a sample>"
         steps = f", {self.fits - 1} steps" if self.fits > 1 else ""
         return (
-            f"<HostClock drift {self.drift:.2f} ppm, arrivals {self.residual * 1e3:.1f} ms late in the mean"
+            f"<HostClock drift {self.drift:.2f} ppm, arrivals {self.residual * 1e3:.1f} ms late on average"
             f"{steps}>"
         )

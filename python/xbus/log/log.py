@@ -272,7 +272,7 @@ class Log(ByQuantity[Column]):
         return list(dict.fromkeys(map(self.resolve, keys)))
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
-        """The table of `to_arrow`, for libraries that speak the Arrow C interface."""
+        """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
         return self._stream().__arrow_c_stream__(requested_schema)
 
     def to_arrow(self, keys: Key | Iterable[Key] | None = None) -> pa.Table:

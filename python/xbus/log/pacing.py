@@ -69,7 +69,7 @@ class ReplayPace:
     def _unstamped_times(
         self, index: npt.NDArray[np.float64], stamps: npt.NDArray[np.float64]
     ) -> npt.NDArray[np.float64]:
-        """Samples before a second stamp is known have no pace yet."""
+        """Returns the times of samples before the second stamp, which have no pace yet."""
         times = (self._unstamped + index) / UNSTAMPED_RATE
         self._unstamped += len(index)
         self._time = float(times[-1])

@@ -68,7 +68,9 @@ def resolve_key(key: Key) -> QuantityKey:
             formats.append(precision)
         if system:
             if not isinstance(system, Coordinates):
-                raise ValueError(f"0x{subject:04X} has format bits that are no coordinate system")
+                raise ValueError(
+                    f"0x{subject:04X} has format bits that are not a coordinate system"
+                )
             formats.append(system)
     else:
         raise TypeError(
@@ -238,13 +240,13 @@ class ByQuantity(Mapping[EntryKey, V], Generic[V]):
     # Views of the dict and not of the mapping: the length of a subclass may be that of something else.
 
     def keys(self) -> KeysView[EntryKey]:
-        """The key of each entry."""
+        """Returns the key of each entry."""
         return self._values.keys()
 
     def values(self) -> ValuesView[V]:
-        """The value of each entry."""
+        """Returns the value of each entry."""
         return self._values.values()
 
     def items(self) -> ItemsView[EntryKey, V]:
-        """The key and value of each entry."""
+        """Returns the key and value of each entry."""
         return self._values.items()

@@ -52,7 +52,7 @@ class Layout:
     several: bool = False
 
     def read(self, words: list[str]) -> Any:
-        """The value that words describe: ``name=value`` each, or ``name=value,name=value`` for an entry.
+        """Returns the value of words: ``name=value`` each, or ``name=value,name=value`` for a list entry.
 
         The name of an only field may be left out.
 
@@ -73,7 +73,7 @@ class Layout:
                 names = ", ".join(self.fields) or "none"
                 raise ValueError(f"no field is called {name!r}; there are: {names}")
             if name in given:
-                raise ValueError(f"{name} is there twice")
+                raise ValueError(f"{name} is given twice")
             try:
                 given[name] = self.fields[name](value)
             except ValueError as error:
@@ -90,7 +90,7 @@ class Layout:
 
 def _no_value(value: None) -> bytes:
     if value is not None:
-        raise ValueError(f"this message carries nothing, not {value!r}")
+        raise ValueError(f"this message has no payload, so its value must be None, not {value!r}")
     return b""
 
 
@@ -102,7 +102,7 @@ def _no_bytes(payload: bytes) -> None:
 def _raw(value: bytes) -> bytes:
     # bytes(5) would be five zeros.
     if not isinstance(value, (bytes, bytearray, memoryview)):
-        raise ValueError(f"data cannot be {value!r}: it must be bytes")  # noqa: TRY004 - as all of them
+        raise ValueError(f"data cannot be {value!r}: it must be bytes")  # noqa: TRY004 - every misfit is a ValueError
     return bytes(value)
 
 
@@ -115,7 +115,7 @@ RAW = Layout(_raw, bytes, {"data": bytes.fromhex}, lambda data: data)
 _CODES = {
     "u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i1": "b", "i2": "h", "i4": "i", "f4": "f", "f8": "d",
 }  # fmt: skip
-#: The types of values that the wire's types have, if the value's class names no other.
+#: The Python type of each type on the wire, unless the class of the value names another.
 _TYPES: dict[str, type] = {"text": str, "bytes": bytes, "f4": float, "f8": float}
 
 
@@ -140,7 +140,7 @@ class FieldLayout:
         self.size = 0 if field.rest else self._wire.size
 
     def encode(self, value: Any) -> bytes:
-        """The bytes of a value; raises ValueError, with the name, for a value that they cannot hold."""
+        """Returns the bytes of a value. Raises ValueError, with the name of the field, if it does not fit."""
         try:
             if not self._is_text:
                 return self._wire.pack(*(value if self.field.repeat > 1 else (value,)))
@@ -154,7 +154,7 @@ class FieldLayout:
         raise ValueError(f"{self.name} cannot be {value!r}: it must be {self._range()}")
 
     def decode(self, data: bytes) -> Any:
-        """The value of as many bytes as the field has."""
+        """Returns the value of as many bytes as the field has."""
         if self._is_text:
             return data.decode("ascii", "replace").rstrip(" \0") if self.kind is str else data
         numbers = tuple(map(self._value, self._wire.unpack(data)))
@@ -164,12 +164,12 @@ class FieldLayout:
         return known(self.kind, number) if issubclass(self.kind, IntEnum) else self.kind(number)
 
     def read(self, word: str) -> Any:
-        """The value that a word gives: a number, a name, names joined with ``|``, or several numbers."""
+        """Returns the value of a word: a number, a name, names joined with ``|``, or several numbers."""
         if self.field.repeat > 1 and not self._is_text:
             numbers = tuple(map(self._read, word.split(",")))
             if len(numbers) != self.field.repeat:
                 repeat = self.field.repeat
-                raise ValueError(f"{word!r} is not {repeat} numbers with commas between")
+                raise ValueError(f"{word!r} is not {repeat} numbers separated by commas")
             return numbers
         return self._read(word)
 
@@ -182,7 +182,7 @@ class FieldLayout:
             return self.kind(word)
         parts = [self._number(part) for part in word.split("|")]
         if len(parts) > 1 and not issubclass(self.kind, IntFlag):
-            raise ValueError(f"{word!r}: only one of them can be")
+            raise ValueError(f"{word!r}: the field takes one name, not several")
         return self._value(reduce(or_, parts))
 
     def _number(self, word: str) -> int:
@@ -193,7 +193,7 @@ class FieldLayout:
         try:
             return int(word, 0)
         except ValueError:
-            wanted = f"none of {', '.join(members)}" if members else "no number"
+            wanted = f"not one of {', '.join(members)}" if members else "not a number"
             raise ValueError(f"{word!r} is {wanted}") from None
 
     def _range(self) -> str:
@@ -219,15 +219,15 @@ class Form:
         self.has_rest = fields[-1].field.rest
 
     def encode(self, values: Mapping[str, Any]) -> bytes:
-        """The bytes of the values by name."""
+        """Returns the bytes of the values by name."""
         return b"".join(field.encode(values[field.name]) for field in self.fields)
 
     def fits(self, length: int) -> bool:
-        """Whether a payload of this length can be the record; its last field may be too long."""
+        """Returns whether a payload of this length can be the record; its last field may be too long."""
         return length >= self.size if self.has_rest else length == self.size
 
     def decode(self, payload: bytes) -> dict[str, Any]:
-        """The values by name."""
+        """Returns the values by name."""
         values, at = {}, 0
         for field in self.fields:
             end = len(payload) if field.field.rest else at + field.size
@@ -237,7 +237,7 @@ class Form:
 
 
 def layout_of(row: MessageRow, kind: Any = int) -> Layout:
-    """The layout of a message, by its row in the table.
+    """Returns the layout of a message, by its row in the table.
 
     Args:
         row: The row.
@@ -260,7 +260,7 @@ def layout_of(row: MessageRow, kind: Any = int) -> Layout:
 def record(
     forms: Sequence[Sequence[MessageField]], kind: Any, kinds: Mapping[str, type] | None = None
 ) -> Layout:
-    """The layout of a record, or of several that differ in length.
+    """Returns the layout of a record, or of several that differ in length.
 
     Args:
         forms: The fields of each record, the longest first. Fields that a payload lacks have the value None.
@@ -278,7 +278,7 @@ def record(
     def encode(value: Any) -> bytes:
         if is_number:
             return parts[0].encode({names[0]: value})
-        # A value of another type lacks them.
+        # A value of another class may lack some fields.
         values = {name: getattr(value, name, None) for name in names}
         held = {name for name, item in values.items() if item is not None}
         whole = (form for form in parts if held.issuperset(field.name for field in form.fields))
@@ -298,7 +298,7 @@ def record(
 
 
 def kinds_of(record: type) -> dict[str, type]:
-    """The enumerations and bools among the annotations of a class, by field."""
+    """Returns the enumerations and bools among the annotations of a class, by field."""
     kinds: dict[str, type] = {}
     for name, hint in get_type_hints(record).items():
         for option in get_args(hint) or (hint,):
@@ -308,10 +308,10 @@ def kinds_of(record: type) -> dict[str, type]:
 
 
 def repeated(entry: Layout, row: MessageRow) -> Layout:
-    """Entries of one size, as many as the row allows; the value is a tuple.
+    """Returns the layout of a list: entries of one size, up to the number in the row. The value is a tuple.
 
     An empty payload is a request, so a message to the device writes an empty list as one entry of zeros, and
-    some answers are written alike. One entry of zeros is read as an empty list in any case.
+    so do some answers. One entry of zeros is read as an empty list in any case.
     """
     size = sum(FieldLayout(field).size for field in row.forms[0])
 
@@ -334,9 +334,10 @@ def repeated(entry: Layout, row: MessageRow) -> Layout:
 
 
 def mapped(layout: Layout, to: Callable[[Any], Any], back: Callable[[Any], Any]) -> Layout:
-    """A layout whose values go through ``to`` after decoding, and through ``back`` before encoding.
+    """Returns a layout whose values go through ``to`` after decoding, and through ``back`` before encoding.
 
-    Words are read as before; if ``back`` does not take what they make, give `fields` and `make` anew.
+    Words are read as before. If ``back`` does not accept the value that `make` returns, replace `fields` and
+    `make` too.
     """
     return replace(
         layout,
@@ -346,10 +347,10 @@ def mapped(layout: Layout, to: Callable[[Any], Any], back: Callable[[Any], Any])
 
 
 def _text(most: int, filled: int) -> Layout:
-    """ASCII without an end mark, filled with spaces to ``filled`` bytes.
+    """Returns the layout of ASCII text without a terminator, padded with spaces to ``filled`` bytes.
 
-    Decoded text ends at the first space or NUL, as in the vendor's software: some firmware fills what need
-    not be filled.
+    Decoded text ends at the first space or NUL, as in the vendor's software: some firmware pads text that
+    needs no padding.
     """
 
     def encode(value: str) -> bytes:

@@ -1,8 +1,8 @@
 """The layout of each message, and `encode` and `decode`, which use it.
 
-Fields, lengths, states and products of a message are in its row of the table, `MESSAGES`. Here is what a row
-cannot say: the types of the values, and the few payloads whose values are more than their fields. A layout
-serves both sides: what the host writes a virtual device reads, and the other way round.
+Fields, lengths, states and products of a message are in its row of the table, `MESSAGES`. This module
+adds what a row cannot express: the types of the values, and the few payloads whose values are more than their
+fields. Host and virtual device use the same layouts.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ def _device_id(row: MessageRow) -> Layout:
         return (wide if is_wide else narrow).encode({"device_id": number})
 
     def decode(payload: bytes) -> int:
-        # Some firmware fills the second half with something else.
+        # Some firmware leaves other bytes in the second half.
         number = _core.device_id(payload)
         return int(layout.decode(payload)) if number is None else number
 
@@ -85,18 +85,18 @@ def _outputs(row: MessageRow) -> Layout:
     data_id = FieldLayout(row.forms[0][0], DataId)
 
     def read(word: str) -> int:
-        """``0x2014``, or the manual's name with its format: ``Quaternion|NED``."""
+        """Returns the identifier of ``0x2014``, or of the manual's name with a format: ``Quaternion|NED``."""
         name, *formats = word.split("|")
         known = {name.upper(): bits for name, bits in _FORMATS.items()}
         if unknown := [name for name in formats if name.upper() not in known]:
-            raise ValueError(f"{unknown[0]!r} is none of {', '.join(_FORMATS)}")
+            raise ValueError(f"{unknown[0]!r} is not one of {', '.join(_FORMATS)}")
         return int(data_id.read(name)) + sum(known[name.upper()] for name in formats)
 
     return replace(layout, fields={**layout.fields, "data_id": read})
 
 
 def _sync_settings(row: MessageRow) -> Layout:
-    # Delays and clock periods have no sign (Table 9), offsets of pulses that go out have one (Table 10).
+    # Delays and clock periods are unsigned (Table 9), offsets of output pulses are signed (Table 10).
     *others, offset = row.forms[0]
     unsigned = record([row.forms[0]], v.SyncSetting)
     signed = record([(*others, offset._replace(type="i2"))], v.SyncSetting)
@@ -113,7 +113,7 @@ def _sync_settings(row: MessageRow) -> Layout:
 
 
 def _word(row: MessageRow, kind: type[v.PortConfig | v.CanConfig]) -> Layout:
-    """Words of bits, which on a command line have a field for each of their parts."""
+    """Returns the layout of words of bits; on a command line each part of a word is a field."""
     kinds = kinds_of(kind)
     names = [part.name for part in fields(kind) if part.name != "reserved"]
     parts = [
@@ -147,8 +147,8 @@ def _configuration(row: MessageRow) -> Layout:
     def encode(value: Configuration) -> bytes:
         if not 0 <= value.device_id < 1 << 64:
             raise ValueError(f"device_id cannot be {value.device_id}: it must fit eight bytes")
-        # Eight bytes of identifier stand with their halves exchanged, against the DeviceID message, and take
-        # the places of what only devices with four bytes have.
+        # The halves of an identifier of eight bytes are in the opposite order of the DeviceID message. They
+        # occupy fields that only devices with four bytes use.
         low, high = value.device_id & 0xFFFF_FFFF, value.device_id >> 32
         wide = value.device_id >> 31
         major, minor, revision, *_ = value.firmware
@@ -236,14 +236,14 @@ LAYOUTS = _Layouts()
 
 
 def encode(name: str, value: Any = None) -> bytes:
-    """The payload of a message.
+    """Returns the payload of a message.
 
     Args:
         name: Name of the message, as in `xbus.protocol.tables.MESSAGES`.
-        value: The value, of the type that the layout has; None for a message that carries nothing.
+        value: The value, of the type that the layout has; None for a message without a payload.
 
     Raises:
-        KeyError: No message is called that.
+        KeyError: No message has this name.
         ValueError: The value does not fit.
 
     >>> from xbus.protocol import OptionFlag, OptionFlags, encode
@@ -258,10 +258,10 @@ def encode(name: str, value: Any = None) -> bytes:
 
 
 def decode(name: str, payload: bytes) -> Any:
-    """The value of a payload; None for a message that carries nothing.
+    """Returns the value of a payload; None for a message without a payload.
 
     Raises:
-        KeyError: No message is called that.
+        KeyError: No message has this name.
         ValueError: The payload has the wrong length.
 
     >>> from xbus.protocol import decode

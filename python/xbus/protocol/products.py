@@ -1,8 +1,8 @@
-"""What each product can do, and how it comes from the factory: plain tables.
+"""What each product supports, and its factory settings: plain tables.
 
-Which messages and quantities a product knows stands with these, in `xbus.protocol.tables`; here are rates,
-synchronization, flags, strings, profiles, baud rates and defaults. Where the manual is silent or its text is
-lost the vendor's open code decides, and published settings of real devices.
+The rows of messages and quantities in `xbus.protocol.tables` list the products that have them. This module
+has rates, synchronization, flags, strings, profiles, baud rates and defaults. Where the manual has a gap, the
+sources are the vendor's open code and published settings of real devices.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def _rates(one: int, seven: int, ten: int, hundred: int, g710: int, six: int) ->
 
 
 #: The highest rate of each quantity, Hz: 1/2/3, 7, 10-series, 100-series, 710, 600-series. `EVERY`: with
-#: every message, on every event, or whenever the receiver delivers. 0: not on these.
+#: every message, on every event, or with every solution of the receiver. 0: not supported.
 # Table 16 has temperature at 1 Hz, but an MTi-G-710 took 100 Hz; and the pressure at 50 Hz, which the
 # 600-series exceeds.
 RATES: dict[str, dict[str, int]] = {
@@ -86,14 +86,14 @@ RATES: dict[str, dict[str, int]] = {
     "magnetic_field":       _rates(100, 100, 100, 100, 100, 100),
     "velocity_xyz":         _rates(0, 100, 0, 0, 400, 400),
 }  # fmt: skip
-#: Groups that come with every message or on an event, whatever is asked for (Table 16, notes 7 and 10).
+#: Groups that come with every message or event, whatever rate is requested (Table 16, notes 7 and 10).
 _EVERY_GROUPS = ("Timestamp", "Status", "Indication")
 #: High-rate quantities whose rate is fixed: the 10- and 100-series, and the first hardware of the 1-series.
 _HR = ("acceleration_hr", "rate_of_turn_hr")
 
 
 def _highest(product: Product, quantity: str, hardware: HardwareVersion | None) -> int:
-    """The highest rate, with what the version of the hardware changes (Tables 23 and 24)."""
+    """Returns the highest rate, with what the version of the hardware changes (Tables 23 and 24)."""
     row = QUANTITIES[quantity]
     if row.group in _EVERY_GROUPS:
         return EVERY
@@ -114,7 +114,7 @@ def _is_fixed(product: Product, quantity: str, hardware: HardwareVersion | None)
 
 @cache
 def _quotients(highest: int) -> tuple[int, ...]:
-    """What a rate divided by whole numbers gives, where that is whole."""
+    """Returns the whole quotients of a rate and whole numbers, the highest first."""
     return tuple(highest // index for index in range(1, highest + 1) if highest % index == 0)
 
 
@@ -152,7 +152,7 @@ _SYNC_600: _Lines = {
     _F.START_SAMPLING: _INS,
 }
 _SYNC_670: _Lines = {**_SYNC_600, _F.GNSS_1PPS: _INS}
-# The receiver is inside: its pulse comes on In3 and nowhere else.
+# The receiver is built in: its pulse is on In3 only.
 _SYNC_680: _Lines = {**_SYNC_600, _F.CLOCK_BIAS_ESTIMATION: (_L.IN3,), _F.GNSS_1PPS: (_L.IN3,)}
 
 _SYNC = {
@@ -165,7 +165,7 @@ _SYNC = {
 # Option flags (Table 8)
 
 _ONE, _TEN, _HUNDRED, _SIX = "1-series", "10-series", "100-series", "600-series"
-#: Flag: the products, by number or series, that have it.
+#: The products that have each flag, by number or series.
 _FLAGS: dict[OptionFlag, tuple[int | str, ...]] = {
     OptionFlag.DISABLE_AUTO_STORE: (_ONE,),
     OptionFlag.DISABLE_AUTO_MEASUREMENT: (_ONE,),
@@ -174,14 +174,14 @@ _FLAGS: dict[OptionFlag, tuple[int | str, ...]] = {
     OptionFlag.ENABLE_ORIENTATION_SMOOTHER: (7, 670, 680, 710),
     OptionFlag.ENABLE_CONFIGURABLE_BUS_ID: (_TEN, _HUNDRED, _SIX),
     OptionFlag.ENABLE_IN_RUN_COMPASS_CALIBRATION: (_ONE, _TEN, _HUNDRED, _SIX),
-    # Table 8 names the 1-series only, but the settings of an MTi-680G have it, too.
+    # Table 8 names the 1-series only, but the settings of an MTi-680G have it too.
     OptionFlag.ENABLE_CONFIG_MESSAGE_AT_STARTUP: (_ONE, _SIX),
     OptionFlag.ENABLE_COLD_FILTER_RESETS: (670, 680),
     OptionFlag.ENABLE_POSITION_VELOCITY_SMOOTHER: (680,),
     OptionFlag.ENABLE_CONTINUOUS_ZRU: (680,),
 }
 
-# Strings (the manual names the products that have strings, the vendor's open code which)
+# Strings (products with strings: the manual; the strings of each product: the vendor's open code)
 
 _S = StringType
 _STRINGS_IMU = _S.PSONCMS | _S.HCMTW | _S.HEROT | _S.PTCF | _S.GPZDA
@@ -253,7 +253,7 @@ _PROFILES: dict[int, tuple[AvailableProfile, ...]] = {
     680: _profiles(1, (BASE, "General_RTK"), (BASE, "GeneralNoBaro_RTK"), (BASE, "GeneralMag_RTK")),
 }
 
-#: The profile that is set at first (Table 2): its number, or on the 600-series its names.
+#: The default profile (Table 2): its number, or on the 600-series its names.
 _DEFAULT_PROFILES: dict[int, int | str] = {
     2: 54, 3: 50, 7: 11, 20: 43, 30: 39, 200: 43, 300: 39, 710: 1,
     620: "Responsive/VRU", 630: "Responsive/NorthReference", 670: "General", 680: "General_RTK",
@@ -263,7 +263,7 @@ _DEFAULT_PROFILES: dict[int, int | str] = {
 
 _D = DataId
 _FP1632 = 2
-#: Between counter and time in front and status word behind, at 100 Hz.
+#: Default outputs at 100 Hz; counter and time come before them, the status word after them.
 _DEFAULT_OUTPUTS = {
     "IMU": (_D.DeltaQ, _D.DeltaV, _D.MagneticField),
     "VRU": (_D.Quaternion,),
@@ -304,7 +304,7 @@ _RTCM_PORT = PortConfig(PortProtocol.RTCM, baud_code(38_400))
 
 
 def _default_ports(product: Product) -> tuple[PortConfig, ...]:
-    """The three ports of the 600-series (Table 22); none on other products."""
+    """Returns the three ports of the 600-series (Table 22); none on other products."""
     if product.series != _SIX:
         return ()
     if product.number == 680:
@@ -313,7 +313,7 @@ def _default_ports(product: Product) -> tuple[PortConfig, ...]:
 
 
 _NO_RECEIVER = GnssReceiverSettings(GnssReceiver.NONE, baud_code(DEFAULT_BAUDRATE), 0)
-#: Default settings of the GNSS receiver, as published. An MTi-670 takes a receiver that is not part of it.
+#: Default settings of the GNSS receiver, as published. The receiver of an MTi-670 is external.
 _DEFAULT_RECEIVERS = {
     7: GnssReceiverSettings(GnssReceiver.MAX_M8Q, baud_code(115_200), 4),
     670: GnssReceiverSettings(GnssReceiver.MAX_M8Q, baud_code(115_200), 4),
@@ -379,18 +379,18 @@ class Support:
 
     Attributes:
         product: The product.
-        hardware: The version of the hardware that the rates are for; None: the manual's.
-        messages: Names of the messages that it knows.
-        rates: Every quantity that it offers, with the highest rate, Hz; 0xFFFF where it comes with every
-            message, on every event, or when the GNSS receiver delivers.
+        hardware: The hardware version that the rates are for; None for the rates of the manual.
+        messages: Names of the messages that it supports.
+        rates: The highest rate in Hz of each quantity that it offers; 0xFFFF if the quantity comes with every
+            message, event, or solution of the GNSS receiver.
         sync: Synchronization functions, with their lines.
         option_flags: The option flags that it has.
         string_types: The strings that it can send.
         filter_profiles: The filter profiles on board.
         baudrates: Bits per second that its port can be set to.
         output_configuration: Default output configuration.
-        sync_settings: Synchronization at first.
-        filter_profile: Filter profile at first: a number, from the 600-series on names; None on an IMU.
+        sync_settings: Default synchronization.
+        filter_profile: Default filter profile: a number, or names on the 600-series; None on an IMU.
         port_config: Default ports of the 600-series; empty on other products.
         gnss_receiver_settings: Default settings of the GNSS receiver.
         selftest: The result of a self-test in which all parts pass.
@@ -427,9 +427,9 @@ class Support:
         return self.product.series == _SIX
 
     def rates_of(self, quantity: str) -> tuple[int, ...]:
-        """The rates at which a quantity can be had, Hz, the highest first; none where it cannot be had.
+        """Returns the rates of a quantity in Hz, the highest first; empty if the product does not offer it.
 
-        They are the highest one divided by whole numbers, where that gives whole numbers.
+        They are the whole quotients of the highest rate and whole numbers.
 
         >>> support("MTi-3").rates_of("acceleration")
         (100, 50, 25, 20, 10, 5, 4, 2, 1)
@@ -440,9 +440,9 @@ class Support:
         return _quotients(highest)
 
     def acknowledged(self, output: Output) -> Output | None:
-        """The line as the device answers it: with the rate in effect; None where it refuses the identifier.
+        """Returns the output with the rate in effect, as the device answers; None if it rejects it.
 
-        A rate that it cannot do becomes the next lower one that it can.
+        An unsupported rate becomes the next lower supported one.
         """
         rates = self.rates_of(output.quantity or "")
         if not rates:
@@ -466,7 +466,11 @@ def _support(number: int, hardware: HardwareVersion | None) -> Support:
         rates=offered,
         sync=_SYNC[number],
         option_flags=OptionFlag(
-            sum(flag for flag, who in _FLAGS.items() if number in who or product.series in who)
+            sum(
+                flag
+                for flag, owners in _FLAGS.items()
+                if number in owners or product.series in owners
+            )
         ),
         string_types=_strings(product),
         filter_profiles=_PROFILES.get(number, ()),
@@ -483,7 +487,7 @@ def _support(number: int, hardware: HardwareVersion | None) -> Support:
 
 
 def find_product(product: str | int | Product) -> Product:
-    """A product by its model, its number or itself.
+    """Returns a product by its model, its number or itself.
 
     Raises:
         ValueError: There is no such product.
@@ -502,10 +506,10 @@ def find_product(product: str | int | Product) -> Product:
 
 
 def product_of_code(code: str) -> Product | None:
-    """The product of a code such as ``MTi-630-8A1G6``; None for one that the manual does not describe.
+    """Returns the product of a code such as ``MTi-630-8A1G6``; None if the manual does not describe it.
 
-    The MTi-G-700 counts as its successor, which has the same messages, and a variant (R, G) as what its
-    number says.
+    The MTi-G-700 counts as its successor, which has the same messages. A variant (R, G) counts as the product
+    with its number.
 
     >>> product_of_code("MTi-G-700-2A5G4").name, product_of_code("MTi-320-8A1G6")
     ('MTi-G-710', None)
@@ -517,7 +521,7 @@ def product_of_code(code: str) -> Product | None:
 
 
 def support(product: str | int | Product, hardware: HardwareVersion | None = None) -> Support:
-    """What a product supports, and its factory settings.
+    """Returns what a product supports, and its factory settings.
 
     Args:
         product: Model, number or `xbus.protocol.tables.Product`.

@@ -1,8 +1,8 @@
-"""What the string outputs say, field by field (section 5.3.5, under SetStringOutputType).
+"""The fields of the string outputs (section 5.3.5, under SetStringOutputType).
 
-One table, used to parse and to encode. How a string begins and ends is declared in the extension; this table
-has the fields between. Formats are the manual's masks; where these are misprinted,
-the strings that devices send.
+One table, used to parse and to encode. The extension declares how a string begins and ends; this table
+has the fields in between. Formats are the manual's masks or, where a mask is misprinted, those of strings
+that devices send.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Form:
 
     Attributes:
         parts: How many parts of the string it takes.
-        read: The value of these parts; None where they are empty. Raises ValueError.
-        write: The parts of a value, or of None.
-        dtype: numpy's type for a column of it, in which NaN, NaT or the empty text stand for None.
+        read: Returns the value of these parts; None if they are empty. Raises ValueError.
+        write: Returns the parts of a value, or of None.
+        dtype: numpy's type of a column of values; NaN, NaT or the empty text stand for None.
     """
 
     parts: int
@@ -64,10 +64,10 @@ class StringLayout:
     """The fields of a string output.
 
     Attributes:
-        length: Bytes that it has at most, in the range of the sensors.
-        fields: They, in order.
-        validity: The field with the validity of the others, and its values for valid; None where
-            no field does.
+        length: Maximum number of bytes, for values in the range of the sensors.
+        fields: The fields, in order.
+        validity: The field with the validity of the others, and its values for valid; None if no field has
+            it.
     """
 
     length: int
@@ -80,15 +80,15 @@ class StringLayout:
 
 def _float(text: str) -> float:
     if not _NUMBER.fullmatch(text):
-        raise ValueError(f"{text!r} is no number")
+        raise ValueError(f"{text!r} is not a number")
     return float(text)
 
 
 def _number(spec: str, *, blank: bool = False) -> Form:
-    """A number in a format of Python's; ``blank``: a blank stands where a minus would."""
+    """Returns the form of a number in a Python format; with ``blank``, a space replaces the plus sign."""
 
     def read(parts: Sequence[str]) -> float | None:
-        # A blank in place of the sign, as in PTCF; blanks alone if the value is not available.
+        # PTCF has a space in place of the sign, and only spaces for a value that is not available.
         return _float(text) if (text := parts[0].strip()) else None
 
     def write(value: float | None) -> list[str]:
@@ -106,14 +106,14 @@ def _number(spec: str, *, blank: bool = False) -> Form:
 def _count(spec: str) -> Form:
     def read(parts: Sequence[str]) -> int | None:
         if parts[0] and not parts[0].isdecimal():
-            raise ValueError(f"{parts[0]!r} is no count")
+            raise ValueError(f"{parts[0]!r} is not a whole number")
         return int(parts[0]) if parts[0] else None
 
     return Form(1, read, lambda value: ["" if value is None else format(value, spec)])
 
 
 def _scaled(counts: int) -> Form:
-    """A number as a count of fractions of its unit, without a decimal point."""
+    """Returns the form of a number that counts fractions of its unit, without a decimal point."""
 
     def read(parts: Sequence[str]) -> float | None:
         return _float(text) / counts if (text := parts[0].strip()) else None
@@ -122,7 +122,7 @@ def _scaled(counts: int) -> Form:
 
 
 def _lettered(spec: str, positive: str, negative: str) -> Form:
-    """A number and a letter for its sign."""
+    """Returns the form of a number with a letter for its sign."""
     number = _number(spec)
 
     def read(parts: Sequence[str]) -> float | None:
@@ -143,7 +143,7 @@ def _lettered(spec: str, positive: str, negative: str) -> Form:
 
 
 def _degrees(digits: int, decimals: int, letters: str) -> Form:
-    """Degrees, minutes, and a letter for the hemisphere."""
+    """Returns the form of degrees, minutes, and a letter for the hemisphere."""
     limit = {2: 90, 3: 180}[digits]
     width = 3 + decimals
 
@@ -154,7 +154,7 @@ def _degrees(digits: int, decimals: int, letters: str) -> Form:
         point = text.find(".") if "." in text else len(text)
         whole, minutes = text[: point - 2], _float(text[max(point - 2, 0) :])
         if not whole.isdecimal() or minutes >= 60 or letter not in letters or not letter:
-            raise ValueError(f"{text},{letter} is no angle")
+            raise ValueError(f"{text},{letter} is not an angle")
         degrees = int(whole) + minutes / 60
         if degrees > limit:
             raise ValueError(f"{text} is beyond {limit} degrees")
@@ -175,25 +175,25 @@ def _degrees(digits: int, decimals: int, letters: str) -> Form:
 
 
 def _text(default: str = "") -> Form:
-    """A letter or a few."""
+    """Returns the form of one or more letters."""
 
     def write(value: str | None) -> list[str]:
         if value and not re.fullmatch(r"[ -#%-)+\-./0-9:-~]*", value):
-            raise ValueError("a field is of printable characters without comma, $ and *")
+            raise ValueError("a field has printable characters only, without comma, $ and *")
         return [value or default]
 
     return Form(1, lambda parts: parts[0] or None, write, "U")
 
 
 def _time(decimals: int) -> Form:
-    """Time of day, hhmmss; None where there is no such time."""
+    """Returns the form of a time of day, hhmmss; None for a time that does not exist."""
 
     def read(parts: Sequence[str]) -> datetime.time | None:
         text = parts[0]
         if not text:
             return None
         if not re.fullmatch(r"\d{6}(\.\d*)?", text):
-            raise ValueError(f"{text!r} is no time of day")
+            raise ValueError(f"{text!r} is not a time of day")
         micros = int(f"{text[7:]:0<6}"[:6])
         try:
             return datetime.time(int(text[:2]), int(text[2:4]), int(text[4:6]), micros)
@@ -218,7 +218,7 @@ def _date(year: Callable[[str], int], write: Callable[[datetime.date], Sequence[
         if not text:
             return None
         if not text.isdecimal() or [len(text) for text in texts] != lengths:
-            raise ValueError(f"{','.join(texts)!r} is no date")
+            raise ValueError(f"{','.join(texts)!r} is not a date")
         try:
             return datetime.date(year(text[4:]), int(text[2:4]), int(text[:2]))
         except ValueError:
@@ -230,7 +230,7 @@ def _date(year: Callable[[str], int], write: Callable[[datetime.date], Sequence[
 
 
 def _short_year(text: str) -> int:
-    """The year of two digits: GPS began in 1980."""
+    """Returns the year of two digits; GPS began in 1980."""
     return (1900 if int(text) >= 80 else 2000) + int(text)
 
 
@@ -265,7 +265,7 @@ def _layout(
 _LAT = _f("lat", "deg", _degrees(2, 4, "NS"))
 _LON = _f("lon", "deg", _degrees(3, 4, "EW"))
 _HUNDREDTHS = _scaled(100)
-#: Where bow and port are up the angle is positive, also where letters say which side it is.
+#: The angle is positive if the bow or the port side is up, even if letters name the side.
 _BOW_UP, _PORT_UP = _lettered(".2f", "M", "P"), _lettered(".2f", "T", "B")
 
 #: The fields of each string.
@@ -306,7 +306,7 @@ STRING_FIELDS: dict[StringType, StringLayout] = {
     StringType.HEHDT: _layout(
         20, _f("heading", "deg", _number("06.2f")), _f("heading_type", "", _text("T"))
     ),
-    # Valid is A in the manual; the vendor's own parser asks for T.
+    # Valid is A in the manual; the vendor's own parser expects T.
     StringType.HEROT: _layout(
         22,
         _f("rate_of_turn", "deg/min", _number(".1f")),
@@ -361,14 +361,14 @@ STRING_FIELDS: dict[StringType, StringLayout] = {
     ),
 }
 
-#: Roll, pitch and heave, then heading: little-endian, which nothing else of these devices is.
+#: Roll, pitch and heave, then heading. Nothing else in the protocol is little-endian.
 _EM1000 = struct.Struct("<hhhH")
 #: Where the parts of TSS2 are: heading, heave, status, roll, pitch, status.
 _TSS2 = (slice(0, 5), slice(6, 11), slice(11, 12), slice(12, 17), slice(18, 23), slice(23, 24))
 
 
 def split(kind: StringType, body: bytes) -> list[str]:
-    """The parts of a string: what is between its start and its checksum or end of line."""
+    """Returns the parts of a string, from between its start and its checksum or end of line."""
     if kind is StringType.EM1000:
         return [str(number) for number in _EM1000.unpack(body)]
     text = body.decode("ascii")
@@ -378,7 +378,7 @@ def split(kind: StringType, body: bytes) -> list[str]:
 
 
 def join(kind: StringType, parts: Sequence[str]) -> bytes:
-    """The inverse of `split`. Numbers that have more digits than their mask become its largest."""
+    """Returns the bytes of parts, the inverse of `split`. A number too long for its mask is clipped."""
     if kind is StringType.EM1000:
         return _EM1000.pack(*(int(part or 0) for part in parts))
     if kind is StringType.TSS2:

@@ -41,7 +41,7 @@ class Field(NamedTuple):
     Attributes:
         name: The manual's name.
         type: numpy's type of the raw integer: ``"u4"``.
-        scale: What one count is worth in ``unit``.
+        scale: Value of one count in ``unit``.
         unit: SI unit or degrees; empty for counts, dates and bits.
         missing: The integer for "not provided", or None.
     """
@@ -58,7 +58,7 @@ class Field(NamedTuple):
         return round(1 / self.scale)
 
     def scaled(self, raw: Any) -> Any:
-        """Raw integers in ``unit``; NaN for those that mean "not provided".
+        """Returns raw integers in ``unit``; NaN for those that mean "not provided".
 
         Args:
             raw: An integer, or a numpy array of them.
@@ -91,7 +91,7 @@ class StatusFlag(NamedTuple):
     meaning: str
 
     def of(self, word: Any) -> Any:
-        """The value of the field in a word, or in an array of words.
+        """Returns the value of the field in a word, or in an array of words.
 
         >>> STATUS_FLAGS["rtk_status"].of(0x1000_0081)
         2
@@ -109,7 +109,7 @@ class Quantity(NamedTuple):
         group: Group in Table 16.
         kind: ``"real"``, ``"struct"``, ``"list"``, ``"id"``, or numpy's type of an integer.
         numbers: Numbers in a packet, for reals and integers.
-        size: Bytes in a packet, where precision or a count does not change it.
+        size: Bytes in a packet; None if precision or a count changes it.
         components: Names of the numbers, in the order of the wire; empty for one number.
         fields: Fields of a struct, or of the head of a list.
         entry: Fields of the entries of a list.
@@ -120,7 +120,7 @@ class Quantity(NamedTuple):
             ``"receiver"`` if its samples arrive late; or None.
         has_flags: Whether its integer has the bits of `STATUS_FLAGS`.
         products: Numbers of the products that offer it.
-        source: Where the layout is written down.
+        source: Document that describes the layout.
     """
 
     id: int
@@ -143,7 +143,7 @@ class Quantity(NamedTuple):
 
     @classmethod
     def of(cls, data_id: int) -> Quantity | None:
-        """The quantity of a data identifier, whatever its format bits; None for an unknown one.
+        """Returns the quantity of a data identifier, whatever its format bits; None for an unknown one.
 
         >>> Quantity.of(0x2016).name
         'quaternion'
@@ -159,12 +159,12 @@ class Quantity(NamedTuple):
 
     @property
     def flags(self) -> tuple[StatusFlag, ...]:
-        """The flags in its integer; none where it has no flags."""
+        """The flags in its integer; empty if it has none."""
         bits = 8 * (self.size or 0) if self.has_flags else 0
         return tuple(flag for flag in STATUS_FLAGS.values() if flag.bit + flag.width <= bits)
 
     def fields_of(self, word: int) -> dict[str, int]:
-        """The values of the flags in a word, by name.
+        """Returns the values of the flags in a word, by name.
 
         >>> QUANTITIES["status_byte"].fields_of(0x83)["filter_valid"]
         1
@@ -172,7 +172,7 @@ class Quantity(NamedTuple):
         return {flag.name: flag.of(word) for flag in self.flags}
 
     def scaled(self, record: Mapping[str, Any]) -> dict[str, Any]:
-        """The fields of a struct in their units, by name: see `Field.scaled`.
+        """Returns the fields of a struct in their units, by name: see `Field.scaled`.
 
         Args:
             record: The raw integers by name.
@@ -219,7 +219,7 @@ class MessageRow(NamedTuple):
         zeros: Whether an empty list is written as one entry of zeros.
         restarts: Whether a device starts a new run with it: clock and counter may start again.
         reply: MID of the message that answers it, or None.
-        products: Numbers of the products that know it.
+        products: Numbers of the products that support it.
         status: Empty, ``"reserved"``, ``"deprecated"``, ``"obsolete"`` or ``"unlisted"``.
     """
 
@@ -293,7 +293,7 @@ MESSAGES = {row["name"]: _message(row) for row in _core.messages()}
 
 
 def message_name(mid: int, length: int) -> str:
-    """The manual's name of a message with a payload of this length, or the MID in hex if it has none.
+    """Returns the manual's name of a message with a payload of this length, or the MID in hex if it has none.
 
     >>> message_name(0x19, 0), message_name(0x19, 1), message_name(0x08, 0)
     ('SetBaudrateAck', 'ReqBaudrateAck', '0x08')
@@ -307,5 +307,5 @@ PRODUCTS = {row["number"]: Product(**row) for row in _core.products()}
 STATUS_FLAGS = {row["name"]: StatusFlag(**row) for row in _core.status_flags()}
 #: What the numbers in Error and Warning messages mean.
 RESULT_CODES = dict(_core.result_codes())
-#: The device vouches for date, time and UTC (Tables 25 and 35). Higher bits may be set, too.
+#: The bits that mark date, time and UTC as valid (Tables 25 and 35). Higher bits may also be set.
 UTC_VALID = 0b111

@@ -1,7 +1,7 @@
 """What the numbers in messages mean: enumerations, flags and records, with the manual's names.
 
-A device may send a number that no source explains. It stays what it is: flags keep bits without a name, and
-where an enumeration has no member the plain integer is given. Only what is sent to a device is checked.
+A device may send a number that no source explains. The number is kept: flags keep bits without a name, and a
+number without a member of its enumeration is a plain integer. Only values sent to a device are checked.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ E = TypeVar("E", bound=IntEnum)
 
 
 def known(kind: type[E], number: int) -> E | int:
-    """The member of an enumeration, or the number itself if it has none.
+    """Returns the member of an enumeration, or the number itself if it has none.
 
     >>> known(ResetCode, 1), known(ResetCode, 99)
     (<ResetCode.HEADING: 1>, 99)
@@ -125,7 +125,7 @@ CAN_BAUD_CODES = {
 
 
 def baudrate(code: int) -> int | None:
-    """Bits per second of a code of Table 7; None where the table has no such code.
+    """Returns the bits per second of a code of Table 7; None if the table does not have the code.
 
     >>> baudrate(0x80), baudrate(0x55)
     (921600, None)
@@ -134,7 +134,7 @@ def baudrate(code: int) -> int | None:
 
 
 def baud_code(rate: int) -> int:
-    """The code to send for a rate in bits per second (Table 7).
+    """Returns the code to send for a rate in bits per second (Table 7).
 
     Raises:
         ValueError: The table has no such rate.
@@ -190,14 +190,14 @@ class Selftest(IntFlag):
 
 
 class DeviceErrorInfo(NamedTuple):
-    """``Error``: its code (Table 5), and the bytes behind it, which code 40 has four of."""
+    """``Error``: its code (Table 5), and the bytes after it; code 40 has four."""
 
     code: int
     extra: bytes = b""
 
 
 class ErrorCode(IntEnum):
-    """The codes of Table 5, and one that devices were seen to send: `RESULT_CODES` has all."""
+    """Codes of Table 5, and one that devices send although the table lacks it; `RESULT_CODES` has all."""
 
     PERIOD = 3
     MESSAGE = 4
@@ -219,7 +219,7 @@ class DeviceWarning(NamedTuple):
 
 
 class OptionFlag(IntFlag):
-    """Option flags: Table 8, and from the vendor's code the ones that it calls reserved or does not have."""
+    """Option flags: Table 8, and from the vendor's code those that the table reserves or omits."""
 
     DISABLE_AUTO_STORE = 0x0001
     DISABLE_AUTO_MEASUREMENT = 0x0002
@@ -238,7 +238,7 @@ class OptionFlag(IntFlag):
 
 
 class OptionFlags(NamedTuple):
-    """``SetOptionFlags``: flags to set and flags to clear; one that is in both is set."""
+    """``SetOptionFlags``: flags to set and flags to clear; a flag in both is set."""
 
     set: OptionFlag = OptionFlag(0)
     clear: OptionFlag = OptionFlag(0)
@@ -254,7 +254,7 @@ ERROR_MODES = range(4)
 
 
 class SyncFunction(IntEnum):
-    """What a pulse does, or what makes one: Table 11, and the vendor's names of the others."""
+    """Effects of input pulses and causes of output pulses: Table 11, and the vendor's names of others."""
 
     START_RECORDING_IN = 0
     STOP_RECORDING_IN = 1
@@ -275,7 +275,7 @@ class SyncFunction(IntEnum):
 
 
 class SyncLine(IntEnum):
-    """Lines (Table 12). The pulse goes out on SYNC_OUT, on the 10- and 100-series on BI_OUT."""
+    """Lines (Table 12). Output pulses are on SYNC_OUT, and on BI_OUT on the 10- and 100-series."""
 
     CLOCK_IN = 0
     GNSS_CLOCK_IN = 1
@@ -291,7 +291,7 @@ class SyncLine(IntEnum):
 
 
 class Polarity(IntEnum):
-    """Which edge counts, or what a pulse looks like (Tables 9 and 10)."""
+    """The edge that counts, or the shape of a pulse (Tables 9 and 10)."""
 
     DISABLED = 0
     RISING = 1
@@ -299,9 +299,9 @@ class Polarity(IntEnum):
     BOTH = 3
 
 
-#: Delays after a pulse that comes in, and offsets of one that goes out, 0.1 ms (Tables 9 and 10).
+#: Delays after an input pulse, and offsets of an output pulse, in 0.1 ms (Tables 9 and 10).
 SYNC_DELAYS, PULSE_OFFSETS = range(60_000 + 1), range(-30_000, 30_000 + 1)
-#: The functions that drive a line; the others listen to one (Tables 9 and 10).
+#: The functions with an output line; the others have an input line (Tables 9 and 10).
 SYNC_OUT_FUNCTIONS = frozenset(
     {SyncFunction.INTERVAL_TRANSITION_MEASUREMENT, SyncFunction.GNSS_1PPS}
 )
@@ -312,15 +312,15 @@ class SyncSetting:
     """One synchronization setting (Tables 9 and 10).
 
     Attributes:
-        function: What it does.
-        line: The line; which of them there are depends on the product.
-        polarity: Which edge counts.
+        function: Its function.
+        line: Its line; the product determines the choices.
+        polarity: The edge that counts.
         trigger_once: Whether only the first event counts.
-        skip_first: Events to pass by at first.
-        skip_factor: Events to pass by after each that counts.
-        pulse_width: Width of a pulse that goes out, 0.1 ms.
-        offset: Delay of what a pulse triggers, or offset of a pulse that goes out, 0.1 ms; for clock bias
-            estimation the period of the reference clock, ms.
+        skip_first: Number of events to skip at the start.
+        skip_factor: Number of events to skip after each that counts.
+        pulse_width: Width of an output pulse, in 0.1 ms.
+        offset: Delay after an input pulse, or offset of an output pulse, in 0.1 ms; for clock bias estimation
+            the period of the reference clock, in ms.
     """
 
     function: SyncFunction | int
@@ -335,7 +335,7 @@ class SyncSetting:
 
 # Section 5.3.5: configuration
 
-#: The output frequency of what comes with every message; asked for, it is the highest that there is.
+#: As an output frequency: the quantity comes with every message. In a request: the highest rate.
 EVERY = 0xFFFF
 
 
@@ -344,7 +344,7 @@ class Output(NamedTuple):
 
     Attributes:
         data_id: Data identifier with its format bits.
-        frequency: Hz; 0 or 0xFFFF ask for the highest, 0xFFFF is what comes with every message.
+        frequency: Rate in Hz. 0 and 0xFFFF request the highest; 0xFFFF in a reply means every message.
     """
 
     data_id: int
@@ -352,18 +352,18 @@ class Output(NamedTuple):
 
     @property
     def quantity(self) -> str | None:
-        """Name of the quantity, or None where the tables do not have the identifier."""
+        """Name of the quantity, or None if the tables do not have the identifier."""
         row = format_of(self.data_id).quantity
         return None if row is None else row.name
 
     @property
     def precision(self) -> Precision | None:
-        """Precision; None where the quantity is no real number."""
+        """Precision; None if the quantity is not a real number."""
         return format_of(self.data_id).precision
 
     @property
     def coordinates(self) -> Coordinates | int | None:
-        """Coordinate system; None where the quantity has none."""
+        """Coordinate system; None if the quantity has none."""
         return format_of(self.data_id).coordinates
 
 
@@ -371,7 +371,7 @@ class Output(NamedTuple):
 PERIODS = range(225, 1152 + 1)
 #: Ticks of a sampling period in a second.
 PERIOD_TICKS = 115_200
-#: The skip factor with which strings come only when ReqData asks for them (Table 19).
+#: The skip factor with which strings are sent only on request, by ReqData (Table 19).
 ON_DEMAND = 0xFFFF
 
 
@@ -396,9 +396,9 @@ class StringType(IntFlag):
 
 
 class StringOutput(NamedTuple):
-    """``StringOutputType``: which strings, and on the 600-series how often, in Hz.
+    """``StringOutputType``: the types of strings, and on the 600-series their rate in Hz.
 
-    The 10- and 100-series take their rate from ``Period`` and ``OutputSkipFactor``; there it is None.
+    The 10- and 100-series take the rate from ``Period`` and ``OutputSkipFactor``; `frequency` is None.
     """
 
     types: StringType
@@ -406,7 +406,7 @@ class StringOutput(NamedTuple):
 
 
 class Alignment(IntEnum):
-    """Which rotation ``AlignmentRotation`` is about (Table 20)."""
+    """The rotation that ``AlignmentRotation`` sets (Table 20)."""
 
     ROT_SENSOR = 0
     ROT_LOCAL = 1
@@ -417,7 +417,7 @@ class AlignmentRotation:
     """An alignment rotation (Table 20): output orientation = RotLocal q RotSensor.
 
     Attributes:
-        parameter: Which one; None in replies of old firmware, which leave it out.
+        parameter: Which rotation; None in replies of old firmware, which omit it.
         quaternion: q0, q1, q2, q3.
     """
 
@@ -433,7 +433,7 @@ class ExtOutputMode(IntFlag):
 
 
 class PortProtocol(IntEnum):
-    """What a port of the 600-series speaks (figure 2)."""
+    """Protocol of a port of the 600-series (figure 2)."""
 
     NONE = 0
     XBUS = 1
@@ -442,7 +442,7 @@ class PortProtocol(IntEnum):
 
 
 def _bits(name: str, value: int, mask: int) -> int:
-    """The value, if it lies within the bits that are its own."""
+    """Returns the value if it fits its bits; raises ValueError otherwise."""
     if value & ~mask:
         raise ValueError(f"{name} cannot be {value!r}: it must lie within the bits 0x{mask:X}")
     return value
@@ -450,16 +450,16 @@ def _bits(name: str, value: int, mask: int) -> int:
 
 @dataclass(frozen=True)
 class PortConfig:
-    """One port of the 600-series: RS232, UART, or the RS232 that takes RTCM (Table 22, figure 2).
+    """One port of the 600-series: RS232, UART, or the RS232 for RTCM (Table 22, figure 2).
 
     Attributes:
-        protocol: What it speaks; NONE where the product does not have it.
-        baud_code: Code of Table 7; `baudrate` translates.
+        protocol: Its protocol; NONE if the product does not have the port.
+        baud_code: Code of Table 7; `baudrate` has the rate.
         flow_control: RTS and CTS; on the first port only.
-        two_stop_bits: Two stop bits and not one.
+        two_stop_bits: Whether there are two stop bits, not one.
         parity: Whether there is a parity bit.
-        parity_even: Which one. Which of the two the bit means is not known for sure.
-        reserved: Bits that no source explains, kept as they came.
+        parity_even: Whether the parity is even, as far as known: no source confirms which of the two is set.
+        reserved: Bits that no source explains, kept unchanged.
     """
 
     protocol: PortProtocol | int
@@ -486,7 +486,7 @@ class PortConfig:
 
     @classmethod
     def from_word(cls, word: int) -> PortConfig:
-        """The port that a word of the message describes.
+        """Returns the port that a word of the message describes.
 
         >>> PortConfig.from_word(0x00010080)
         PortConfig(protocol=<PortProtocol.XBUS: 1>, baud_code=128, flow_control=False, two_stop_bits=False, \
@@ -536,10 +536,10 @@ class CanOutput:
     """One line of the CAN output configuration.
 
     Attributes:
-        data_id: What is sent.
-        extended: Whether the CAN identifier has 29 bits and not 11.
+        data_id: Data identifier of the message.
+        extended: Whether the CAN identifier has 29 bits, not 11.
         can_id: CAN identifier.
-        frequency: Hz; 0x7FF: the highest, or with every group.
+        frequency: Rate in Hz; 0x7FF means the highest, or with every group.
     """
 
     data_id: CanDataId | int
@@ -576,7 +576,7 @@ class CanConfig:
 
     @classmethod
     def from_word(cls, word: int) -> CanConfig:
-        """The settings that the message's word holds."""
+        """Returns the settings that the message's word holds."""
         return cls(word & 0xFF, bool(word >> 8 & 1), word & 0xFFFF_FE00)
 
 
@@ -641,12 +641,12 @@ class GnssReceiver(IntEnum):
 
 @dataclass(frozen=True)
 class GnssReceiverSettings:
-    """How the device talks to its GNSS receiver (not in this revision of the manual).
+    """Settings of the connection to the GNSS receiver (not in this revision of the manual).
 
     Attributes:
-        receiver: Which receiver.
+        receiver: Kind of receiver.
         baud_code: Code of Table 7.
-        rate: How often the receiver delivers, Hz.
+        rate: Solutions per second, in Hz.
         options: For u-blox the platform, for NMEA the talker (0 GL, 1 GN, 2 GP).
     """
 
@@ -712,7 +712,7 @@ class IccCommand(IntEnum):
 
 
 class IccStatus(IntFlag):
-    """How well a calibration went (Table 39)."""
+    """Problems of a calibration (Table 39)."""
 
     DISTURBED = 0x01
     NOT_ENOUGH_DATA = 0x02
@@ -726,7 +726,7 @@ class IccResult(NamedTuple):
     Attributes:
         ddt: Disturbance over noise.
         dimension: 2 or 3.
-        status: No flag where all is well.
+        status: Flags of problems; none if all is well.
     """
 
     ddt: float
@@ -736,7 +736,7 @@ class IccResult(NamedTuple):
 
 @dataclass(frozen=True)
 class IccReply:
-    """``IccCommandAck`` (Tables 37 and 38): which command, and its result or state."""
+    """``IccCommandAck`` (Tables 37 and 38): the command, and its result or state."""
 
     command: IccCommand | int
     result: IccResult | None = None

@@ -39,7 +39,9 @@ def parse_address(url: str) -> Address:
     except ValueError:
         host, port = None, None
     if parts.scheme not in ("http", "https") or not host or parts.path not in ("", "/"):
-        raise ValueError(f"{url!r} is no caster; write HOST, HOST:PORT or https://HOST:PORT")
+        raise ValueError(
+            f"{url!r} is not the address of a caster; write HOST, HOST:PORT or https://HOST:PORT"
+        )
     https = parts.scheme == "https"
     return Address(host, port or (HTTPS_PORT if https else HTTP_PORT), https)
 
@@ -57,4 +59,4 @@ def check_texts(**texts: str | None) -> None:
         if text is not None and not text.isprintable():
             raise ValueError(f"{name} has a line break or another control character; remove it")
         if name == "mountpoint" and text is not None and " " in text:
-            raise ValueError(f"{text!r} is no mountpoint: it has a space")
+            raise ValueError(f"{text!r} is not a mountpoint: it has a space")

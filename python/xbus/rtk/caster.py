@@ -240,7 +240,7 @@ def no_access(host: Address | str) -> str:
 
 def no_caster(host: Address | str) -> str:
     """Returns that something else answers."""
-    return f"what answers at {host} is no NTRIP caster"
+    return f"the server at {host} is not an NTRIP caster"
 
 
 class _Connection:

@@ -64,7 +64,7 @@ def read_source_table(
     """
     address = parse_address(url)
     check_texts(user=user, password=password)
-    # Version 1.0 of HTTP: the answer is not split into chunks, and casters of NTRIP 1 take it, too.
+    # Version 1.0 of HTTP: the answer is not split into chunks, and casters of NTRIP 1 accept it too.
     lines = [
         "GET / HTTP/1.0",
         f"Host: {address}",
@@ -93,7 +93,7 @@ def read_source_table(
 
 
 def _ask(address: Address, request: bytes) -> bytes:
-    """What the caster answers, up to the end of its table."""
+    """Returns what the caster answers, up to the end of its table."""
     until = time.monotonic() + TIMEOUT
     answer = bytearray()
     try:
@@ -122,7 +122,7 @@ def _ask(address: Address, request: bytes) -> bytes:
 
 
 def _mountpoint(row: list[str]) -> Mountpoint:
-    """The mountpoint of a line: columns that are missing are empty."""
+    """Returns the mountpoint of a line: columns that are missing are empty."""
     cells = [*row, *[""] * 12]
     return Mountpoint(
         name=cells[1],

@@ -71,7 +71,7 @@ def _locked(
 
 
 class SimulatedDevice:
-    """A virtual MTi: develops and tests programs without hardware.
+    """A virtual MTi, to develop and test programs without hardware.
 
     The device accepts bytes with `write` and returns bytes with `read`. Its time advances only with
     `advance`, so equal calls return equal bytes. It does not sleep and has no threads. Time starts at
@@ -82,7 +82,7 @@ class SimulatedDevice:
     replies with an Error: code 4 for a message or state, 33 for a value, 32 for a baud rate, 3 for a period.
     Settings persist as in the manual: through `Reset` and power cycles, for the lifetime of the object.
 
-    All methods may be called from any thread, also while a server runs the device.
+    All methods may be called from any thread, even while a server runs the device.
 
     Args:
         product: ``"MTi-680G"``, 680, or a row of `xbus.protocol.tables.PRODUCTS`.
@@ -235,7 +235,7 @@ class SimulatedDevice:
     def faults(self) -> Faults | None:
         """The faults of the line, or None.
 
-        They can be replaced at any time, also while a server runs the device. Their times are those of
+        They can be replaced at any time, even while a server runs the device. Their times are those of
         `time`. Bytes that the old faults held back arrive at once.
 
         Example:

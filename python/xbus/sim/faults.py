@@ -155,14 +155,14 @@ class FaultyLine:
         return b"".join(pieces)
 
     def is_plugged(self, time: float) -> bool:
-        """Whether the plug is in at a time."""
+        """Returns whether the plug is in at a time."""
         if self.faults.unplug is None:
             return True
         at, seconds = self.faults.unplug
         return time < at or (seconds is not None and time >= at + seconds)
 
     def _arrives(self, time: float, due: float) -> bool:
-        """Whether the plug is in from one time to another."""
+        """Returns whether the plug is in from one time to another."""
         is_pulled = self.faults.unplug is not None and time < self.faults.unplug[0] <= due
         return self.is_plugged(time) and not is_pulled
 

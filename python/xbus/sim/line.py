@@ -59,7 +59,7 @@ class Line:
         self._faulty = None if faults is None else FaultyLine(faults)
 
     def has_room(self, size: int, now: int) -> bool:
-        """Whether the send buffer has room for a frame of ``size`` bytes."""
+        """Returns whether the send buffer has room for a frame of ``size`` bytes."""
         if self.rate is None:
             return True
         return (self.idle_at - now) * self.rate + size * BITS_PER_BYTE * SECOND <= (
@@ -104,7 +104,7 @@ class Line:
         return data
 
     def is_plugged(self, now: int) -> bool:
-        """Whether the plug is in."""
+        """Returns whether the plug is in."""
         return self._faulty is None or self._faulty.is_plugged(now / SECOND)
 
     def receive(self, data: bytes, sent: int | None, port_rate: int | None) -> bytes:

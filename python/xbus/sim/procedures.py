@@ -79,7 +79,7 @@ def _motion(trajectory: Trajectory, start: int, end: int) -> Motion:
 
 
 def is_still(trajectory: Trajectory, start: int, end: int) -> bool:
-    """Whether the trajectory does not turn between two times in ns."""
+    """Returns whether the trajectory does not turn between two times in ns."""
     rates = np.linalg.norm(_motion(trajectory, start, end).rate_of_turn, axis=1)
     return bool(rates.max() < MOVING)
 

@@ -90,7 +90,7 @@ def reply_with(reply: str, read: Callable[[Unit], Any]) -> Handler:
 
 
 def _is_within(flags: int, mask: int) -> bool:
-    """Whether all bits are in the mask. An IntFlag's own `~` ignores bits without a name."""
+    """Returns whether all bits are in the mask. An IntFlag's own `~` ignores bits without a name."""
     return not int(flags) & ~int(mask)
 
 

@@ -297,12 +297,12 @@ class _Configured(NamedTuple):
 
 
 def _accompanies(quantity: Quantity) -> bool:
-    """Whether a quantity is part of messages, but does not cause one."""
+    """Returns whether a quantity is part of messages, but does not cause one."""
     return quantity.group in ("Timestamp", "Status")
 
 
 def _is_base(quantity: Quantity) -> bool:
-    """Whether a quantity is part of the messages at the base rate."""
+    """Returns whether a quantity is part of the messages at the base rate."""
     return quantity.group != "GNSS" and quantity.name not in HR_PHASES
 
 

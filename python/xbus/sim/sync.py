@@ -62,7 +62,7 @@ class SyncInputs:
         self._reference = setting, now, is_on_time
 
     def is_clock_synced(self, now: int) -> bool:
-        """Whether a reference clock runs at the configured rate."""
+        """Returns whether a reference clock runs at the configured rate."""
         if self._reference is None:
             return False
         setting, last, is_on_time = self._reference

@@ -195,7 +195,7 @@ class Unit:
         raise Refused(ErrorCode.PARAMETER)
 
     def _is_always_accepted(self, mid: int) -> bool:
-        """Whether a message is valid in WakeUp too: a host that missed WakeUp repeats GoToConfig."""
+        """Returns whether a message is valid in WakeUp too: a host that missed WakeUp repeats GoToConfig."""
         return self.state is State.WAKEUP and mid == MessageId.GoToConfig
 
     # States

@@ -112,7 +112,7 @@ class String:
 
     @property
     def _body(self) -> bytes:
-        assert self.type is not None  # noqa: S101 - asked only of those that have one
+        assert self.type is not None  # noqa: S101 - called only for strings with a type
         start = len(STARTS[self.type])
         if self.type is StringType.EM1000:
             return self.data[start:]
@@ -158,16 +158,16 @@ def parse_string(data: bytes | str) -> String:
     return string
 
 
-#: What is wrong with a string whose fields can be read, and that is none all the same.
+#: What is wrong with a string whose fields can be parsed but which the scanner does not accept.
 _SHAPES = {
-    "TSS2": "its characters are not those of :DDDDD SMHHHHQMRRRRSMPPPPE",
-    "PRDID": "it has three numbers and nothing else",
-    "EM1000": "roll goes to 180, pitch to 90 and heading to 360 degrees",
+    "TSS2": "the characters do not match :DDDDD SMHHHHQMRRRRSMPPPPE",
+    "PRDID": "the string must have exactly three numbers",
+    "EM1000": "roll is at most 180, pitch 90 and heading 360 degrees",
 }
 
 
 def _is_found(string: String) -> bool:
-    """Whether the scanner finds a string without a checksum, which it recognizes by its characters."""
+    """Returns whether the scanner finds a string; it recognizes one without a checksum by its characters."""
     if string.name not in _SHAPES:
         return True
     data = string.data.rstrip(b"\r\n") + b"\r\n"
@@ -183,18 +183,18 @@ def _type(data: bytes) -> StringType | None:
     text = data.removesuffix(b"\n").removesuffix(b"\r")
     if not data.startswith((b"$", b":")):
         raise DecodeError(
-            f"a string begins with $ or :, or with 00 90, not with {data[:4].hex(' ').upper() or 'nothing'}",
+            f"a string begins with $, : or 00 90, not with {data[:4].hex(' ').upper() or 'nothing'}",
             0,
         )
     if len(data) > LONGEST:
         raise DecodeError(
-            f"a string has at most {LONGEST} bytes, not {len(data)}: where is the end of its line?",
+            f"a string has at most {LONGEST} bytes, not {len(data)}; pass a single line",
             LONGEST,
         )
     for at, byte in enumerate(text):
         if not 0x20 <= byte < 0x7F or (byte == 0x24 and at):
             raise DecodeError(
-                f"byte {at} is 0x{byte:02X}, and strings are of printable characters, with one $ in front",
+                f"byte {at} is 0x{byte:02X}; a string has printable characters only, with one $ in front",
                 at,
             )
     kind = next((kind for kind, start in STARTS.items() if text.startswith(start)), None)
@@ -207,13 +207,13 @@ def _type(data: bytes) -> StringType | None:
         return kind
     if not star or len(checksum) < 2:
         raise DecodeError(
-            f"it is cut: a sentence ends with * and two digits of checksum, not with {text[-8:].decode()!r}",
+            f"the end is missing: a sentence ends with * and two hex digits, not {text[-8:].decode()!r}",
             len(text),
         )
     expected = _checksum(body)
     if checksum.upper() != expected:
         raise DecodeError(
-            f"its checksum is {checksum.decode()}, and its characters make {expected.decode()}",
+            f"the checksum is {checksum.decode()}, but the characters give {expected.decode()}",
             len(text) - len(checksum),
         )
     return kind
@@ -286,7 +286,7 @@ def string_types(kinds: Iterable[StringType | str] | StringType) -> list[StringT
         raise TypeError(f"strings must be a list of names, such as [{kinds!r}]")
     if isinstance(kinds, StringType):
         if int(kinds) & ~sum(StringType):
-            raise ValueError(f"0x{int(kinds):X} has bits that are no string types")
+            raise ValueError(f"0x{int(kinds):X} has bits that are not string types")
         return [kind for kind in StringType if kind in kinds]
     return [one for kind in kinds for one in string_types(_flags(kind))]
 

@@ -125,7 +125,7 @@ def _read_member(kind: type[IntEnum] | type[IntFlag], found: Any) -> Any:
     members = {name.lower(): member for name, member in kind.__members__.items()}
     if not isinstance(found, str) or found.lower() not in members:
         names = ", ".join(map(member_name, kind.__members__.values()))
-        raise ValueError(f"{shortened(format_value(found))} is none of {names}")
+        raise ValueError(f"{shortened(format_value(found))} is not one of {names}")
     return members[found.lower()]
 
 
@@ -137,7 +137,7 @@ def _choice(kind: type[IntEnum]) -> Converter:
 
 
 def _flags(kind: type[IntFlag]) -> Converter:
-    """A list of names; bits without a name are written as one number."""
+    """Returns a list of names; bits without a name are written as one number."""
 
     def write(flags: IntFlag) -> list[Any]:
         unnamed = int(flags) & ~sum(flags)
@@ -156,7 +156,7 @@ def _flags(kind: type[IntFlag]) -> Converter:
 
 
 def _table(make: Callable[..., Any], **fields: Converter) -> Converter:
-    """A table with a key for each field. A field that has its default value is not written."""
+    """Returns a table with a key for each field. A field that has its default value is not written."""
     parameters = inspect.signature(make).parameters
     required = [name for name in fields if parameters[name].default is inspect.Parameter.empty]
 
@@ -193,7 +193,7 @@ def _missing_field(name: str) -> ValueError:
 
 
 def _with_baudrate(table: Converter, rates: Mapping[int, int]) -> Converter:
-    """The same table with ``baudrate`` in bits per second in place of ``baud_code``.
+    """Returns the same table with ``baudrate`` in bits per second in place of ``baud_code``.
 
     A code that is not the usual one of its rate keeps its name, so that it survives being written and read.
     """
@@ -215,7 +215,7 @@ def _with_baudrate(table: Converter, rates: Mapping[int, int]) -> Converter:
             rate = _read_integer(fields.pop("baudrate"))
             if rate not in codes:
                 known = ", ".join(map(str, sorted(codes)))
-                raise ValueError(f"baudrate: {rate} is none of {known}")
+                raise ValueError(f"baudrate: {rate} is not one of {known}")
             fields["baud_code"] = codes[rate]
         elif "baud_code" not in fields:
             raise _missing_field("baudrate")
@@ -267,7 +267,7 @@ def _read_output(found: Any) -> v.Output:
                 format_ = _read_text(fields.pop(name))
                 members = _OUTPUT_FIELDS[name].__members__
                 if format_ not in members:
-                    raise ValueError(f"{name}: {format_!r} is none of {', '.join(members)}")
+                    raise ValueError(f"{name}: {format_!r} is not one of {', '.join(members)}")
                 key.append(format_)
         data_id = data_id_of(tuple(key))
     else:

@@ -179,7 +179,7 @@ class Change(NamedTuple):
 
 
 def _choices(product: str | None) -> Mapping[str, str]:
-    """What a product offers, for the comments of a file."""
+    """Returns what a product offers, for the comments of a file."""
     try:
         known = support(find_product(product or ""))
     except ValueError:

@@ -156,7 +156,7 @@ def _as_acknowledged(settings: Settings, support: Support | None) -> Settings:
 
 
 def _is_in_effect(change: Change, support: Support | None) -> bool:
-    """Whether a change of outputs would change nothing, because the product has one rate for the quantity."""
+    """Returns whether a change of outputs has no effect because the product has one rate for the quantity."""
     if change.name != "output_configuration" or support is None:
         return False
     acknowledged = (
