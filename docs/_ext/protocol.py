@@ -1,4 +1,4 @@
-"""What the pages take from the package when they are built.
+"""Sphinx directives that fill pages from the package when they are built.
 
     ```{protocol} quantities
     ```
@@ -108,12 +108,14 @@ def quantities() -> list[nodes.Node]:
 
 
 def formats() -> list[nodes.Node]:
-    def size(it: Precision) -> int:
+    def size(precision: Precision) -> int:
         header = 3  # identifier and size
-        return len(encode_packet(("temperature", it.name), 0)) - header
+        return len(encode_packet(("temperature", precision.name), 0)) - header
 
-    precisions = ((f"{item:04b}", item.name, f"{size(item)} bytes") for item in Precision)
-    coordinates = ((f"{Coordinate:04b}", Coordinate.name, "") for Coordinate in Coordinates)
+    precisions = (
+        (f"{precision:04b}", precision.name, f"{size(precision)} bytes") for precision in Precision
+    )
+    coordinates = ((f"{system:04b}", system.name, "") for system in Coordinates)
     return [table(("bits", "format", "a number takes"), [*precisions, *coordinates])]
 
 
@@ -130,15 +132,21 @@ def fields() -> list[nodes.Node]:
 
 
 def field_table(rows: tuple[Field, ...]) -> nodes.table:
-    def missing(it: Field) -> str:
-        return "" if it.missing is None else f"{it.missing:#X}"
+    def missing(field: Field) -> str:
+        return "" if field.missing is None else f"{field.missing:#X}"
 
     header = ("field", "type", "one count is", "unit", "not provided")
     return table(
         header,
         (
-            (code(item.name), code(item.type), f"{item.scale:g}", item.unit, code(missing(item)))
-            for item in rows
+            (
+                code(field.name),
+                code(field.type),
+                f"{field.scale:g}",
+                field.unit,
+                code(missing(field)),
+            )
+            for field in rows
         ),
     )
 
@@ -204,8 +212,8 @@ def products() -> list[nodes.Node]:
 # What products support
 
 
-def who(has: Callable[[Support], bool]) -> str:
-    """Returns the products of which something is true."""
+def products_with(has: Callable[[Support], bool]) -> str:
+    """Returns the products for which a condition holds."""
     return describe_products([product for product in PRODUCTS if has(support(product))])
 
 
@@ -224,12 +232,12 @@ def rates() -> list[nodes.Node]:
         column = tuple(rate(support(product), name) for name in QUANTITIES)
         families.setdefault(column, []).append(product)
     header = ("quantity", *(", ".join(map(str, family)) for family in families.values()))
-    rows = ((code(name), *it) for name, *it in zip(QUANTITIES, *families, strict=True))
-    return [table(header, (item for item in rows if any(item[1:])))]
+    rows = ((code(name), *cells) for name, *cells in zip(QUANTITIES, *families, strict=True))
+    return [table(header, (cells for cells in rows if any(cells[1:])))]
 
 
 def hardware_rates() -> list[nodes.Node]:
-    """Where the version of the hardware makes a difference."""
+    """Returns the table of rates that depend on the hardware version."""
 
     def cells(number: int, quantity: str) -> list[str]:
         versions = [None, *(HardwareVersion(value, 0) for value in (1, 2, 3))]
@@ -238,14 +246,17 @@ def hardware_rates() -> list[nodes.Node]:
     differing: dict[tuple[str, ...], list[int]] = {}
     for quantity in QUANTITIES:
         for number in PRODUCTS:
-            row = cells(number, quantity)
-            if len(set(row)) > 1:
-                differing.setdefault((quantity, *row), []).append(number)
+            rates = cells(number, quantity)
+            if len(set(rates)) > 1:
+                differing.setdefault((quantity, *rates), []).append(number)
     header = ("quantity", "products", "not known", "1", "2", "3")
     return [
         table(
             header,
-            ((code(row[0]), describe_products(who), *row[1:]) for row, who in differing.items()),
+            (
+                (code(quantity), describe_products(numbers), *rates)
+                for (quantity, *rates), numbers in differing.items()
+            ),
         )
     ]
 
@@ -276,11 +287,11 @@ def _bits(
     """Returns the bits of a kind, and the products that have each."""
     rows = (
         (
-            code(f"{entry.value:04X}"),
-            code(entry.name or ""),
-            who(lambda support, item=entry: item in of(support)),
+            code(f"{flag.value:04X}"),
+            code(flag.name or ""),
+            products_with(lambda supported, flag=flag: flag in of(supported)),
         )
-        for entry in kind
+        for flag in kind
     )
     return [table(("bit", word, "products"), rows)]
 
@@ -317,39 +328,47 @@ def filter_profiles() -> list[nodes.Node]:
 def baudrates() -> list[nodes.Node]:
     every = sorted(set(BAUD_CODES.values()))
     rows = (
-        (f"{entry:,}", who(lambda support, item=entry: item in support.baudrates))
-        for entry in every
+        (
+            f"{baudrate:,}",
+            products_with(lambda supported, rate=baudrate: rate in supported.baudrates),
+        )
+        for baudrate in every
     )
     return [table(("bits per second", "products"), rows)]
 
 
 def defaults() -> list[nodes.Node]:
-    def output(it: Output) -> str:
-        precision = "" if it.precision is None else f" {it.precision.name}"
-        return f"{it.quantity}{precision}{'' if it.frequency == EVERY else f' {it.frequency} Hz'}"
+    def text(output: Output) -> str:
+        precision = "" if output.precision is None else f" {output.precision.name}"
+        frequency = "" if output.frequency == EVERY else f" {output.frequency} Hz"
+        return f"{output.quantity}{precision}{frequency}"
 
     found: dict[tuple[str, ...], list[int]] = {}
     for number in PRODUCTS:
-        it = support(number)
-        row = (
-            ", ".join(map(output, it.output_configuration)),
-            str(it.filter_profile or ""),
-            value_text(it.sync_settings) if it.sync_settings else "",
+        supported = support(number)
+        values = (
+            ", ".join(map(text, supported.output_configuration)),
+            str(supported.filter_profile or ""),
+            value_text(supported.sync_settings) if supported.sync_settings else "",
         )
-        found.setdefault(row, []).append(number)
+        found.setdefault(values, []).append(number)
     rows = (
-        (describe_products(who), out, code(profile), code(sync))
-        for (out, profile, sync), who in found.items()
+        (describe_products(numbers), outputs, code(profile), code(sync))
+        for (outputs, profile, sync), numbers in found.items()
     )
     return [table(("products", "output configuration", "filter profile", "synchronization"), rows)]
 
 
 def identities() -> list[nodes.Node]:
-    def cells(it: Support) -> tuple[Cell, ...]:
-        who = it.identity
-        size = 2 * it.product.id_size
-        name = code(f"{who.device_id:0{size}X}")
-        return it.product.name, name, code(who.product_code), str(who.firmware), str(who.hardware)
+    def cells(supported: Support) -> tuple[Cell, ...]:
+        product, identity = supported.product, supported.identity
+        return (
+            product.name,
+            code(f"{identity.device_id:0{2 * product.id_size}X}"),
+            code(identity.product_code),
+            str(identity.firmware),
+            str(identity.hardware),
+        )
 
     header = ("product", "device identifier", "product code", "firmware", "hardware")
     return [table(header, (cells(support(product)) for product in PRODUCTS))]
@@ -412,7 +431,7 @@ def what_it_does(method: str) -> str:
 
 
 def variants(row: MessageRow) -> list[MessageRow]:
-    """Returns the message, and what some products have in its place under the same MID."""
+    """Returns the message, and its variants on some products under the same MID."""
     return [
         request for request in REQUESTS.values() if request.name in (row.name, f"{row.name}Modern")
     ]
@@ -486,7 +505,7 @@ class CommandTable(SphinxDirective):
     def cells(self, method: str) -> tuple[Cell, ...]:
         row = request_of(method)
         if row is None:
-            raise self.error(f"{method} is called like no message")
+            raise self.error(f"{method} is not named like a message")
         numbers = {number for variant in variants(row) for number in variant.products}
         owner = owner_of(method)
         name = method if owner is Device else f"commands.{method}"

@@ -33,7 +33,7 @@ def baudrate(port: str, rate: int, current: int | None) -> None:
         try:
             with device.configure():
                 device.set_baudrate(rate)
-        except XbusError:
+        except XbusError:  # DecodeError is a ValueError
             raise
         except ValueError as error:
             raise Failure(f"{error}; nothing was changed") from None

@@ -69,7 +69,7 @@ def open_port(port: str, baudrate: int) -> Link:
 def _opening(port: str) -> Iterator[None]:
     try:
         yield
-    except XbusError:
+    except XbusError:  # XbusTimeout is an OSError
         raise
     except OSError as error:
         number, text = _cause(error)

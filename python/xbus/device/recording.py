@@ -24,8 +24,8 @@ def recording_head(channel: Channel) -> bytes:
     """Returns the frames that start a file, read from a device in Config State.
 
     Args:
-        channel: The channel. Configuration is required; not every device has the other messages, and a file is
-            readable without them.
+        channel: The channel. Configuration is required; not every device has the other messages, and a file
+            is readable without them.
     """
     head = _configuration_frame(channel.command("ReqConfiguration", None).payload)
     with contextlib.suppress(DeviceError, StateError, XbusTimeout):

@@ -1,4 +1,4 @@
-"""How the value of each setting is written in a TOML file, and read from one."""
+"""Converts the value of each setting to its form in a TOML file, and back."""
 
 from __future__ import annotations
 
@@ -36,16 +36,16 @@ __all__ = [
     "member_name",
 ]
 
-#: No setting has a longer text, or an integer of more bits. The limits keep messages short.
+#: Longest text and widest integer of any setting. The limits keep error messages short.
 MAX_CHARACTERS, MAX_BITS = 100, 64
 
 
 class Converter(NamedTuple):
-    """How a value is written and read.
+    """Converts values of one kind.
 
     Attributes:
-        write: Value to what TOML has: bool, int, float, str, list or dict.
-        read: The reverse; raises ValueError.
+        write: Returns a value as bool, int, float, str, list or dict, which TOML has.
+        read: Returns the value of such an object; raises ValueError.
     """
 
     write: Callable[[Any], Any]
@@ -137,7 +137,7 @@ def _choice(kind: type[IntEnum]) -> Converter:
 
 
 def _flags(kind: type[IntFlag]) -> Converter:
-    """Returns a list of names; bits without a name are written as one number."""
+    """Returns the converter of flags: a list of names, with bits without a name as one number."""
 
     def write(flags: IntFlag) -> list[Any]:
         unnamed = int(flags) & ~sum(flags)
@@ -156,7 +156,7 @@ def _flags(kind: type[IntFlag]) -> Converter:
 
 
 def _table(make: Callable[..., Any], **fields: Converter) -> Converter:
-    """Returns a table with a key for each field. A field that has its default value is not written."""
+    """Returns the converter of a record: a table. A field that has its default value is not written."""
     parameters = inspect.signature(make).parameters
     required = [name for name in fields if parameters[name].default is inspect.Parameter.empty]
 
@@ -231,7 +231,7 @@ def _list(entry: Converter) -> Converter:
     )
 
 
-# Values with a form that no other setting has
+# Forms that only one setting has
 
 
 def _write_output(output: v.Output) -> dict[str, Any]:
