@@ -8,9 +8,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from xbus import _core
-from xbus.protocol.values import MAX_REQUEST_PAYLOAD
 
 __all__ = ["Framer", "Request"]
+
+#: The longest payload (Table 3). A header that announces more does not belong to a frame.
+LONGEST_PAYLOAD = 2048
 
 
 class Request(NamedTuple):
@@ -30,8 +32,7 @@ class Framer:
     """
 
     def __init__(self) -> None:
-        # A header that announces more does not belong to a frame.
-        self._scanner = _core.RequestScanner(MAX_REQUEST_PAYLOAD)
+        self._scanner = _core.RequestScanner(LONGEST_PAYLOAD)
 
     @property
     def is_waiting(self) -> bool:
@@ -43,7 +44,7 @@ class Framer:
         return self._scan(data, last=False)
 
     def flush(self) -> list[Request]:
-        """Drops every incomplete frame, and returns the requests found after its header."""
+        """Drops every incomplete frame, and returns the requests behind their headers."""
         return self._scan(b"", last=True)
 
     def _scan(self, data: bytes, *, last: bool) -> list[Request]:
