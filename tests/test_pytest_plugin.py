@@ -1,4 +1,4 @@
-"""The pytest plugin, in test suites of other people: each runs in a pytest of its own."""
+"""The pytest plugin: each test runs a small test suite in a separate pytest process."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_tcp(xbus_device):
 
 @pytest.mark.xbus_device("MTi-300", output_configuration={"acceleration": 400, "rate_of_turn": 400})
 def test_output_configuration(xbus_device):
-    assert [it.quantity for it in xbus_device.device.settings.output_configuration] == [
+    assert [output.quantity for output in xbus_device.device.settings.output_configuration] == [
         "acceleration", "rate_of_turn"
     ]
     with serial.Serial(xbus_device.port, timeout=10) as port:
