@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+import xbus
+
 ROOT = Path(__file__).parent.parent
 PLUGIN = "xbus.pytest_plugin"
 
@@ -193,7 +195,8 @@ def test_pytest_finds_the_plugin(tmp_path: Path) -> None:
     info = site / "xbus_mti-0.dist-info"
     info.mkdir(parents=True)
     suite.mkdir()
-    (site / "xbus").symlink_to(ROOT / "python" / "xbus")
+    # The package under test, with its extension module: the source folder has none if xbus is installed.
+    (site / "xbus").symlink_to(Path(xbus.__file__).parent)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: xbus-mti\nVersion: 0\n")
     lines = [f"{name} = {target}\n" for name, target in project["entry-points"]["pytest11"].items()]
     (info / "entry_points.txt").write_text("".join(["[pytest11]\n", *lines]))
