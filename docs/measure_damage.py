@@ -1,7 +1,7 @@
 """Measures the frames lost and the false frames accepted, with the checksum alone and with the scanner.
 
 ``python docs/measure_damage.py [FRAMES]`` prints the table of docs/damage.md, for 400,000 frames by default.
-*Lost* frames arrive intact and are not found. *Hit* frames are accepted in the place of a real frame although
+*Lost* frames arrive intact and are not found. *Hit* frames are accepted in place of a real frame although
 they changed; *made up* frames are accepted elsewhere.
 """
 

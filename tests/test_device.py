@@ -189,7 +189,7 @@ def test_strings_are_switched_off_first() -> None:
         ),
         (
             {"acceleration": 300},
-            "cannot send acceleration at 300 Hz; the nearest rate is 200 and 400 Hz",
+            "cannot send acceleration at 300 Hz; the nearest rates are 200 and 400 Hz",
         ),
         ({"lat_lon": 100}, "the MTi-630 has no output lat_lon"),
     ],

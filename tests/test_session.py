@@ -260,7 +260,7 @@ REFUSED: list[tuple[str, str, Any, str]] = [
     ("MTi-3", "SetOutputConfiguration", [Output(0x4020, 400)],
      "cannot send acceleration at 400 Hz; the nearest rate is 100"),
     ("MTi-630", "SetOutputConfiguration", [Output(0x4020, 150)],
-     "the nearest rate is 100 Hz and 200 Hz|100 and 200 Hz"),
+     "the nearest rates are 100 and 200 Hz"),
     ("MTi-630", "SetOutputConfiguration", [Output(0x9990, 100)], "no output 0x9990"),
     ("MTi-630", "SetOutputConfiguration", [Output(0x4020, 1)] * 33, "33 entries, and the message holds 32"),
     ("MTi-630", "SetOptionFlags", OptionFlags(OptionFlag.ENABLE_BEIDOU), "no option flag ENABLE_BEIDOU"),

@@ -312,7 +312,7 @@ def test_strings_are_checked_and_not_the_outputs_that_they_overrule() -> None:
 #: Product, text, and why it cannot be applied.
 IMPOSSIBLE = [
     ("MTi-630", 'output_configuration = [\n  { quantity = "acceleration", frequency = 150 },\n]',
-     "line 2, output_configuration: the MTi-630 cannot send acceleration at 150 Hz; the nearest rate is 100"),
+     "line 2, output_configuration: the MTi-630 cannot send acceleration at 150 Hz; the nearest rates are"),
     ("MTi-630", 'output_configuration = [\n { quantity = "packet_counter" },\n\n { quantity = "lat_lon" },]',
      "line 4, output_configuration: the MTi-630 has no output lat_lon"),
     ("MTi-630", "gnss_lever_arm = { x = 0, y = 0, z = 1 }",

@@ -468,7 +468,7 @@ class GapArrays:
 
     @property
     def sample(self) -> npt.NDArray[np.int64]:
-        """Index of the sample behind each, ``(n,)``."""
+        """Index of the sample after each, ``(n,)``."""
     @property
     def lost(self) -> npt.NDArray[np.int64]:
         """Samples that are missing at each, ``(n,)``."""

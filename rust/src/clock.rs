@@ -57,7 +57,7 @@ fn u32_of(data: &[u8]) -> Option<u32> {
     data.first_chunk().map(|bytes| u32::from_be_bytes(*bytes))
 }
 
-/// Where a trigger's record has its time stamp: behind line and polarity.
+/// Where a trigger's record has its time stamp: after line and polarity.
 pub(crate) const TRIGGER_STAMP: usize = 2 * Wire::U1.size();
 
 /// Samples lost by the packet counter.
@@ -88,7 +88,7 @@ impl Losses {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Gap {
-    /// Index of the sample behind the gap.
+    /// Index of the sample after the gap.
     pub sample: u64,
     /// Number of samples that are missing.
     pub lost: u64,

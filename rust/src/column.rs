@@ -403,9 +403,9 @@ fn append_records(out: &mut Vec<u8>, bytes: &[u8], fields: &[Field]) {
     let mut rest = &mut out[old..];
     while !rest.is_empty() {
         for field in fields {
-            let (number, behind) = rest.split_at_mut(field.wire.size());
+            let (number, following) = rest.split_at_mut(field.wire.size());
             number.reverse();
-            rest = behind;
+            rest = following;
         }
     }
 }

@@ -58,7 +58,7 @@ impl<'a> Requests<'a> {
         if length > bytes.len() {
             return Candidate::Incomplete;
         }
-        // The bytes after the preamble sum to 0 if the sums before and behind them are the same.
+        // The bytes after the preamble sum to 0 if the sums before and after them are the same.
         let (start, end) = (self.at + field::BID, self.at + length);
         self.sum_up();
         if self.sums[start] == self.sums[end] { Candidate::Frame(length) } else { Candidate::Invalid }

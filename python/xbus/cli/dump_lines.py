@@ -16,7 +16,7 @@ from xbus.wire.strings import String
 
 __all__ = ["DumpFormatter"]
 
-#: Bytes to keep for the hex: two of the longest frames, because a frame is found after the one behind it.
+#: Bytes to keep for the hex: two of the longest frames, because a frame may be found only with the next one.
 KEPT = 2 * (LONGEST + 7)
 
 

@@ -12,13 +12,12 @@ from functools import partial
 from typing import Any, NoReturn
 
 from xbus.device.events import Notice, Refusal, Reply, SessionEvent
-from xbus.device.output_configuration import BITS_PER_BYTE
 from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Session
 from xbus.device.timing import HostClocks
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.protocol.tables import MESSAGES
-from xbus.protocol.values import State
+from xbus.protocol.values import BITS_PER_BYTE, State
 from xbus.wire.link import Link
 from xbus.wire.strings import String
 

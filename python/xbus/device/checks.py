@@ -169,10 +169,8 @@ def _check_outputs(outputs: Iterable[Output], support: Support) -> None:
             continue
         lower = max((rate for rate in rates if rate < frequency), default=rates[-1])
         higher = min((rate for rate in rates if rate > frequency), default=rates[0])
-        near = f"{lower} Hz" if lower == higher else f"{lower} and {higher} Hz"
-        raise ValueError(
-            f"the {product} cannot send {name} at {frequency} Hz; the nearest rate is {near}"
-        )
+        near = f"rate is {lower} Hz" if lower == higher else f"rates are {lower} and {higher} Hz"
+        raise ValueError(f"the {product} cannot send {name} at {frequency} Hz; the nearest {near}")
 
 
 def _beyond(flags: int, allowed: int) -> int:

@@ -26,9 +26,6 @@ from xbus.protocol.configuration import Configuration, Firmware
 
 __all__ = ["Commands"]
 
-#: Maximum payload of a message to the device, in bytes (section 5.1).
-MAX_PAYLOAD = 2048
-
 
 class Commands:
     """The raw commands of section 5.3, as `Device.commands`.
@@ -344,5 +341,5 @@ class Commands:
 
         Data that exceeds the maximum payload is split into several messages.
         """
-        for start in range(0, len(data), MAX_PAYLOAD):
-            self._set("ForwardGnssData", data[start : start + MAX_PAYLOAD])
+        for start in range(0, len(data), v.MAX_REQUEST_PAYLOAD):
+            self._set("ForwardGnssData", data[start : start + v.MAX_REQUEST_PAYLOAD])

@@ -38,12 +38,13 @@ def connect(
 ) -> Device:
     """Opens the port of a device, and finds out its state without changing it.
 
-    It listens first, and asks only if nothing is heard.
+    Listens first, and sends a request only if nothing is heard.
 
     Args:
         port: Name of a serial port, a pyserial URL (``socket://host:port``, ``rfc2217://...``), a
             pyserial object, a `SimulatedDevice`, or ``"sim:MTi-630"`` for one, also with options:
-            ``"sim:MTi-630?noise=1&seed=2"``. None: the one port of this machine that says Xsens.
+            ``"sim:MTi-630?noise=1&seed=2"``. None: the one port of this machine with the USB
+            identifiers of Xsens.
         baudrate: Bits per second. None: tries the rates that devices use, one after the other.
         bid: Bus identifier of the device; 0xFF and 1 are the same device.
         reconnect: Whether to wait for a device that is unplugged while its samples are read, and to bring it
@@ -61,7 +62,8 @@ def connect(
     Raises:
         XbusTimeout: Nothing was heard.
         OSError: The port cannot be opened.
-        ValueError: No port was named, and none or several say Xsens; or there is no such string.
+        ValueError: No port was given, and none or several have the USB identifiers of Xsens; or no string
+            type has a given name.
 
     >>> import xbus
     >>> xbus.connect("sim:MTi-680G")
@@ -115,6 +117,7 @@ def _only_port() -> str:
     likely = [port.device for port in ports if port.likely]
     if len(likely) == 1:
         return likely[0]
-    names = ", ".join(likely or [port.device for port in ports]) or "none"
-    problem = "several ports say Xsens" if likely else "no port says Xsens"
-    raise ValueError(f"{problem}; name one of: {names} (a virtual device is at 'sim:MTi-630')")
+    count = "several ports have" if likely else "no port has"
+    names = [repr(name) for name in likely or [port.device for port in ports]]
+    choices = " or ".join([*names, "'sim:MTi-630' (a virtual device)"])
+    raise ValueError(f"{count} the USB identifiers of Xsens; pass {choices}")

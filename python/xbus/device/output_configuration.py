@@ -10,11 +10,10 @@ from xbus.protocol.ids import Precision
 from xbus.protocol.keys import Key
 from xbus.protocol.products import Support
 from xbus.protocol.tables import QUANTITIES
-from xbus.protocol.values import EVERY, Output
+from xbus.protocol.values import BITS_PER_BYTE, EVERY, Output
 from xbus.wire.codec import data_id_of
 
 __all__ = [
-    "BITS_PER_BYTE",
     "OutputConfiguration",
     "bytes_per_second",
     "check_outputs_fit",
@@ -36,8 +35,6 @@ _SATELLITES = 40
 _GNSS_RATE = 4
 #: Rate of messages that contain nothing but time stamps and status, in Hz (Table 2).
 _STAMPS_RATE = 100
-#: Bits on the line for each byte: a start bit, eight data bits, a stop bit.
-BITS_PER_BYTE = 10
 
 
 def parse_output_configuration(configuration: OutputConfiguration) -> tuple[Output, ...]:

@@ -28,7 +28,8 @@ class LiveStats:
         skipped_bytes: Bytes that belong to neither frame nor string.
         quantities: Number of packets by name of the quantity.
         strings: Number of strings by name; the name is empty for strings that are not in the manual.
-        rates: Both in Hz, between the last two reads of the stats that are at least 0.5 s apart.
+        rates: Rates in Hz of quantities and strings by name, between the last two reads of the stats that are
+            at least 0.5 s apart.
         unread_samples: Samples that wait to be read.
         dropped_samples: Samples dropped because a million newer ones were unread.
         queued_bytes: Bytes that wait to be decoded.

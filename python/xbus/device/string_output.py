@@ -6,10 +6,17 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-from xbus.device.output_configuration import BITS_PER_BYTE, overload_message
+from xbus.device.output_configuration import overload_message
 from xbus.protocol.products import Support
 from xbus.protocol.strings import STRING_FIELDS
-from xbus.protocol.values import ON_DEMAND, PERIOD_TICKS, PERIODS, StringOutput, StringType
+from xbus.protocol.values import (
+    BITS_PER_BYTE,
+    ON_DEMAND,
+    PERIOD_TICKS,
+    PERIODS,
+    StringOutput,
+    StringType,
+)
 from xbus.wire.strings import string_types
 
 __all__ = [

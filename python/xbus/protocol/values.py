@@ -82,8 +82,12 @@ class State(StrEnum):
     MEASUREMENT = "measurement"
 
 
-# Baud rates
+# The line
 
+#: Bits on the line for each byte: a start bit, eight data bits, a stop bit.
+BITS_PER_BYTE = 10
+#: Maximum payload of a message to a device, in bytes (section 5.1, Table 3).
+MAX_REQUEST_PAYLOAD = 2048
 #: Bits per second by code, Table 7. The text has "76k6" where it means 76,800, and two codes for 921,600.
 BAUD_CODES = {
     0x0D: 4_000_000,

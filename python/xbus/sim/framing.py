@@ -8,11 +8,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from xbus import _core
+from xbus.protocol.values import MAX_REQUEST_PAYLOAD
 
 __all__ = ["Framer", "Request"]
-
-#: The longest payload (Table 3). A header that announces more does not belong to a frame.
-LONGEST_PAYLOAD = 2048
 
 
 class Request(NamedTuple):
@@ -32,7 +30,8 @@ class Framer:
     """
 
     def __init__(self) -> None:
-        self._scanner = _core.RequestScanner(LONGEST_PAYLOAD)
+        # A header that announces more does not belong to a frame.
+        self._scanner = _core.RequestScanner(MAX_REQUEST_PAYLOAD)
 
     @property
     def is_waiting(self) -> bool:
@@ -44,7 +43,7 @@ class Framer:
         return self._scan(data, last=False)
 
     def flush(self) -> list[Request]:
-        """Drops every incomplete frame, and returns the requests behind their headers."""
+        """Drops every incomplete frame, and returns the requests found after its header."""
         return self._scan(b"", last=True)
 
     def _scan(self, data: bytes, *, last: bool) -> list[Request]:

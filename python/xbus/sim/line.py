@@ -6,6 +6,7 @@ import math
 import random
 from collections import deque
 
+from xbus.protocol.values import BITS_PER_BYTE
 from xbus.sim.clock import SECOND
 from xbus.sim.faults import Faults, FaultyLine
 
@@ -13,8 +14,6 @@ __all__ = ["Line"]
 
 #: Bytes that the device can buffer while the line is busy. A frame that does not fit is dropped.
 SEND_BUFFER = 2048
-#: Start bit, eight data bits and stop bit.
-BITS_PER_BYTE = 10
 
 
 class Line:

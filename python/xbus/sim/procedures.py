@@ -18,7 +18,7 @@ __all__ = ["Rotation", "icc_result", "is_still", "reset"]
 #: A quaternion, q0 first.
 Rotation: TypeAlias = tuple[float, float, float, float]
 
-#: Rate of turn in rad/s from which on a device moves.
+#: Rate of turn in rad/s from which a device counts as moving.
 MOVING = np.radians(0.5)
 #: Seconds between two evaluations of the motion, and the most evaluations of an interval.
 INTERVAL, MOST_INTERVALS = 0.02, 100_000

@@ -66,7 +66,7 @@ class Replay:
         log = read_log(self._data, quantities=RECEIVER, strings=strings)
         times = ReplayPace().times(log)
         is_sent = ~np.isin(log.messages.mid, REPLIES)
-        # Messages and strings are sent with the next sample; behind the last sample, at its time.
+        # Messages and strings are sent with the next sample; after the last sample, at its time.
         sample_times = np.append(times, times[-1:] if len(times) else [0.0])
         message_times = sample_times[log.messages.sample[is_sent]]
         string_times = np.arange(len(log.strings)) / UNSTAMPED_RATE

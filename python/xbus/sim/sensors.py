@@ -65,7 +65,7 @@ FIX_3D = 3
 FIX_VALID, CORRECTIONS_BIT, RTK_BIT = 0x01, 1, 6
 #: Satellites in view by GNSS identifier (GPS, Galileo, GLONASS), each with the number of satellite numbers.
 SATELLITES = {0: (9, 32), 2: (6, 36), 6: (5, 24)}
-#: Carrier to noise ratio in dBHz from which on a satellite is used.
+#: Carrier-to-noise ratio in dBHz from which a satellite is used.
 USED_FROM = 28
 #: Signal quality and flag bits of a satellite (Table 26).
 SEARCHING, UNUSABLE, LOCKED = 1, 3, 7

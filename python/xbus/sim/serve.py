@@ -28,7 +28,7 @@ STEP_TIME = 0.01
 CATCH_UP = 1.0
 #: Bytes of one read, and the most bytes to read in a step.
 PIECE, MOST = 1 << 12, 1 << 16
-#: Bytes queued for a client that does not read, from which on output is dropped.
+#: Maximum bytes queued for a client that does not read; further output is dropped.
 QUEUE_SIZE = 1 << 16
 #: Linux: the ioctl request for terminal settings with numeric speeds, and the size of these settings.
 TCGETS2, TERMIOS2_SIZE = 0x802C542A, 44

@@ -56,7 +56,7 @@ __all__ = ["SETTING_COMMANDS", "Handler", "Refused", "reply_with", "require"]
 
 Handler: TypeAlias = "Callable[[Unit, Any], bytes]"
 
-#: Slots in AvailableFilterProfiles; those behind the last profile are empty (Table 29).
+#: Slots in AvailableFilterProfiles; those after the last profile are empty (Table 29).
 PROFILE_SLOTS = 5
 #: The value of the two coordinate bits that names no coordinate system (Table 17).
 NO_COORDINATES = 0xC

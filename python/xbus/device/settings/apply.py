@@ -16,7 +16,7 @@ __all__ = ["Applied", "ApplyError", "apply_plan"]
 
 
 class ApplyError(XbusError):
-    """Settings were applied in part: the device refused one, or is gone. The cause is the error behind it.
+    """Settings were applied in part: the device refused one, or is gone. ``__cause__`` is that error.
 
     Attributes:
         reason: What happened.
