@@ -1,6 +1,6 @@
-"""Files that are not what they should be, and readers that do not do what they should.
+"""Damaged files, files of other formats, and readers that misbehave.
 
-Hostile bytes have a folder of their own: ``attacks``.
+Hostile bytes are tested in the folder ``attacks``.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def test_truncated(end: int) -> None:
 
 @pytest.mark.parametrize("start", range(1, 2 * SIZE))
 def test_starts_in_the_middle(start: int) -> None:
-    """A recorder that was switched on late."""
+    """A recording that starts within a message loses that message only."""
     log = xbus.read_log(b"".join(SOUND)[start:])
     lost = -(-start // SIZE)
     assert log["acceleration"].values[:, 0].tolist() == list(range(lost, 6))
@@ -59,7 +59,7 @@ def test_starts_in_the_middle(start: int) -> None:
 @pytest.mark.parametrize("size", range(40))
 @pytest.mark.parametrize("garbage", [b"\0", b"\xfa", b"\xff", b"Xsens"])
 def test_garbage_between(garbage: bytes, size: int) -> None:
-    """A burst of any length; the vendor's recorder leaves five letters at the start."""
+    """Garbage of any length is skipped; the vendor's recorder writes five letters at the start."""
     noise = (garbage * 40)[:size]
     log = xbus.read_log(noise + noise.join(SOUND))
     assert log["acceleration"].values[:, 0].tolist() == list(range(6))
@@ -68,8 +68,8 @@ def test_garbage_between(garbage: bytes, size: int) -> None:
 
 
 @pytest.mark.parametrize("at", range(SIZE))
-def test_a_byte_lost(at: int) -> None:
-    """One message, and the counter knows."""
+def test_a_lost_byte_loses_one_message(at: int) -> None:
+    """One message is lost, and the counter reports it."""
     log = xbus.read_log(b"".join([*SOUND[:3], SOUND[3][:at] + SOUND[3][at + 1 :], *SOUND[4:]]))
     assert log["acceleration"].values[:, 0].tolist() == [0, 1, 2, 4, 5]
     assert (log.stats.lost_samples, log.stats.gaps) == (1, 1)
@@ -77,7 +77,7 @@ def test_a_byte_lost(at: int) -> None:
 
 
 def test_swapped_blocks() -> None:
-    """A file system that lost its order: everything is there, and the counter says where it jumps."""
+    """Blocks in the wrong order are all read, and the counter reports the jumps."""
     data = WALK[:20_000] + WALK[60_000:80_000] + WALK[40_000:60_000]
     log = xbus.read_log(data)
     assert differences(facts(log), facts_of(reference.decode(data))) == []
@@ -86,13 +86,15 @@ def test_swapped_blocks() -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# Files that are none
+# Other files
 # ---------------------------------------------------------------------------------------------
 
 
 @both
-def test_missing(reader: Callable[[Any], Any], tmp_path: Path) -> None:
-    """Python's own error, which says which file."""
+def test_a_missing_file_raises_filenotfounderror(
+    reader: Callable[[Any], Any], tmp_path: Path
+) -> None:
+    """Python's own error is raised, with the name of the file."""
     path = tmp_path / "no.mtb"
     for source in (path, str(path)):
         with pytest.raises(FileNotFoundError) as caught:
@@ -125,7 +127,7 @@ def test_empty(tmp_path: Path) -> None:
 
 
 def png() -> bytes:
-    """A picture of noise."""
+    """Returns a picture of noise."""
 
     def chunk(name: bytes, data: bytes) -> bytes:
         return (
@@ -155,8 +157,10 @@ OTHER_FILES = {
 
 @pytest.mark.parametrize("data", OTHER_FILES.values(), ids=OTHER_FILES)
 @both
-def test_no_xbus_at_all(reader: Callable[[Any], Any], data: bytes, tmp_path: Path) -> None:
-    """An empty log, all of it damage; what to make of that is left to who asked."""
+def test_other_files_are_all_damage(
+    reader: Callable[[Any], Any], data: bytes, tmp_path: Path
+) -> None:
+    """Another format gives an empty log, all of it damage; the caller decides whether that is an error."""
     path = tmp_path / "what.mtb"
     path.write_bytes(data)
     found = reader(path)
@@ -174,7 +178,7 @@ def test_no_xbus_at_all(reader: Callable[[Any], Any], data: bytes, tmp_path: Pat
     ids=lambda item: type(item).__name__,
 )
 @both
-def test_no_source_at_all(reader: Callable[[Any], Any], source: Any) -> None:
+def test_other_types_raise_typeerror(reader: Callable[[Any], Any], source: Any) -> None:
     with pytest.raises(TypeError) as caught:
         reader(source)
     assert (
@@ -187,7 +191,7 @@ def test_no_source_at_all(reader: Callable[[Any], Any], source: Any) -> None:
     ("dtype", "shape"),
     [("i1", (10,)), ("u2", (10,)), ("f8", (10,)), ("?", (10,)), ("u1", (2, 5)), ("u1", ())],
 )
-def test_arrays_of_something_else(dtype: str, shape: tuple[int, ...]) -> None:
+def test_other_arrays_raise_typeerror(dtype: str, shape: tuple[int, ...]) -> None:
     np = pytest.importorskip("numpy")
     with pytest.raises(TypeError, match="an array of bytes must be uint8 with one dimension"):
         xbus.read_log(np.zeros(shape, dtype))
@@ -199,7 +203,7 @@ def test_arrays_of_something_else(dtype: str, shape: tuple[int, ...]) -> None:
 
 
 def test_a_file_cut_short(tmp_path: Path) -> None:
-    """Another program truncates it between two parts: the log just ends there. Nothing is mapped."""
+    """If another program truncates the file between two parts, the log ends there: the file is not mapped."""
     path = tmp_path / "log.mtb"
     data = streams.ahrs(40_000)
     path.write_bytes(data)
@@ -223,7 +227,7 @@ def test_a_file_cut_to_nothing(tmp_path: Path) -> None:
 
 
 def test_a_file_that_grows(tmp_path: Path) -> None:
-    """A recorder is still at it: what is there when the reader comes is read."""
+    """While a recorder appends to the file, the reader reads what is there."""
     path = tmp_path / "log.mtb"
     data = streams.ahrs(40_000)
     path.write_bytes(data[:2_000_000])
@@ -236,8 +240,8 @@ def test_a_file_that_grows(tmp_path: Path) -> None:
     assert differences(output, facts(read(data))) == []
 
 
-def test_a_file_that_is_replaced(tmp_path: Path) -> None:
-    """It is read to its end all the same."""
+def test_a_replaced_file_is_read_to_its_end(tmp_path: Path) -> None:
+    """The open file is read to its end, not the one that replaced it."""
     path, other = tmp_path / "log.mtb", tmp_path / "other.mtb"
     data = streams.ahrs(40_000)
     path.write_bytes(data)
@@ -249,12 +253,12 @@ def test_a_file_that_is_replaced(tmp_path: Path) -> None:
 
 
 # ---------------------------------------------------------------------------------------------
-# Readers that do not do what they should
+# Readers that misbehave
 # ---------------------------------------------------------------------------------------------
 
 
 class Reader:
-    """Gives these answers, one after the other; raises those that are exceptions."""
+    """Returns these answers in turn, and raises those that are exceptions."""
 
     def __init__(self, *answers: Any) -> None:
         self.answers = list(answers)
@@ -277,8 +281,10 @@ class Reader:
     ],
 )
 @both
-def test_wrong_answers(reader: Callable[[Any], Any], answer: Any, text: str) -> None:
-    """At once, and after sound bytes."""
+def test_wrong_results_of_read_raise_typeerror(
+    reader: Callable[[Any], Any], answer: Any, text: str
+) -> None:
+    """The error comes at once, and after sound bytes."""
     for answers in ([answer], [SOUND[0], answer]):
         with pytest.raises(TypeError) as caught:
             reader(Reader(*answers))
@@ -287,7 +293,7 @@ def test_wrong_answers(reader: Callable[[Any], Any], answer: Any, text: str) -> 
 
 @both
 def test_text_mode(reader: Callable[[Any], Any], tmp_path: Path) -> None:
-    """The commonest mistake gets a sentence that says what to do."""
+    """The most common mistake has an error message with the remedy."""
     path = tmp_path / "log.mtb"
     path.write_bytes(frame(0x30)[:1] * 0 + b"only ASCII")
     with path.open() as file, pytest.raises(TypeError, match="open the file in binary mode"):
@@ -297,23 +303,25 @@ def test_text_mode(reader: Callable[[Any], Any], tmp_path: Path) -> None:
 
 
 class Unheard(Exception):  # noqa: N818 - a name for this test
-    """An error of the reader's own."""
+    """An error that only the reader raises."""
 
 
 @pytest.mark.parametrize(
     "error", [OSError(5, "Input/output error"), Unheard("lost"), KeyboardInterrupt()]
 )
 @both
-def test_errors_are_the_readers_own(reader: Callable[[Any], Any], error: BaseException) -> None:
-    """The very exception comes out, not one that wraps it."""
+def test_errors_of_the_reader_are_passed_on(
+    reader: Callable[[Any], Any], error: BaseException
+) -> None:
+    """The same exception is raised, not one that wraps it."""
     for answers in ([error], [SOUND[0], error]):
         with pytest.raises(type(error)) as caught:
             reader(Reader(*answers))
         assert caught.value is error
 
 
-def test_what_came_before_an_error_is_handed_over() -> None:
-    """As far as whole parts go."""
+def test_parts_before_an_error_are_returned() -> None:
+    """Whole parts are returned before the error is raised."""
     calls = iter([b"".join(SOUND) * 30_000])
 
     def some(size: int) -> bytes:
@@ -340,15 +348,15 @@ def test_a_file_open_for_writing(tmp_path: Path) -> None:
         xbus.read_log(file)
 
 
-def test_short_answers_are_no_end() -> None:
-    """Only an answer of no bytes is."""
+def test_short_reads_are_not_the_end() -> None:
+    """Only an empty result ends the input."""
     log = xbus.read_log(Reader(*[bytes([item]) for item in SOUND[0]], *SOUND[1:]))
     assert len(log) == 6
     assert len(xbus.read_log(Reader(SOUND[0], b"", SOUND[1]))) == 1
 
 
-def test_a_reader_that_reads_a_log_itself() -> None:
-    """Re-entrance: another log is read while this one is."""
+def test_a_reader_may_read_another_log() -> None:
+    """The reader is re-entrant: read() of the source reads another log."""
     inner: list[int] = []
 
     def some(size: int) -> bytes:

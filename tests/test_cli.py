@@ -24,11 +24,11 @@ WALK = str(OWN_CAPTURES / "walk.mtb")
 FIELD = str(OWN_CAPTURES / "field.mtb")
 PROGRAM = [sys.executable, "-m", "xbus"]
 #: Output is buffered, as it is by default.
-ENVIRONMENT = {key: it for key, it in os.environ.items() if key != "PYTHONUNBUFFERED"}
+ENVIRONMENT = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
 
 
 def run(*args: str, stdin: bytes | None = None) -> Result:
-    """What a command prints, and how it ends."""
+    """Returns the output and exit code of a command that runs in this process."""
     result = CliRunner().invoke(main, args, input=stdin, prog_name="xbus", env={"COLUMNS": "80"})
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise result.exception
@@ -36,7 +36,7 @@ def run(*args: str, stdin: bytes | None = None) -> Result:
 
 
 def sentence(result: Result) -> str:
-    """The one sentence of a command that failed."""
+    """Returns the one-line error message of a command that failed."""
     assert result.exit_code == 1
     assert result.stderr.startswith("xbus: ")
     assert result.stderr.count("\n") == 1
@@ -45,13 +45,13 @@ def sentence(result: Result) -> str:
 
 
 def start(*args: str, **options: object) -> subprocess.Popen[bytes]:
-    """A command in a separate process, with pipes."""
+    """Starts a command in a separate process, with pipes."""
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": ENVIRONMENT}
     return subprocess.Popen([*PROGRAM, *args], **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
 
 
 def shell(line: str, *args: str) -> tuple[int, str]:
-    """How a shell line ends, in which ``"$@"`` is the program with these arguments; and its stderr."""
+    """Returns the exit code and stderr of a shell line; ``"$@"`` is the program with these arguments."""
     done = subprocess.run(
         ["sh", "-c", line, "sh", *PROGRAM, *args], capture_output=True, check=False, env=ENVIRONMENT
     )
@@ -62,8 +62,8 @@ def shell(line: str, *args: str) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_help(command: str) -> None:
-    """The texts are kept as files; on a difference they are written anew, for the eye of a reviewer."""
+def test_help_texts_are_up_to_date(command: str) -> None:
+    """The texts are kept as files. A difference rewrites the file, so that a reviewer sees the change."""
     result = run(*command.split(), "--help")
     assert result.exit_code == 0
     assert max(map(len, result.stdout.splitlines())) <= 80
@@ -80,7 +80,7 @@ def test_there_are_no_other_help_texts() -> None:
     assert {path.stem for path in (HERE / "cli_help").iterdir()} == {"xbus", *COMMANDS}
 
 
-def test_every_command_says_whole_what_it_does() -> None:
+def test_every_command_summary_is_complete() -> None:
     assert "..." not in run("--help").stdout.partition("Commands:")[2]
 
 
@@ -101,10 +101,10 @@ def test_help_waits_for_nothing_heavy(args: list[str]) -> None:
     assert done.stderr == b"\n"
 
 
-def test_names_of_the_package_are_there_when_asked_for() -> None:
+def test_names_of_the_package_are_loaded_on_first_access() -> None:
     code = (
         "import sys, xbus; assert 'numpy' not in sys.modules;"
-        "assert all(getattr(xbus, it) is not None for it in xbus.__all__);"
+        "assert all(getattr(xbus, name) is not None for name in xbus.__all__);"
         "assert dir(xbus) == sorted(xbus.__all__);"
         "assert xbus.protocol.tables.QUANTITIES and xbus.errors.DecodeError is xbus.DecodeError"
     )
@@ -158,7 +158,7 @@ COMMANDS_ON_FILES = {
 def reading(
     request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> list[str]:
-    """A command that reads a file, in an empty folder in which it must leave nothing."""
+    """Returns a command that reads a file; it runs in an empty folder and must leave nothing there."""
     if request.param == "report":
         pytest.importorskip("plotly")
     monkeypatch.chdir(tmp_path)
@@ -171,13 +171,13 @@ def test_no_such_file(reading: list[str]) -> None:
     assert list(Path().iterdir()) == []
 
 
-def test_a_folder(reading: list[str]) -> None:
+def test_a_folder_is_not_a_log(reading: list[str]) -> None:
     Path("logs.mtb").mkdir()
     shown = sentence(run(*reading, "logs.mtb"))
     assert shown == "cannot read logs.mtb: Is a directory; name files, such as DIR/*.mtb"
 
 
-def test_a_part_of_the_path_is_a_file(reading: list[str]) -> None:
+def test_a_file_is_not_a_folder_of_the_path(reading: list[str]) -> None:
     Path("log").touch()
     assert "cannot read log/walk.mtb: Not a directory" in sentence(run(*reading, "log/walk.mtb"))
 
@@ -189,7 +189,7 @@ def test_no_permission(reading: list[str]) -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"time,acc_x\n0.01,0.2\n" * 50, b"\xfa" * 1000])
-def test_no_frame(reading: list[str], content: bytes) -> None:
+def test_an_input_without_a_frame_is_an_error(reading: list[str], content: bytes) -> None:
     Path("walk.txt").write_bytes(content)
     shown = sentence(run(*reading, "walk.txt"))
     assert shown.startswith("no Xbus frame in walk.txt: ")
@@ -199,8 +199,8 @@ def test_no_frame(reading: list[str], content: bytes) -> None:
     assert [path.name for path in Path().iterdir()] == ["walk.txt"]
 
 
-def test_reading_breaks_off(reading: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    """/proc/self/mem can be opened, and not be read."""
+def test_a_read_error_names_the_file(reading: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """/proc/self/mem can be opened but not read."""
     mem = Path("/proc/self/mem")
     if not mem.exists():
         pytest.skip("no /proc")
@@ -210,7 +210,7 @@ def test_reading_breaks_off(reading: list[str], monkeypatch: pytest.MonkeyPatch)
     assert [path.name for path in Path().iterdir()] == ["disk.mtb"]
 
 
-def test_names_that_no_terminal_can_show(tmp_path: Path) -> None:
+def test_undecodable_file_names_work(tmp_path: Path) -> None:
     odd = os.fsdecode(os.fsencode(tmp_path) + b"/\xff\xc3\xa4.mtb")
     Path(odd).write_bytes(Path(WALK).read_bytes())
     plain = {**ENVIRONMENT, "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
@@ -266,7 +266,7 @@ def test_closed_input() -> None:
 
 @pytest.mark.parametrize("args", OUTPUTS, ids=" ".join)
 def test_broken_pipe(args: list[str]) -> None:
-    """Nobody reads from the beginning."""
+    """The reader closes the pipe before the first byte."""
     ours, theirs = os.pipe()
     os.close(ours)
     with start(*args, stdout=theirs) as child:
@@ -292,7 +292,7 @@ def test_ctrl_c_while_reading(tmp_path: Path) -> None:
     os.mkfifo(pipe)
     for args in (["dump"], ["info"], ["decode", "-o", str(tmp_path / "x.parquet")]):
         with start(*args, str(pipe)) as child, pipe.open("wb", buffering=0) as writer:
-            # That it could be opened says that it is being read.
+            # Opening the pipe for writing succeeds only once the child reads it.
             writer.write(Path(WALK).read_bytes()[:1000])
             child.send_signal(signal.SIGINT)
             out, shown = child.communicate()
@@ -301,8 +301,8 @@ def test_ctrl_c_while_reading(tmp_path: Path) -> None:
         assert [path.name for path in tmp_path.iterdir()] == ["port"]
 
 
-def test_ctrl_c_that_does_not_interrupt_the_read(tmp_path: Path) -> None:
-    """It comes to another thread, or just before the read; the program hears of it all the same."""
+def test_ctrl_c_between_two_reads_ends_the_program(tmp_path: Path) -> None:
+    """The signal reaches another thread, or arrives just before the read; the program ends all the same."""
     patched = (
         "import signal, sys, threading; from xbus.cli import main\n"
         "def other(): sys.stdin.read(1); signal.pthread_kill(threading.get_ident(), signal.SIGINT)\n"
@@ -324,7 +324,9 @@ def test_ctrl_c_that_does_not_interrupt_the_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
-def test_a_signal_while_writing_leaves_nothing(number: int, code: int, tmp_path: Path) -> None:
+def test_a_signal_while_writing_leaves_no_partial_file(
+    number: int, code: int, tmp_path: Path
+) -> None:
     patched = (
         "import signal, sys, numpy; from xbus.cli import main\n"
         "def stuck(out, **arrays):\n"
@@ -344,8 +346,8 @@ def test_a_signal_while_writing_leaves_nothing(number: int, code: int, tmp_path:
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"what was there"]
 
 
-def test_a_signal_that_is_ignored_stays_ignored() -> None:
-    """As under nohup."""
+def test_an_ignored_signal_stays_ignored() -> None:
+    """nohup ignores SIGHUP in this way."""
     handler = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         assert run("quantities", "--help").exit_code == 0

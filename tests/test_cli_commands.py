@@ -31,7 +31,7 @@ NINE = [
 
 @contextmanager
 def served(product: str, **options: Any) -> Iterator[tuple[str, SimulatedDevice]]:
-    """The port of a device that measures, and the device."""
+    """Yields the port of a device that measures, and the device."""
     device = SimulatedDevice(product, **options)
     device.advance(1)
     device.read()
@@ -40,7 +40,7 @@ def served(product: str, **options: Any) -> Iterator[tuple[str, SimulatedDevice]
 
 
 def done(result: Result) -> str:
-    """What a command that succeeds says on stderr."""
+    """Returns the stderr of a command that succeeds."""
     assert (result.exit_code, result.stdout) == (0, ""), result.output
     return result.stderr
 
@@ -88,7 +88,7 @@ def test_a_device_is_identified() -> None:
     }
 
 
-def test_a_component_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_component_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     flags = Selftest(0x1FF) & ~Selftest.GYR_Y & ~Selftest.MAG_Z
     monkeypatch.setitem(COMMANDS, "RunSelftest", lambda *_: encode("SelftestResults", flags))
     result = run("identify", "sim:MTi-630")
@@ -108,7 +108,7 @@ def test_a_component_that_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     ]
 
 
-def test_a_device_that_refuses_the_self_test(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_refused_self_test_has_no_result(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> bytes:
         raise Refused(ErrorCode.MESSAGE)
 
@@ -135,7 +135,7 @@ def test_the_baud_rate_is_changed_and_stays(product: str) -> None:
         assert device.baudrate == 57600
 
 
-def test_a_rate_that_the_product_does_not_have() -> None:
+def test_an_unsupported_rate_changes_nothing() -> None:
     with served("MTi-300", baudrate=115200) as (port, device):
         shown = sentence(run("baudrate", port, "4000000"))
         assert shown.startswith("the MTi-300 does not support 4000000 baud")
@@ -161,7 +161,7 @@ def test_a_device_restarts() -> None:
         assert device.state == State.CONFIG
 
 
-def test_a_device_that_does_not_measure_by_itself_stays_in_config_state() -> None:
+def test_a_device_without_auto_measurement_stays_in_config_state() -> None:
     with served("MTi-3") as (port, device):
         with connect(port) as connected, connected.configure():
             connected.commands.set_option_flags(OptionFlag.DISABLE_AUTO_MEASUREMENT)
@@ -199,7 +199,7 @@ def test_restore_times_out_without_a_power_cycle() -> None:
     assert "no device woke up within 0.5 s" in result.stderr
 
 
-# All of them
+# All four commands
 
 
 @pytest.mark.parametrize("command", [["identify"], ["baudrate", "115200"], ["reset"], ["restore"]])

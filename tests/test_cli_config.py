@@ -23,7 +23,7 @@ PRODUCT_NAMES = [product.name for product in PRODUCTS.values()]
 
 @pytest.fixture
 def file(tmp_path: Path) -> Callable[[str], str]:
-    """Writes a file and gives its name."""
+    """Returns a function that writes a settings file and returns its name."""
 
     def write(text: str) -> str:
         path = tmp_path / "mti.toml"
@@ -34,7 +34,7 @@ def file(tmp_path: Path) -> Callable[[str], str]:
 
 
 @pytest.mark.parametrize("product", PRODUCT_NAMES)
-def test_dumped_reset_applied_and_dumped_again(
+def test_a_dumped_configuration_can_be_applied_after_a_reset(
     product: str, behind: Callable[[SimulatedDevice], str], tmp_path: Path
 ) -> None:
     sim = SimulatedDevice(product)
@@ -94,7 +94,7 @@ def test_each_setting_is_read_once(
     assert max(requests.values()) == 2
 
 
-def test_what_takes_a_reset(file: Callable[[str], str]) -> None:
+def test_settings_that_need_a_reset_are_reported(file: Callable[[str], str]) -> None:
     name = file("can_config = { baudrate = 1000000 }")
     result = run("config", "apply", "sim:MTi-630", name)
     assert result.stdout == (
@@ -105,7 +105,7 @@ def test_what_takes_a_reset(file: Callable[[str], str]) -> None:
     )
 
 
-def test_what_the_device_rounds(file: Callable[[str], str]) -> None:
+def test_rounded_settings_are_reported(file: Callable[[str], str]) -> None:
     name = file('output_configuration = [{ quantity = "gnss_pvt_data", frequency = 4 }]')
     result = run("config", "apply", "sim:MTi-670", name)
     assert result.stderr.splitlines() == [
@@ -117,7 +117,7 @@ def test_what_the_device_rounds(file: Callable[[str], str]) -> None:
     ]
 
 
-def test_more_than_the_line_carries(file: Callable[[str], str]) -> None:
+def test_outputs_beyond_the_baud_rate_are_refused(file: Callable[[str], str]) -> None:
     name = file('output_configuration = [{ quantity = "acceleration", precision = "Float64" }]')
     printed = sentence(run("config", "apply", "sim:MTi-630", name))
     assert f"{name}: line 1, output_configuration: these outputs make about" in printed
@@ -139,7 +139,7 @@ BAD: list[tuple[str | bytes | None, str]] = [
 
 @pytest.mark.parametrize("command", ["diff", "apply", "record"])
 @pytest.mark.parametrize(("content", "says"), BAD)
-def test_bad_files_before_the_port_is_opened(
+def test_bad_files_are_reported_before_the_port_is_opened(
     command: str, content: str | bytes | None, says: str, tmp_path: Path
 ) -> None:
     path = tmp_path / "mti.toml"
@@ -152,7 +152,7 @@ def test_bad_files_before_the_port_is_opened(
     assert sentence(run(*words)) == says.replace("FILE", str(path))
 
 
-def test_what_the_product_cannot_do(file: Callable[[str], str]) -> None:
+def test_settings_that_the_product_lacks_are_refused(file: Callable[[str], str]) -> None:
     name = file("location_id = 1\n\ngnss_lever_arm = { x = 0, y = 0, z = 1 }\nbaudrate = 9600\n")
     result = run("config", "apply", "sim:MTi-30", name)
     assert (result.exit_code, result.stdout) == (1, "")
@@ -163,7 +163,9 @@ def test_what_the_product_cannot_do(file: Callable[[str], str]) -> None:
     ]
 
 
-def test_a_bench_of_devices(monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]) -> None:
+def test_several_devices_get_the_same_settings(
+    monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]
+) -> None:
     sims = [SimulatedDevice("MTi-630", device_id=0x80001000 + number) for number in range(4)]
     connect(sims[1]).apply(xbus.Settings(location_id=7))
     there = {f"port{number}": sim for number, sim in enumerate([*sims, SimulatedDevice("MTi-30")])}
@@ -199,7 +201,7 @@ def test_a_bench_of_devices(monkeypatch: pytest.MonkeyPatch, file: Callable[[str
     assert facts[0]["device_id"] == "0080001000"
 
 
-def test_one_device_of_a_bench_refuses(
+def test_one_of_several_devices_refuses(
     monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]
 ) -> None:
     made = [Stubborn("SetLocationID", says_so=True), connect("sim:MTi-630")]
@@ -213,7 +215,7 @@ def test_one_device_of_a_bench_refuses(
     assert "not applied: location_id" in other["problem"]
 
 
-def test_all_wrong_lines_are_named(file: Callable[[str], str]) -> None:
+def test_every_wrong_line_is_named(file: Callable[[str], str]) -> None:
     name = file('location = 1\nlocation_id = "x"\nerror_mode = 1\ntransmit_delay = []\n')
     result = run("config", "apply", "/dev/no-such-port", name)
     assert result.exit_code == 1
@@ -224,7 +226,7 @@ def test_all_wrong_lines_are_named(file: Callable[[str], str]) -> None:
     ]
 
 
-def test_a_file_for_another_product(
+def test_a_file_for_another_product_needs_force(
     behind: Callable[[SimulatedDevice], str], file: Callable[[str], str]
 ) -> None:
     name = file('product = "MTi-680G"\nlocation_id = 7\ngnss_lever_arm = { x = 0, y = 0, z = 1 }\n')
@@ -251,7 +253,7 @@ def test_a_file_for_another_product(
     assert connect(sim).settings().location_id == 7
 
 
-def test_the_exit_status_of_diff(
+def test_diff_reports_differences_as_exit_status(
     behind: Callable[[SimulatedDevice], str], file: Callable[[str], str]
 ) -> None:
     port = behind(SimulatedDevice("MTi-630"))
@@ -293,7 +295,7 @@ def test_json(behind: Callable[[SimulatedDevice], str], file: Callable[[str], st
     assert json.loads(run("config", "diff", port, name, "--json").stdout) == []
 
 
-def test_json_of_what_was_applied_in_part(
+def test_json_of_settings_applied_in_part(
     monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]
 ) -> None:
     monkeypatch.setattr(
@@ -307,7 +309,7 @@ def test_json_of_what_was_applied_in_part(
     assert facts == {"failed": "location_id", "failed_is_unknown": False, "not_applied": []}
 
 
-def test_a_device_that_refuses_in_the_middle(
+def test_a_refused_setting_is_reported_with_those_applied(
     monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str]
 ) -> None:
     monkeypatch.setattr(
@@ -324,7 +326,7 @@ def test_a_device_that_refuses_in_the_middle(
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_an_end_in_the_middle(
+def test_an_interrupted_apply_reports_its_progress(
     monkeypatch: pytest.MonkeyPatch, file: Callable[[str], str], number: int, code: int
 ) -> None:
     command = Device.command

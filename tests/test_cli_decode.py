@@ -31,14 +31,14 @@ def _empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def decoded(*args: str, stdin: bytes | None = None) -> str:
-    """What a decode that works says on stderr."""
+    """Returns the stderr of a decode that succeeds."""
     result = run("decode", *args, stdin=stdin)
     assert (result.exit_code, result.stdout) == (0, ""), result.stderr
     return result.stderr
 
 
 def table(path: str, schema: pa.Schema) -> pa.Table:
-    """What is in a file; a CSV does not say of which type."""
+    """Returns the table in a file; the schema gives the types of a CSV, which has none."""
     match Path(path).suffix.lower():
         case ".parquet":
             return pyarrow.parquet.read_table(path)
@@ -50,7 +50,7 @@ def table(path: str, schema: pa.Schema) -> pa.Table:
 
 
 def same(one: pa.Table, other: pa.Table) -> bool:
-    """NaN is NaN here."""
+    """Returns whether two tables are equal, with NaN equal to NaN."""
     with np.errstate(invalid="ignore"):
         return one.schema.equals(other.schema) and all(
             a.null_count == b.null_count and str(a.to_pylist()) == str(b.to_pylist())
@@ -59,7 +59,7 @@ def same(one: pa.Table, other: pa.Table) -> bool:
 
 
 def files() -> list[str]:
-    """What lies in the folder, hidden files too."""
+    """Returns the names of all files in the folder, including hidden ones."""
     return sorted(path.name for path in Path().iterdir())
 
 
@@ -78,8 +78,8 @@ def test_table(log: str, suffix: str) -> None:
         assert found.schema.field("acceleration_x").metadata[b"unit"] == b"m/s2"
 
 
-def test_numbers_are_those_of_the_columns() -> None:
-    """Not by way of another table."""
+def test_numbers_equal_the_columns() -> None:
+    """The expected numbers come from the columns, not from another table."""
     log = xbus.read_log(FIELD)
     decoded(FIELD, "-o", "out.parquet")
     found = pyarrow.parquet.read_table("out.parquet")
@@ -162,13 +162,13 @@ def test_quantity_in_several_coordinates() -> None:
 
 @pytest.mark.parametrize("name", ["delta_q", "quaternion:NED"])
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_quantity_that_the_log_lacks(name: str, suffix: str) -> None:
+def test_a_quantity_that_the_log_lacks_is_an_error(name: str, suffix: str) -> None:
     output = sentence(run("decode", WALK, "--quantity", name, "-o", f"out{suffix}"))
     assert output == f"no {name} in {WALK}; xbus info lists the content"
     assert files() == []
 
 
-def test_satellites_are_a_table_of_their_own() -> None:
+def test_satellites_have_a_separate_table() -> None:
     path = str(shared("captures/mtig710-5/raw.bin"))
     column = xbus.read_log(path)["gnss_sat_info"]
     output = decoded(path, "--quantity", "gnss_sat_info", "-o", "out.parquet")
@@ -181,8 +181,8 @@ def test_satellites_are_a_table_of_their_own() -> None:
 
 
 @pytest.mark.parametrize("cuts", [(1,), (5000, 5001), (60_000, 60_000, 100_003)])
-def test_split_recording(cuts: tuple[int, ...]) -> None:
-    """The frames that the cuts go through are whole."""
+def test_a_split_recording_decodes_as_the_whole(cuts: tuple[int, ...]) -> None:
+    """A frame that is cut between two files is decoded."""
     data = Path(WALK).read_bytes()
     bounds = [0, *cuts, len(data)]
     names = []
@@ -215,8 +215,8 @@ def test_standard_input_among_files() -> None:
     assert Path("joined.parquet").read_bytes() == Path("whole.parquet").read_bytes()
 
 
-def test_a_wrong_name_shows_before_anything_is_read() -> None:
-    """Standard input is still there afterwards."""
+def test_a_wrong_name_is_reported_before_reading() -> None:
+    """Standard input is not consumed."""
     output = sentence(run("decode", "-", "nowhere.mtb", "-o", "out.csv", stdin=b"no frame"))
     assert output.startswith("cannot read nowhere.mtb: ")
 
@@ -257,7 +257,7 @@ def test_summary() -> None:
     assert decoded(WALK, "-q", "-o", "out.csv") == ""
 
 
-def test_summary_for_programs() -> None:
+def test_summary_as_json() -> None:
     result = run("decode", FIELD, "--json", "--quiet", "--quantity", "temperature", "-o", "out.csv")
     assert (result.exit_code, result.stderr) == (0, "")
     log = xbus.read_log(FIELD)
@@ -306,7 +306,7 @@ def test_the_input_is_not_overwritten(kind: str) -> None:
     assert Path("log.csv").read_bytes() == data
 
 
-def test_what_is_there_is_replaced() -> None:
+def test_an_existing_file_is_replaced_and_keeps_its_mode() -> None:
     Path("out.csv").write_text("old")
     Path("out.csv").chmod(0o640)
     decoded(WALK, "-o", "out.csv")
@@ -316,7 +316,7 @@ def test_what_is_there_is_replaced() -> None:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_disk_too_small(suffix: str) -> None:
+def test_a_failed_write_keeps_the_existing_file(suffix: str) -> None:
     out = Path(f"out{suffix}")
     out.write_text("what was there")
     code, output = shell('ulimit -f 8; exec "$@"', "decode", WALK, "-o", str(out))
@@ -330,8 +330,8 @@ def test_disk_too_small(suffix: str) -> None:
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_no_room_on_the_device(suffix: str) -> None:
-    """What is no regular file is written directly."""
+def test_a_full_device_is_reported(suffix: str) -> None:
+    """A device is written directly, without a temporary file."""
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full")
     Path(f"full{suffix}").symlink_to("/dev/full")
@@ -341,7 +341,7 @@ def test_no_room_on_the_device(suffix: str) -> None:
 
 
 def test_no_such_folder() -> None:
-    """This shows before anything is read."""
+    """The error comes before anything is read."""
     output = sentence(run("decode", "-", "-o", "nowhere/out.csv", stdin=b"no frame"))
     assert output == "cannot write nowhere/out.csv: No such file or directory; check the path"
 
@@ -360,7 +360,7 @@ def test_no_permission() -> None:
 
 
 def test_missing_extra(monkeypatch: pytest.MonkeyPatch) -> None:
-    """This shows before anything is read, too; an npz needs no extra."""
+    """The error comes before anything is read; an npz needs no extra."""
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     for suffix in TABLES:
         output = sentence(run("decode", "-", "-o", f"out{suffix}", stdin=b"no frame"))

@@ -12,9 +12,9 @@ import xbus
 from test_cli import run, sentence
 
 
-def test_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
-    result = run("demo", "--folder", str(tmp_path / "it"), "--seconds", "1")
+    result = run("demo", "--folder", str(tmp_path / "new"), "--seconds", "1")
     assert result.exit_code == 0
     assert result.stderr == ""
     lines = result.stdout.splitlines()
@@ -24,7 +24,7 @@ def test_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "acceleration_hr, m/s2" in lines
     assert sum("█" in line and "▁" in line for line in lines) == 6
     assert max(map(len, lines[1:-2])) <= 80
-    files = [tmp_path / "it" / name for name in ("demo.mtb", "demo.parquet")]
+    files = [tmp_path / "new" / name for name in ("demo.mtb", "demo.parquet")]
     assert lines[-2:] == [f"wrote {file}" for file in files]
     log = xbus.read_log(files[0])
     for name, rate in (("acceleration_hr", 2000), ("rate_of_turn_hr", 1600)):
@@ -34,7 +34,7 @@ def test_all_of_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert log["lat_lon"].precision == "Fp1632"
 
 
-def test_a_picture(tmp_path: Path) -> None:
+def test_demo_writes_a_picture(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     result = run("demo", "--folder", str(tmp_path), "--seconds", "0.5", "--product", "MTi-3")
     assert result.exit_code == 0

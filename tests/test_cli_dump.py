@@ -29,17 +29,17 @@ from xbus.wire.link import Received
 
 
 def lines_of(data: bytes, *, pieces: list[int] | None = None, as_json: bool = False) -> list[str]:
-    """The lines of a stream that comes in pieces of these sizes, and then the rest."""
-    teller = DumpFormatter([], with_hex=True, as_json=as_json)
+    """Returns the lines of a stream that arrives in pieces of these sizes, followed by the rest."""
+    formatter = DumpFormatter([], with_hex=True, as_json=as_json)
     lines = []
     for size in pieces or []:
-        lines += teller.feed(data[:size])
+        lines += formatter.feed(data[:size])
         data = data[size:]
-    return lines + teller.feed(data) + teller.close()
+    return lines + formatter.feed(data) + formatter.close()
 
 
 def words_of(message: bytes) -> str:
-    """What the line of one message says between its name and its hex."""
+    """Returns the text between the name and the hex in the line of one message."""
     (line,) = lines_of(message)
     return line[26:].partition("  | ")[0].partition("  ")[2]
 
@@ -98,15 +98,15 @@ def test_damage_has_its_own_lines() -> None:
 
 @given(damaged_streams())
 def test_frames_and_damage_are_the_whole_input(data: bytes) -> None:
-    """Byte by byte, as it came."""
+    """The frames and damage, joined, equal the input byte by byte."""
     at = 0
     for line in lines_of(data, as_json=True):
-        it = json.loads(line)
-        assert it["offset"] == at
-        if "reason" in it:
-            at += it["length"]
+        item = json.loads(line)
+        assert item["offset"] == at
+        if "reason" in item:
+            at += item["length"]
         else:
-            raw = bytes.fromhex(it["frame"] if "frame" in it else it["bytes"])
+            raw = bytes.fromhex(item["frame"] if "frame" in item else item["bytes"])
             assert data[at : at + len(raw)] == raw
             at += len(raw)
     assert at == len(data)
@@ -123,22 +123,22 @@ def test_chunking_does_not_matter(data: bytes, pieces: list[int]) -> None:
 
 
 def test_memory_is_bounded() -> None:
-    """Frames of the longest payload, which wait for the one behind; then noise."""
+    """The longest frames wait for the frame behind them; noise follows."""
     ack = encode_frame(MessageId.GoToConfigAck)
     frames = [*[frame(mid, bytes(65535)) for mid in (0x36, 0x07, 0xF1)] * 5, ack]
-    teller = DumpFormatter([], with_hex=True, as_json=False)
+    formatter = DumpFormatter([], with_hex=True, as_json=False)
     lines = []
     data = b"".join([*frames, bytes(500_000), ack])
     for at in range(0, len(data), 9999):
-        lines += teller.feed(data[at : at + 9999])
-        assert len(teller._kept) <= KEPT
-    *hexes, damage, _ = [line.partition("  | ")[2] for line in lines + teller.close()]
+        lines += formatter.feed(data[at : at + 9999])
+        assert len(formatter._kept) <= KEPT
+    *hexes, damage, _ = [line.partition("  | ")[2] for line in lines + formatter.close()]
     assert [bytes.fromhex(item) for item in hexes] == frames
     assert damage == ""
 
 
 def test_an_unusual_frame_is_shown_as_received() -> None:
-    """A short payload with an extended length."""
+    """A short payload may have an extended length."""
     data = frame(0x36, packet(0x3010, bytes(4)), extended=True)
     (line,) = lines_of(data)
     assert line.endswith(f"| {data.hex(' ').upper()}")
@@ -198,7 +198,7 @@ def test_bus_identifiers() -> None:
     ],
 )
 def test_messages_in_words(mid: int, payload: str, words: str) -> None:
-    # Between two others, in step, so that whatever it is counts as a message.
+    # Between two other frames, so that any frame counts as a message.
     around = encode_frame(MessageId.GoToConfigAck)
     message = encode_frame(mid, bytes.fromhex(payload))
     line = lines_of(around + message + around)[1]
@@ -279,7 +279,7 @@ def test_unknown_packets_and_malformed_samples() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-def test_whatever_a_device_can_send_has_words(seed: int) -> None:
+def test_any_message_of_a_device_has_a_description(seed: int) -> None:
     for random_frame in random_frames(random.Random(seed), 20):
         lines_of(random_frame)
         for line in lines_of(random_frame, as_json=True):
@@ -289,8 +289,8 @@ def test_whatever_a_device_can_send_has_words(seed: int) -> None:
 # Time
 
 
-def test_time_is_that_of_the_log() -> None:
-    """Of a log in which it does not wrap; with a coarse time, the manual's big time stamp."""
+def test_time_equals_that_of_the_log() -> None:
+    """The times equal those of a log unless they wrap; a coarse time gives the manual's big time stamp."""
     for path in (FIELD, str(shared("captures/mtig710-5/raw.bin"))):
         log = xbus.read_log(path)
         times = [item["time_s"] for item in dumped("--mid", "MTData2", path)]
@@ -314,7 +314,7 @@ def test_stamps() -> None:
 
 
 def test_json_is_exact() -> None:
-    """Reals to the last bit, integers raw, as the columns have them."""
+    """Reals are exact to the last bit and integers are raw, as in the columns."""
     log = xbus.read_log(FIELD)
     shown = [item for item in dumped(FIELD) if item.get("packets")]
     assert [item["offset"] for item in shown] == log.offset.tolist()
@@ -329,11 +329,14 @@ def test_json_is_exact() -> None:
         ]
         assert [at for at, _ in rows] == column.sample.tolist()
         names = column.values.dtype.names or column.fields
-        for (_, it), value in zip(rows, column.values.tolist(), strict=True):
+        for (_, item), value in zip(rows, column.values.tolist(), strict=True):
             expected = dict(zip(names, value, strict=True)) if names else value
-            assert it["values"] == expected
-            assert (it["unit"], it["coordinates"]) == (column.unit, column.coordinates)
-            assert (it["precision"], it["data_id"]) == (column.precision, f"0x{column.data_id:04X}")
+            assert item["values"] == expected
+            assert (item["unit"], item["coordinates"]) == (column.unit, column.coordinates)
+            assert (item["precision"], item["data_id"]) == (
+                column.precision,
+                f"0x{column.data_id:04X}",
+            )
 
 
 def test_json_of_satellites_and_unknown() -> None:
@@ -379,14 +382,14 @@ def test_filters_add_up() -> None:
 def test_filter_by_name_distinguishes_requests_from_settings() -> None:
     data = encode_frame(0x18) + encode_frame(0x18, b"\x02")
     for wanted, count in (("ReqBaudrate", 1), ("SetBaudrate", 1), (0x18, 2)):
-        teller = DumpFormatter([wanted], with_hex=False, as_json=False)
-        assert len(teller.feed(data) + teller.close()) == count
+        formatter = DumpFormatter([wanted], with_hex=False, as_json=False)
+        assert len(formatter.feed(data) + formatter.close()) == count
 
 
 # Growing files and pipes
 
 
-def test_follow(tmp_path: Path) -> None:
+def test_follow_prints_messages_as_a_file_grows(tmp_path: Path) -> None:
     data = Path(WALK).read_bytes()
     log = tmp_path / "log.mtb"
     log.write_bytes(data[:300])
@@ -394,7 +397,7 @@ def test_follow(tmp_path: Path) -> None:
         assert child.stdout is not None
         heads = [child.stdout.readline().split()[:2] for _ in range(2)]
         assert heads == [[b"0", b"Configuration"], [b"123", b"FirmwareRev"]]
-        # The third is there only in part, until now.
+        # Only a part of the third message was in the file until now.
         writer.write(data[300:400])
         assert child.stdout.readline().split()[::2][:2] == [b"139", b"MTData2"]
         writer.write(data[400:])
@@ -405,7 +408,7 @@ def test_follow(tmp_path: Path) -> None:
     assert (child.returncode, rest, shown) == (130, b"", b"")
 
 
-def test_follow_a_file_that_begins_anew(tmp_path: Path) -> None:
+def test_follow_reads_a_truncated_file_from_its_start(tmp_path: Path) -> None:
     data = Path(WALK).read_bytes()
     log = tmp_path / "log.mtb"
     log.write_bytes(data[:139])
@@ -468,15 +471,15 @@ def test_a_port_is_followed_to_its_end() -> None:
         lines = [json.loads(line) for line in out.splitlines()]
         samples = [line for line in lines if line.get("name") == "MTData2"]
         assert len(samples) > 20
-        # Whole frames, byte for byte, one behind the other.
+        # The frames are whole and adjacent, byte by byte.
         ends = [sample["offset"] + len(sample["frame"]) // 2 for sample in samples]
         assert ends[:-1] == [sample["offset"] for sample in samples[1:]]
-        # No answer among them: the device was not asked.
+        # There is no answer among them, since nothing was sent.
         assert {line["name"] for line in lines if "name" in line} == {"MTData2"}
 
 
-def test_silence_ends_a_frame_that_was_cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What comes then is not kept waiting by it. Nothing is sent."""
+def test_silence_ends_an_incomplete_frame(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An incomplete frame does not delay the messages that follow a pause. Nothing is sent."""
     error = encode_frame(MessageId.Error, b"\x1e")
     comes = [error[:5], b"", error, b"", error[:3]]
 
@@ -499,7 +502,7 @@ def test_silence_ends_a_frame_that_was_cut(monkeypatch: pytest.MonkeyPatch) -> N
     ]
 
 
-def test_at_the_rate_of_the_line_until_ctrl_c() -> None:
+def test_a_port_is_dumped_at_its_baud_rate_until_ctrl_c() -> None:
     with simulated("--baudrate", "230400") as (port, _):
         with start("dump", "--follow", "--baudrate", "230400", port) as child:
             assert child.stdout is not None
@@ -567,7 +570,7 @@ def test_a_terminal_is_a_port() -> None:
         os.close(master)
     assert result.exit_code == 2
     assert "add --follow to print messages until Ctrl-C" in " ".join(result.output.split())
-    # Other devices of the system are files, as they were.
+    # Other devices of the system are files.
     assert sentence(run("dump", os.devnull)).startswith(
         "no Xbus frame in /dev/null: the input is empty"
     )
@@ -579,13 +582,13 @@ def test_a_port_that_cannot_be_opened() -> None:
     )
 
 
-def test_pieces_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_block_size_does_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = run("dump", FIELD).stdout
     monkeypatch.setattr(command, "BLOCK", 777)
     assert run("dump", FIELD).stdout == whole
 
 
-def test_a_long_frame_is_one_in_a_log() -> None:
+def test_a_log_may_hold_very_long_frames() -> None:
     """Real logs hold frames far beyond the limit of a live port."""
     long = struct.pack(">H", DataId.BaroPressure) + b"\x04" + bytes(4)
     data = frame(0x36, long * 3000)

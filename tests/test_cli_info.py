@@ -27,7 +27,7 @@ def facts_of(data: bytes, block: int = 1 << 20) -> LogSummary:
 
 
 def output_of(data: bytes, tmp_path: Path) -> dict[str, Any]:
-    """The JSON object of a log with these bytes."""
+    """Returns the JSON object of a log with these bytes."""
     path = tmp_path / "log.mtb"
     path.write_bytes(data)
     result = run("info", "--json", str(path))
@@ -36,7 +36,7 @@ def output_of(data: bytes, tmp_path: Path) -> dict[str, Any]:
 
 
 def only(text: str) -> dict[str, Any]:
-    """The one object of a JSON list; strictly JSON, without NaN."""
+    """Returns the one object of a JSON list; NaN is not JSON and fails."""
 
     def never(word: str) -> None:
         raise AssertionError(f"{word} is no JSON")
@@ -103,7 +103,7 @@ after 4.90 s: Error 41: more data than the baud rate can carry
 """
 
 
-def test_page_after_a_bad_day() -> None:
+def test_page_of_a_damaged_log() -> None:
     result = run("info", FIELD)
     assert (result.exit_code, result.stderr) == (0, "")
     assert result.stdout == f"{FIELD}\n{FIELD_PAGE}"
@@ -133,7 +133,7 @@ def test_several_logs_have_a_page_each() -> None:
     assert result.stdout == f"{first}\n{second}\n"
 
 
-def test_one_that_cannot_be_read_does_not_hide_the_others(tmp_path: Path) -> None:
+def test_an_unreadable_log_does_not_hide_the_others(tmp_path: Path) -> None:
     text = tmp_path / "notes.txt"
     text.write_text("acceleration: fast")
     result = run("info", "nowhere.mtb", WALK, str(text))
@@ -166,16 +166,16 @@ def test_page_has_80_columns(data: bytes) -> None:
         assert max(map(len, info_text("log.mtb", facts).splitlines())) <= 80
 
 
-# The same for programs
+# JSON
 
 
-def test_json_says_all(tmp_path: Path) -> None:
+def test_json_is_complete(tmp_path: Path) -> None:
     log = xbus.read_log(FIELD)
     output = only(run("info", "--json", FIELD).stdout)
     stats = dataclasses.asdict(log.stats)
     listed = ("messages", "strings", "gaps")
     assert {key: output[key] for key in stats if key not in listed} == {
-        key: it for key, it in stats.items() if key not in listed
+        key: value for key, value in stats.items() if key not in listed
     }
     assert output["file"] == FIELD
     assert [tuple(item.values()) for item in output["damage"]] == log.damage.tolist()
@@ -248,7 +248,7 @@ def test_json_of_a_log_that_names_its_device() -> None:
 
 @given(damaged_streams(), st.integers(1, 500))
 def test_parts_make_no_difference(data: bytes, block: int) -> None:
-    """Neither does it matter that a log is gathered part by part, so that it need not fit into memory."""
+    """The summary of parts equals that of the whole log, so a log need not fit into memory."""
     log, whole, parts = xbus.read_log(data), facts_of(data), facts_of(data, block)
     assert json.dumps(parts.to_dict("")) == json.dumps(whole.to_dict(""))
     assert parts.stats == log.stats
@@ -258,7 +258,7 @@ def test_parts_make_no_difference(data: bytes, block: int) -> None:
     assert parts.damage == log.damage.tolist()
     assert sum(parts.messages.values()) == len(log.messages)
     assert {key: count for key, (count, _) in parts.unknown.items()} == {
-        key: len(it) for key, it in log.unknown.items()
+        key: len(packets) for key, packets in log.unknown.items()
     }
     assert [(quantity.name, quantity.coordinates) for quantity in parts.quantities] == [
         (item.name, item.coordinates) for item in log.values()
@@ -281,7 +281,7 @@ def test_nothing_is_damaged_in_a_sound_stream(data: bytes) -> None:
 
 
 def counted(*counts: int) -> bytes:
-    """Samples with these counters, 10 ms apart."""
+    """Returns samples with these counters, 10 ms apart."""
     return b"".join(sample(counter(count), fine(100 * count)) for count in counts)
 
 
@@ -306,7 +306,7 @@ def test_gaps(data: bytes, gaps: list[tuple[int, int]], block: int) -> None:
     assert facts.stats.gaps == len(gaps)
 
 
-def test_devices_count_by_themselves() -> None:
+def test_each_device_has_a_separate_counter() -> None:
     one, other = (encode_frame(0x36, counter(3), bid=bid) for bid in (2, 3))
     far = encode_frame(0x36, counter(9), bid=3)
     assert [gap.lost for gap in facts_of(one + other + one + far).gaps] == [5]
@@ -320,7 +320,7 @@ def test_the_largest_gaps_are_shown() -> None:
     assert rows[6] == "... and 5 smaller; --json lists all"
 
 
-# What a device says
+# Messages of a device
 
 
 def test_errors_and_warnings_in_words(tmp_path: Path) -> None:
@@ -373,7 +373,7 @@ def test_unknown_identifiers_and_malformed_samples(tmp_path: Path) -> None:
     ]
 
 
-def test_utc_that_the_device_does_not_vouch_for(tmp_path: Path) -> None:
+def test_utc_without_the_valid_flag_is_ignored(tmp_path: Path) -> None:
     def utc(valid: int, month: int = 7, second: int = 7) -> bytes:
         date = (2025).to_bytes(2, "big") + bytes([month, 13, 9, 21, second, valid])
         return sample(packet(0x1010, bytes(4) + date))
@@ -412,7 +412,7 @@ def test_a_log_without_counter_and_time(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", [f"mtig710-{i}" for i in range(1, 6)])
-def test_real(name: str) -> None:
+def test_published_recordings(name: str) -> None:
     path = str(shared(f"captures/{name}/raw.bin"))
     output = only(run("info", "--json", path).stdout)
     assert (output["samples"], output["lost_samples"], output["damage"]) == (100, 0, [])

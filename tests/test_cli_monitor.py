@@ -31,7 +31,7 @@ from xbus.cli.monitor.snapshot import snapshot_dict, snapshot_text
 from xbus.protocol import State
 from xbus.protocol.ids import MessageId
 
-# Which way it points
+# Attitude
 
 
 def block_of(
@@ -47,7 +47,7 @@ def block_of(
 
 @pytest.mark.parametrize("coordinates", ["ENU", "NED", "NWU"])
 def test_all_forms_and_coordinates_agree_with_the_accelerometer(coordinates: str) -> None:
-    """In a gimbal, through all orientations: what is up is measured."""
+    """The tumble trajectory passes all orientations; the accelerometer measures which way is up."""
     forms = ("quaternion", "rotation_matrix", "euler_angles")
     block = block_of(
         "MTi-630", "tumble", {"acceleration": 100, **{(form, coordinates): 100 for form in forms}}
@@ -70,7 +70,7 @@ def test_all_forms_and_coordinates_agree_with_the_accelerometer(coordinates: str
                 assert math.cos(turned) == pytest.approx(1, abs=1e-3)
 
 
-def test_the_heading_is_that_of_a_car() -> None:
+def test_the_heading_of_a_car_is_its_track() -> None:
     block = block_of("MTi-680G", "drive", {("quaternion", "NED"): 10, "velocity_xyz": 10}, 800)
     moving = block["velocity_xyz"]
     for velocity, sample in zip(moving.values, moving.sample, strict=True):
@@ -92,7 +92,7 @@ def test_the_heading_is_that_of_a_car() -> None:
         ("euler_angles", [math.inf, 0, 0]),
     ],
 )
-def test_what_is_no_orientation_is_not_shown_as_one(form: str, row: Any) -> None:
+def test_an_invalid_orientation_is_not_shown(form: str, row: Any) -> None:
     assert attitude_of(form, "ENU", row) is None
 
 
@@ -131,7 +131,7 @@ def test_the_compass(heading: float, shown: str) -> None:
     assert compass(heading, 25, "·") == shown
 
 
-# What is known
+# The model
 
 
 def test_rates_are_those_of_the_device() -> None:
@@ -140,11 +140,11 @@ def test_rates_are_those_of_the_device() -> None:
         known.update(1, 100 + second * 1.1, 7.0 + second)
     assert known.rate(103.5) == 1.0
     assert known.rate(110.0) == 0.0
-    # Without time stamps the clock of the host counts, from then on.
+    # Without time stamps the rate is by the clock of the host.
     for tenth in range(1, 31):
         known.update(20, 110 + tenth / 10, math.nan)
     assert known.rate(113.0) == pytest.approx(200)
-    # A device that starts anew begins its time anew.
+    # A restarted device restarts its time.
     for stamp in (500.0, 500.1, 0.1, 0.2, 0.3):
         known.update(10, 113.0 + stamp % 1, stamp)
     assert known.rate(113.4) == pytest.approx(100)
@@ -199,13 +199,13 @@ def test_values() -> None:
     }
 
 
-def test_every_quantity_has_words() -> None:
-    """Whatever a recording holds can be shown, and given to programs."""
+def test_every_quantity_has_text() -> None:
+    """Every quantity of a recording has text and JSON."""
     data = b"".join(
         encode_sample({name: example(row)}) for name, row in xbus.protocol.tables.QUANTITIES.items()
     )
     model = known(data)
-    assert {it for it, _ in model.quantities} == set(xbus.protocol.tables.QUANTITIES)
+    assert {name for name, _ in model.quantities} == set(xbus.protocol.tables.QUANTITIES)
     assert all(value_row[3] for value_row in value_rows(model))
     facts = json.loads(json.dumps(snapshot_dict(model), allow_nan=False))
     assert len(facts["quantities"]) == len(xbus.protocol.tables.QUANTITIES)
@@ -220,8 +220,8 @@ def example(row: xbus.protocol.tables.Quantity) -> Any:
 
 
 @given(damaged_streams())
-def test_whatever_comes_can_be_shown(data: bytes) -> None:
-    """NaN of any kind, impossible dates, unknown identifiers: and warnings are errors here."""
+def test_any_stream_can_be_shown(data: bytes) -> None:
+    """Streams hold any NaN, impossible dates and unknown identifiers; warnings are errors here."""
     model = known(data)
     for columns in (30, 80, 200):
         assert len(lines(model, ViewState(), columns)) == 24
@@ -238,7 +238,7 @@ def test_status_by_name() -> None:
     sample = {"packet_counter": 1, "status_word": word}
     printed = words(known(encode_sample(sample | {"quaternion": [1, 0, 0, 0]})))
     assert printed["status"] == "filter not valid clip_acc_x clipping filter_mode=3"
-    # One that has no filter need not say so.
+    # A device without a filter does not report it as invalid.
     printed = words(known(encode_sample(sample)))
     assert printed["status"] == "clip_acc_x clipping filter_mode=3"
     assert "GNSS" not in printed
@@ -257,7 +257,7 @@ def test_gnss() -> None:
     assert words(model)["GNSS"] == "3D  RTK fixed  stopped"
 
 
-def test_an_old_orientation_is_not_shown_as_if_it_were_true() -> None:
+def test_an_outdated_orientation_is_not_shown() -> None:
     model = known(encode_sample({"quaternion": [1, 0, 0, 0]}))
     assert words(model)["heading"] == "090° E  pitch 0.0° up  roll 0.0° right"
     model.now = 3.0
@@ -265,7 +265,7 @@ def test_an_old_orientation_is_not_shown_as_if_it_were_true() -> None:
     assert model.attitude is None
 
 
-# What is drawn
+# The screen
 
 
 def lines(
@@ -284,7 +284,7 @@ def trimmed(model: Model, view: ViewState, columns: int = 80, height: int = 24) 
 
 @pytest.fixture(scope="module")
 def field() -> Model:
-    """All of the damaged recording."""
+    """Returns the model at the end of the damaged recording."""
     source = ReplaySource(FIELD)
     model = source.model()
     while not source.is_over:
@@ -292,8 +292,8 @@ def field() -> Model:
     return model
 
 
-def test_what_matters_fits_80_by_24(field: Model) -> None:
-    """All quantities of an MTi-680G, and all that went wrong."""
+def test_the_main_view_fits_80_by_24(field: Model) -> None:
+    """The view shows all quantities of an MTi-680G, and all losses and errors."""
     screen = trimmed(field, ViewState(), 80, 24)
     text = "\n".join(screen)
     for name, _ in field.quantities:
@@ -362,7 +362,7 @@ def test_ascii(field: Model) -> None:
     assert all(line.isascii() for line in lines(field, ViewState(), 120, 24, "ascii"))
 
 
-def test_help_has_all_that_happened(field: Model) -> None:
+def test_the_help_page_lists_all_events(field: Model) -> None:
     text = "\n".join(trimmed(field, ViewState(shows_help=True), 80, 24))
     assert "Events, the latest first" in text
     assert "0:00:04   Error 41: more data than the baud rate can carry" in text
@@ -378,14 +378,14 @@ def test_keys() -> None:
 # Sources
 
 
-def test_a_recording_is_what_read_log_finds() -> None:
+def test_a_replay_counts_what_read_log_finds() -> None:
     for path in (WALK, FIELD):
         source = ReplaySource(path)
         model = source.model()
         while not source.is_over:
             source.advance(model)
         log = read_log(path)
-        assert {name: it.count for (name, _), it in model.quantities.items()} == {
+        assert {name: state.count for (name, _), state in model.quantities.items()} == {
             str(name): len(log[name]) for name in log
         }
         stats = log.stats
@@ -400,7 +400,7 @@ def test_a_recording_is_what_read_log_finds() -> None:
     ]
 
 
-def test_two_devices_have_the_pace_of_the_first(tmp_path: Path) -> None:
+def test_two_devices_play_at_the_pace_of_the_first(tmp_path: Path) -> None:
     path = tmp_path / "bus.mtb"
     path.write_bytes(
         b"".join(
@@ -418,7 +418,9 @@ def test_two_devices_have_the_pace_of_the_first(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("speed", [1.0, 4.0])
-def test_a_recording_has_its_own_pace(monkeypatch: pytest.MonkeyPatch, speed: float) -> None:
+def test_a_recording_plays_at_its_recorded_pace(
+    monkeypatch: pytest.MonkeyPatch, speed: float
+) -> None:
     now = 50.0
     monkeypatch.setattr("time.monotonic", lambda: now)
     source = ReplaySource(WALK, speed)
@@ -445,7 +447,7 @@ def test_a_paused_recording_loses_nothing(monkeypatch: pytest.MonkeyPatch) -> No
 
 
 def test_pauses_of_a_recording(tmp_path: Path) -> None:
-    """A long one is short, a step back takes no time; without stamps 100 samples come a second."""
+    """A pause lasts 10 s at most, and a step back takes no time; without time stamps the rate is 100 Hz."""
     stamps = [0, 10_000, 5_000_000, 4_000_000, 4_010_000]
     path = tmp_path / "log.mtb"
     path.write_bytes(b"".join(encode_sample({"sample_time_fine": stamp}) for stamp in stamps))
@@ -462,7 +464,7 @@ def test_pauses_of_a_recording(tmp_path: Path) -> None:
     assert model.elapsed == pytest.approx(4.99)
 
 
-def test_a_new_file_is_never_one_that_was_there(
+def test_a_new_file_never_has_an_existing_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     class Clock(datetime.datetime):
@@ -526,7 +528,7 @@ def test_a_recording_that_cannot_start_is_reported(
 
 
 class FullDisk:
-    """A recording that has ended by itself."""
+    """A recording that ended because of a full disk."""
 
     files = ("full.mtb",)
     bytes = 1234
@@ -567,7 +569,7 @@ def test_a_device_is_left_as_it_was_found(measured: bool) -> None:
     assert sim.state == State.CONFIG
 
 
-def test_nothing_is_sent_while_one_looks(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_monitoring_sends_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     sim = SimulatedDevice("MTi-630")
     source, model, device = live(sim)
     written: list[bytes] = []
@@ -595,7 +597,7 @@ def test_a_lost_port_is_waited_for() -> None:
     assert "the port is back after 3 s" in texts
 
 
-def test_counts_are_those_since_the_monitor_began() -> None:
+def test_counts_start_with_the_monitor() -> None:
     device = xbus.connect(SimulatedDevice("MTi-630"))
     for _ in range(30):
         device.read_sample()
@@ -614,7 +616,7 @@ def test_once() -> None:
     printed = run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
     assert printed[0].startswith("sim:MTi-680G  Measurement State  115200 baud  3.")
     assert printed[1].startswith("heading ")
-    head = next(at for at, it in enumerate(printed) if it.startswith("quantity "))
+    head = next(at for at, line in enumerate(printed) if line.startswith("quantity "))
     found = {item.split()[0]: item.split()[1] for item in printed[head + 1 :]}
     assert found["packet_counter"] == found["quaternion"] == "100.0"
     assert printed == run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
@@ -634,7 +636,7 @@ def test_once_of_a_recording() -> None:
     assert found["acceleration"]["rate_hz"] == pytest.approx(100)
     assert found["temperature"]["rate_hz"] == pytest.approx(1)
     assert facts["status"] == {"filter_valid": 1, "gnss_fix": 1, "filter_mode": 3, "rtk_status": 1}
-    # All of it, where it is shorter.
+    # A shorter recording is read to its end.
     assert json.loads(run("monitor", WALK, "--once", "99", "--json").stdout)["seconds"] < 11
 
 
@@ -644,7 +646,7 @@ def test_once_of_a_port_that_is_lost(behind: Any) -> None:
     assert printed == "mti is gone: sim:MTi-630 was unplugged; check the cable"
 
 
-def test_nothing_from_a_file_is_obeyed_by_a_terminal(tmp_path: Path) -> None:
+def test_control_characters_of_a_file_are_not_printed(tmp_path: Path) -> None:
     text = b"\x1b[31mred\x07" + "\u202e".encode()
     path = tmp_path / "odd\x1b[2J.mtb"
     path.write_bytes(
@@ -673,7 +675,7 @@ def test_wrong_call(args: list[str], printed: str) -> None:
     assert printed in " ".join(result.output.split())
 
 
-def test_what_cannot_be_read(tmp_path: Path) -> None:
+def test_unreadable_files_are_reported(tmp_path: Path) -> None:
     empty = tmp_path / "empty.mtb"
     empty.touch()
     assert sentence(run("monitor", str(empty), "--once", "1")).startswith("no Xbus frame in ")

@@ -41,7 +41,7 @@ class Seen:
         """Waits for something to be drawn; False once the program has let go of the terminal."""
         try:
             data = os.read(self._master, 65536)
-        except OSError:  # Linux says so
+        except OSError:  # Linux reports a closed terminal in this way
             return False
         self.bytes += data
         self._stream.feed(data)
@@ -95,12 +95,14 @@ def monitoring(
     code: int = 0,
     env: dict[str, str] | None = None,
 ) -> Iterator[tuple[Seen, subprocess.Popen[bytes]]]:
-    """The command on a terminal, which it must leave as it was."""
+    """Yields the command on a terminal; the command must restore the terminal."""
     master, slave = pty.openpty()
     resize(slave, *size)
     before = termios.tcgetattr(slave)
     plain = {
-        key: it for key, it in ENVIRONMENT.items() if key not in ("NO_COLOR", "COLUMNS", "LINES")
+        key: value
+        for key, value in ENVIRONMENT.items()
+        if key not in ("NO_COLOR", "COLUMNS", "LINES")
     }
     plain |= {"TERM": "xterm", **(env or {})}
     command = [*(program or PROGRAM), "monitor", *args]
@@ -108,7 +110,7 @@ def monitoring(
     with subprocess.Popen(command, env=plain, stdin=slave, stdout=slave, stderr=slave) as child:  # noqa: S603
         try:
             yield seen, child
-            # With one end open what is asked of the terminal can still be asked.
+            # The slave end is still open, so that its attributes can be read.
             assert child.wait(timeout=30) == code
             assert termios.tcgetattr(slave) == before
             os.close(slave)
@@ -134,7 +136,7 @@ def test_a_device() -> None:
 
 
 def test_ctrl_c() -> None:
-    """It is a signal to whom the terminal belongs."""
+    """The terminal sends SIGINT to the program that controls it."""
     owner = (
         "import fcntl, os, sys, termios; os.setsid(); fcntl.ioctl(0, termios.TIOCSCTTY, 0);"
         "os.execv(sys.executable, [sys.executable, '-m', 'xbus', *sys.argv[1:]])"
@@ -168,7 +170,7 @@ def test_errors_restore_the_terminal() -> None:
     )
     with monitoring("sim:MTi-3", program=[sys.executable, "-c", patched], code=1) as (seen, _):
         seen.wait_for("packet_counter")
-    # What is to be read is behind it.
+    # The traceback follows the restored screen.
     assert b"ZeroDivisionError: worn out" in seen.bytes.rpartition(LEFT)[2]
 
 
@@ -188,7 +190,7 @@ def test_pause_and_filter_and_help() -> None:
         seen.wait_for("velocity_xyz")
         seen.press("p")
         still = seen.wait_for_whole("PAUSED")
-        # A key asks for a picture; it is the same one until the pause ends.
+        # A key redraws the screen, which stays the same until the pause ends.
         seen.press("?")
         seen.wait_for("this page")
         seen.press("x")
@@ -223,7 +225,7 @@ def test_recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_config_state() -> None:
-    """Said, and ended by a key; it is as it was afterwards."""
+    """The screen shows Config State, a key starts the measurement, and the end restores Config State."""
     with simulated() as (path, _):
         with serial.Serial(path, timeout=10) as port:
             answer(port, GO_TO_CONFIG, GO_TO_CONFIG_ACK[:3])
@@ -233,13 +235,13 @@ def test_config_state() -> None:
             seen.wait_for("Measurement State", "packet_counter")
             seen.press("q")
         with serial.Serial(path, timeout=10) as port:
-            # Only in Config State does it answer this, and nothing comes before the answer.
+            # The device answers this in Config State only, and nothing precedes the answer.
             port.write(REQ_DID)
             assert port.read(3) == b"\xfa\xff\x01"
 
 
 def test_a_pulled_plug(tmp_path: Path) -> None:
-    """Waited for; rates stop, and go on."""
+    """The monitor waits for the port; the rates stop, and continue."""
     link = str(tmp_path / "mti")
     with (
         simulated("--link", link, "--fault", "unplug=4:2") as (path, sim),
@@ -303,7 +305,7 @@ def test_a_recording_is_replayed_to_its_end() -> None:
         seen.press("q")
 
 
-def test_the_quantities_move_on_a_small_screen() -> None:
+def test_arrow_keys_scroll_the_quantities() -> None:
     with monitoring(FIELD, "--speed", "20", size=(80, 18)) as (seen, _):
         seen.wait_for("end of the recording", "6 below: arrow keys")
         seen.press("\x1b[B")
@@ -331,8 +333,8 @@ def test_a_recording_stands_still_while_it_is_paused() -> None:
 
 
 @pytest.mark.parametrize(("piped", "kind"), [(True, "xterm"), (False, "dumb")])
-def test_a_pipe_is_no_terminal(piped: bool, kind: str) -> None:
-    """Nor is one that has no screen."""
+def test_a_pipe_is_not_a_terminal(piped: bool, kind: str) -> None:
+    """A dumb terminal has no screen either."""
     master, slave = pty.openpty()
     seen = Seen(master, 80, 24)
     try:

@@ -24,7 +24,7 @@ from xbus.protocol import State
 from xbus.sim import serving
 from xbus.sim.serve import PtyServer, serve
 
-#: How much faster than the clock devices live here: 8 s to a fixed position are one.
+#: Devices run this much faster than the clock, so that 8 s to a fixed position take 1 s.
 SPEED = 8
 
 
@@ -42,7 +42,7 @@ def serving_fast(device: SimulatedDevice) -> Iterator[str]:
 
 
 def rover(**options: Any) -> SimulatedDevice:
-    """An MTi-680G that has a fix."""
+    """Returns an MTi-680G that has a fix."""
     device = SimulatedDevice("MTi-680G", trajectory="still", **options)
     device.advance(5)
     device.read()
@@ -59,7 +59,7 @@ def local() -> Iterator[LocalCaster]:
 def started(
     port: str, local: LocalCaster, *args: str, **options: Any
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """The command at work; it must end quietly."""
+    """Yields the running command, which must end quietly."""
     caster = ["--caster", local.address, "--mountpoint", "BASE"]
     with start("ntrip", port, *caster, *args, **options) as child:
         try:
@@ -81,10 +81,10 @@ def wanted(*args: str, port: str = "sim:MTi-680G", mountpoint: str = "BASE") -> 
     return sentence(run("ntrip", port, *args, "--mountpoint", mountpoint))
 
 
-# At work
+# Corrections
 
 
-def test_from_none_over_float_to_fixed(local: LocalCaster) -> None:
+def test_rtk_status_goes_from_none_over_float_to_fixed(local: LocalCaster) -> None:
     device = rover()
     with serving_fast(device) as port, started(port, local, "--json") as child:
         seen = []
@@ -108,7 +108,7 @@ def test_from_none_over_float_to_fixed(local: LocalCaster) -> None:
     assert device.state == State.MEASUREMENT
 
 
-def test_what_is_no_rtcm_is_not_forwarded(local: LocalCaster) -> None:
+def test_only_rtcm_is_forwarded(local: LocalCaster) -> None:
     device = rover()
     written = bytearray()
     write = device.write
@@ -132,7 +132,7 @@ def test_the_caster_receives_the_position(local: LocalCaster) -> None:
     assert (reported.lat, reported.lon) == pytest.approx((ORIGIN.lat, ORIGIN.lon), abs=1e-5)
 
 
-def test_before_the_first_fix_there_is_nothing_to_tell(local: LocalCaster) -> None:
+def test_no_position_is_sent_before_the_first_fix(local: LocalCaster) -> None:
     device = rover(time_to_fix=12)
     with serving_fast(device) as port, started(port, local, "--json", "--gga", "1") as child:
         found = statuses(child)
@@ -142,7 +142,7 @@ def test_before_the_first_fix_there_is_nothing_to_tell(local: LocalCaster) -> No
     assert "Ntrip-GGA" in local.requests[0]
 
 
-def test_lines_for_people(local: LocalCaster) -> None:
+def test_status_lines_are_readable(local: LocalCaster) -> None:
     with serving_fast(rover()) as port, started(port, local) as child:
         assert child.stderr is not None
         lines = iter(child.stderr.readline, b"")
@@ -153,7 +153,7 @@ def test_lines_for_people(local: LocalCaster) -> None:
     assert line.endswith(" s ago\n")
 
 
-def test_a_line_that_changes_on_a_terminal(local: LocalCaster) -> None:
+def test_a_terminal_has_one_status_line(local: LocalCaster) -> None:
     ours, theirs = os.openpty()
     try:
         with serving_fast(rover()) as port, started(port, local, stderr=theirs):
@@ -216,7 +216,7 @@ def test_the_mountpoints_of_a_caster(local: LocalCaster) -> None:
     assert "hangs up without an answer" in failed.stderr
 
 
-# What goes wrong
+# Failures
 
 
 @pytest.mark.parametrize(
@@ -242,7 +242,7 @@ def test_an_unknown_mountpoint(local: LocalCaster) -> None:
     )
 
 
-def test_who_is_not_let_in(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_wrong_password_is_reported(local: LocalCaster, monkeypatch: pytest.MonkeyPatch) -> None:
     local.account = ("me", "secret")
     monkeypatch.setenv("XBUS_NTRIP_PASSWORD", "wrong")
     output = wanted("--caster", local.address, "--user", "me")
@@ -285,7 +285,7 @@ def test_no_port(local: LocalCaster) -> None:
     assert output.startswith("cannot open /dev/nowhere")
 
 
-def test_a_caster_that_is_none() -> None:
+def test_an_invalid_caster_address_is_a_wrong_call() -> None:
     result = run("ntrip", "sim:MTi-680G", "--caster", "ftp://a", "--mountpoint", "BASE")
     assert result.exit_code == 2
     assert "is not the address of a caster" in result.stderr

@@ -14,15 +14,15 @@ from xbus.sim import serving
 
 
 def port(device: str, vid: int | None = None, pid: int | None = None, **more: Any) -> ListPortInfo:
-    """A port as pyserial describes it."""
+    """Returns a port as pyserial describes it."""
     info = ListPortInfo(device)
     info.vid, info.pid = vid, pid
-    for key, it in more.items():
-        setattr(info, key, it)
+    for key, value in more.items():
+        setattr(info, key, value)
     return info
 
 
-SOMEBODY = port("/dev/ttyS0")
+BUILT_IN = port("/dev/ttyS0")
 OTHERS = port("/dev/ttyUSB0", 0x0403, 0x6001, description="FT232R USB UART", serial_number="A5")
 CONVERTER = port(
     "/dev/ttyUSB1", 0x0403, 0xD38B, description="Xsens USB converter", serial_number="XSU7"
@@ -32,7 +32,7 @@ MTI = port("/dev/ttyUSB2", 0x2639, 0x0017, description="MTi-300")
 
 @pytest.fixture
 def machine(monkeypatch: pytest.MonkeyPatch) -> list[ListPortInfo]:
-    """The ports of this machine; empty until something is put into it."""
+    """Returns the list of ports of this machine, which is empty at first."""
     found: list[ListPortInfo] = []
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
     return found
@@ -56,8 +56,8 @@ def test_no_port(machine: list[ListPortInfo]) -> None:
         )
 
 
-def test_those_that_say_xsens_come_first(machine: list[ListPortInfo]) -> None:
-    machine += [SOMEBODY, OTHERS, MTI, CONVERTER]
+def test_xsens_ports_come_first(machine: list[ListPortInfo]) -> None:
+    machine += [BUILT_IN, OTHERS, MTI, CONVERTER]
     assert run("ports").stdout.splitlines() == [
         "port          Xsens  description          serial number",
         "/dev/ttyUSB1  yes    Xsens USB converter  XSU7",
@@ -86,18 +86,18 @@ def test_those_that_say_xsens_come_first(machine: list[ListPortInfo]) -> None:
         (None, None, False),
     ],
 )
-def test_who_says_xsens(
+def test_xsens_ports_are_known_by_their_usb_identifiers(
     vid: int | None, pid: int | None, likely: bool, machine: list[ListPortInfo]
 ) -> None:
     machine.append(port("COM3", vid, pid))
     assert ports()[0]["likely"] is likely
 
 
-def test_who_is_there(machine: list[ListPortInfo]) -> None:
-    """Only those that say Xsens are asked, and the device measures again afterwards."""
+def test_identify_asks_only_xsens_ports(machine: list[ListPortInfo]) -> None:
+    """Only ports with an Xsens identifier are opened, and the device measures again afterwards."""
     sim = SimulatedDevice("MTi-680G")
     with serving(sim) as path:
-        machine += [SOMEBODY, port(path, 0x2639, 1)]
+        machine += [BUILT_IN, port(path, 0x2639, 1)]
         lines = run("ports", "--identify").stdout.splitlines()
         output = ports("--identify")
     assert [line.split("  ")[-1].strip() for line in lines] == [
@@ -119,7 +119,7 @@ def test_who_is_there(machine: list[ListPortInfo]) -> None:
     assert sim.state == "measurement"
 
 
-def test_all_are_asked_where_none_says_xsens(
+def test_identify_asks_all_ports_without_an_xsens_port(
     machine: list[ListPortInfo], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def silent(name: str, *args: Any, **more: Any) -> Device:
@@ -128,7 +128,7 @@ def test_all_are_asked_where_none_says_xsens(
         return connect(name, *args, **more)
 
     monkeypatch.setattr("xbus.device.connect", silent)
-    machine += [SOMEBODY, port("/dev/nowhere")]
+    machine += [BUILT_IN, port("/dev/nowhere")]
     with serving(SimulatedDevice("MTi-3")) as path:
         machine.append(port(path))
         output = {item["port"]: item for item in ports("--identify")}

@@ -28,7 +28,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals an
 
 @contextmanager
 def recording(port: str, path: Path, *args: str) -> Iterator[subprocess.Popen[bytes]]:
-    """The command at work: something has come."""
+    """Yields the running command, once some bytes are recorded."""
     with start("record", port, "-o", str(path), *args) as child:
         try:
             wait_until(lambda: path.exists() and path.stat().st_size > 3000)
@@ -38,7 +38,7 @@ def recording(port: str, path: Path, *args: str) -> Iterator[subprocess.Popen[by
 
 
 def end(child: subprocess.Popen[bytes]) -> tuple[int, str]:
-    """How it ends, and the line that it says last."""
+    """Returns the exit code and the last line of stderr."""
     _, printed = child.communicate(timeout=LONG)
     return child.returncode, printed.decode().splitlines()[-1]
 
@@ -88,7 +88,7 @@ def test_rotation(tmp_path: Path, rotate: str, files: int) -> None:
     assert xbus.read_log(bodies).stats.lost_samples == 0
 
 
-def test_what_was_lost_on_the_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_losses_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     device = xbus.connect(SimulatedDevice("MTi-630", faults=Faults.parse(["drop=0.0005"], 1)))
     monkeypatch.setattr("xbus.device.connect", lambda *_, **__: device)
     result = run("record", "sim", "-o", str(tmp_path / "log.mtb"), "--duration", "10")
@@ -118,7 +118,7 @@ def test_the_device_is_left_as_it_was_found(tmp_path: Path) -> None:
 
 @posix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it(tmp_path: Path, number: int) -> None:
+def test_a_signal_ends_the_recording(tmp_path: Path, number: int) -> None:
     path = tmp_path / "log.mtb"
     with serving(SimulatedDevice("MTi-680G")) as port, recording(port, path, "--fsync") as child:
         child.send_signal(number)
@@ -132,7 +132,7 @@ def test_a_signal_ends_it(tmp_path: Path, number: int) -> None:
 
 
 @posix
-def test_a_pulled_plug(tmp_path: Path) -> None:
+def test_a_pulled_plug_ends_the_recording(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     virtual = SimulatedDevice("MTi-680G", faults=Faults.parse(["unplug=3"], 0))
     with serving(virtual) as port, recording(port, path) as child:
@@ -146,7 +146,7 @@ def test_a_pulled_plug(tmp_path: Path) -> None:
 
 @contextmanager
 def in_a_thread(server: PtyServer) -> Iterator[None]:
-    """Serves in a thread; the port keeps its name when the plug is pulled and put in again."""
+    """Serves in a thread; the port keeps its name when the device is unplugged and plugged in again."""
     done = threading.Event()
     with ThreadPoolExecutor(1) as pool:
         pool.submit(serve, server, done.is_set)
@@ -157,8 +157,8 @@ def in_a_thread(server: PtyServer) -> Iterator[None]:
 
 
 @posix
-def test_a_plug_that_is_put_in_again(tmp_path: Path) -> None:
-    """--reconnect: the same file goes on."""
+def test_reconnect_continues_the_same_file(tmp_path: Path) -> None:
+    """After a reconnection, the same file continues."""
     path = tmp_path / "log.mtb"
     virtual = SimulatedDevice("MTi-680G", faults=Faults.parse(["unplug=3:1"], 0))
     port = str(tmp_path / "mti")
@@ -204,7 +204,7 @@ def test_a_full_disk(tmp_path: Path) -> None:
     assert xbus.read_log(path).stats.skipped_bytes == 0
 
 
-def test_nothing_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_silent_device_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("xbus.cli.record.MAX_SILENCE", 0.3)
     with serving(SimulatedDevice("MTi-630"), tcp=True) as port:
         with xbus.connect(port) as device, device.configure():
@@ -216,7 +216,7 @@ def test_nothing_comes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_silence_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pause_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("xbus.cli.record.MAX_SILENCE", 0.3)
     virtual = SimulatedDevice("MTi-630", faults=Faults.parse(["stall=2:1"], 0))
     with serving(virtual, tcp=True) as port:
@@ -227,7 +227,7 @@ def test_silence_for_a_while(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
 
 
 @posix
-def test_a_line_that_changes_on_a_terminal(tmp_path: Path) -> None:
+def test_a_terminal_has_one_status_line(tmp_path: Path) -> None:
     from test_cli_terminal import on_terminal
 
     path = tmp_path / "log.mtb"
@@ -273,7 +273,7 @@ def test_wrong_calls(tmp_path: Path, args: list[str], printed: str) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_the_product_cannot_do(tmp_path: Path) -> None:
+def test_outputs_that_the_product_lacks_are_refused(tmp_path: Path) -> None:
     path = str(tmp_path / "log.mtb")
     printed = sentence(run("record", "sim:MTi-630", "-o", path, "--output", "lat_lon=100"))
     assert printed.startswith("the MTi-630 ")
@@ -286,7 +286,7 @@ def test_no_such_folder(tmp_path: Path) -> None:
     assert printed == f"cannot write {path}: No such file or directory; check the path"
 
 
-def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
+def test_an_existing_recording_is_not_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     path.write_bytes(b"yesterday's")
     result = run("record", "sim:MTi-3", "-o", str(path), "--duration", "1")
@@ -300,7 +300,7 @@ def test_a_recording_that_is_there_is_not_overwritten(tmp_path: Path) -> None:
 
 
 @posix
-def test_a_pipe_is_no_file(tmp_path: Path) -> None:
+def test_a_pipe_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "pipe"
     os.mkfifo(path)
     result = run("record", "sim:MTi-3", "-o", str(path))
@@ -309,7 +309,7 @@ def test_a_pipe_is_no_file(tmp_path: Path) -> None:
         device.record(path)
 
 
-def test_nothing_is_lost_where_the_side_file_cannot_be_made(tmp_path: Path) -> None:
+def test_an_existing_recording_survives_a_failed_side_file(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     path.write_bytes(b"yesterday's")
     Path(f"{path}.times").mkdir()
@@ -321,7 +321,7 @@ def test_nothing_is_lost_where_the_side_file_cannot_be_made(tmp_path: Path) -> N
     assert not path.exists()
 
 
-def test_a_device_in_config_state_is_there_again_also_after_a_failure(
+def test_a_failed_recording_leaves_the_device_in_config_state(
     tmp_path: Path, behind: Callable[[SimulatedDevice], str]
 ) -> None:
     virtual = SimulatedDevice("MTi-630")

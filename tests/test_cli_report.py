@@ -19,7 +19,7 @@ def _scratch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
 
 
-def test_a_page() -> None:
+def test_report_writes_a_page() -> None:
     result = run("report", FIELD, "-o", "field.html")
     assert (result.exit_code, result.stdout) == (0, "")
     assert result.stderr == (
@@ -28,13 +28,13 @@ def test_a_page() -> None:
     assert "<title>field.mtb</title>" in Path("field.html").read_text("utf-8")
 
 
-def test_quietly_with_a_title() -> None:
+def test_quiet_and_title() -> None:
     result = run("report", "-q", WALK, "-o", "WALK.HTM", "--title", "<Tuesday>")
     assert (result.exit_code, result.output) == (0, "")
     assert "<h1>&lt;Tuesday&gt;</h1>" in Path("WALK.HTM").read_text("utf-8")
 
 
-def test_a_recording_that_was_split() -> None:
+def test_a_split_recording_has_one_page() -> None:
     data = Path(WALK).read_bytes()
     Path("a.mtb").write_bytes(data[:80_001])
     Path("b.mtb").write_bytes(data[80_001:])
@@ -45,26 +45,28 @@ def test_a_recording_that_was_split() -> None:
 
 
 def test_standard_input() -> None:
-    result = run("report", "-", "-o", "it.html", stdin=Path(WALK).read_bytes())
+    result = run("report", "-", "-o", "walk.html", stdin=Path(WALK).read_bytes())
     assert result.exit_code == 0
-    assert "<h1>standard input</h1>" in Path("it.html").read_text("utf-8")
+    assert "<h1>standard input</h1>" in Path("walk.html").read_text("utf-8")
 
 
-def test_what_is_there_is_replaced_and_kept_on_failure() -> None:
-    Path("it.html").write_text("before")
+def test_an_existing_file_is_replaced_and_kept_on_failure() -> None:
+    Path("walk.html").write_text("before")
     Path("no.mtb").write_bytes(b"nothing")
-    assert "no Xbus frame in no.mtb" in sentence(run("report", "no.mtb", "-o", "it.html"))
-    assert Path("it.html").read_text() == "before"
-    assert run("report", WALK, "-o", "it.html").exit_code == 0
-    assert Path("it.html").stat().st_size > 10**6
-    assert sorted(path.name for path in Path().iterdir()) == ["it.html", "no.mtb"]
+    assert "no Xbus frame in no.mtb" in sentence(run("report", "no.mtb", "-o", "walk.html"))
+    assert Path("walk.html").read_text() == "before"
+    assert run("report", WALK, "-o", "walk.html").exit_code == 0
+    assert Path("walk.html").stat().st_size > 10**6
+    assert sorted(path.name for path in Path().iterdir()) == ["no.mtb", "walk.html"]
 
 
-def test_where_nothing_can_be_written() -> None:
-    shown = sentence(run("report", WALK, "-o", "nowhere/it.html"))
-    assert shown == "cannot write nowhere/it.html: No such file or directory; check the path"
-    Path("it.html").mkdir()
-    assert "cannot write it.html: Is a directory" in sentence(run("report", WALK, "-o", "it.html"))
+def test_an_unwritable_output_is_reported() -> None:
+    shown = sentence(run("report", WALK, "-o", "nowhere/walk.html"))
+    assert shown == "cannot write nowhere/walk.html: No such file or directory; check the path"
+    Path("walk.html").mkdir()
+    assert "cannot write walk.html: Is a directory" in sentence(
+        run("report", WALK, "-o", "walk.html")
+    )
 
 
 def test_the_input_is_not_overwritten() -> None:
@@ -76,7 +78,7 @@ def test_the_input_is_not_overwritten() -> None:
 
 def test_without_plotly(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "plotly", None)
-    shown = sentence(run("report", WALK, "-o", "it.html"))
+    shown = sentence(run("report", WALK, "-o", "walk.html"))
     assert shown == 'to write a report, plotly is needed: pip install "xbus-mti[report]"'
     assert list(Path().iterdir()) == []
 
@@ -85,16 +87,16 @@ def test_a_full_disk() -> None:
     full = Path("/dev/full")
     if not full.exists():
         pytest.skip("no /dev/full")
-    Path("it.html").symlink_to(full)
+    Path("walk.html").symlink_to(full)
     assert "No space left on device; free some space" in sentence(
-        run("report", WALK, "-o", "it.html")
+        run("report", WALK, "-o", "walk.html")
     )
 
 
 def test_ctrl_c_leaves_nothing() -> None:
     os.mkfifo("port")
-    with start("report", "port", "-o", "it.html") as child, Path("port").open("wb", 0) as writer:
-        # That it could be opened says that it is being read.
+    with start("report", "port", "-o", "walk.html") as child, Path("port").open("wb", 0) as writer:
+        # Opening the pipe for writing succeeds only once the child reads it.
         writer.write(Path(WALK).read_bytes()[:1000])
         child.send_signal(signal.SIGINT)
         out, shown = child.communicate()
@@ -102,13 +104,13 @@ def test_ctrl_c_leaves_nothing() -> None:
     assert [path.name for path in Path().iterdir()] == ["port"]
 
 
-def test_names_are_text() -> None:
+def test_file_names_are_escaped() -> None:
     evil = "a\u202e\x1b[0m<b>.mtb"
     Path(evil).write_bytes(Path(WALK).read_bytes())
     odd = os.fsdecode(b"\xff.mtb")
     Path(odd).write_bytes(b"")
-    result = run("report", evil, odd, "-o", "it.html")
+    result = run("report", evil, odd, "-o", "walk.html")
     assert result.exit_code == 0
-    head = Path("it.html").read_text("utf-8").partition("<style>")[0]
+    head = Path("walk.html").read_text("utf-8").partition("<style>")[0]
     assert "<title>a\\u202e\\x1b[0m&lt;b&gt;.mtb, " in head
     assert "\u202e" not in head

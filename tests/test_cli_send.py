@@ -26,20 +26,20 @@ INVALID = "4: the message is invalid here, or this device does not know it"
 
 
 def exchange(*args: str) -> list[str]:
-    """The lines of a command that does its work, without the hex."""
+    """Returns the lines of a command that succeeds, without the hex."""
     result = run("send", *args)
     assert result.exit_code == 0, result.output
     return [f"{line[:2]}{line[26:].partition('  ')[2]}" for line in result.stdout.splitlines()]
 
 
 def wrong(*args: str) -> str:
-    """The error message of a wrong call; nothing else is printed."""
+    """Returns the error message of a wrong call, which prints nothing else."""
     result = run("send", *args)
     assert (result.exit_code, result.stdout) == (2, "")
     return " ".join(result.stderr.partition("Error: ")[2].split())
 
 
-# What is shown
+# Output
 
 
 def test_words_and_hex() -> None:
@@ -68,7 +68,7 @@ def test_json() -> None:
 
 
 def value_of(*args: str, product: str = AHS) -> Any:
-    """The value in the answer to a message."""
+    """Returns the value in the answer to a message."""
     result = run("send", product, "--config", "--json", *args)
     assert result.exit_code == 0, result.output
     return json.loads(result.stdout.splitlines()[-1])["value"]
@@ -90,7 +90,7 @@ def test_the_fields_of_an_answer_are_json() -> None:
     assert value_of("ReqLatLonAlt", product="sim:MTi-680G")["lat"] == 52.24049169408207
 
 
-#: Words of the command line, and the answer.
+#: Arguments of the command line, and the expected answer.
 ANSWERED = """
     MTi-630  ReqOptionFlags                              | ReqOptionFlagsAck  0
     MTi-630  reqoptionflags                              | ReqOptionFlagsAck  0
@@ -130,7 +130,7 @@ def test_samples_are_counted() -> None:
     assert result.stderr == "xbus: 25 samples not shown\n"
 
 
-def test_listening_longer() -> None:
+def test_wait_extends_the_exchange() -> None:
     lines = exchange(AHS, "Reset", "--wait", "2")
     assert [line.split()[1] for line in lines[:3]] == ["Reset", "ResetAck", "WakeUp"]
 
@@ -153,20 +153,20 @@ def test_a_mid_with_data() -> None:
     ]
 
 
-def test_bytes_that_are_no_frame_go_out_as_they_are() -> None:
+def test_bytes_without_a_frame_are_sent_unchanged() -> None:
     result = run("send", AHS, "--hex", "FA FF 30 00 D0")
     assert result.stdout == "> FA FF 30 00 D0            5 bytes without a frame: checksum\n"
     assert (result.exit_code, result.stderr) == (0, "xbus: 50 samples not shown\n")
 
 
 def test_a_frame_is_shown_as_it_was_written() -> None:
-    """With the long form of a length that needs it not."""
+    """The extended form of a short length is kept."""
     result = run("send", AHS, "--hex", "FA FF 30 FF 00 00 D2")
     assert result.stdout.startswith("> FA FF 30 FF 00 00 D2      GoToConfig\n")
 
 
 @pytest.mark.parametrize("words", ["", " ", "zz", "FA F", "3 0", "0x", "FA-FF"])
-def test_no_hex(words: str) -> None:
+def test_invalid_hex_is_a_wrong_call(words: str) -> None:
     assert wrong(AHS, "--hex", words).endswith("is not hex; write bytes, such as FA FF 30 00 D1")
 
 
@@ -209,19 +209,21 @@ def test_a_device_is_left_as_it_was_found(behind: Callable[[SimulatedDevice], st
         ("WakeUpAck", "send GoToConfig, which is valid in any state"),
     ],
 )
-def test_a_message_at_the_wrong_time(words: str, advice: str) -> None:
+def test_a_message_in_the_wrong_state_is_not_sent(words: str, advice: str) -> None:
     printed = sentence(run("send", AHS, *words.split()))
     assert printed.endswith(f"; nothing was sent; {advice}")
     assert " State, but the state is " in printed
 
 
-def test_measurement_state_is_a_message_away(behind: Callable[[SimulatedDevice], str]) -> None:
+def test_a_message_for_measurement_state_names_gotomeasurement(
+    behind: Callable[[SimulatedDevice], str],
+) -> None:
     port = behind(SimulatedDevice("MTi-630"))
     exchange(port, "GoToConfig")
     assert sentence(run("send", port, "ReqData")).endswith("; send GoToMeasurement first")
 
 
-# Failures: wrong in itself is 2, wrong for this device is 1
+# Failures: the exit status is 2 for a wrong call, and 1 for a call that is wrong for this device
 
 
 @pytest.mark.parametrize(
@@ -294,14 +296,14 @@ def test_a_port_that_is_taken() -> None:
         ("SetOptionFlags set=enable_ahs clear=0", "the MTi-630 has no option flag ENABLE_AHS; "),
     ],
 )  # fmt: skip
-def test_what_the_product_cannot_do(words: str, says: str) -> None:
+def test_messages_that_the_product_lacks_are_not_sent(words: str, says: str) -> None:
     printed = sentence(run("send", AHS, "--config", *words.split()))
     assert printed.startswith(says)
     assert "nothing was sent" in printed
 
 
 def failed(result: Result) -> tuple[list[str], str]:
-    """The exchange so far, and the sentence."""
+    """Returns the exchange so far, and the error message."""
     assert result.exit_code == 1
     *_, printed = result.stderr.splitlines()
     assert printed.startswith("xbus: ")
@@ -309,7 +311,7 @@ def failed(result: Result) -> tuple[list[str], str]:
 
 
 def test_an_error(behind: Callable[[SimulatedDevice], str]) -> None:
-    """Without --config the product is not known, and only the device can say that it cannot."""
+    """Without --config the product is not known, so the device itself refuses the message."""
     port = behind(SimulatedDevice("MTi-630"))
     exchange(port, "GoToConfig")
     shown, printed = failed(run("send", port, "ReqGnssPlatform"))
@@ -319,7 +321,8 @@ def test_an_error(behind: Callable[[SimulatedDevice], str]) -> None:
 
 def test_no_answer() -> None:
     shown, printed = failed(run("send", AHS, "--bid", "2", "GoToConfig"))
-    assert shown == ["GoToConfig"] * 12  # once in 0.2 s, for 2 s and what may wait on the line
+    # Every 0.2 s, for 2 s and the time that bytes may wait on the line.
+    assert shown == ["GoToConfig"] * 12
     assert "no answer to GoToConfig from sim:MTi-630 within 2.4 s" in printed
 
 
@@ -339,7 +342,7 @@ def test_a_pulled_plug(
     assert printed == f"xbus: {says}"
 
 
-def test_a_plug_that_is_pulled_before_the_answer(
+def test_a_plug_pulled_before_the_answer(
     behind: Callable[[SimulatedDevice], str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     sim = SimulatedDevice("MTi-630")
@@ -376,11 +379,11 @@ def test_over_a_port() -> None:
         ]
 
 
-# Pieces of samples at both ends of what is seen
+# Pieces of samples at both ends of an exchange
 
 
 class Pieces(SimLink):
-    """Gives bytes as a serial port may: cut anywhere."""
+    """Returns bytes cut anywhere, as a serial port does."""
 
     def __init__(self, *pieces: bytes) -> None:
         super().__init__("sim:MTi-630")
@@ -403,7 +406,7 @@ SAMPLE = frame(0x36, bytes.fromhex("10 20 02 00 01"))
         (State.CONFIG, [frame(0x11), SAMPLE, SAMPLE[:4]], ["GoToMeasurementAck"]),
     ],
 )  # fmt: skip
-def test_pieces_of_samples_are_no_damage(
+def test_pieces_of_samples_are_not_damage(
     state: State, pieces: list[bytes], lines: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
     device = Device(Pieces(*pieces))

@@ -31,7 +31,7 @@ REQ_DID, REQ_PRODUCT_CODE = frame(0x00), frame(0x1C)
 
 
 def first_line(child: subprocess.Popen[bytes]) -> str:
-    """The port that the command prints when it is ready."""
+    """Returns the port that the command prints when it is ready."""
     assert child.stdout is not None
     output = child.stdout.readline().decode()
     assert output.startswith("port: ")
@@ -43,7 +43,7 @@ def first_line(child: subprocess.Popen[bytes]) -> str:
 def simulated(
     *args: str, product: str = "MTi-680G"
 ) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """The port of a running command, and the command, which must end quietly."""
+    """Yields the port of a running command, and the command, which must end quietly."""
     named = ["--product", product] if product else []
     with start("sim", *named, *args) as child:
         try:
@@ -56,7 +56,7 @@ def simulated(
 
 
 def answer(port: serial.Serial, request: bytes, beginning: bytes) -> bytes:
-    """The rest of the frame that begins so, after a request, and whatever else the device sends."""
+    """Sends a request, skips to the frame with this beginning, and returns the payload of that frame."""
     port.write(request)
     port.read_until(beginning)
     size = port.read(1)[0]
@@ -85,7 +85,7 @@ def test_on_tcp(where: str) -> None:
             assert product_code(port).startswith("MTi-3")
 
 
-def test_a_serial_device_talks_at_one_rate() -> None:
+def test_a_serial_device_answers_at_one_rate_only() -> None:
     with simulated("--baudrate", "921600") as (path, _):
         with serial.Serial(path, 921600, timeout=10) as port:
             assert product_code(port).startswith("MTi-680G")
@@ -109,7 +109,7 @@ def test_a_recording_is_sent() -> None:
         serial.Serial(path, timeout=10) as port,
     ):
         assert product_code(port) == "MTi-680G-8A1G6"
-        sent = b"".join(it for _, it in Replay(WALK).play(0.0).take(0.5))
+        sent = b"".join(data for _, data in Replay(WALK).play(0.0).take(0.5))
         port.write(frame(0x10))
         port.read_until(frame(0x11))
         assert port.read(len(sent)) == sent
@@ -120,7 +120,7 @@ def read_forever(port: serial.Serial) -> NoReturn:
         port.read(1000)
 
 
-def test_a_pulled_plug_is_a_new_port() -> None:
+def test_a_replugged_device_has_a_new_port() -> None:
     with simulated("--fault", "unplug=1:0.1") as (path, child):
         with (
             serial.Serial(path, timeout=10) as port,
@@ -190,7 +190,7 @@ def test_an_idle_client_is_disconnected() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_quietly(number: int) -> None:
+def test_a_signal_ends_the_simulation_quietly(number: int) -> None:
     with start("sim", "--product", "MTi-630") as child:
         path = first_line(child)
         child.send_signal(number)
@@ -199,7 +199,7 @@ def test_a_signal_ends_it_quietly(number: int) -> None:
     assert not os.path.exists(path)  # noqa: PTH110
 
 
-def test_it_ends_after_so_long() -> None:
+def test_duration_ends_the_simulation() -> None:
     result = run("sim", "--product", "MTi-630", "--duration", "0.05")
     assert result.exit_code == 0
     assert result.stdout.startswith("port: /dev/")
@@ -236,7 +236,7 @@ def test_wrong_calls(args: list[str], output: str) -> None:
     assert result.stdout == ""
 
 
-def test_what_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_failures_are_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     product = ["sim", "--product", "MTi-3"]
     (tmp_path / "text").write_text("no frame")
     assert "nowhere.mtb: No such file" in sentence(run(*product, "--replay", "nowhere.mtb"))

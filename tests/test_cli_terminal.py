@@ -1,4 +1,4 @@
-"""What commands do on a terminal, and the tables that they print there and elsewhere."""
+"""Commands on a terminal, and the tables that they print to terminals and pipes."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ from xbus.protocol.tables import MESSAGES, PRODUCTS, QUANTITIES
 
 
 def waiting(seconds: int) -> list[str]:
-    """The program with a bar that waits so long before it is shown."""
-    code = "import sys, xbus.cli.progress as it; it.DELAY = {}; from xbus.cli import main; main(sys.argv[1:])"
+    """Returns a command line of the program in which the progress bar appears after this delay."""
+    code = (
+        "import sys; from xbus.cli import main, progress; progress.DELAY = {}; main(sys.argv[1:])"
+    )
     return [sys.executable, "-c", code.format(seconds)]
 
 
@@ -41,7 +43,7 @@ class Terminal:
         """Waits for something; False once the program has let go of the terminal."""
         try:
             data = os.read(self._master, 65536)
-        except OSError:  # Linux says so
+        except OSError:  # Linux reports a closed terminal in this way
             return False
         self.text += data.decode()
         return bool(data)
@@ -60,7 +62,7 @@ class Terminal:
 def on_terminal(
     command: list[str], *, columns: int = 80, **others: int
 ) -> Iterator[tuple[subprocess.Popen[bytes], Terminal]]:
-    """A program on a terminal; ``others`` are what it gets instead."""
+    """Yields a program on a terminal; ``others`` replace its standard streams."""
     master, slave = pty.openpty()
     env = {**ENVIRONMENT, "COLUMNS": str(columns), "TERM": "xterm"}
     env.pop("NO_COLOR", None)
@@ -74,7 +76,7 @@ def on_terminal(
 
 
 def printed(*args: str, columns: int = 80) -> str:
-    """What a command prints on a terminal."""
+    """Returns what a command prints on a terminal."""
     with on_terminal([*PROGRAM, *args], columns=columns) as (child, terminal):
         text = terminal.wait_for_the_end()
         assert child.wait() == 0
@@ -90,7 +92,7 @@ def plain(text: str) -> str:
 
 @pytest.mark.parametrize("args", [["info"], ["decode", "-o", "out.csv"]], ids=["info", "decode"])
 def test_progress(args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The bar is there while bytes come, on stderr, and gone at the end."""
+    """The bar is on stderr while bytes arrive, and is removed at the end."""
     monkeypatch.chdir(tmp_path)
     os.mkfifo("port")
     data = Path(WALK).read_bytes()
@@ -114,10 +116,10 @@ def test_progress(args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_progress_knows_the_size(tmp_path: Path) -> None:
-    """Names are shown as they are, whatever a markup language would make of them."""
+    """Names that look like markup are shown unchanged."""
     code = (
-        "import sys, xbus.cli.progress as it; it.DELAY = 0\n"
-        "with it.Progress('counting') as bar:\n"
+        "import sys; from xbus.cli import progress; progress.DELAY = 0\n"
+        "with progress.Progress('counting') as bar:\n"
         "    bar.update('counting [red]sheep', 3_000_000, 4_000_000); sys.stdin.readline()"
     )
     ours, theirs = os.pipe()
@@ -131,7 +133,7 @@ def test_progress_knows_the_size(tmp_path: Path) -> None:
 
 
 def test_reading_shows_progress(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Bytes of all files, of a pipe without a total."""
+    """Progress counts the bytes of all files; a pipe has no total."""
     reported: list[tuple[str, int, int | None]] = []
     monkeypatch.setattr(Progress, "update", lambda _, *args: reported.append(args))
     size = Path(WALK).stat().st_size + Path(FIELD).stat().st_size
@@ -151,10 +153,10 @@ def test_reading_shows_progress(monkeypatch: pytest.MonkeyPatch) -> None:
     [["info", WALK], ["decode", WALK, "-o", "out.csv"], ["dump", WALK]],
     ids=lambda item: item[0],
 )
-def test_no_progress_where_it_would_be_in_the_way(
+def test_no_progress_when_fast_quiet_or_piped(
     args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Not before its time; not where stderr is no terminal; not with --quiet."""
+    """The bar does not appear before its delay, without a terminal on stderr, or with --quiet."""
     monkeypatch.chdir(tmp_path)
     assert DELAY == 1
     with on_terminal([*PATIENT, *args]) as (child, terminal):
@@ -169,7 +171,7 @@ def test_no_progress_where_it_would_be_in_the_way(
             assert (terminal.wait_for_the_end(), child.wait()) == ("", 0)
 
 
-def test_ctrl_c_on_a_terminal_takes_the_bar_away(tmp_path: Path) -> None:
+def test_ctrl_c_removes_the_progress_bar(tmp_path: Path) -> None:
     port = tmp_path / ("port" * 30)  # a long name does not break the line
     os.mkfifo(port)
     with on_terminal([*IMPATIENT, "info", str(port)]) as (child, terminal):
@@ -209,7 +211,7 @@ def test_tables_fit_the_terminal(columns: int) -> None:
         assert (reported in text) == (spare.split(", ")[0] not in head) == (columns == 80)
 
 
-def test_items() -> None:
+def test_quantities() -> None:
     head, *rows = run("quantities").stdout.splitlines()
     assert head.split() == [
         *["id", "name", "manual", "layout", "unit", "coordinates", "products", "source"]
@@ -222,10 +224,10 @@ def test_items() -> None:
         *["0x5040", "lat_lon", "LatLon", "2 real", "deg", "7 710 670 680", "5.3.6"]
     ]
     at = head.index
-    for it, row in zip(QUANTITIES.values(), rows, strict=True):
+    for quantity, row in zip(QUANTITIES.values(), rows, strict=True):
         cell = row[at("coordinates") : at("products")].strip()
-        assert cell == ("ENU NED NWU" if it.coordinates else "")
-        assert row[at("unit") : at("coordinates")].strip() == it.unit
+        assert cell == ("ENU NED NWU" if quantity.coordinates else "")
+        assert row[at("unit") : at("coordinates")].strip() == quantity.unit
 
 
 def test_layouts() -> None:
@@ -253,8 +255,8 @@ def test_messages() -> None:
         [f"0x{message.mid:02X}", message.name] for message in MESSAGES.values()
     ]
     lengths = {
-        it.name: row[head.index("length") : head.index("payload")].strip()
-        for it, row in zip(MESSAGES.values(), rows, strict=True)
+        message.name: row[head.index("length") : head.index("payload")].strip()
+        for message, row in zip(MESSAGES.values(), rows, strict=True)
     }
     assert lengths["DeviceID"] == "4, 8"
     assert lengths["MTData2"] == "any"
@@ -276,7 +278,7 @@ def test_products_by_series() -> None:
 
 
 @pytest.mark.parametrize("text", ["GNSS", "gnss", "Gnss"])
-def test_text_filters_in_whichever_case(text: str) -> None:
+def test_text_filters_ignore_case(text: str) -> None:
     names = [line.split()[1] for line in run("quantities", text).stdout.splitlines()[1:]]
     assert names[:2] == ["gnss_age", "gnss_pvt_data"]
     assert all("gnss" in name for name in names)
@@ -286,20 +288,20 @@ def test_text_filters_in_whichever_case(text: str) -> None:
 
 
 @pytest.mark.parametrize("command", ["quantities", "messages"])
-def test_text_that_is_nowhere(command: str) -> None:
+def test_text_without_a_match_is_an_error(command: str) -> None:
     assert "'accccc'" in sentence(run(command, "accccc"))
 
 
-def test_tables_for_programs() -> None:
+def test_tables_as_json() -> None:
     output = run("quantities", "--json").stdout
     assert len(output.splitlines()) == len(QUANTITIES)
     found = json.loads(output)
-    for it, row in zip(found, QUANTITIES.values(), strict=True):
-        assert list(it) == list(row._fields)
-        assert tuple(it["products"]) == row.products
-        assert [tuple(f.values()) for f in it["fields"]] == [tuple(f) for f in row.fields]
-        assert [tuple(f.values()) for f in it["entry"]] == [tuple(f) for f in row.entry]
+    for shown, row in zip(found, QUANTITIES.values(), strict=True):
+        assert list(shown) == list(row._fields)
+        assert tuple(shown["products"]) == row.products
+        assert [tuple(f.values()) for f in shown["fields"]] == [tuple(f) for f in row.fields]
+        assert [tuple(f.values()) for f in shown["entry"]] == [tuple(f) for f in row.entry]
     found = json.loads(run("messages", "--json").stdout)
-    for it, message in zip(found, MESSAGES.values(), strict=True):
-        assert list(it) == list(message._fields)
-        assert it["lengths"] == (None if message.lengths is None else list(message.lengths))
+    for shown, message in zip(found, MESSAGES.values(), strict=True):
+        assert list(shown) == list(message._fields)
+        assert shown["lengths"] == (None if message.lengths is None else list(message.lengths))

@@ -1,4 +1,4 @@
-"""What a report says, and that a browser draws all of it."""
+"""The content of a report, and its drawing in a browser."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def output(source: Any) -> list[str]:
 
 
 def samples(rows: int, **more: Any) -> list[bytes]:
-    """Samples at 100 Hz; of ``more`` the values by row."""
+    """Returns samples at 100 Hz; ``more`` has constant values, or functions of the row."""
     found = []
     for row in range(rows):
         values: dict[Any, Any] = {"packet_counter": row, "sample_time_fine": 100 * row}
@@ -115,7 +115,7 @@ def samples(rows: int, **more: Any) -> list[bytes]:
 
 
 def sample(row: int, *more: bytes, start: int = 0, bid: int = 0xFF) -> bytes:
-    """A sample at 100 Hz of a clock that was at ``start`` s."""
+    """Returns a sample at 100 Hz of a clock that starts at ``start`` s."""
     return mtdata2(counter(row), fine(10_000 * start + 100 * row), *more, bid=bid)
 
 
@@ -123,62 +123,62 @@ def sample(row: int, *more: bytes, start: int = 0, bid: int = 0xFF) -> bytes:
 
 
 def test_a_good_recording() -> None:
-    it = page_of(WALK)
-    assert "No sample lost, no damage, no errors size 169,069 bytes" in it.text
-    assert "MTi-680G-8A1G6, id 008000A1B2, firmware 1.12.0 build 30" in it.text
-    assert "0 s is 2026-11-22 09:30:00.000 UTC" in it.text
-    assert ["acceleration", "", "1,000", "100.0", "Float32", "m/s2", "0"] in it.rows
-    assert ["filter profile", "0"] in it.rows
-    assert ["MTData2 (samples)", "1,040"] in it.rows
+    report = page_of(WALK)
+    assert "No sample lost, no damage, no errors size 169,069 bytes" in report.text
+    assert "MTi-680G-8A1G6, id 008000A1B2, firmware 1.12.0 build 30" in report.text
+    assert "0 s is 2026-11-22 09:30:00.000 UTC" in report.text
+    assert ["acceleration", "", "1,000", "100.0", "Float32", "m/s2", "0"] in report.rows
+    assert ["filter profile", "0"] in report.rows
+    assert ["MTData2 (samples)", "1,040"] in report.rows
     assert output(WALK) == []
 
 
 def test_a_bad_recording() -> None:
-    it = page_of(FIELD)
+    report = page_of(FIELD)
     first, *rest = output(FIELD)
     assert first == "23 samples lost in 12 gaps, 2.2 %; largest gap: 12 samples before 2.99 s"
     assert rest[:2] == [
         "1,816 bytes of damage in 12 places, 1.1 % of the file",
         "1 error from the device; the first: 41: more data than the baud rate can carry",
     ]
-    assert "3 problems in this recording" in it.text
-    assert ["4.90", "81,068", "Error", "41: more data than the baud rate can carry"] in it.rows
-    assert ["2.99", "12", "294"] in it.rows
-    assert ["3,713", "227", "checksum"] in it.rows
-    events = it.figure("events")
+    assert "3 problems in this recording" in report.text
+    assert ["4.90", "81,068", "Error", "41: more data than the baud rate can carry"] in report.rows
+    assert ["2.99", "12", "294"] in report.rows
+    assert ["3,713", "227", "checksum"] in report.rows
+    events = report.figure("events")
     assert [data["name"] for data in events["data"]] == ["samples lost", "damage", "errors"]
     starts = array(events["data"][2]["x"])[::3]
     assert starts == pytest.approx([4.9])
 
 
 def test_every_quantity_has_its_plots() -> None:
-    it = page_of(WALK)
+    report = page_of(WALK)
     log = xbus.read_log(WALK)
-    names = [figure["name"] for figure in it.figures]
+    names = [figure["name"] for figure in report.figures]
     for name in ("quaternion", "euler_angles", "acceleration", "velocity_xyz", "lat_lon"):
-        data = it.figure(name)["data"]
+        data = report.figure(name)["data"]
         assert [curve["name"] for curve in data] == list(log[name].fields)
         for at, curve in enumerate(data):
             np.testing.assert_array_equal(array(curve["y"]), log[name].values[:, at])
             assert array(curve["x"]) == pytest.approx(log[name].time - log.time[0])
-    assert it.figure("acceleration")["layout"]["yaxis"]["title"]["text"] == "acceleration, m/s2"
-    under = it.figure("acceleration")["layout"]["xaxis"]["title"]["text"]
+    assert report.figure("acceleration")["layout"]["yaxis"]["title"]["text"] == "acceleration, m/s2"
+    under = report.figure("acceleration")["layout"]["xaxis"]["title"]["text"]
     assert under == "time since 09:30:00.000 UTC, s"
     assert {"baro_pressure", "temperature", "status", "steps", "track"} <= set(names)
-    accuracy = it.figure("gnss_pvt_data stated accuracy")
+    accuracy = report.figure("gnss_pvt_data stated accuracy")
     assert accuracy["data"][0]["name"] == "hAcc"
     assert array(accuracy["data"][0]["y"]) == pytest.approx(log["gnss_pvt_data"].scaled["hAcc"])
     assert {"noise acceleration", "noise rate_of_turn"} <= set(names)
-    assert len(names) == len(set(names)) == it.tags.count("figure")
+    assert len(names) == len(set(names)) == report.tags.count("figure")
 
 
-def test_links_lead_somewhere() -> None:
+def test_links_have_targets() -> None:
     for file in (WALK, FIELD):
-        it = page_of(file)
-        assert len(it.ids) == len(set(it.ids))
-        assert {link.removeprefix("#") for link in it.links} <= set(it.ids)
+        report = page_of(file)
+        assert len(report.ids) == len(set(report.ids))
+        assert {link.removeprefix("#") for link in report.links} <= set(report.ids)
         assert {"timeline", "quantities", "acceleration", "track", "noise", "messages"} <= set(
-            it.ids
+            report.ids
         )
 
 
@@ -187,8 +187,10 @@ def test_two_coordinate_systems() -> None:
         samples(30, temperature=20)
         + [encode_sample({("euler_angles", name): [1, 2, 3]}) for name in ("ENU", "NED")]
     )
-    it = page_of(data)
-    assert {"euler_angles", "euler_angles-NED"} <= set(it.ids) & {f["name"] for f in it.figures}
+    report = page_of(data)
+    assert {"euler_angles", "euler_angles-NED"} <= set(report.ids) & {
+        f["name"] for f in report.figures
+    }
 
 
 def test_a_rotation_matrix_has_nine_curves() -> None:
@@ -202,10 +204,10 @@ def test_a_rotation_matrix_has_nine_curves() -> None:
 
 def test_lines_end_at_lost_samples() -> None:
     rows = samples(100, acceleration=lambda row: [row, 0, 9.81])
-    it = page_of(b"".join(rows[:40] + rows[45:]))
-    x = it.figure("acceleration")["data"][0]
+    report = page_of(b"".join(rows[:40] + rows[45:]))
+    x = report.figure("acceleration")["data"][0]
     assert np.flatnonzero(np.isnan(array(x["y"]))).tolist() == [40]
-    assert array(it.figure("events")["data"][0]["x"])[:2] == pytest.approx([0.39, 0.45])
+    assert array(report.figure("events")["data"][0]["x"])[:2] == pytest.approx([0.39, 0.45])
 
 
 def test_clipping_is_reported() -> None:
@@ -226,27 +228,27 @@ def test_a_filter_that_is_not_valid() -> None:
     assert text in output(b"".join(rows))
 
 
-def test_what_the_recording_does_not_say() -> None:
+def test_missing_time_and_counter_are_reported() -> None:
     rows = b"".join(encode_sample({"acceleration": [0, 0, index]}) for index in range(50))
     texts = output(rows)
     assert "no time stamps: the horizontal axis is the sample number" in texts
     assert any(text.startswith("no packet counter") for text in texts)
-    it = page_of(rows)
-    assert "No damage, no errors" in it.text
-    assert "no packet counter to detect losses" in it.text
-    figure = it.figure("acceleration")
+    report = page_of(rows)
+    assert "No damage, no errors" in report.text
+    assert "no packet counter to detect losses" in report.text
+    figure = report.figure("acceleration")
     assert figure["layout"]["xaxis"]["title"]["text"] == "sample"
     assert array(figure["data"][2]["x"]).tolist() == list(range(50))
 
 
-def test_a_counter_stands_in_for_time() -> None:
+def test_the_counter_replaces_missing_time() -> None:
     rows = [encode_sample({"packet_counter": index, "temperature": index}) for index in range(50)]
-    it = page_of(b"".join(rows[:20] + rows[25:]))
-    curve = it.figure("temperature")["data"][0]
+    report = page_of(b"".join(rows[:20] + rows[25:]))
+    curve = report.figure("temperature")["data"][0]
     assert array(curve["x"])[19:22].tolist() == pytest.approx([19, np.nan, 25], nan_ok=True)
 
 
-def test_without_a_counter_times_tell_of_pauses() -> None:
+def test_without_a_counter_pauses_are_found_by_time() -> None:
     rows = [
         encode_sample({"sample_time_fine": 100 * index, "temperature": 1}) for index in range(90)
     ]
@@ -254,24 +256,24 @@ def test_without_a_counter_times_tell_of_pauses() -> None:
     assert output(b"".join(rows[:50] + rows[60:]))[0] == text
 
 
-def test_values_that_are_none() -> None:
+def test_nan_values_are_reported() -> None:
     rows = samples(30, acceleration=lambda row: [np.nan if row == 3 else 0, 0, 9.81])
     assert "1 value of acceleration NaN or infinite" in output(b"".join(rows))
 
 
-def test_messages_alone() -> None:
-    it = page_of(encode_frame(MessageId.Error, b"\x29"))
-    assert "no samples, only messages" in it.text
+def test_a_log_of_messages_only() -> None:
+    report = page_of(encode_frame(MessageId.Error, b"\x29"))
+    assert "no samples, only messages" in report.text
 
 
-def test_nothing_at_all() -> None:
+def test_an_empty_log() -> None:
     assert "no samples" in page_of(b"").text
 
 
 def test_an_unknown_identifier() -> None:
-    it = page_of(mtdata2(counter(1), fine(1), packet(0xF990, b"abc")))
-    assert ["0xF990", "1", "3"] in it.rows
-    assert "1 unknown data identifier" in it.text
+    report = page_of(mtdata2(counter(1), fine(1), packet(0xF990, b"abc")))
+    assert ["0xF990", "1", "3"] in report.rows
+    assert "1 unknown data identifier" in report.text
 
 
 @pytest.mark.parametrize(
@@ -284,8 +286,8 @@ def test_percent(part: int, whole: int, text: str) -> None:
 
 @settings(max_examples=25)
 @given(damaged_streams())
-def test_whatever_was_received(data: bytes) -> None:
-    """Anything makes a page, and in parts it is the same one."""
+def test_any_stream_makes_a_page(data: bytes) -> None:
+    """Damaged input makes a page with a plot for each figure and a target for each link."""
     whole = text_of(data)
     found = Page(whole)
     assert len(found.figures) == found.tags.count("figure")
@@ -299,7 +301,7 @@ def test_a_track_in_metres() -> None:
     rows = samples(50, lat_lon=lambda row: [52 + row * 1e-5, 6.0] if row >= 10 else [0, 0])
     north = page_of(b"".join(rows)).figure("track")["data"][0]
     y = array(north["y"])
-    # A degree of latitude is 111.27 km at 52 degrees; what was zero is no place.
+    # A degree of latitude is 111.27 km at 52 degrees; a position of zero is not a place.
     assert len(y) == 40
     assert y[-1] - y[0] == pytest.approx(39e-5 * 111_267, abs=0.2)
     assert array(north["x"]) == pytest.approx(0, abs=1e-3)
@@ -310,11 +312,11 @@ def test_other_sources_of_a_track(name: str) -> None:
     rows: dict[str, Any] = {"position_ecef": lambda row: [3_900_000, 468_000 + row, 5_000_000]}
     log = xbus.read_log(WALK)
     if name in rows:
-        it = page_of(b"".join(samples(20, **rows)))
+        report = page_of(b"".join(samples(20, **rows)))
     else:
-        it = page_of(WALK)
+        report = page_of(WALK)
         assert len(log["gnss_pvt_data"]) == 40
-    (track,) = [data for data in it.figure("track")["data"] if data["name"] == name]
+    (track,) = [data for data in report.figure("track")["data"] if data["name"] == name]
     assert len(array(track["x"])) in (20, 40)
     assert np.ptp(array(track["x"])) > 1
 
@@ -333,9 +335,11 @@ def test_a_receiver_without_a_fix_has_no_height() -> None:
     data = bytes(virtual.read())
     fixes = np.isin(xbus.read_log(data)["gnss_pvt_data"].values["fixtype"], (2, 3, 4))
     assert 0 < np.count_nonzero(fixes) < len(fixes)
-    it = page_of(data)
-    assert len(array(it.figure("gnss_pvt_data height")["data"][0]["y"])) == np.count_nonzero(fixes)
-    satellites = it.figure("gnss_pvt_data fix type and satellites")["data"][0]["y"]
+    report = page_of(data)
+    assert len(array(report.figure("gnss_pvt_data height")["data"][0]["y"])) == np.count_nonzero(
+        fixes
+    )
+    satellites = report.figure("gnss_pvt_data fix type and satellites")["data"][0]["y"]
     assert len(array(satellites)) == len(fixes)
     assert any(item.startswith("no GNSS fix in") for item in output(data))
 
@@ -353,7 +357,7 @@ def test_a_long_track_keeps_its_corners() -> None:
 
 
 def still(seconds: float, rate: int = 100) -> bytes:
-    """A virtual MTi-630 that lies still."""
+    """Returns the output of a virtual MTi-630 that lies still."""
     virtual = SimulatedDevice("MTi-630", trajectory="still", noise=1)
     outputs = {"packet_counter": None, "sample_time_fine": None}
     with xbus.connect(virtual) as device, device.configure() as cfg:
@@ -362,27 +366,27 @@ def still(seconds: float, rate: int = 100) -> bytes:
     return bytes(virtual.read())
 
 
-def figures_of(it: Page, kind: str) -> list[list[str]]:
-    at = next(at for at, row in enumerate(it.rows) if len(row) > 1 and row[1].startswith(kind))
-    return it.rows[at + 1 : at + 4]
+def figures_of(report: Page, kind: str) -> list[list[str]]:
+    at = next(at for at, row in enumerate(report.rows) if len(row) > 1 and row[1].startswith(kind))
+    return report.rows[at + 1 : at + 4]
 
 
 def test_noise_figures() -> None:
     data = still(120)
-    it = page_of(data)
+    report = page_of(data)
     log = xbus.read_log(data)
     for name, kind, factor in (
         ("rate_of_turn", "angle", np.degrees(60)),
         ("acceleration", "velocity", 60),
     ):
-        rows = figures_of(it, kind)
+        rows = figures_of(report, kind)
         assert [row[0] for row in rows] == ["x", "y", "z"]
         for at, row in enumerate(rows):
-            # Of white noise, from its standard deviation.
+            # The random walk of white noise follows from its standard deviation.
             walk = float(log[name].values[:, at].std()) / np.sqrt(log[name].rate) * factor
             assert float(row[1]) == pytest.approx(walk, rel=0.25)
             assert float(row[2]) == pytest.approx(-0.5, abs=0.15)
-    assert "moved" not in it.text
+    assert "moved" not in report.text
 
 
 def test_noise_of_the_longest_stretch() -> None:
@@ -394,14 +398,14 @@ def test_noise_of_the_longest_stretch() -> None:
     assert f"{text} 2 stretches without a gap." in page_of(cut).text
 
 
-def test_noise_of_what_moves() -> None:
+def test_noise_of_a_moving_device() -> None:
     text = page_of(WALK).text
     assert "The device moved (standard deviation 0.418 rad/s)" in text
 
 
 def test_too_little_for_noise() -> None:
-    it = page_of(b"".join(samples(12, acceleration=[0, 0, 9.81])))
-    assert "Too short: 12 rows without a gap" in it.text
+    report = page_of(b"".join(samples(12, acceleration=[0, 0, 9.81])))
+    assert "Too short: 12 rows without a gap" in report.text
 
 
 def test_a_rate_that_is_not_uniform() -> None:
@@ -410,17 +414,17 @@ def test_a_rate_that_is_not_uniform() -> None:
     assert "The rate is not uniform: 50 % of the steps differ" in page_of(b"".join(rows)).text
 
 
-# Nothing in it is taken for what it is not
+# Escaping
 
 
-def test_text_is_text() -> None:
+def test_text_from_a_log_is_escaped() -> None:
     words = EVIL.encode()
     data = encode_frame(MessageId.Warning, bytes([0, 0, 0, 42]) + words) + WALK.read_bytes()
     text = text_of(data, EVIL + "\u202e\x1b[0m")
-    it = Page(text)
+    report = Page(text)
     assert "alert" not in re.sub(re.escape("&lt;script&gt;alert(1)"), "", text)
-    assert it.tags.count("script") == 3
-    assert EVIL in it.text
+    assert report.tags.count("script") == 3
+    assert EVIL in report.text
     assert "\u202e" not in text
     assert "\x1b" not in text
 
@@ -474,7 +478,7 @@ browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
 
 
 def pixels(png: bytes) -> npt.NDArray[np.uint8]:
-    """The picture in a PNG of 8 bits a channel, ``(height, width, channels)``."""
+    """Returns the pixels of a PNG of 8 bits a channel, ``(height, width, channels)``."""
     chunks, at = [], 8
     while at < len(png):
         size, kind = struct.unpack_from(">I4s", png, at)
@@ -496,7 +500,7 @@ def pixels(png: bytes) -> npt.NDArray[np.uint8]:
 
 
 def unfiltered(kind: int, line: npt.NDArray[Any], above: npt.NDArray[Any], step: int) -> Any:
-    """A line of a PNG before it was filtered (its section 9)."""
+    """Returns a line of a PNG without its filter (section 9 of the PNG specification)."""
     if kind in (0, 2):
         return (line + above * (kind == 2)) % 256
     if kind == 1:
@@ -515,7 +519,7 @@ def unfiltered(kind: int, line: npt.NDArray[Any], above: npt.NDArray[Any], step:
 
 
 def browse(path: Path, what: str) -> tuple[str, str]:
-    """Opens a page without a window; what comes to stdout, and what the page complained of."""
+    """Opens a page without a window, and returns stdout and the console messages."""
     assert CHROMIUM is not None
     folder = path.parent
     done = subprocess.run(  # noqa: S603 - a browser that was found, and our own page
@@ -525,7 +529,7 @@ def browse(path: Path, what: str) -> tuple[str, str]:
             "--no-sandbox",
             "--disable-gpu",
             "--hide-scrollbars",
-            # It could reach nothing: the page must not need it.
+            # There is no network: the page must not need any.
             "--proxy-server=127.0.0.1:9",
             f"--user-data-dir={folder / 'profile'}",
             "--window-size=1200,4000",
@@ -546,7 +550,7 @@ def browse(path: Path, what: str) -> tuple[str, str]:
 
 
 def evil_page(folder: Path) -> tuple[Path, list[dict[str, Any]]]:
-    """A page of a recording that has some of everything, and what is to be drawn in it."""
+    """Returns a page of a recording with all kinds of content, and the figures in the page."""
     data = encode_frame(MessageId.Warning, bytes([0, 0, 0, 42]) + EVIL.encode())
     (folder / "field.mtb").write_bytes(data + FIELD.read_bytes())
     out = folder / "field.html"
@@ -555,30 +559,30 @@ def evil_page(folder: Path) -> tuple[Path, list[dict[str, Any]]]:
 
 
 @browser
-def test_a_browser_draws_all_of_it(tmp_path: Path) -> None:
+def test_a_browser_draws_every_curve(tmp_path: Path) -> None:
     out, figures = evil_page(tmp_path)
     dom, complaints = browse(out, "--dump-dom")
-    # What the page is not allowed to do, such as to fetch something, is a complaint too.
+    # A violation of the content policy, such as a fetch, is a console message too.
     assert complaints == ""
     assert f'data-drawn="{len(figures)}"' in dom
-    # Each plot has as many curves as it was given, in its own picture.
+    # Each plot draws as many curves as its figure has.
     plots = dom.split('class="plot js-plotly-plot"')[1:]
     assert len(plots) == len(figures)
     for plot, figure in zip(plots, figures, strict=True):
         _, *traces = plot.split('class="trace scatter')
         assert len(traces) == len(figure["data"]), figure["name"]
         for drawn, data in zip(traces, figure["data"], strict=True):
-            # A path for each piece of a line, a path for each dot.
+            # Each piece of a line and each dot is a path.
             assert re.search(r'\bd="M[-0-9.,]+[LVHA]', drawn), (figure["name"], data["name"])
 
 
 @browser
-def test_a_browser_shows_it(tmp_path: Path) -> None:
+def test_a_browser_shows_the_colours(tmp_path: Path) -> None:
     out, _ = evil_page(tmp_path)
     browse(out, f"--screenshot={tmp_path / 'page.png'}")
     picture = pixels((tmp_path / "page.png").read_bytes())
     flat = picture[..., :3].reshape(-1, 3).astype(int)
-    # Curves, bands, what is wrong.
+    # The colours of curves, bands and problems.
     for colour in ("#e4572e", "#1f9d8a", "#3a86d4", "#d62828"):
         wanted = [int(colour[at : at + 2], 16) for at in (1, 3, 5)]
         near = np.abs(flat - wanted).max(axis=1) < 12
@@ -609,8 +613,8 @@ VISITOR = """<script>
 
 
 @browser
-def test_a_browser_follows(tmp_path: Path) -> None:
-    """What is zoomed in one plot over time is zoomed in all; on paper plots are as wide as paper."""
+def test_zoom_and_print_apply_to_all_plots(tmp_path: Path) -> None:
+    """A zoom in one plot over time applies to all of them; printed plots are as wide as the paper."""
     out, figures = evil_page(tmp_path)
     text = re.sub("<meta http-equiv[^>]*>", "", out.read_text("utf-8"))
     out.write_text(text.replace("</body>", f"{VISITOR}</body>"), "utf-8")
@@ -626,11 +630,11 @@ def test_a_browser_follows(tmp_path: Path) -> None:
     assert set(reported["after"]) == {True}
 
 
-# What makes an axis difficult
+# Restarts and several devices
 
 
-def test_a_device_that_starts_anew() -> None:
-    """Its clock falls: plots, gaps and events go on where the last sample was."""
+def test_a_restarted_device_continues_the_axis() -> None:
+    """After a restart, plots, gaps and events continue at the last sample."""
     error = encode_frame(MessageId.Error, bytes([41]))
     rows = [sample(index, start=500) for index in range(100)]
     rows += [encode_frame(MessageId.WakeUp)]
@@ -646,9 +650,9 @@ def test_a_device_that_starts_anew() -> None:
         "1 error from the device; the first: 41: more data than the baud rate can carry",
         "the device restarted 1 time; the time until it was back is unknown and not drawn",
     ]
-    it = page_of(log)
-    assert ["1.60", "10", "150"] in it.rows
-    assert any(row[0] == "1.99" and row[2] == "Error" for row in it.rows)
+    report = page_of(log)
+    assert ["1.60", "10", "150"] in report.rows
+    assert any(row[0] == "1.99" and row[2] == "Error" for row in report.rows)
 
 
 def test_two_devices() -> None:
@@ -660,8 +664,8 @@ def test_two_devices() -> None:
     assert found.text.startswith("samples of several devices (BID 1, 2)")
 
 
-def test_a_status_byte_beside_the_word() -> None:
-    """It says the same, and counts once."""
+def test_a_status_byte_beside_the_word_counts_once() -> None:
+    """The byte repeats the word, so a sample with both counts once."""
     word, byte = packet(0xE020, (1 << 19 | 3).to_bytes(4, "big")), packet(0xE010, b"\3")
     both = gather(b"".join(sample(row, word, byte) for row in range(100)))
     assert both.status_rows == 100

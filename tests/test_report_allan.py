@@ -1,4 +1,4 @@
-"""The Allan deviation against another's, and what is read off it."""
+"""The Allan deviation against allantools, and the values that are read from its curve."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def test_too_few_rows(rows: int) -> None:
     assert [len(item) for item in allan_deviation(np.zeros(rows), 1)] == [0, 0]
 
 
-# What is read off it
+# Values read from the curve
 
 
 @pytest.mark.parametrize("rate", [50, 400, 2000])
@@ -75,7 +75,7 @@ def test_a_second_out_of_reach() -> None:
     assert at_one_second(*allan_deviation(np.ones(5000), 100)) is None
 
 
-def test_a_floor_that_is_not_reached() -> None:
+def test_a_falling_deviation_has_no_floor() -> None:
     assert not flicker_floor(np.array([1.0, 2]), np.array([2.0, 1])).is_reached
 
 
@@ -101,7 +101,7 @@ def test_the_longest_stretch(rows: int, gaps: set[int], cuts: list[int]) -> None
 
 
 @pytest.mark.parametrize("cut", [0, 50, 51, 52, 53, 100])
-def test_a_value_that_is_none_ends_a_stretch(cut: int) -> None:
+def test_a_nan_ends_a_stretch(cut: int) -> None:
     time, values = np.arange(100.0), np.ones((100, 1))
     values[[51, 52]] = np.nan
     longest = Longest(1)
@@ -113,7 +113,7 @@ def test_a_value_that_is_none_ends_a_stretch(cut: int) -> None:
 
 @given(st.lists(st.integers(1, 300), min_size=1, max_size=12), st.integers(4, 64))
 def test_a_long_stretch_is_averaged(parts: list[int], most: int) -> None:
-    """Phases stay what they are: the deviation of means is that of the rows at longer times."""
+    """A long stretch holds means of equal numbers of rows, which have the deviation of longer times."""
     rows = np.random.default_rng(9).normal(size=(sum(parts), 1))
     stretch = Stretch(1)
     stretch.MAX_ROWS = most

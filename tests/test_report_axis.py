@@ -1,4 +1,4 @@
-"""Where the samples of a report stand."""
+"""The positions of samples on the axis of a report."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def places(*parts: bytes) -> tuple[Axis, npt.NDArray[np.float64]]:
     return axis, np.concatenate([axis.positions(xbus.read_log(part)) for part in parts])
 
 
-#: What comes, and where it stands.
+#: Samples, the kind of axis, and the expected positions.
 TABLE = {
     "time": (at(70_000) + at(70_100) + at(70_200), "time", [0, 0.01, 0.02]),
     "a sample without a stamp": (
@@ -87,8 +87,8 @@ def test_places(name: str) -> None:
     assert axis.last == x[-1]
 
 
-def test_a_new_beginning_in_the_next_part() -> None:
-    """The axis goes on, whichever part it is in."""
+def test_a_restart_in_the_next_part() -> None:
+    """The axis continues when the restart is in another part."""
     before, after = at(70_000) + at(70_100), at(5_000) + at(5_100) + at(5_200)
     axis, x = places(before, after)
     assert axis.restarts == 1

@@ -1,4 +1,4 @@
-"""Curves in few points: what is kept of them, and where a line ends."""
+"""Curves in few points: which points are kept, and where a line ends."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 
 
 def walk(seed: int, rows: int) -> tuple[FloatArray, FloatArray]:
-    """Ascending times, some of them equal, and values of which some are equal."""
+    """Returns ascending times and values, some of them equal."""
     rng = np.random.default_rng(seed)
     time = np.cumsum(rng.choice([0, 1, 1, 1, 40], rows)) / 1024
     values: FloatArray = np.cumsum(rng.integers(-9, 10, rows)) / 8
@@ -23,7 +23,7 @@ def walk(seed: int, rows: int) -> tuple[FloatArray, FloatArray]:
 
 
 def extremes(time: FloatArray, values: FloatArray, width: float) -> list[tuple[int, float, float]]:
-    """Bin, least and greatest value of each bin, the plain way."""
+    """Returns the number, minimum and maximum of each bin, computed in the plain way."""
     found: dict[int, list[float]] = {}
     for at, value in zip(np.floor(time / width).astype(int).tolist(), values.tolist(), strict=True):
         found.setdefault(at, []).append(value)
@@ -31,7 +31,7 @@ def extremes(time: FloatArray, values: FloatArray, width: float) -> list[tuple[i
 
 
 def fill(curves: Curves, time: FloatArray, values: FloatArray, cuts: list[int]) -> Curve:
-    """The one curve, of rows that come in pieces."""
+    """Returns the one curve of rows that arrive in pieces."""
     edges = [0, *sorted(cuts), len(time)]
     for start, end in pairwise(edges):
         part = slice(start, end)
@@ -52,13 +52,13 @@ def test_the_extremes_of_every_bin_are_kept(seed: int, rows: int, width: float) 
     assert len(kept) <= 2 * bins
 
 
-def test_nothing_is_thinned_to_nothing() -> None:
+def test_an_empty_curve_stays_empty() -> None:
     assert len(thin(np.empty(0), np.empty(0), 1.0)) == 0
 
 
 @given(SEEDS, st.lists(st.integers(0, 20_000), max_size=6))
-def test_parts_give_what_the_whole_gives(seed: int, cuts: list[int]) -> None:
-    """However a log is cut, each bin has its extremes, and time is in order."""
+def test_parts_give_the_same_extremes_as_the_whole(seed: int, cuts: list[int]) -> None:
+    """For any cuts of a log, each bin keeps its extremes and time is in order."""
     time, values = walk(seed, 20_000)
     whole = Curves(("x",))
     curve = fill(whole, time, values, cuts)
@@ -115,7 +115,7 @@ def test_figures_of_all_rows() -> None:
 
 
 def drawn_across(curve: Curve, gap: float) -> bool:
-    """Whether a line is drawn from before a moment to behind it."""
+    """Returns whether a line crosses a moment."""
     time, values = curve.line()
     joined = np.isfinite(values[1:]) & np.isfinite(values[:-1])
     return bool(np.any(joined & (time[:-1] < gap) & (time[1:] > gap)))
@@ -139,7 +139,7 @@ def test_no_line_crosses_a_gap(seed: int, gaps: set[int], cut: int) -> None:
     assert drawn_across(curve, 50.0001) or not lines[np.searchsorted(curve.time, 50.0001) - 1]
 
 
-def test_a_value_that_is_none_is_a_gap() -> None:
+def test_a_nan_is_a_gap() -> None:
     values = np.array([[1.0, 1], [2, 2], [np.nan, 3], [4, np.inf], [5, 5]])
     curves = Curves(("x", "y"))
     curves.add(np.arange(5.0), values, np.zeros(5, bool))
@@ -152,14 +152,14 @@ def test_a_value_that_is_none_is_a_gap() -> None:
     assert curves.maximum.tolist() == [7, 7]
 
 
-def test_a_column_of_no_number() -> None:
+def test_a_column_of_nan_is_empty() -> None:
     curves = Curves(("x",))
     curves.add(np.arange(3.0), np.full((3, 1), np.nan), np.zeros(3, bool))
     assert (len(curves.curves[0].time), curves.missing) == (0, 3)
     assert len(curves.curves[0].isolated()) == 0
 
 
-def test_points_that_no_line_would_show() -> None:
+def test_isolated_points_are_found() -> None:
     curves = Curves(("x",))
     curves.add(np.arange(5.0), np.arange(5.0)[:, None], np.array([0, 1, 1, 0, 1], bool))
     assert curves.curves[0].isolated().tolist() == [0, 1, 4]
@@ -186,10 +186,10 @@ def test_a_lost_row_is_a_gap(cuts: list[int]) -> None:
     assert steps.gaps == 1
 
 
-def test_a_rate_that_changes_is_no_gap() -> None:
+def test_a_change_of_rate_is_not_a_gap() -> None:
     time = np.concatenate((np.arange(1000) / 100, 10 + np.arange(1000) / 25))
     steps = Steps()
-    # But for the block in which it changes.
+    # Except for the block in which the rate changes.
     assert np.flatnonzero(steps.breaks(time)).max(initial=0) < 1024 + 256
     assert steps.usual == pytest.approx(0.04)
 
@@ -204,7 +204,7 @@ def test_jitter_is_reported() -> None:
     time[::2] += 0.002
     steps = Steps()
     assert not steps.breaks(time).any()
-    # Steps of 8 and 12 ms in turn: whichever is usual, the other is not.
+    # Steps of 8 and 12 ms alternate, so half of them are irregular.
     assert steps.irregular in (499, 500)
 
 
@@ -223,13 +223,13 @@ def test_bands_that_touch_are_one() -> None:
     assert bands.weight.tolist() == [18, 8]
 
 
-def test_a_band_within_another_ends_nothing() -> None:
+def test_a_band_within_another_does_not_end_it() -> None:
     bands = Bands()
     bands.add([0, 1, 5], [9, 2, 6], [1, 1, 1])
     assert (bands.start.tolist(), bands.end.tolist()) == ([0], [9])
 
 
-def test_no_more_bands_than_can_be_drawn() -> None:
+def test_the_number_of_bands_is_bounded() -> None:
     bands = Bands()
     start = np.arange(100_000) / 10
     for part in np.array_split(start, 10):

@@ -1,6 +1,6 @@
 """Hostile bytes: their cost, the frames that they hide, and the messages that they give.
 
-The attacks are made here, not kept as files: a million false preambles say all there is to say in one line.
+The attacks are generated, not kept as files: one line describes a million false preambles.
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ def test_every_byte_is_counted(attack: Callable[[int], bytes]) -> None:
 def test_frames_after_hostile_input_are_found(attack: Callable[[int], bytes]) -> None:
     """Hostile bytes do not hide a sound recording behind them.
 
-    But for headers of messages that a device may send and that may hold anything: there are a thousand
-    of them in the last 8185 bytes, and one in 256 has the right sum.
+    The exceptions are headers of messages that a device may send and that may hold anything: there are a
+    thousand of them in the last 8185 bytes, and one in 256 has the right sum.
     """
     if attack is ATTACKS["claims of what a device may send"]:
         pytest.skip("the checksum has eight bits")
@@ -220,7 +220,7 @@ def test_a_message_that_holds_messages() -> None:
 
 @pytest.mark.parametrize("size", [255, 3000, 65535])
 def test_a_long_message_cut_short(size: int) -> None:
-    """The cut message hides no message behind it."""
+    """A message that is cut short does not hide the messages behind it."""
     long = frame(0x91, random.Random(size).randbytes(size).replace(b"\xfa", b"\0"))
     assert len(xbus.read_log(GOOD + long[: size // 2] + GOOD * 2000)) == 2001
 
