@@ -63,6 +63,7 @@ pub(crate) const TRIGGER_STAMP: usize = 2 * Wire::U1.size();
 /// Samples lost by the packet counter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "python", derive(pyo3::IntoPyObject))]
 pub struct Losses {
     /// How many.
     pub samples: u64,

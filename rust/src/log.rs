@@ -13,7 +13,7 @@ use rustc_hash::FxHashMap;
 use crate::clock::{Change, Clocks, Gap, Stamps, TRIGGER_STAMP};
 use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
 use crate::error::{Fault, ReadError};
-use crate::frame::{Frame, HEADER_SIZE, MAX_PAYLOAD};
+use crate::frame::{Frame, HEADER_SIZE, Header, MAX_PAYLOAD};
 use crate::huge_pages;
 use crate::input::{PushBuffer, Stream};
 use crate::layout::{Batch, Layout, Layouts, Slot};
@@ -480,28 +480,14 @@ impl Reader {
                 }
                 Step::String { at, length, place, damage } => {
                     self.damage(damage)?;
-                    let sample = self.next_sample() + waiting as u64;
-                    let strings = &mut self.part.strings;
-                    strings.place.push(place.unwrap_or(Strings::UNKNOWN));
-                    strings.offset.push(window.offset + at as u64);
-                    strings.sample.push(sample);
-                    strings.bytes.push(&window.bytes[at..at + length]);
+                    self.string(place, window.offset + at as u64, &window.bytes[at..at + length]);
                 }
                 Step::Frame { at, length, damage } if self.batch.len() > waiting => {
                     if let Err(fault) = self.damage(damage) {
                         self.batch.truncate(waiting);
                         return Err(fault);
                     }
-                    let (from, sample) = (window.offset + at as u64, self.next_sample() + waiting as u64);
-                    if from != self.end {
-                        let progress = self.progress(from);
-                        huge_pages::reserve(&mut self.part.jumps, 1, progress);
-                        self.part.jumps.push((sample, from));
-                    }
-                    self.end = from + length as u64;
-                    if self.batch.is_full() {
-                        self.gather(window);
-                    }
+                    self.recognized(window, at, length, waiting);
                 }
                 Step::Frame { at, length, damage } => {
                     self.damage(damage)?;
@@ -511,6 +497,61 @@ impl Reader {
             }
         }
         Ok(())
+    }
+
+    /// Decodes bytes that are nothing but frames, which a scanner has accepted already.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn read_accepted(&mut self, frames: &[u8]) -> Result<(), Fault> {
+        let window = Window { bytes: frames, offset: self.at(), last: false };
+        let mut at = 0;
+        while at < frames.len() {
+            let waiting = self.batch.len();
+            let end = self.layouts.recognize(frames, at, frames.len(), &mut self.batch);
+            if end > at {
+                self.recognized(window, at, end - at, waiting);
+                at = end;
+                continue;
+            }
+            self.gather(window);
+            let frame = &frames[at..];
+            let length = Header::read(frame).map_or(frame.len(), |header| header.frame());
+            self.frame(&frame[..length], window.offset + at as u64)?;
+            at += length;
+        }
+        self.gather(window);
+        self.scanner.pass(frames.len() as u64);
+        Ok(())
+    }
+
+    /// Adds a string that a scanner has accepted already.
+    pub fn read_accepted_string(&mut self, place: Option<u8>, bytes: &[u8]) {
+        self.string(place, self.at(), bytes);
+        self.scanner.pass(bytes.len() as u64);
+    }
+
+    fn string(&mut self, place: Option<u8>, offset: u64, bytes: &[u8]) {
+        let sample = self.next_sample() + self.batch.len() as u64;
+        let strings = &mut self.part.strings;
+        strings.place.push(place.unwrap_or(Strings::UNKNOWN));
+        strings.offset.push(offset);
+        strings.sample.push(sample);
+        strings.bytes.push(bytes);
+    }
+
+    /// Takes note of frames that were added to the batch, in which `waiting` frames waited before.
+    fn recognized(&mut self, window: Window<'_>, at: usize, length: usize, waiting: usize) {
+        let (from, sample) = (window.offset + at as u64, self.next_sample() + waiting as u64);
+        if from != self.end {
+            let progress = self.progress(from);
+            huge_pages::reserve(&mut self.part.jumps, 1, progress);
+            self.part.jumps.push((sample, from));
+        }
+        self.end = from + length as u64;
+        if self.batch.is_full() {
+            self.gather(window);
+        }
     }
 
     /// Index of the next sample, not counting the frames in the batch.

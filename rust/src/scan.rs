@@ -225,6 +225,11 @@ impl Scanner {
         self.damage.map_or(0, |(offset, _)| self.at - offset)
     }
 
+    /// Goes on behind this number of bytes, which are frames and strings that another scanner has accepted.
+    pub fn pass(&mut self, length: u64) {
+        self.go_to(self.at + length);
+    }
+
     /// The next frame or string, if the bytes in the window suffice to find it.
     pub fn step(&mut self, window: Window<'_>) -> Step {
         self.step_with(window, |at| at)

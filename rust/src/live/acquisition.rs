@@ -2,15 +2,17 @@
 
 use std::collections::VecDeque;
 use std::io;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
-use std::time::Duration;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
+use super::lanes::{Block, Dropped, Event, Item, Lanes, Sample, Text, Waiting};
+use super::rates::{Meter, Rates};
 use super::recorder::{Recorder, Recording, Report};
-use super::tally::{Counts, Tally};
-use super::time::{epoch, monotonic};
-use super::{PIECE, Piece, lock, most_pieces};
+use super::time::{self, monotonic};
+use super::{Counts, Intake, PIECE, lock};
 
-/// Default for the most bytes in the queue: 60 seconds at 4 Mbaud.
+/// Default for the most bytes of samples that wait: 60 seconds at 4 Mbaud.
 pub const QUEUE: usize = 24_000_000;
 
 /// If pieces arrive closer together than this, in ns, and no reader waits for the next one, the thread lets bytes
@@ -22,16 +24,20 @@ const SHORT_INTERVAL: i64 = 2_000_000;
 const REST: Duration = Duration::from_millis(1);
 
 const CLOSED: &str = "it was closed";
+const FORKED: &str = "this process is a fork; the connection belongs to its parent";
 
 /// A stream that a thread reads from a descriptor, or that is pushed.
 ///
-/// Received bytes wait in a queue. When it is full the oldest pieces are dropped and counted, so a program that was busy for
-/// long gets the newest bytes. Counts and recordings are complete in any case.
+/// Samples, strings and messages wait in lanes until they are taken. When a lane is full its oldest entries are dropped and
+/// counted, so a program that was busy for long gets the newest ones. Counts and recordings are complete in any case.
+///
+/// All methods may be called from any thread. In a forked process the stream has ended.
 #[derive(Debug)]
 pub struct Acquisition {
     shared: Arc<Shared>,
     #[cfg(unix)]
     thread: Mutex<Option<Thread>>,
+    bid: u8,
     /// The process that the threads belong to.
     process: u32,
 }
@@ -48,22 +54,20 @@ struct Thread {
 #[derive(Debug)]
 struct Shared {
     state: Mutex<State>,
+    /// What a waiter needs has arrived, or the stream has ended.
     arrived: Condvar,
-    bound: usize,
     epoch: i64,
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct State {
-    bytes: VecDeque<u8>,
-    pieces: VecDeque<Piece>,
-    /// Bytes that the reader waits for; 0 if none waits.
-    wanted: usize,
-    /// Whether a reader has waited for the very next piece since the last one.
+    intake: Intake,
+    lanes: Lanes,
+    meter: Meter,
+    /// What the waiters need, together: if one of these arrives, all are woken.
+    awaited: Awaited,
+    /// Whether a waiter has needed the very next thing since the last piece.
     hurry: bool,
-    tally: Tally,
-    most_queued: usize,
-    dropped: u64,
     last_arrival: Option<i64>,
     /// Overruns since the ports were opened.
     overruns: Option<u64>,
@@ -74,43 +78,94 @@ struct State {
     ended: Option<String>,
 }
 
-/// What was taken from the queue.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Taken {
-    /// Position of the first byte in the stream. Greater than the end of the bytes taken before if the queue was full.
-    pub offset: u64,
-    /// The bytes.
-    pub bytes: VecDeque<u8>,
-    /// The pieces in which they arrived; the last one ends with the last byte.
-    pub pieces: VecDeque<Piece>,
+/// What a wait is for. It ends as soon as one of them is the case.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Need {
+    /// This number of samples waits to be taken.
+    pub samples: Option<usize>,
+    /// A string waits to be taken.
+    pub strings: bool,
+    /// More events were added than this: see [`Acquisition::take_events`].
+    pub events: Option<u64>,
 }
 
-/// Counts of the stream, and the state of the queue.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// What the waiters need, together.
+#[derive(Clone, Copy, Debug)]
+struct Awaited {
+    samples: usize,
+    strings: bool,
+    events: u64,
+}
+
+impl Awaited {
+    const NOTHING: Self = Self { samples: usize::MAX, strings: false, events: u64::MAX };
+
+    fn add(&mut self, need: Need) {
+        self.samples = self.samples.min(need.samples.unwrap_or(usize::MAX));
+        self.strings |= need.strings;
+        self.events = self.events.min(need.events.unwrap_or(u64::MAX));
+    }
+}
+
+/// Ends waits: see [`Acquisition::cancel`].
+#[derive(Debug, Default)]
+pub struct Cancel(AtomicBool);
+
+impl Cancel {
+    /// Whether it was used.
+    #[must_use]
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}
+
+/// Counts of the stream, and the state of the lanes.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "python", derive(pyo3::IntoPyObject))]
 pub struct Stats {
     /// Counts of all that was received.
     pub counts: Counts,
-    /// Bytes in the queue.
+    /// How often quantities and strings arrive.
+    pub rates: Rates,
+    /// Bytes of samples, strings and messages that wait to be taken.
     pub queued: usize,
-    /// The most bytes that were in the queue.
-    pub most_queued: usize,
-    /// Bytes dropped because the queue was full.
-    pub dropped: u64,
-    /// When the last bytes arrived, on the clock of [`monotonic`].
+    /// Samples that wait to be taken.
+    pub unread: usize,
+    /// What was dropped unread.
+    pub dropped: Dropped,
+    /// When the last bytes arrived, on the clock of the stream.
     pub last_arrival: Option<i64>,
     /// How often the driver or its chip had no room for a byte; `None` if the system does not count that.
     pub overruns: Option<u64>,
 }
 
 impl Acquisition {
-    /// A stream whose queue holds `bound` bytes, and always the last piece. Pieces shorter than 16 bytes count as 16.
+    /// A stream whose lanes hold `bound` bytes each, and always the last entry. Entries shorter than 16 bytes count as 16.
+    ///
+    /// `bid` is the bus identifier of the device whose frames go to the lanes; [`MASTER`](crate::frame::MASTER) for those of
+    /// all devices. `epoch` is what to add to arrivals for nanoseconds since 1970; `None` if arrivals are on the clock of
+    /// [`monotonic`].
     #[must_use]
-    pub fn new(bound: usize) -> Self {
-        let shared = Shared { state: Mutex::default(), arrived: Condvar::new(), bound, epoch: epoch() };
+    pub fn new(bound: usize, bid: u8, epoch: Option<i64>) -> Self {
+        let epoch = epoch.unwrap_or_else(time::epoch);
+        let state = State {
+            intake: Intake::new(bid, epoch),
+            lanes: Lanes::new(bound),
+            meter: Meter::default(),
+            awaited: Awaited::NOTHING,
+            hurry: false,
+            last_arrival: None,
+            overruns: None,
+            #[cfg(unix)]
+            overruns_seen: None,
+            recorder: None,
+            ended: None,
+        };
         Self {
-            shared: Arc::new(shared),
+            shared: Arc::new(Shared { state: Mutex::new(state), arrived: Condvar::new(), epoch }),
             #[cfg(unix)]
             thread: Mutex::new(None),
+            bid,
             process: std::process::id(),
         }
     }
@@ -121,6 +176,22 @@ impl Acquisition {
         self.shared.epoch
     }
 
+    /// Bus identifier of the device whose frames go to the lanes.
+    #[must_use]
+    pub fn bid(&self) -> u8 {
+        self.bid
+    }
+
+    /// Whether this process has forked from the one that the threads belong to. A lock may be held there forever.
+    fn is_forked(&self) -> bool {
+        std::process::id() != self.process
+    }
+
+    /// The state, unless this process is a fork.
+    fn state(&self) -> Option<MutexGuard<'_, State>> {
+        (!self.is_forked()).then(|| lock(&self.shared.state))
+    }
+
     /// Starts to read a duplicate of a descriptor. The original stays unchanged and belongs to the caller, but must not be
     /// read. After an end the stream continues with the new descriptor.
     ///
@@ -128,6 +199,9 @@ impl Acquisition {
     /// Those of the system; [`io::ErrorKind::AlreadyExists`] if a descriptor is being read.
     #[cfg(unix)]
     pub fn open(&self, fd: std::os::fd::RawFd) -> io::Result<()> {
+        if self.is_forked() {
+            return Err(forked());
+        }
         let mut thread = lock(&self.thread);
         if thread.is_some() && self.ended().is_none() {
             return Err(io::Error::new(io::ErrorKind::AlreadyExists, "a port is being read"));
@@ -149,87 +223,172 @@ impl Acquisition {
 
     /// Looks also for these strings: see [`Scanner::expect`](crate::scan::Scanner::expect).
     pub fn expect(&self, strings: u32) {
-        lock(&self.shared.state).tally.expect(strings);
+        if let Some(mut state) = self.state() {
+            state.intake.expect(strings);
+        }
     }
 
-    /// Continues after an end with what is pushed from now on, in the same queue, counts and recording.
+    /// Continues after an end with what is pushed from now on, in the same lanes, counts and recording.
     ///
     /// # Errors
     /// [`io::ErrorKind::AlreadyExists`] if it has not ended.
     pub fn resume(&self) -> io::Result<()> {
-        let mut state = lock(&self.shared.state);
+        let mut state = self.state().ok_or_else(forked)?;
         if state.ended.take().is_none() {
             return Err(io::Error::new(io::ErrorKind::AlreadyExists, "the stream has not ended"));
         }
         Ok(())
     }
 
-    /// Adds bytes that were received by other means; returns false after the end of the stream.
+    /// Adds bytes that were received by other means, at `arrival` or now; returns false after the end of the stream.
     #[allow(clippy::must_use_candidate)] // a caller may know that the stream has not ended
-    pub fn push(&self, bytes: &[u8]) -> bool {
-        let arrival = monotonic();
-        bytes.chunks(PIECE).all(|piece| self.shared.add(piece, arrival))
+    pub fn push(&self, bytes: &[u8], arrival: Option<i64>) -> bool {
+        let arrival = arrival.unwrap_or_else(monotonic);
+        !self.is_forked() && bytes.chunks(PIECE).all(|piece| self.shared.add(piece, arrival))
     }
 
-    /// Ends the stream for a reason. What is queued can still be taken.
+    /// Decides the bytes that are part of an incomplete frame or string: no more of it will come.
+    pub fn interrupt(&self) {
+        if let Some(mut state) = self.state() {
+            state.finish();
+            self.shared.wake(&mut state, false);
+        }
+    }
+
+    /// Ends the stream for a reason. What waits can still be taken.
     pub fn end(&self, reason: &str) {
-        self.shared.end(reason);
+        if !self.is_forked() {
+            self.shared.end(reason);
+        }
     }
 
     /// Why the stream has ended; `None` if it has not.
     #[must_use]
     pub fn ended(&self) -> Option<String> {
-        lock(&self.shared.state).ended.clone()
+        self.state().map_or_else(|| Some(FORKED.to_owned()), |state| state.ended.clone())
     }
 
-    /// Waits until the queue has `least` bytes or the stream has ended, at most for `timeout`; returns whether one of them is
-    /// the case.
+    /// Waits for what is needed, for the end of the stream or for a cancellation, at most for `timeout`; returns whether one
+    /// of them is the case.
     ///
-    /// It waits for half of the queue's bound at most. Only one thread may wait at a time. A caller that waits for more than
-    /// one byte may get them a millisecond later, which costs less CPU time.
+    /// Any number of threads may wait. A caller that needs more than one sample may get them a millisecond later, which
+    /// costs less CPU time. A wait for more samples than the lane holds ends as soon as it is full.
     #[must_use]
-    pub fn wait(&self, least: usize, timeout: Duration) -> bool {
-        let least = least.min(self.shared.bound / 2).max(1);
-        let is_short = |state: &mut State| state.bytes.len() < least && state.ended.is_none();
-        let mut state = lock(&self.shared.state);
-        state.wanted = least;
-        state.hurry |= least == 1;
-        let waited = self.shared.arrived.wait_timeout_while(state, timeout, is_short);
-        (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        state.wanted = 0;
-        !is_short(&mut state)
+    pub fn wait(&self, need: Need, timeout: Duration, cancel: &Cancel) -> bool {
+        let Some(mut state) = self.state() else { return true };
+        state.hurry |= need.samples == Some(1) || need.strings || need.events.is_some();
+        let (began, dropped) = (Instant::now(), state.lanes.dropped().samples);
+        loop {
+            let is_full = need.samples.is_some() && state.lanes.dropped().samples > dropped;
+            if state.has(need) || is_full || state.ended.is_some() || cancel.is_set() {
+                return true;
+            }
+            let left = timeout.saturating_sub(began.elapsed());
+            if left.is_zero() {
+                return false;
+            }
+            state.awaited.add(need);
+            (state, _) = self.shared.arrived.wait_timeout(state, left).unwrap_or_else(PoisonError::into_inner);
+        }
     }
 
-    /// Takes all that is queued; `None` once the queue is empty and the stream has ended.
+    /// Ends all waits with this cancellation, those to come included.
+    pub fn cancel(&self, cancel: &Cancel) {
+        cancel.0.store(true, Ordering::Relaxed);
+        // A waiter that has just looked at it holds the lock until it waits.
+        drop(self.state());
+        self.shared.arrived.notify_all();
+    }
+
+    /// Takes the oldest sample, and its frame.
     #[must_use]
-    pub fn take(&self) -> Option<Taken> {
-        let mut state = lock(&self.shared.state);
-        if state.bytes.is_empty() && state.ended.is_some() {
+    pub fn take_sample(&self) -> Option<(Sample, Vec<u8>)> {
+        self.state()?.lanes.take_sample()
+    }
+
+    /// Takes the oldest string.
+    #[must_use]
+    pub fn take_string(&self) -> Option<Text> {
+        self.state()?.lanes.take_string()
+    }
+
+    /// Takes this number of samples, and the strings before the last of them; `None` if fewer wait. Without a number, takes
+    /// all samples and strings.
+    #[must_use]
+    pub fn take_block(&self, samples: Option<usize>) -> Option<Block> {
+        let mut state = self.state()?;
+        if samples.is_some_and(|samples| state.lanes.samples() < samples) {
             return None;
         }
-        let offset = state.first();
-        Some(Taken { offset, bytes: std::mem::take(&mut state.bytes), pieces: std::mem::take(&mut state.pieces) })
+        let clocks = state.intake.host_clocks();
+        Some(Block { clocks, ..state.lanes.take_block(samples) })
     }
 
-    /// Counts of the stream, and the state of the queue.
+    /// Takes all events, and returns the number of those that were ever added. If `early`, also the messages among the bytes
+    /// that may still be part of a longer frame; each message is returned once.
     #[must_use]
-    pub fn stats(&self) -> Stats {
+    pub fn take_events(&self, early: bool) -> (VecDeque<Event>, u64) {
+        let Some(mut state) = self.state() else { return (VecDeque::new(), 0) };
+        let mut events = state.lanes.take_events();
+        if early {
+            events.extend(state.intake.early_messages());
+        }
+        (events, state.lanes.events_added())
+    }
+
+    /// Adds [`Event::Data`] before the next sample or string.
+    pub fn mark_data(&self) {
+        if let Some(mut state) = self.state() {
+            state.lanes.mark_data();
+        }
+    }
+
+    /// Takes everything that waits, in the order in which it was received; `None` once nothing waits and the stream has
+    /// ended.
+    #[must_use]
+    pub fn take_all(&self) -> Option<Vec<Item>> {
+        let mut state = self.state()?;
+        let items = state.lanes.take_all();
+        if items.is_empty() && state.ended.is_some() { None } else { Some(items) }
+    }
+
+    /// Removes the samples and strings that wait; they count as dropped if `counted`.
+    pub fn clear_data(&self, counted: bool) {
+        if let Some(mut state) = self.state() {
+            state.lanes.clear_data(counted);
+        }
+    }
+
+    /// What waits to be taken.
+    #[must_use]
+    pub fn waiting(&self) -> Waiting {
+        self.state().map_or_else(Waiting::default, |state| state.lanes.waiting())
+    }
+
+    /// Counts of the stream, and the state of the lanes, `now` on the clock of the stream.
+    #[must_use]
+    pub fn stats(&self, now: i64) -> Stats {
         #[cfg(unix)]
-        if let Some(port) = lock(&self.thread).as_ref().and_then(|thread| thread.port.upgrade()) {
+        if !self.is_forked()
+            && let Some(port) = lock(&self.thread).as_ref().and_then(|thread| thread.port.upgrade())
+        {
             lock(&self.shared.state).count_overruns(port.overruns());
         }
-        let state = lock(&self.shared.state);
+        let Some(state) = self.state() else { return Stats::default() };
+        let counts = Counts { skipped_bytes: state.intake.skipped_bytes(), ..state.intake.counts().clone() };
         Stats {
-            counts: Counts { skipped_bytes: state.tally.skipped_bytes(), ..state.tally.counts().clone() },
-            queued: state.bytes.len(),
-            most_queued: state.most_queued,
-            dropped: state.dropped,
+            rates: state.meter.rates(&counts, now, state.last_arrival),
+            counts,
+            queued: state.lanes.bytes(),
+            unread: state.lanes.samples(),
+            dropped: state.lanes.dropped(),
             last_arrival: state.last_arrival,
             overruns: state.overruns,
         }
     }
 
-    /// Records from now on, beginning with the frame that is incomplete now.
+    /// Records from now on, beginning with the frame that is incomplete now. Bytes are written as soon as the frame or string
+    /// to which they belong is complete.
     ///
     /// # Errors
     /// Those of the system, about the first file; [`io::ErrorKind::AlreadyExists`] if a recording is in progress.
@@ -238,14 +397,11 @@ impl Acquisition {
         if self.recording().is_some_and(|report| report.active) {
             return Err(busy());
         }
-        let strings = lock(&self.shared.state).tally.expected();
+        let strings = self.state().ok_or_else(forked)?.intake.expected();
         let recorder = Arc::new(Recorder::start(recording, self.shared.epoch, strings)?);
-        let mut state = lock(&self.shared.state);
+        let mut state = self.state().ok_or_else(forked)?;
         if state.recorder.as_ref().is_some_and(|recorder| recorder.report().active) {
             return Err(busy());
-        }
-        if !state.tally.undecided().is_empty() {
-            recorder.offer(state.tally.undecided(), state.last_arrival.unwrap_or_default());
         }
         state.recorder = Some(recorder);
         Ok(())
@@ -254,26 +410,26 @@ impl Acquisition {
     /// The state of the recording, also of one that failed and was not stopped.
     #[must_use]
     pub fn recording(&self) -> Option<Report> {
-        lock(&self.shared.state).recorder.as_ref().map(|recorder| recorder.report())
+        self.state()?.recorder.as_ref().map(|recorder| recorder.report())
     }
 
-    /// Ends the recording: nothing received from now on is in it. Waits until all is written, at most for `timeout`. Returns
-    /// the last state; `None` if it is not yet written, and if there is no recording.
+    /// Ends the recording with the last whole frame: nothing that is incomplete now is in it. Waits until all is written, at
+    /// most for `timeout`. Returns the last state; `None` if it is not yet written, and if there is no recording.
     #[must_use]
     pub fn stop_recording(&self, timeout: Duration) -> Option<Report> {
-        let recorder = lock(&self.shared.state).recorder.clone()?;
+        let recorder = self.state()?.recorder.clone()?;
         recorder.close();
         if !recorder.wait(timeout) {
             return None;
         }
-        lock(&self.shared.state).recorder.take_if(|current| Arc::ptr_eq(current, &recorder));
+        self.state()?.recorder.take_if(|current| Arc::ptr_eq(current, &recorder));
         Some(recorder.report())
     }
 
-    /// Ends the stream, its thread and the recording. What is queued can still be taken, and so can the recording's state.
+    /// Ends the stream, its thread and the recording. What waits can still be taken, and so can the recording's state.
     pub fn close(&self) {
-        if std::process::id() != self.process {
-            return; // a forked process has no threads, and must not disturb those of its parent
+        if self.is_forked() {
+            return;
         }
         #[cfg(unix)]
         if let Some(thread) = lock(&self.thread).take() {
@@ -285,6 +441,10 @@ impl Acquisition {
             recorder.stop();
         }
     }
+}
+
+fn forked() -> io::Error {
+    io::Error::new(io::ErrorKind::BrokenPipe, FORKED)
 }
 
 #[cfg(unix)]
@@ -337,35 +497,37 @@ impl Shared {
     }
 
     fn add(&self, piece: &[u8], arrival: i64) -> bool {
-        let mut state = lock(&self.state);
+        let mut guard = lock(&self.state);
+        let state = &mut *guard;
         if state.ended.is_some() {
             return false;
         }
-        state.tally.feed(piece);
-        if let Some(recorder) = &state.recorder {
-            recorder.offer(piece, arrival);
-        }
+        state.meter.note(state.intake.counts(), arrival);
         state.last_arrival = Some(arrival);
-        let end = state.tally.counts().bytes;
-        state.bytes.extend(piece);
-        state.pieces.push_back(Piece { end, arrival });
-        state.most_queued = state.most_queued.max(state.bytes.len().min(self.bound));
-        let most = most_pieces(self.bound);
-        while state.pieces.len() > 1 && (state.bytes.len() > self.bound || state.pieces.len() > most) {
-            state.drop_oldest();
-        }
-        let is_awaited = state.wanted > 0 && state.bytes.len() >= state.wanted;
-        drop(state);
-        if is_awaited {
-            self.arrived.notify_one();
-        }
+        let dropped = state.lanes.dropped();
+        state.intake.feed(piece, arrival, &mut state.lanes, state.recorder.as_deref());
+        // A waiter that needs more than fits learns that it does not.
+        let is_full = state.lanes.dropped().samples > dropped.samples;
+        self.wake(&mut guard, is_full);
         true
+    }
+
+    /// Wakes all waiters if one of them may have what it needs.
+    fn wake(&self, state: &mut State, is_full: bool) {
+        let Awaited { samples, strings, events } = state.awaited;
+        let has_samples = state.lanes.samples() >= samples || (is_full && samples != usize::MAX);
+        let has_strings = strings && state.lanes.strings() > 0;
+        let has_events = state.lanes.events_added() > events;
+        if has_samples || has_strings || has_events {
+            state.awaited = Awaited::NOTHING;
+            self.arrived.notify_all();
+        }
     }
 
     fn end(&self, reason: &str) {
         let mut state = lock(&self.state);
         if state.ended.is_none() {
-            state.tally.finish();
+            state.finish();
             state.ended = Some(reason.to_owned());
         }
         drop(state);
@@ -374,9 +536,14 @@ impl Shared {
 }
 
 impl State {
-    /// Position of the first byte in the queue.
-    fn first(&self) -> u64 {
-        self.tally.counts().bytes - self.bytes.len() as u64
+    fn has(&self, need: Need) -> bool {
+        need.samples.is_some_and(|samples| self.lanes.samples() >= samples)
+            || (need.strings && self.lanes.strings() > 0)
+            || need.events.is_some_and(|events| self.lanes.events_added() > events)
+    }
+
+    fn finish(&mut self) {
+        self.intake.finish(&mut self.lanes, self.recorder.as_deref());
     }
 
     #[cfg(unix)]
@@ -385,14 +552,6 @@ impl State {
             let more = now.saturating_sub(std::mem::replace(seen, now));
             self.overruns = Some(self.overruns.unwrap_or_default() + more);
         }
-    }
-
-    fn drop_oldest(&mut self) {
-        let first = self.first();
-        let Some(piece) = self.pieces.pop_front() else { return };
-        #[allow(clippy::cast_possible_truncation)] // bytes in the queue
-        self.bytes.drain(..(piece.end - first) as usize);
-        self.dropped += piece.end - first;
     }
 }
 

@@ -1,39 +1,48 @@
-//! Live streams: threads read a port, and count, queue and record what they receive.
+//! Live streams: a thread reads a port, and scans, counts, queues and records what it receives.
 //!
 //! ```text
-//!                  ┌─ tally      counts: samples, gaps, damage, errors
-//! port ─ thread ─ ─┼─ queue      bytes and arrivals, until the program takes them      bounded, drops the oldest
-//!        or push   └─ recorder   every byte to disk, in a second thread                bounded, ends when it is full
+//!                         ┌─ counts     samples, gaps, damage, errors
+//! port ─ thread ─ intake ─┼─ lanes      samples, strings, messages, until the program takes them   bounded, drops the oldest
+//!        or push          └─ recorder   every byte to disk, in a second thread                     bounded, ends when it is full
 //! ```
 //!
-//! The threads do not need Python: a program that is busy for seconds finds in the queue what was received meanwhile.
+//! The intake scans the stream, once, and gives every sample its times. All others use what it has found. The threads do not
+//! need Python: a program that is busy for seconds finds in the lanes what was received meanwhile.
 
 mod acquisition;
+mod block;
+mod counts;
+mod intake;
+mod lanes;
 #[cfg(unix)]
 mod port;
+mod rates;
 mod recorder;
-mod tally;
 pub mod time;
 
-pub use acquisition::{Acquisition, QUEUE, Stats, Taken};
+pub use acquisition::{Acquisition, Cancel, Need, QUEUE, Stats};
+pub use block::{BlockDecoder, DecodedBlock};
+pub use counts::Counts;
+pub use intake::Intake;
+pub use lanes::{Block, Dropped, Event, Item, Sample, Text, Waiting};
+pub use rates::Rates;
 pub use recorder::{Recording, Report, TIMES_HEADER, TIMES_MAGIC, TIMES_VERSION};
-pub use tally::{Counts, Tally};
 
 /// Bytes that arrived together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Piece {
     /// Where they end, in bytes from the start of the stream.
     pub end: u64,
-    /// When they had arrived: nanoseconds on the clock of [`time::monotonic`].
+    /// When they had arrived: nanoseconds on the clock of the stream.
     pub arrival: i64,
 }
 
 /// Most bytes of a piece.
 const PIECE: usize = 64 << 10;
 
-/// Most pieces in a queue of `bound` bytes, so that short pieces do not need more memory than the bytes.
-const fn most_pieces(bound: usize) -> usize {
-    bound / size_of::<Piece>()
+/// Most entries of a queue of `bound` bytes, so that short entries do not need much more memory than the bytes.
+const fn most_entries(bound: usize) -> usize {
+    bound / 16
 }
 
 /// Locks a mutex, even if a thread panicked while it held it: the states here are consistent between any two statements.

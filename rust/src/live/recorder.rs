@@ -1,8 +1,8 @@
 //! Recording: every byte to disk, written by a thread, so that a slow disk delays nothing else.
 //!
 //! A file starts with the head that the caller gives (Configuration and the like, so that other programs can open it),
-//! followed by the received bytes, unaltered, from the start of a frame on. They are written at a fixed interval at least,
-//! and what is written is a valid log whatever happens next. If the disk is full or fails, the file is truncated after its
+//! followed by the received bytes, unaltered, from the start of a frame on, to the end of one. They are written at a fixed
+//! interval at least, and what is written is a valid log whatever happens next. If the disk is full or fails, the file is truncated after its
 //! last whole frame, and the recording ends with an error; if the disk is too slow for longer than the queue can hold, the
 //! recording ends with all that was queued, never with a gap.
 //!
@@ -41,7 +41,7 @@ use std::time::Duration;
 
 pub use self::times::{TIMES_HEADER, TIMES_MAGIC, TIMES_VERSION};
 use self::writer::Writer;
-use super::{Piece, lock, most_pieces};
+use super::{Piece, lock, most_entries};
 
 /// With this many bytes in the queue the thread writes before the interval is over.
 const PLENTY: usize = 256 << 10;
@@ -106,11 +106,54 @@ pub struct Report {
     pub error: Option<String>,
 }
 
-/// Bytes that wait for the disk, and the state of the recording.
+/// A frame or string, in bytes to record.
+#[derive(Clone, Copy, Debug)]
+pub struct Mark {
+    /// Where it ends.
+    pub end: usize,
+    /// Its bytes.
+    pub length: usize,
+    /// Whether it is a frame.
+    pub is_frame: bool,
+}
+
+/// What waits for the disk.
+#[derive(Debug, Default)]
+struct Batch {
+    bytes: Vec<u8>,
+    /// The pieces in which the bytes arrived; they end as counted from the first byte.
+    pieces: Vec<Piece>,
+    /// The frames and strings in the bytes, likewise.
+    marks: Vec<Mark>,
+}
+
+impl Batch {
+    /// Removes all, and gives back the memory that a burst took.
+    fn clear(&mut self) {
+        self.bytes.clear();
+        self.pieces.clear();
+        self.marks.clear();
+        self.bytes.shrink_to(PLENTY);
+        self.pieces.shrink_to(PLENTY / size_of::<Piece>());
+        self.marks.shrink_to(PLENTY / size_of::<Mark>());
+    }
+
+    /// Index of the first mark that ends after this position.
+    fn mark_after(&self, position: u64) -> usize {
+        self.marks.partition_point(|mark| mark.end as u64 <= position)
+    }
+
+    /// When the byte before this position arrived.
+    fn arrival(&self, end: u64) -> i64 {
+        let at = self.pieces.partition_point(|piece| piece.end < end);
+        self.pieces.get(at).map_or(0, |piece| piece.arrival)
+    }
+}
+
+/// What waits for the disk, and the state of the recording.
 #[derive(Debug, Default)]
 struct Queue {
-    bytes: Vec<u8>,
-    pieces: Vec<Piece>,
+    batch: Batch,
     /// No more bytes are accepted; the thread writes those that are here and ends.
     closed: bool,
     overflow: bool,
@@ -133,6 +176,8 @@ pub struct Recorder {
     shared: Arc<Shared>,
     bound: usize,
     thread: Mutex<Option<JoinHandle<()>>>,
+    /// The process that the thread belongs to.
+    process: u32,
 }
 
 impl Recorder {
@@ -149,26 +194,38 @@ impl Recorder {
         let of_thread = shared.clone();
         let thread =
             thread::Builder::new().name("xbus-recorder".into()).spawn(move || of_thread.work(writer, flush))?;
-        Ok(Self { shared, bound, thread: Mutex::new(Some(thread)) })
+        Ok(Self { shared, bound, thread: Mutex::new(Some(thread)), process: std::process::id() })
     }
 
-    /// Queues bytes, whose last one arrived at `arrival`; never waits for the disk.
-    pub fn offer(&self, bytes: &[u8], arrival: i64) {
+    /// Queues bytes that the intake has decided, the first of which is at `start` in the stream; never waits for the disk.
+    /// The pieces may begin before and end after them.
+    pub fn offer<'a>(&self, bytes: &[u8], start: u64, pieces: impl IntoIterator<Item = &'a Piece>, marks: &[Mark]) {
+        if bytes.is_empty() {
+            return;
+        }
         let mut queue = lock(&self.shared.queue);
         if queue.closed {
             return;
         }
-        let waiting = queue.bytes.len();
-        let is_full = waiting + bytes.len() > self.bound || queue.pieces.len() >= most_pieces(self.bound);
+        let Queue { batch, .. } = &mut *queue;
+        let waiting = batch.bytes.len();
+        let is_full = waiting + bytes.len() > self.bound || batch.pieces.len() >= most_entries(self.bound);
         if is_full && waiting > 0 {
             (queue.closed, queue.overflow) = (true, true);
             self.shared.due.notify_one();
             return;
         }
-        queue.bytes.extend_from_slice(bytes);
-        let end = queue.bytes.len();
-        queue.pieces.push(Piece { end: end as u64, arrival });
-        if waiting == 0 || (waiting < PLENTY && end >= PLENTY) {
+        batch.bytes.extend_from_slice(bytes);
+        batch.marks.extend(marks.iter().map(|mark| Mark { end: waiting + mark.end, ..*mark }));
+        let end = start + bytes.len() as u64;
+        for piece in pieces {
+            batch.pieces.push(Piece { end: waiting as u64 + (piece.end.min(end) - start), ..*piece });
+            if piece.end >= end {
+                break;
+            }
+        }
+        let total = batch.bytes.len();
+        if waiting == 0 || (waiting < PLENTY && total >= PLENTY) {
             self.shared.due.notify_one();
         }
     }
@@ -176,7 +233,7 @@ impl Recorder {
     /// The state of the recording.
     pub fn report(&self) -> Report {
         let queue = lock(&self.shared.queue);
-        Report { queued_bytes: queue.bytes.len(), ..queue.report.clone() }
+        Report { queued_bytes: queue.batch.bytes.len(), ..queue.report.clone() }
     }
 
     /// Accepts no more bytes; those in the queue will be written.
@@ -204,7 +261,10 @@ impl Recorder {
 
 impl Drop for Recorder {
     fn drop(&mut self) {
-        self.stop();
+        // A forked process does not have the thread, and would wait for it forever.
+        if std::process::id() == self.process {
+            self.stop();
+        }
     }
 }
 
@@ -212,25 +272,20 @@ impl Shared {
     /// The thread: waits for bytes, and writes them.
     fn work(&self, mut writer: Writer, flush: Duration) {
         let _end = ReportEnd(self);
-        let (mut bytes, mut pieces) = (vec![], vec![]);
+        let mut batch = Batch::default();
         loop {
             let queue = lock(&self.queue);
-            let queue = self.due.wait_while(queue, |queue| !queue.closed && queue.bytes.is_empty());
+            let queue = self.due.wait_while(queue, |queue| !queue.closed && queue.batch.bytes.is_empty());
             let queue = queue.unwrap_or_else(PoisonError::into_inner);
-            let is_early = |queue: &mut Queue| !queue.closed && queue.bytes.len() < PLENTY;
+            let is_early = |queue: &mut Queue| !queue.closed && queue.batch.bytes.len() < PLENTY;
             let queue = self.due.wait_timeout_while(queue, flush, is_early);
             let (mut queue, _) = queue.unwrap_or_else(PoisonError::into_inner);
-            std::mem::swap(&mut bytes, &mut queue.bytes);
-            std::mem::swap(&mut pieces, &mut queue.pieces);
+            std::mem::swap(&mut batch, &mut queue.batch);
             let (closed, overflow) = (queue.closed, queue.overflow);
             drop(queue);
 
-            let written = writer.write(&bytes, &pieces).and_then(|()| writer.flush(closed));
-            bytes.clear();
-            pieces.clear();
-            // Memory that a burst took is given back.
-            bytes.shrink_to(PLENTY);
-            pieces.shrink_to(PLENTY / size_of::<Piece>());
+            let written = writer.write(&batch).and_then(|()| writer.flush(closed));
+            batch.clear();
 
             let error = match written {
                 Err(error) => {
@@ -264,7 +319,7 @@ impl Drop for ReportEnd<'_> {
         }
         queue.report.active = false;
         queue.closed = true;
-        (queue.bytes, queue.pieces) = (vec![], vec![]);
+        queue.batch = Batch::default();
         drop(queue);
         self.0.done.notify_all();
     }

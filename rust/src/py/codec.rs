@@ -159,7 +159,7 @@ impl Scanner {
     }
 }
 
-fn object_of<'py>(py: Python<'py>, item: Item<'_>) -> PyResult<Bound<'py, PyAny>> {
+pub fn object_of<'py>(py: Python<'py>, item: Item<'_>) -> PyResult<Bound<'py, PyAny>> {
     match item {
         Item::Frame { offset, frame: Frame { bid, mid, payload } } => {
             let payload = PyBytes::new(py, payload).unbind();

@@ -11,7 +11,7 @@ use crate::state;
 /// Maps device time to host time.
 #[pyclass(module = "xbus._core")]
 #[derive(Clone)]
-pub struct HostClock(hostclock::HostClock);
+pub struct HostClock(pub hostclock::HostClock);
 
 #[pymethods]
 #[allow(clippy::needless_pass_by_value)] // arrays are lent by value

@@ -6,12 +6,16 @@ use std::time::{Duration, Instant};
 use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::PyBytes;
 
-use super::Row;
 use super::array::hand_over;
-use super::convert::os_error;
-use crate::live::{self, QUEUE, Recording, Report, Taken};
+use super::codec::object_of;
+use super::convert::{Wish, os_error, wanted};
+use super::hostclock::HostClock;
+use super::log::Part;
+use crate::frame::Frame;
+use crate::live::{self, Item, Need, QUEUE, Recording, Report, Stats, Text};
+use crate::scan;
 
 // The signatures below show this number.
 const _: () = assert!(QUEUE == 24_000_000);
@@ -19,13 +23,71 @@ const _: () = assert!(QUEUE == 24_000_000);
 /// A wait is interrupted at this interval to check for signals.
 const SLICE: Duration = Duration::from_millis(50);
 
-/// Bytes that were received, and the pieces in which they arrived.
+/// Ends waits.
+#[pyclass(module = "xbus._core", frozen)]
+#[derive(Default)]
+pub struct Cancel(live::Cancel);
+
+#[pymethods]
+impl Cancel {
+    #[new]
+    fn new() -> Self {
+        Self::default()
+    }
+
+    #[getter]
+    fn is_set(&self) -> bool {
+        self.0.is_set()
+    }
+}
+
+/// Decodes the blocks of an acquisition.
+#[pyclass(module = "xbus._core")]
+pub struct BlockDecoder(live::BlockDecoder);
+
+/// A block of live samples.
 #[pyclass(module = "xbus._core", frozen, get_all)]
-pub struct Received {
+pub struct Block {
+    part: Py<Part>,
+    host_time: Py<PyArray1<f64>>,
+    string_time: Py<PyArray1<f64>>,
+    clocks: Vec<(u8, Py<HostClock>)>,
+}
+
+/// Events that were taken.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct Events {
+    items: Vec<Option<Py<PyAny>>>,
+    added: u64,
+}
+
+/// A sample, and when it was measured and arrived.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct ReceivedSample {
     offset: u64,
+    bid: u8,
+    payload: Py<PyBytes>,
+    time: f64,
+    leads: bool,
+    arrival: f64,
+    host_time: f64,
+}
+
+/// A string, and when it arrived.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct ReceivedString {
+    offset: u64,
+    place: Option<u8>,
     data: Py<PyBytes>,
-    ends: Py<PyArray1<i64>>,
-    arrivals: Py<PyArray1<i64>>,
+    arrival: f64,
+}
+
+/// What waits to be taken.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct Waiting {
+    samples: usize,
+    strings: usize,
+    last_sample: Option<f64>,
 }
 
 /// Receives a stream of bytes in a thread, or what is pushed.
@@ -35,9 +97,9 @@ pub struct Acquisition(live::Acquisition);
 #[pymethods]
 impl Acquisition {
     #[new]
-    #[pyo3(signature = (fd, *, bound=24_000_000, strings=0))]
-    fn new(fd: Option<i32>, bound: usize, strings: u32) -> PyResult<Self> {
-        let acquisition = Self(live::Acquisition::new(bound));
+    #[pyo3(signature = (fd, *, bid=255, bound=24_000_000, strings=0, epoch=None))]
+    fn new(fd: Option<i32>, bid: u8, bound: usize, strings: u32, epoch: Option<i64>) -> PyResult<Self> {
+        let acquisition = Self(live::Acquisition::new(bound, bid, epoch));
         acquisition.0.expect(strings);
         if let Some(fd) = fd {
             acquisition.open(fd)?;
@@ -58,19 +120,18 @@ impl Acquisition {
         ))
     }
 
-    #[pyo3(signature = (timeout=None, *, least=1))]
-    fn read(&self, py: Python<'_>, timeout: Option<f64>, least: usize) -> PyResult<Option<Received>> {
-        let timeout = timeout.map(seconds("timeout")).transpose()?;
-        wait(py, timeout, |slice| self.0.wait(least, slice).then_some(()))?;
-        self.0.take().map(|taken| received(py, taken)).transpose()
-    }
-
-    fn push(&self, py: Python<'_>, data: &[u8]) -> bool {
-        py.detach(|| self.0.push(data))
+    #[pyo3(signature = (data, arrival=None))]
+    fn push(&self, py: Python<'_>, data: &[u8], arrival: Option<f64>) -> bool {
+        let arrival = arrival.map(nanoseconds);
+        py.detach(|| self.0.push(data, arrival))
     }
 
     fn resume(&self) -> PyResult<()> {
         self.0.resume().map_err(|error| os_error(&error, None))
+    }
+
+    fn interrupt(&self) {
+        self.0.interrupt();
     }
 
     fn end(&self, reason: &str) {
@@ -87,29 +148,114 @@ impl Acquisition {
         self.0.epoch()
     }
 
-    fn stats<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
-        let stats = self.0.stats();
-        let row = PyDict::new(py);
-        row.set_item("bytes", stats.counts.bytes)?;
-        row.set_item("frames", stats.counts.frames)?;
-        row.set_item("samples", stats.counts.samples)?;
-        row.set_item("messages", stats.counts.messages)?;
-        row.set_item("malformed", stats.counts.malformed)?;
-        row.set_item("strings", stats.counts.strings)?;
-        row.set_item("quantities", stats.counts.quantities)?;
-        row.set_item("lost_samples", stats.counts.losses.samples)?;
-        row.set_item("gaps", stats.counts.losses.gaps)?;
-        row.set_item("checksum_errors", stats.counts.checksum_errors)?;
-        row.set_item("skipped_bytes", stats.counts.skipped_bytes)?;
-        row.set_item("errors", stats.counts.errors)?;
-        row.set_item("warnings", stats.counts.warnings)?;
-        row.set_item("last_error", stats.counts.last_error)?;
-        row.set_item("queued_bytes", stats.queued)?;
-        row.set_item("most_queued_bytes", stats.most_queued)?;
-        row.set_item("dropped_bytes", stats.dropped)?;
-        row.set_item("overruns", stats.overruns)?;
-        row.set_item("last_arrival", stats.last_arrival)?;
-        Ok(row)
+    #[pyo3(signature = (timeout, *, samples=None, strings=false, events=None, cancel=None))]
+    fn wait(
+        &self,
+        py: Python<'_>,
+        timeout: f64,
+        samples: Option<usize>,
+        strings: bool,
+        events: Option<u64>,
+        cancel: Option<Py<Cancel>>,
+    ) -> PyResult<bool> {
+        let timeout = seconds("timeout")(timeout)?;
+        let cancel = cancel.map_or_else(|| Py::new(py, Cancel::default()), Ok)?;
+        let need = Need { samples, strings, events };
+        let waited = wait(py, Some(timeout), |slice| self.0.wait(need, slice, &cancel.get().0).then_some(()))?;
+        Ok(waited.is_some())
+    }
+
+    fn cancel(&self, cancel: &Cancel) {
+        self.0.cancel(&cancel.0);
+    }
+
+    fn take_sample(&self, py: Python<'_>) -> Option<ReceivedSample> {
+        let (sample, frame) = self.0.take_sample()?;
+        Some(ReceivedSample {
+            offset: sample.offset,
+            bid: sample.bid,
+            payload: PyBytes::new(py, Frame::of(&frame).payload).unbind(),
+            time: sample.moment.seconds,
+            leads: sample.leads,
+            arrival: in_seconds(sample.arrival),
+            host_time: sample.host_time,
+        })
+    }
+
+    fn take_string(&self, py: Python<'_>) -> Option<ReceivedString> {
+        let Text { offset, arrival, place, bytes } = self.0.take_string()?;
+        Some(ReceivedString { offset, place, data: PyBytes::new(py, &bytes).unbind(), arrival: in_seconds(arrival) })
+    }
+
+    #[pyo3(signature = (*, early=false))]
+    fn take_events(&self, py: Python<'_>, early: bool) -> PyResult<Events> {
+        let (events, added) = self.0.take_events(early);
+        let object = |event: &live::Event| event.item().map(|item| Ok(object_of(py, item)?.unbind())).transpose();
+        Ok(Events { items: events.iter().map(object).collect::<PyResult<_>>()?, added })
+    }
+
+    fn mark_data(&self) {
+        self.0.mark_data();
+    }
+
+    #[pyo3(signature = (wanted=None))]
+    fn block_decoder(&self, wanted: Option<Vec<Wish>>) -> PyResult<BlockDecoder> {
+        Ok(BlockDecoder(live::BlockDecoder::new(self::wanted(wanted)?, self.0.epoch())))
+    }
+
+    #[pyo3(signature = (decoder, samples=None))]
+    fn take_block(
+        &self,
+        py: Python<'_>,
+        decoder: &mut BlockDecoder,
+        samples: Option<usize>,
+    ) -> PyResult<Option<Block>> {
+        let Some(block) = py.detach(|| self.0.take_block(samples).map(|block| decoder.0.decode(block))) else {
+            return Ok(None);
+        };
+        let clock = |(bid, clock)| Ok((bid, Py::new(py, HostClock(clock))?));
+        Ok(Some(Block {
+            part: Py::new(py, Part(block.part.into()))?,
+            host_time: hand_over(py, block.host_times).unbind(),
+            string_time: hand_over(py, block.string_times).unbind(),
+            clocks: block.clocks.into_iter().map(clock).collect::<PyResult<_>>()?,
+        }))
+    }
+
+    fn take_all(&self, py: Python<'_>) -> PyResult<Option<Vec<Py<PyAny>>>> {
+        let Some(items) = self.0.take_all() else { return Ok(None) };
+        let object = |item: &Item| {
+            let item = match item {
+                Item::Sample(sample, frame) => {
+                    Some(scan::Item::Frame { offset: sample.offset, frame: Frame::of(frame) })
+                }
+                Item::Text(text) => {
+                    Some(scan::Item::String { offset: text.offset, place: text.place, bytes: &text.bytes })
+                }
+                Item::Event(event) => event.item(),
+            };
+            item.map(|item| Ok(object_of(py, item)?.unbind()))
+        };
+        items.iter().filter_map(object).collect::<PyResult<_>>().map(Some)
+    }
+
+    fn clear_data(&self, counted: bool) {
+        self.0.clear_data(counted);
+    }
+
+    #[getter]
+    fn waiting(&self) -> Waiting {
+        let live::Waiting { samples, strings, last_sample } = self.0.waiting();
+        Waiting { samples, strings, last_sample: last_sample.map(in_seconds) }
+    }
+
+    #[getter]
+    fn bid(&self) -> u8 {
+        self.0.bid()
+    }
+
+    fn stats(&self, now: f64) -> Stats {
+        self.0.stats(nanoseconds(now))
     }
 
     #[pyo3(signature = (
@@ -184,23 +330,16 @@ fn wait<T: Send>(
     }
 }
 
-#[allow(clippy::cast_possible_wrap)] // positions in a buffer
-fn received(py: Python<'_>, taken: Taken) -> PyResult<Received> {
-    let Taken { offset, bytes, pieces } = taken;
-    let (head, tail) = bytes.as_slices();
-    let data = PyBytes::new_with(py, bytes.len(), |room| {
-        room[..head.len()].copy_from_slice(head);
-        room[head.len()..].copy_from_slice(tail);
-        Ok(())
-    })?;
-    let ends = pieces.iter().map(|piece| (piece.end - offset) as i64).collect();
-    let arrivals = pieces.iter().map(|piece| piece.arrival).collect();
-    Ok(Received {
-        offset,
-        data: data.unbind(),
-        ends: hand_over(py, ends).unbind(),
-        arrivals: hand_over(py, arrivals).unbind(),
-    })
+/// Nanoseconds as seconds.
+#[allow(clippy::cast_precision_loss)] // to a microsecond for decades
+fn in_seconds(nanoseconds: i64) -> f64 {
+    nanoseconds as f64 / 1e9
+}
+
+/// Seconds as nanoseconds.
+#[allow(clippy::cast_possible_truncation)] // saturates
+fn nanoseconds(seconds: f64) -> i64 {
+    (seconds * 1e9).round() as i64
 }
 
 /// Seconds from Python.

@@ -12,7 +12,6 @@ use super::column::Column;
 use super::convert::{Wish, wanted};
 use super::source::Source;
 use crate::clock::Clocks;
-use crate::input::PushBuffer;
 use crate::log::{self, Options, TimedPart, Times};
 use crate::scan::Window;
 use crate::state;
@@ -64,37 +63,6 @@ impl Reader {
             Source::Stream(stream) => py.detach(|| reader.read_stream(stream, until))?,
         }
         Ok(!reader.is_finished())
-    }
-
-    fn take(&mut self, py: Python<'_>) -> Part {
-        let Self { reader, clocks, .. } = self;
-        Part::take(py, reader, clocks)
-    }
-}
-
-/// Decodes a log that is pushed in pieces.
-#[pyclass(module = "xbus._core")]
-pub struct Decoder {
-    reader: log::Reader,
-    clocks: Clocks,
-    buffer: PushBuffer,
-}
-
-#[pymethods]
-impl Decoder {
-    #[new]
-    #[pyo3(signature = (limit, wanted, strings=0))]
-    fn new(limit: usize, wanted: Option<Vec<Wish>>, strings: u32) -> PyResult<Self> {
-        let options = Options { limit, strings, wanted: self::wanted(wanted)?, ..Options::default() };
-        Ok(Self { reader: log::Reader::new(options, 0), clocks: Clocks::default(), buffer: PushBuffer::default() })
-    }
-
-    fn feed(&mut self, py: Python<'_>, data: &[u8]) -> PyResult<()> {
-        let Self { reader, buffer, .. } = self;
-        py.detach(|| {
-            buffer.push(data);
-            Ok(reader.read_pushed(buffer, false)?)
-        })
     }
 
     fn take(&mut self, py: Python<'_>) -> Part {

@@ -33,9 +33,9 @@ mod _core {
     #[pymodule_export]
     use super::hostclock::{ClockStep, HostClock};
     #[pymodule_export]
-    use super::live::{Acquisition, Received};
+    use super::live::{Acquisition, Block, BlockDecoder, Cancel, Events, ReceivedSample, ReceivedString, Waiting};
     #[pymodule_export]
-    use super::log::{DamageArrays, Decoder, GapArrays, MessageArrays, Part, Reader, RestartArrays, StringArrays};
+    use super::log::{DamageArrays, GapArrays, MessageArrays, Part, Reader, RestartArrays, StringArrays};
     #[pymodule_export]
     use super::tables::{
         damage_reasons, message_name, messages, products, quantities, result_codes, status_flags, strings,

@@ -20,6 +20,8 @@ pub struct LogFile {
     /// When its first bytes arrived.
     pub began: i64,
     times: Option<Times>,
+    /// Whether there was no file with this path before.
+    is_new: bool,
 }
 
 impl LogFile {
@@ -27,12 +29,11 @@ impl LogFile {
     pub fn new(recording: &Recording, strings: &[u8], path: PathBuf, epoch: i64) -> io::Result<Self> {
         let is_new = fs::symlink_metadata(&path).is_err();
         let file = open(&path, recording.overwrite)?;
-        let mut times_path = path.as_os_str().to_owned();
-        times_path.push(".times");
+        let times_path = times_path(&path);
         let is_file = file.metadata()?.is_file();
         let times = if recording.times && is_file {
             // Before anything is overwritten, because it may fail.
-            let times = Times::new(times_path.as_ref(), epoch);
+            let times = Times::new(&times_path, epoch);
             if times.is_err() && is_new {
                 let _ = fs::remove_file(&path);
             }
@@ -47,7 +48,7 @@ impl LogFile {
                 let _ = fs::remove_file(times_path);
             }
         }
-        let mut output = Self { path, file, length: 0, whole: 0, began: monotonic(), times };
+        let mut output = Self { path, file, length: 0, whole: 0, began: monotonic(), times, is_new };
         if let Err(error) = output.write(&recording.head).and_then(|()| output.write(strings)) {
             output.truncate();
             return Err(error);
@@ -72,11 +73,19 @@ impl LogFile {
         Ok(())
     }
 
-    /// Truncates the file after its last whole frame; returns how many bytes that removes.
+    /// Truncates the file after its last whole frame; returns how many bytes that removes. Removes a new file in which
+    /// nothing is left, and a side file without a record.
     pub fn truncate(&mut self) -> u64 {
         // What cannot be truncated, such as a device, stays as it is: a log may end anywhere.
         if self.file.set_len(self.whole).is_err() {
             return 0;
+        }
+        let is_empty = self.whole == 0 && self.is_new;
+        if is_empty {
+            let _ = fs::remove_file(&self.path);
+        }
+        if self.times.as_ref().is_some_and(|times| is_empty || times.is_empty()) {
+            let _ = fs::remove_file(times_path(&self.path));
         }
         let length = std::mem::replace(&mut self.length, self.whole);
         length - self.whole
@@ -89,14 +98,39 @@ impl LogFile {
         }
     }
 
+    /// Whether a name still leads to the file: one that was removed takes bytes, and loses them at the end.
+    #[cfg(unix)]
+    fn check_exists(&self) -> io::Result<()> {
+        use std::os::unix::fs::MetadataExt;
+        if self.file.metadata()?.nlink() > 0 {
+            return Ok(());
+        }
+        Err(io::Error::new(io::ErrorKind::NotFound, "the file was removed while it was being written"))
+    }
+
+    /// This system does not remove a file that is open.
+    #[cfg(not(unix))]
+    #[allow(clippy::unused_self, clippy::unnecessary_wraps)]
+    fn check_exists(&self) -> io::Result<()> {
+        Ok(())
+    }
+
     /// Writes the times, and makes the disk store everything if `fsync` is set; `ends` is whether the file is complete.
     pub fn flush(&mut self, ends: bool, fsync: bool) -> io::Result<()> {
+        self.check_exists()?;
         if fsync {
             self.file.sync_data()?;
         }
         // Times follow the bytes that they refer to.
         self.times.as_mut().map_or(Ok(()), |times| times.flush(ends, fsync))
     }
+}
+
+/// The path of the side file.
+fn times_path(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".times");
+    name.into()
 }
 
 /// Opens a file to be written, without truncating it. It is an error if it exists and is not empty, unless it may be

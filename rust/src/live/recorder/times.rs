@@ -1,6 +1,6 @@
 //! The side file with the times of arrival. [`recorder`](super) documents its format.
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::Path;
 
@@ -36,8 +36,16 @@ impl Times {
         header.extend(TIMES_VERSION.to_le_bytes());
         header.extend(RECORD_SIZE.to_le_bytes());
         header.extend(epoch.to_le_bytes());
-        file.write_all(&header)?;
+        if let Err(error) = file.write_all(&header) {
+            let _ = fs::remove_file(path);
+            return Err(error);
+        }
         Ok(Self { file, records: vec![], last: None, left_out: None })
+    }
+
+    /// Whether there is no record.
+    pub const fn is_empty(&self) -> bool {
+        self.last.is_none()
     }
 
     /// Adds a record, unless the last one is too close. `arrival` is in nanoseconds since 1970.

@@ -5,13 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::file::LogFile;
-use super::{Recording, Report};
+use super::{Batch, Recording, Report};
 use crate::frame::{Frame, field};
-use crate::input::PushBuffer;
-use crate::live::Piece;
-use crate::scan::{Scanner, Step};
 use crate::strings::enabled_strings;
-use crate::table::{BARE_STRINGS, LONGEST_PAYLOAD, STRING_OUTPUT_TYPE};
+use crate::table::{BARE_STRINGS, STRING_OUTPUT_TYPE};
 
 /// Writes the files of a recording.
 #[derive(Debug)]
@@ -24,12 +21,11 @@ pub struct Writer {
     files: Vec<PathBuf>,
     /// Number of the last file.
     number: usize,
+    /// Whether strings without a checksum were enabled before the recording.
+    had_strings: bool,
     /// The last `StringOutputType` frame that was received, if it matters: every file repeats which strings without a
     /// checksum are enabled.
     strings: Vec<u8>,
-    /// Finds the ends of frames. Its positions, and all others here, count the bytes received.
-    scanner: Scanner,
-    undecided: PushBuffer,
     /// Bytes written, in all files.
     written: u64,
     frames: u64,
@@ -39,8 +35,6 @@ impl Writer {
     /// Creates the first file. Arguments as for [`Recorder::start`](super::Recorder::start).
     pub fn new(recording: Recording, epoch: i64, strings: u32) -> io::Result<Self> {
         let output = LogFile::new(&recording, &[], recording.path.clone(), epoch)?;
-        let mut scanner = Scanner::new(LONGEST_PAYLOAD);
-        scanner.expect(strings);
         Ok(Self {
             files: vec![recording.path.clone()],
             recording,
@@ -48,9 +42,8 @@ impl Writer {
             output,
             full: false,
             number: 0,
+            had_strings: strings != 0,
             strings: vec![],
-            scanner,
-            undecided: PushBuffer::default(),
             written: 0,
             frames: 0,
         })
@@ -61,7 +54,7 @@ impl Writer {
         if frame[field::MID] != STRING_OUTPUT_TYPE {
             return;
         }
-        let were_enabled = self.scanner.expected() != 0 || !self.strings.is_empty();
+        let were_enabled = self.had_strings || !self.strings.is_empty();
         let is_relevant = |types: u32| were_enabled || types & BARE_STRINGS != 0;
         if enabled_strings(Frame::of(frame).payload).is_some_and(is_relevant) {
             self.strings = frame.to_vec();
@@ -78,47 +71,22 @@ impl Writer {
         Report { files: self.files.clone(), bytes: self.written, frames: self.frames, ..Report::default() }
     }
 
-    /// Writes bytes, which end with the last of the pieces; the ends of pieces count from the first of these bytes.
-    pub fn write(&mut self, bytes: &[u8], pieces: &[Piece]) -> io::Result<()> {
-        let mut batch = Batch { bytes, pieces, start: self.written, ends: vec![] };
-        let result = self.write_batch(&mut batch);
-        // The ends that are left were not written.
-        self.frames -= batch.ends.iter().map(|(_, frames)| frames).sum::<u64>();
-        result
-    }
-
-    fn write_batch(&mut self, batch: &mut Batch<'_>) -> io::Result<()> {
-        let mut undecided = std::mem::take(&mut self.undecided);
-        undecided.push(batch.bytes);
-        let window = undecided.window(false);
-        loop {
-            let (at, length, frames) = match self.scanner.step(window) {
-                Step::Frame { at, length, .. } => (at, length, 1),
-                Step::String { at, length, .. } => (at, length, 0),
-                Step::More | Step::End(_) => break,
-            };
-            self.frames += frames;
-            let end = window.offset + (at + length) as u64;
-            if end < self.written {
-                // Some frames are accepted only when the next one has been received. Then this end may be written already.
-                let place = self.output.length.saturating_sub(self.written - end);
-                self.output.whole = self.output.whole.max(place);
-            } else {
-                batch.ends.push((end, frames));
-                self.start_file_if_full(batch, end)?;
-                if self.is_full(end, batch.arrival(end)) {
-                    self.write_up_to(batch, end)?;
-                    self.flush(true)?;
-                    self.full = true;
-                }
+    /// Writes a batch. If it fails, the file may end inside a frame: see [`Self::truncate`].
+    pub fn write(&mut self, batch: &Batch) -> io::Result<()> {
+        let mut from = 0;
+        for mark in &batch.marks {
+            let end = mark.end as u64;
+            self.start_file_if_full(batch, from)?;
+            if self.is_full(end - from, batch.arrival(end)) {
+                self.write_up_to(batch, &mut from, end)?;
+                self.flush(true)?;
+                self.full = true;
             }
-            if frames > 0 {
-                self.learn(&window.bytes[at..at + length]);
+            if mark.is_frame {
+                self.learn(&batch.bytes[mark.end - mark.length..mark.end]);
             }
         }
-        undecided.release(self.scanner.at());
-        self.undecided = undecided;
-        self.write_up_to(batch, batch.start + batch.bytes.len() as u64)
+        self.write_up_to(batch, &mut from, batch.bytes.len() as u64)
     }
 
     /// Writes the times, and makes the disk store everything if that is wanted; `ends` is whether the file is complete.
@@ -126,17 +94,17 @@ impl Writer {
         self.output.flush(ends, self.recording.fsync).map_err(of_file(&self.output.path))
     }
 
-    /// Whether the file is to end with the frame that ends here.
-    fn is_full(&self, end: u64, arrival: i64) -> bool {
-        let length = self.output.length + (end - self.written);
+    /// Whether the file is to end after this number of bytes more, the last of which arrived then.
+    fn is_full(&self, more: u64, arrival: i64) -> bool {
+        let length = self.output.length + more;
         let lasted = u64::try_from(arrival - self.output.began).map_or(Duration::ZERO, Duration::from_nanos);
         self.recording.rotate_bytes.is_some_and(|limit| length >= limit)
             || self.recording.rotate_after.is_some_and(|limit| lasted >= limit)
     }
 
-    /// Starts another file if the current one is full and something is to be written up to position `to`.
-    fn start_file_if_full(&mut self, batch: &Batch<'_>, to: u64) -> io::Result<()> {
-        if !self.full || to == self.written {
+    /// Starts another file, for the bytes from this position of the batch on, if the current one is full.
+    fn start_file_if_full(&mut self, batch: &Batch, from: u64) -> io::Result<()> {
+        if !self.full {
             return Ok(());
         }
         let (path, output) = loop {
@@ -148,40 +116,42 @@ impl Writer {
             }
         };
         self.output = output;
-        self.output.began = batch.arrival(self.written + 1);
+        self.output.began = batch.arrival(from + 1);
         self.files.push(path);
         self.full = false;
         Ok(())
     }
 
-    /// Writes the batch up to position `to`.
-    fn write_up_to(&mut self, batch: &mut Batch<'_>, to: u64) -> io::Result<()> {
-        self.start_file_if_full(batch, to)?;
-        let length = self.output.length;
-        let result = self.output.write(batch.between(self.written, to));
-        let begin = self.written;
-        self.written += self.output.length - length;
-        let place = |position: u64| length + (position - begin);
-        // The last whole frame that the file has now.
-        let done = batch.ends.partition_point(|(end, _)| *end <= self.written);
-        if let Some((end, _)) = batch.ends[..done].last() {
-            self.output.whole = place(*end);
+    /// Writes the batch from one position up to another.
+    fn write_up_to(&mut self, batch: &Batch, from: &mut u64, to: u64) -> io::Result<()> {
+        if *from == to {
+            return Ok(());
         }
-        batch.ends.drain(..done);
+        self.start_file_if_full(batch, *from)?;
+        let (begin, length) = (*from, self.output.length);
+        #[allow(clippy::cast_possible_truncation)] // positions in a buffer
+        let result = self.output.write(&batch.bytes[begin as usize..to as usize]);
+        let taken = begin + (self.output.length - length);
+        *from = taken;
+        self.written += taken - begin;
+        let place = |position: u64| length + (position - begin);
+        // The frames and strings that the file has now, up to the last whole one.
+        let (first, done) = (batch.mark_after(begin), batch.mark_after(taken));
+        if let Some(last) = batch.marks[first..done].last() {
+            self.output.whole = place(last.end as u64);
+        }
+        self.frames += batch.marks[first..done].iter().filter(|mark| mark.is_frame).count() as u64;
         result.map_err(of_file(&self.output.path))?;
-        for piece in batch.pieces {
-            let end = batch.start + piece.end;
-            if end > begin {
-                self.output.add_time(place(end.min(to)), piece.arrival + self.epoch);
-            }
-            if end >= to {
+        for piece in batch.pieces.iter().skip_while(|piece| piece.end <= begin) {
+            self.output.add_time(place(piece.end.min(to)), piece.arrival + self.epoch);
+            if piece.end >= to {
                 break;
             }
         }
         Ok(())
     }
 
-    /// Truncates the file after its last whole frame.
+    /// Truncates the file after its last whole frame; a file without any is removed.
     pub fn truncate(&mut self) {
         self.written -= self.output.truncate();
     }
@@ -190,29 +160,6 @@ impl Writer {
 /// Adds the path to an error.
 fn of_file(path: &Path) -> impl Fn(io::Error) -> io::Error {
     move |error| io::Error::new(error.kind(), format!("{}: {error}", path.display()))
-}
-
-/// Bytes to write.
-struct Batch<'a> {
-    bytes: &'a [u8],
-    pieces: &'a [Piece],
-    /// Position of the first of them.
-    start: u64,
-    /// Where the frames and strings that are not written yet end, with the number of frames: 1 for a frame, 0 for a string.
-    ends: Vec<(u64, u64)>,
-}
-
-impl<'a> Batch<'a> {
-    #[allow(clippy::cast_possible_truncation)] // positions in these bytes
-    fn between(&self, from: u64, to: u64) -> &'a [u8] {
-        &self.bytes[(from - self.start) as usize..(to - self.start) as usize]
-    }
-
-    /// When the byte before this position arrived.
-    fn arrival(&self, end: u64) -> i64 {
-        let at = self.pieces.partition_point(|piece| self.start + piece.end < end);
-        self.pieces.get(at).map_or(0, |piece| piece.arrival)
-    }
 }
 
 /// `NAME.mtb` with a number: `NAME-0001.mtb`.

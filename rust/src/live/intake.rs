@@ -1,0 +1,205 @@
+//! The scan of a live stream. Everything that is known about the stream is found here, once.
+
+use std::collections::{BTreeMap, VecDeque};
+
+use super::lanes::{Event, Lanes, Sample, Text};
+use super::recorder::{Mark, Recorder};
+use super::{Counts, Piece};
+use crate::clock::{Change, Clocks, Stamps};
+use crate::frame::{Frame, Header, MASTER, device_of};
+use crate::hostclock::HostClock;
+use crate::input::PushBuffer;
+use crate::packet::is_well_formed;
+use crate::scan::{Damage, Item, Scanner, Step, Window};
+use crate::table::{self, LONGEST_PAYLOAD};
+
+/// Scans a stream that is received in pieces, counts what it finds, and gives each sample its times.
+#[derive(Debug)]
+pub struct Intake {
+    /// Bus identifier of the device whose frames go to the lanes; [`MASTER`] for those of all devices.
+    bid: u8,
+    /// What to add to arrivals for nanoseconds since 1970.
+    epoch: i64,
+    scanner: Scanner,
+    undecided: PushBuffer,
+    /// The pieces of the undecided bytes.
+    pieces: VecDeque<Piece>,
+    clocks: Clocks,
+    host_clocks: BTreeMap<u8, HostClock>,
+    counts: Counts,
+    /// Where the messages begin that were handed out before they were decided.
+    early: Vec<u64>,
+    /// Frames and strings of the present piece, for the recorder.
+    marks: Vec<Mark>,
+}
+
+impl Intake {
+    /// An intake at the beginning of a stream.
+    #[must_use]
+    pub fn new(bid: u8, epoch: i64) -> Self {
+        Self {
+            bid,
+            epoch,
+            scanner: Scanner::new(LONGEST_PAYLOAD),
+            undecided: PushBuffer::default(),
+            pieces: VecDeque::new(),
+            clocks: Clocks::default(),
+            host_clocks: BTreeMap::new(),
+            counts: Counts::default(),
+            early: vec![],
+            marks: vec![],
+        }
+    }
+
+    /// The counts so far. Damage that no frame or string has followed yet is not in them: see [`Self::skipped_bytes`].
+    #[must_use]
+    pub const fn counts(&self) -> &Counts {
+        &self.counts
+    }
+
+    /// Bytes that belong to neither frame nor string, including those that no frame or string has followed yet.
+    #[must_use]
+    pub fn skipped_bytes(&self) -> u64 {
+        self.counts.skipped_bytes + self.scanner.refused()
+    }
+
+    /// The strings that the scanner expects: see [`Scanner::expected`].
+    #[must_use]
+    pub const fn expected(&self) -> u32 {
+        self.scanner.expected()
+    }
+
+    /// Looks also for these strings: see [`Scanner::expect`].
+    pub fn expect(&mut self, strings: u32) {
+        self.scanner.expect(strings);
+    }
+
+    /// The clocks of the host for the devices, by bus identifier.
+    pub(super) fn host_clocks(&self) -> Vec<(u8, HostClock)> {
+        self.host_clocks.iter().map(|(bid, clock)| (*bid, clock.clone())).collect()
+    }
+
+    /// Adds a piece that arrives now.
+    pub(super) fn feed(&mut self, piece: &[u8], arrival: i64, lanes: &mut Lanes, recorder: Option<&Recorder>) {
+        self.counts.bytes += piece.len() as u64;
+        self.undecided.push(piece);
+        self.pieces.push_back(Piece { end: self.counts.bytes, arrival });
+        self.decide(false, lanes, recorder);
+    }
+
+    /// Decides the last bytes: the stream has ended or was interrupted.
+    pub(super) fn finish(&mut self, lanes: &mut Lanes, recorder: Option<&Recorder>) {
+        self.decide(true, lanes, recorder);
+    }
+
+    fn decide(&mut self, last: bool, lanes: &mut Lanes, recorder: Option<&Recorder>) {
+        let undecided = std::mem::take(&mut self.undecided);
+        let window = undecided.window(last);
+        self.marks.clear();
+        loop {
+            let (at, length, damage, place) = match self.scanner.step(window) {
+                Step::More => break,
+                Step::End(damage) => {
+                    self.damage(damage, lanes);
+                    break;
+                }
+                Step::Frame { at, length, damage } => (at, length, damage, None),
+                Step::String { at, length, place, damage } => (at, length, damage, Some(place)),
+            };
+            self.damage(damage, lanes);
+            let (offset, bytes) = (window.offset + at as u64, &window.bytes[at..at + length]);
+            let arrival = self.arrival(offset + length as u64);
+            self.marks.push(Mark { end: at + length, length, is_frame: place.is_none() });
+            match place {
+                None => self.frame(offset, bytes, arrival, lanes),
+                Some(place) => {
+                    self.counts.string(place);
+                    lanes.add_string(Text { offset, arrival, place, bytes: bytes.into() });
+                }
+            }
+        }
+        self.counts.checksum_errors = self.scanner.checksum_errors;
+        let end = self.scanner.at();
+        if let Some(recorder) = recorder {
+            #[allow(clippy::cast_possible_truncation)] // a position in the window
+            let decided = &window.bytes[..(end - window.offset) as usize];
+            recorder.offer(decided, window.offset, &self.pieces, &self.marks);
+        }
+        self.pieces.drain(..self.pieces.partition_point(|piece| piece.end <= end));
+        self.undecided = undecided;
+        self.undecided.release(end);
+    }
+
+    /// When the byte before this position arrived.
+    fn arrival(&self, end: u64) -> i64 {
+        let at = self.pieces.partition_point(|piece| piece.end < end);
+        self.pieces.get(at).map_or(0, |piece| piece.arrival)
+    }
+
+    fn damage(&mut self, damage: Option<Damage>, lanes: &mut Lanes) {
+        self.counts.damage(damage);
+        if let Some(damage) = damage {
+            lanes.add_event(Event::Damage(damage));
+        }
+    }
+
+    fn frame(&mut self, offset: u64, bytes: &[u8], arrival: i64, lanes: &mut Lanes) {
+        let frame = Frame::of(bytes);
+        let is_wanted = self.is_wanted(frame.bid);
+        let clock = self.clocks.of(frame.bid);
+        if frame.mid == table::MTDATA2 && is_well_formed(frame.payload) {
+            let stamps = Stamps::read(frame.payload);
+            let moment = clock.sample(stamps);
+            self.counts.sample(frame.payload, moment.lost);
+            let host_time = if moment.seconds.is_nan() {
+                f64::NAN
+            } else {
+                let clock = self.host_clocks.entry(device_of(frame.bid)).or_default();
+                clock.update(moment.seconds, arrival + self.epoch, stamps.lead())
+            };
+            if is_wanted {
+                #[allow(clippy::cast_possible_truncation)] // at most 65535 and a header
+                let length = bytes.len() as u32;
+                let (bid, leads) = (frame.bid, stamps.lead());
+                let sample = Sample { offset, length, bid, leads, arrival, moment, host_time };
+                lanes.add_sample(sample, bytes);
+            }
+            return;
+        }
+        if let Some(change) = Change::of(frame.mid, frame.payload) {
+            clock.change(change);
+        }
+        self.counts.message(frame);
+        let is_early = self.early.contains(&offset);
+        self.early.retain(|early| *early > offset);
+        if is_wanted && !is_early {
+            lanes.add_event(Event::Message { offset, bytes: bytes.into() });
+        }
+    }
+
+    /// The messages in the undecided bytes, as if the stream ended with them. They are not handed out again. The bytes stay
+    /// undecided: they may be part of a longer frame.
+    pub(super) fn early_messages(&mut self) -> Vec<Event> {
+        let undecided = self.undecided.window(true);
+        let mut scanner = Scanner::new(LONGEST_PAYLOAD);
+        scanner.expect(self.scanner.expected());
+        let mut found = vec![];
+        for item in scanner.items(Window { offset: 0, ..undecided }) {
+            let Item::Frame { offset: start, frame } = item else { continue };
+            let offset = undecided.offset + start;
+            if frame.mid != table::MTDATA2 && self.is_wanted(frame.bid) && !self.early.contains(&offset) {
+                self.early.push(offset);
+                #[allow(clippy::cast_possible_truncation)] // a position in the window
+                let bytes = &undecided.bytes[start as usize..];
+                let length = Header::read(bytes).map_or(0, |header| header.frame());
+                found.push(Event::Message { offset, bytes: bytes[..length].into() });
+            }
+        }
+        found
+    }
+
+    /// Whether frames with this bus identifier are handed out.
+    const fn is_wanted(&self, bid: u8) -> bool {
+        self.bid == MASTER || bid == MASTER || device_of(bid) == device_of(self.bid)
+    }
+}
