@@ -9,18 +9,22 @@ import numpy.typing as npt
 __all__ = [
     "Acquisition",
     "ArrowStream",
+    "Block",
+    "BlockDecoder",
+    "Cancel",
     "ClockStep",
     "Column",
     "DamageArrays",
-    "Decoder",
     "EncodedFrames",
+    "Events",
     "GapArrays",
     "HostClock",
     "MessageArrays",
     "Packet",
     "Part",
     "Reader",
-    "Received",
+    "ReceivedSample",
+    "ReceivedString",
     "RequestScanner",
     "RestartArrays",
     "SampleClock",
@@ -29,6 +33,7 @@ __all__ = [
     "ScannedString",
     "Scanner",
     "StringArrays",
+    "Waiting",
     "__version__",
     "configuration",
     "damage_reasons",
@@ -377,23 +382,6 @@ class Reader:
         """Returns what has been read since the last call."""
 
 @final
-class Decoder:
-    """Decodes a log that is pushed in pieces."""
-
-    def __new__(
-        cls, limit: int, wanted: list[tuple[str, str | None]] | None, strings: int = 0
-    ) -> Decoder:
-        """Creates a decoder at the beginning of a log. Arguments as for `Reader`.
-
-        Raises:
-            ValueError: No such quantity.
-        """
-    def feed(self, data: bytes) -> None:
-        """Decodes all that can be decided with these bytes, without the GIL."""
-    def take(self) -> Part:
-        """Returns what has been decoded since the last call."""
-
-@final
 class Part:
     """A part of a log, or all of it. Arrays are read-only."""
 
@@ -569,76 +557,151 @@ class Column:
 
 @final
 class Acquisition:
-    """Receives a stream of bytes in its own thread, without the GIL; counts, queues and records it.
+    """Receives a stream of bytes in its own thread, without the GIL; scans, counts, queues and records it.
 
     The thread reads a duplicate of a descriptor. The original stays as it is, and can be used for writing and
     for settings, but must not be read. The port is free again once the stream has ended: after `close`, or
     after it was unplugged.
 
-    Received bytes wait in a queue until `read` takes them. When the queue is full the oldest pieces are
-    dropped and counted in ``dropped_bytes``; counts and recordings are complete in any case.
+    Samples, strings and events (messages and damage) wait in three lanes until they are taken. When a lane is
+    full its oldest entries are dropped and counted in ``stats``; counts and recordings are complete in any
+    case. Bytes that may be part of an incomplete frame wait for the rest of it.
 
-    Arrivals are nanoseconds on the host's steady clock: on Unix that of `time.monotonic_ns`.
+    Arrivals are seconds on the clock of the stream: that of `time.monotonic` for a port. All methods may be
+    called from any thread. In a forked process the stream has ended.
     """
 
-    def __new__(cls, fd: int | None, *, bound: int = 24_000_000, strings: int = 0) -> Acquisition:
+    def __new__(
+        cls,
+        fd: int | None,
+        *,
+        bid: int = 255,
+        bound: int = 24_000_000,
+        strings: int = 0,
+        epoch: int | None = None,
+    ) -> Acquisition:
         """Starts to read.
 
         Args:
             fd: A descriptor; None for a stream that is passed to `push`.
-            bound: Most bytes in the queue; the default is 60 s at 4 Mbaud.
+            bid: Bus identifier of the device whose frames are handed out, 255 for all. All are counted.
+            bound: Most bytes in each lane; the default is 60 s at 4 Mbaud.
             strings: See `Scanner`.
+            epoch: Nanoseconds to add to an arrival for ns since 1970; None for the clock `time.monotonic`.
 
         Raises:
             OSError: The descriptor cannot be read, or ports of this system have none.
         """
     def open(self, fd: int) -> None:
-        """Continues with another descriptor after the end, in the same queue, counts and recording.
+        """Continues with another descriptor after the end, in the same lanes, counts and recording.
 
         Raises:
             OSError: The descriptor cannot be read.
             RuntimeError: The stream has not ended.
         """
-    def read(self, timeout: float | None = None, *, least: int = 1) -> Received | None:
-        """Takes all that is queued; waits, without the GIL, until there is enough.
-
-        Args:
-            timeout: Most seconds to wait; None for no limit. When it is over, all that is queued is taken.
-            least: Bytes to wait for, at most half of the queue's bound. With more than one they may be
-                returned a millisecond later, which costs less CPU time.
-
-        Returns:
-            The bytes; None once the stream has ended and the queue is empty: `ended` is the reason.
-
-        Raises:
-            ValueError: The timeout is not a number of seconds.
-        """
-    def push(self, data: bytes) -> bool:
-        """Adds bytes that have just been received; returns False if the stream has ended."""
+    def push(self, data: bytes, arrival: float | None = None) -> bool:
+        """Adds bytes that arrived at ``arrival``, or now; returns False if the stream has ended."""
     def resume(self) -> None:
-        """Continues after the end with what is pushed, in the same queue, counts and recording.
+        """Continues after the end with what is pushed, in the same lanes, counts and recording.
 
         Raises:
             RuntimeError: The stream has not ended.
         """
+    def interrupt(self) -> None:
+        """Decides the bytes of an incomplete frame, of which no more will come: they are damage."""
     def end(self, reason: str) -> None:
-        """Ends the stream; what is queued can still be read."""
+        """Ends the stream; what waits can still be taken."""
     @property
     def ended(self) -> str | None:
         """Why the stream has ended; None if it has not."""
     @property
     def epoch(self) -> int:
         """Nanoseconds to add to an arrival for ns since 1970; the same for all of the stream."""
-    def stats(self) -> dict[str, Any]:
-        """Returns counts of all that was received, and the state of the queue.
+    @property
+    def bid(self) -> int:
+        """Bus identifier of the device whose frames are handed out; 255 for all."""
+    def wait(
+        self,
+        timeout: float,
+        *,
+        samples: int | None = None,
+        strings: bool = False,
+        events: int | None = None,
+        cancel: Cancel | None = None,
+    ) -> bool:
+        """Waits, without the GIL, for one of what the arguments name, or for the end of the stream.
 
-        Keys: ``bytes``, ``frames``, ``samples``, ``messages``, ``malformed``, ``checksum_errors``,
-        ``skipped_bytes``, ``lost_samples`` and ``gaps`` as in `xbus.Stats`; ``strings``, strings by name,
-        empty for those that the manual does not list; ``quantities``, packets by data identifier without
-        format bits; ``errors`` and ``warnings``, the number of these messages, and ``last_error``, the last
-        of them in words or None; ``queued_bytes``, ``most_queued_bytes`` and ``dropped_bytes`` of the queue;
-        ``overruns``, how often the driver or its chip had no room for a byte, None if the system does not
-        count them; ``last_arrival`` in ns, or None.
+        Any number of threads may wait; each is woken for what it needs.
+
+        Args:
+            timeout: Most seconds to wait.
+            samples: Wait until this number of samples waits to be taken, or as many as fit. With more than
+                one they may arrive a millisecond later, which costs less CPU time.
+            strings: Wait until a string waits to be taken.
+            events: Wait until more events were added than this number: see `take_events`.
+            cancel: `cancel` with the same object ends the wait.
+
+        Returns:
+            Whether the wait ended before its time.
+
+        Raises:
+            ValueError: The timeout is not a number of seconds.
+        """
+    def cancel(self, cancel: Cancel) -> None:
+        """Ends all waits with this object, those to come included."""
+    @property
+    def waiting(self) -> Waiting:
+        """What waits to be taken."""
+    def take_sample(self) -> ReceivedSample | None:
+        """Takes the oldest sample; None if none waits."""
+    def take_string(self) -> ReceivedString | None:
+        """Takes the oldest string; None if none waits."""
+    def take_events(self, *, early: bool = False) -> Events:
+        """Takes all messages that are not samples, and all damage.
+
+        Args:
+            early: Whether to return also messages among the bytes that may still be part of a longer frame.
+                Each message is returned once.
+        """
+    def mark_data(self) -> None:
+        """Adds an event before the next sample or string, as happens after each message."""
+    def block_decoder(self, wanted: list[tuple[str, str | None]] | None = None) -> BlockDecoder:
+        """Returns a decoder for `take_block`, which counts samples from its first block on.
+
+        Args:
+            wanted: Quantities to keep, as for `Reader`.
+
+        Raises:
+            ValueError: No such quantity.
+        """
+    def take_block(self, decoder: BlockDecoder, samples: int | None = None) -> Block | None:
+        """Takes and decodes samples and the strings between them, without the GIL.
+
+        Args:
+            decoder: The decoder of the blocks before.
+            samples: How many; None if fewer wait. Without a number, all that wait.
+        """
+    def take_all(self) -> list[ScannedFrame | ScannedString | ScannedDamage] | None:
+        """Takes everything that waits, in order; None once nothing waits and the stream has ended."""
+    def clear_data(self, counted: bool) -> None:
+        """Removes the samples and strings that wait; they count as dropped if ``counted``."""
+    def stats(self, now: float) -> dict[str, Any]:
+        """Returns counts of all that was received, and the state of the lanes.
+
+        Args:
+            now: The time on the clock of the stream.
+
+        Returns:
+            ``counts``, a dict with ``bytes``, ``frames``, ``samples``, ``messages``, ``malformed``,
+            ``checksum_errors`` and ``skipped_bytes`` as in `xbus.Stats`; ``losses``, a dict with ``samples``
+            and ``gaps``; ``strings``, strings by name, empty for those that the manual does not list;
+            ``quantities``, packets by data identifier without format bits; ``errors`` and ``warnings``, the
+            number of these messages, and ``last_error``, the last of them in words or None.
+            ``rates``, a dict with ``quantities`` and ``strings`` in Hz, over the last two seconds.
+            ``queued``, bytes that wait, and ``unread``, samples that wait; ``dropped``, a dict with the
+            ``samples``, ``strings`` and ``messages`` that were dropped unread; ``last_arrival`` in ns, or
+            None; ``overruns``, how often the driver or its chip had no room for a byte, None if the system
+            does not count them.
         """
     def record(
         self,
@@ -686,29 +749,113 @@ class Acquisition:
         ``error``, why it failed, or None.
         """
     def stop_recording(self) -> dict[str, Any] | None:
-        """Writes what is queued and ends the recording; returns its last state as `recording` does."""
+        """Ends the recording with the last whole frame, and returns its last state as `recording` does."""
     def close(self) -> None:
-        """Ends the stream, its thread and the recording. What is queued can still be read."""
+        """Ends the stream, its thread and the recording. What waits can still be taken."""
 
 @final
-class Received:
-    """Bytes that an `Acquisition` received. Arrays are read-only."""
+class Cancel:
+    """Ends waits of `Acquisition.wait`."""
+
+    def __new__(cls) -> Cancel: ...
+    @property
+    def is_set(self) -> bool:
+        """Whether it was used."""
+
+@final
+class Waiting:
+    """What waits to be taken from an `Acquisition`."""
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+    @property
+    def strings(self) -> int:
+        """Number of strings."""
+    @property
+    def last_sample(self) -> float | None:
+        """When the newest sample arrived, taken or not; None before the first."""
+    @property
+    def last_arrival(self) -> float | None:
+        """When the newest bytes arrived; None before the first."""
+    @property
+    def dropped_samples(self) -> int:
+        """Number of samples dropped unread."""
+
+@final
+class Events:
+    """Messages and damage from an `Acquisition`."""
+
+    @property
+    def items(self) -> list[ScannedFrame | ScannedDamage | None]:
+        """The events in order; None stands for the first sample or string after a message."""
+    @property
+    def added(self) -> int:
+        """Number of events that were ever added."""
+
+@final
+class ReceivedSample:
+    """A sample from an `Acquisition`."""
 
     @property
     def offset(self) -> int:
-        """Position of the first byte in the stream.
+        """Where its frame begins, in bytes from the start of the stream."""
+    @property
+    def bid(self) -> int:
+        """Bus identifier."""
+    @property
+    def payload(self) -> bytes:
+        """Its packets."""
+    @property
+    def time(self) -> float:
+        """Seconds on the device clock, unwrapped; NaN without a time stamp."""
+    @property
+    def leads(self) -> bool:
+        """Whether it arrived when it was measured."""
+    @property
+    def arrival(self) -> float:
+        """When its last byte arrived, in seconds on the clock of the stream."""
+    @property
+    def host_time(self) -> float:
+        """When it was measured, in seconds since 1970 on the clock of the host; NaN if that is not known."""
 
-        Greater than the end of the bytes taken before if the queue was full.
-        """
+@final
+class ReceivedString:
+    """A string from an `Acquisition`."""
+
+    @property
+    def offset(self) -> int:
+        """Where it begins, in bytes from the start of the stream."""
+    @property
+    def place(self) -> int | None:
+        """Its index in `strings`; None for one that the manual does not list."""
     @property
     def data(self) -> bytes:
-        """The bytes."""
+        """Its bytes, including the end of its line."""
     @property
-    def ends(self) -> npt.NDArray[np.int64]:
-        """Where each of the pieces that arrived together ends in ``data``, ``(n,)``."""
+    def arrival(self) -> float:
+        """When its last byte arrived, in seconds on the clock of the stream."""
+
+@final
+class BlockDecoder:
+    """Decodes the blocks of an `Acquisition`, which makes it."""
+
+@final
+class Block:
+    """Samples of an `Acquisition`, and the strings between them. Arrays are read-only."""
+
     @property
-    def arrivals(self) -> npt.NDArray[np.int64]:
-        """When each piece had arrived, in ns, ``(n,)``."""
+    def part(self) -> Part:
+        """The samples and strings as a part of a log."""
+    @property
+    def host_time(self) -> npt.NDArray[np.float64]:
+        """Seconds since 1970 of each sample, NaN if not known, ``(n,)``."""
+    @property
+    def string_time(self) -> npt.NDArray[np.float64]:
+        """Seconds since 1970 at which each string arrived, ``(n,)``."""
+    @property
+    def clocks(self) -> list[tuple[int, HostClock]]:
+        """The clock of the host for each device, by bus identifier."""
 
 @final
 class ArrowStream:

@@ -1,27 +1,27 @@
-"""A session over a link: sends commands, returns their answers, and queues samples meanwhile."""
+"""A session over a link: sends commands, and waits for their answers and for data."""
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable
-from dataclasses import replace
-from functools import partial
-from typing import Any, NoReturn
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NoReturn, Protocol
 
-from xbus.device.events import Notice, Refusal, Reply, SessionEvent
+from xbus import _core
+from xbus.device.events import Notice, Refusal, Reply
 from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Session
-from xbus.device.timing import HostClocks
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import BITS_PER_BYTE, State
 from xbus.wire.link import Link
-from xbus.wire.strings import String
+from xbus.wire.strings import String, type_at
 
-__all__ = ["Channel"]
+__all__ = ["Channel", "Trace"]
 
 #: Seconds to wait for the answer to a command, as the vendor's software has them.
 TIMEOUTS = {
@@ -43,261 +43,101 @@ DEVICE_BUFFER = 4096
 LISTEN_SECONDS, PROBE_SECONDS = 0.25, 0.35
 #: Maximum seconds from an unanswered WakeUp to the first sample: 0.5 (section 4), and a margin.
 WAKE_UP_SECONDS = 1.5
-#: Seconds of silence after which an incomplete frame counts as damage.
+#: Seconds of silence after which a command looks for its answer behind an incomplete frame.
 SILENCE_SECONDS = 0.1
 #: Seconds between two attempts to open a port that was lost.
 REOPEN_INTERVAL = 0.1
-#: Minimum seconds to wait for the thread that receives.
-TURN_SECONDS = 0.01
-#: Maximum number of unread samples: those of a minute at 4 Mbaud.
-MAX_UNREAD_SAMPLES = 1_000_000
-#: Maximum number of unread strings.
-MAX_UNREAD_STRINGS = 100_000
+#: Maximum number of threads that wait for an event loop, for one device.
+ASYNC_WAITS = 16
+
+
+class Trace(Protocol):
+    """Follows the messages between host and device."""
+
+    def sent(self, data: bytes) -> None:
+        """Takes note of bytes that were sent."""
+
+    def received(self, item: _core.ScannedFrame | _core.ScannedDamage) -> None:
+        """Takes note of a message or damaged bytes that were received, but not of samples and strings."""
 
 
 class Channel:
-    """Sends the commands of a session over a link, and queues what the device sends.
+    """Sends the commands of a session over a link, and waits for answers and data.
 
-    Several threads may use a channel: one can wait for samples while another sends commands. The thread that
-    receives bytes also queues what the others wait for.
+    Several threads may use a channel. Samples and strings stay in the queues of the link until they are read,
+    so a reader does not delay a command, nor a command a reader.
 
     Attributes:
         link: The link.
         session: The session.
-        samples: Unread samples, the oldest first.
-        strings: Unread strings, the oldest first.
         notices: The latest 100 messages that answer no command.
-        lost_samples: Samples dropped because a million newer ones were unread.
-        lost_strings: Strings dropped because 100,000 newer ones were unread.
         device_id: Device identifier, once it is read.
+        trace: Follows the messages, or None.
     """
 
-    def __init__(self, link: Link, session: Session, *, reconnect: bool = False) -> None:
+    def __init__(self, link: Link, *, reconnect: bool = False) -> None:
         self.link = link
-        self.session = session
+        self.session = Session(bid=link.acquisition.bid)
         self.device_id: int | None = None
+        self.trace: Trace | None = None
+        self.notices: deque[Notice] = deque(maxlen=100)
+        if link.trouble is not None:
+            self.notices.append(Notice("Port", link.trouble, b"", self.session.bid, None))
         self._reconnects = reconnect
         #: When the port was lost, and the state of the device then; None once it is back.
         self._lost: tuple[float, State] | None = None
-        self._is_reconnecting = False
-        self.samples: deque[Sample] = deque()
-        self.strings: deque[String] = deque()
-        self.notices: deque[Notice] = deque(maxlen=100)
-        self.lost_samples = self.lost_strings = 0
-        self._host_clocks = HostClocks(link.epoch)
-        if link.trouble is not None:
-            self.notices.append(Notice("Port", link.trouble, b"", session.bid, None))
-        #: Pieces taken from the queue of the link, and the arrival of each.
-        self._pieces: deque[tuple[bytes, float]] = deque()
+        self._is_disconnected = self._is_closed = self._is_reconnecting = False
+        #: Number of times that the port was lost.
+        self._losses = 0
         self._answers: deque[Reply | Refusal] = deque()
-        self._heard_at = link.clock()
-        self._is_disconnected = False
-        self._receiving = threading.Lock()
+        #: Number of messages, and first samples or strings after one.
+        self._heard = 0
+        #: Whether settings have changed since the last measurement began.
+        self._has_new_settings = False
+        self._handling = threading.RLock()
         self._commanding = threading.RLock()
+        self._reconnecting = threading.RLock()
+        self._executor: ThreadPoolExecutor | None = None
 
-    # Bytes
+    # Events
 
     @property
-    def waiting_bytes(self) -> int:
-        """Bytes taken from the queue of the link that the session has not received yet."""
-        return sum(len(piece) for piece, _ in self._pieces.copy())
+    def state(self) -> State:
+        """The state of the device as of the last byte that arrived."""
+        self.handle_events()
+        return self.session.state
 
-    def receive(self, timeout: float, command: str | None = None) -> bool:
-        """Receives one piece of bytes.
+    def handle_events(self, *, early: bool = False) -> int:
+        """Handles the messages that have arrived, and returns the number of events that were ever added.
 
         Args:
-            timeout: Seconds to wait for it.
-            command: The command that waits, for error messages.
-
-        Returns:
-            Whether a piece was received, here or possibly by another thread.
+            early: Whether to look for messages also behind an incomplete frame, which may contain them.
         """
-        if not self._receiving.acquire(timeout=max(timeout, TURN_SECONDS)):
-            return True
-        try:
-            if not self._pieces:
-                self._reopen(command)
-                try:
-                    self._pieces.extend(self.link.read(timeout).pieces())
-                except OSError as error:
-                    self._disconnect(error, command)
-            if self._pieces:
-                # One piece at a time: a minute of data would become a million objects at once.
-                piece, self._heard_at = self._pieces.popleft()
-                self._keep(self.session.receive(piece), self._heard_at)
-                return True
-            if self.link.clock() - self._heard_at >= SILENCE_SECONDS:
-                self._keep(self.session.quiet())
-            return False
-        finally:
-            self._receiving.release()
+        with self._handling:
+            events = self.link.acquisition.take_events(early=early)
+            for item in events.items:
+                self._handle(item)
+            return events.added
 
-    def send(self, data: bytes, command: str) -> None:
-        """Sends bytes."""
-        self._reopen(command)
-        try:
-            self.link.write(data)
-        except OSError as error:
-            self._disconnect(error, command)
+    def _handle(self, item: _core.ScannedFrame | _core.ScannedDamage | None) -> None:
+        self._heard += not isinstance(item, _core.ScannedDamage)
+        if item is None:
+            self.session.handle_data()
+            return
+        if self.trace is not None:
+            self.trace.received(item)
+        event = self.session.handle(item)
+        if isinstance(event, Notice):
+            self.notices.append(event)
+        elif isinstance(event, Reply | Refusal):
+            self._answers.append(event)
 
-    def _keep(self, events: Iterable[SessionEvent], arrival: float | None = None) -> None:
-        for event in events:
-            if isinstance(event, Sample):
-                event.arrival = arrival
-                if len(self.samples) >= MAX_UNREAD_SAMPLES:
-                    self.samples.popleft()
-                    self.lost_samples += 1
-                self.samples.append(event)
-            elif isinstance(event, String):
-                if len(self.strings) >= MAX_UNREAD_STRINGS:
-                    self.strings.popleft()
-                    self.lost_strings += 1
-                self.strings.append(replace(event, arrival=arrival))
-            elif isinstance(event, Notice):
-                self.notices.append(event)
-            else:
-                self._answers.append(event)
-
-    def take_sample(self) -> Sample:
-        """Removes the oldest unread sample and returns it, with its host time.
-
-        Raises:
-            IndexError: All samples are read.
-        """
-        sample = self.samples.popleft()
-        sample.host_time = self._host_clocks.host_time(sample)
-        return sample
-
-    def _disconnect(self, error: OSError, command: str | None) -> NoReturn:
-        self._keep(self.session.quiet())
-        if self._lost is None:
-            self._lost = self.link.clock(), self.session.state
+    def forget_state(self) -> None:
+        """Makes the state unknown, until something is heard."""
         self.session.forget()
-        self._is_disconnected = True
-        what = f"during {command}" if command else "while listening"
-        raise Disconnected(
-            f"{self.link.name} was lost {what}: {error}; check the cable; the next command opens the port"
-            " again",
-            command,
-        ) from error
+        self.link.acquisition.mark_data()
 
-    def _reopen(self, command: str | None) -> None:
-        """Opens the port again if it was lost."""
-        if self._is_disconnected:
-            try:
-                self.link.reopen()
-            except OSError as error:
-                self._disconnect(error, command)
-            self._is_disconnected = False
-            if not self._is_reconnecting:
-                self._lost = None
-
-    # Commands
-
-    def command(self, name: str, value: Any) -> Reply:
-        """Sends a command and waits for its answer: see `Device.command`."""
-        with self._commanding:  # one command at a time, so that answers are not mixed up
-            return self._command(name, value)
-
-    def _command(self, name: str, value: Any) -> Reply:
-        if self.session.state == State.UNKNOWN and name not in ("GoToConfig", "Reset", PROBE):
-            self.find_state()
-        timeout, tries = self._timeout_and_tries(name)
-        for _ in range(tries):
-            frame = self.session.request(name, value)
-            try:
-                self.send(frame, name)
-                if MESSAGES[name].reply is None:
-                    return Reply(name, None, b"")
-                if (answer := self._answer(name, timeout)) is not None:
-                    break
-            finally:
-                self.session.abandon()  # also after Ctrl-C, or no other command could be sent
-        else:
-            waited = timeout * tries
-            raise XbusTimeout(
-                f"no answer to {name} from {self.link.name} within {waited:g} s; check that the device is"
-                f" powered and uses {self.link.baudrate} baud",
-                name,
-                waited,
-            )
-        if isinstance(answer, Refusal):
-            raise answer.error
-        return answer
-
-    def _timeout_and_tries(self, name: str) -> tuple[float, int]:
-        """Returns how long to wait for an answer, in seconds, and how often to send the command."""
-        # On a slow line that is full, the answer follows all bytes that wait in the device.
-        full = self.link.is_line and self.session.state != State.CONFIG
-        behind = DEVICE_BUFFER * BITS_PER_BYTE / self.link.baudrate if full else 0.0
-        if name == "GoToConfig":
-            return CONFIG_TIMEOUT, CONFIG_TRIES + math.ceil(behind / CONFIG_TIMEOUT)
-        known = self.session.support
-        slow = known is None or known.product.series == "1-series"
-        return TIMEOUTS.get(name, SLOW_TIMEOUT if slow else TIMEOUT) + behind, 1
-
-    def _answer(self, name: str, timeout: float) -> Reply | Refusal | None:
-        """Returns the answer to the pending command, or None if there is none in time."""
-        until = self.link.clock() + timeout
-        while True:
-            while self._answers:
-                answer = self._answers.popleft()
-                if answer.command == name:
-                    return answer
-            left = until - self.link.clock()
-            has_received = self.receive(max(0.0, min(left, SILENCE_SECONDS)), name)
-            # The answer may follow many queued bytes: its arrival counts, not when it is read.
-            if left <= 0 and (not has_received or self._heard_at > until):
-                return None
-
-    # The state
-
-    def find_state(self) -> bool:
-        """Finds out the state without changing it: listens, then asks. Returns whether anything was heard."""
-        heard = self._listen(LISTEN_SECONDS)
-        if self.session.state == State.WAKEUP:
-            # The device goes on to Measurement State or, if another program answers, to Config State.
-            self.wait_for(lambda: self.session.state != State.WAKEUP, WAKE_UP_SECONDS)
-            if self.session.state == State.WAKEUP:
-                self.session.forget()
-        if self.session.state == State.UNKNOWN:
-            self.send(self.session.request(PROBE), PROBE)
-            answer = self._answer(PROBE, PROBE_SECONDS)
-            self.session.abandon()
-            heard = heard or answer is not None or self.session.state != State.UNKNOWN
-        return heard
-
-    def find(self, baudrates: Iterable[int]) -> None:
-        """Tries one baud rate after the other, and keeps the first at which it hears the device.
-
-        Raises:
-            XbusTimeout: Nothing was heard at any of them.
-        """
-        start, tried = self.link.clock(), []
-        for rate in baudrates:
-            self.link.baudrate = rate
-            if self.find_state():
-                return
-            tried.append(str(rate))
-        raise XbusTimeout(
-            f"nothing was heard on {self.link.name} at {', '.join(tried)} baud; check that the device is"
-            " powered and connected, and that no other program, such as ModemManager, uses the port;"
-            " xbus restore recovers a device that answers at no baud rate",
-            None,
-            self.link.clock() - start,
-        )
-
-    def _listen(self, seconds: float) -> bool:
-        """Returns whether a message or string comes within some seconds."""
-        samples, notices = len(self.samples) + self.lost_samples, len(self.notices)
-        return self.wait_for(
-            lambda: (
-                self.session.state != State.UNKNOWN
-                or len(self.samples) + self.lost_samples > samples
-                or len(self.notices) > notices
-            ),
-            seconds,
-        )
+    # Waiting
 
     def wait_for(
         self,
@@ -306,43 +146,144 @@ class Channel:
         command: str | None = None,
         *,
         reopen: bool = False,
+        samples: int | None = None,
+        strings: bool = False,
+        cancel: _core.Cancel | None = None,
     ) -> bool:
-        """Receives until a condition holds, and returns whether it does in time.
+        """Waits until a condition holds, and returns whether it does in time.
 
         Args:
-            condition: Checked after each piece.
+            condition: Checked after each event, and when what the next arguments name has arrived.
             seconds: How long to wait.
             command: The command that waits, for error messages.
             reopen: Whether the port may disappear and come back meanwhile, as that of a USB device does when
                 it restarts.
+            samples: Check the condition when this number of samples is unread.
+            strings: Check the condition when a string is unread.
+            cancel: Ends the wait.
+
+        Raises:
+            Disconnected: The port is gone, or was closed.
         """
         until = self.link.clock() + seconds
-        while not condition():
-            if (left := until - self.link.clock()) <= 0:
+        losses = None
+        while True:
+            seen = self.handle_events()
+            if condition():
+                return True
+            if (left := until - self.link.clock()) <= 0 or (cancel is not None and cancel.is_set):
                 return False
             try:
-                self.receive(min(left, SILENCE_SECONDS), command)
+                losses = self._open(command) if losses is None else losses
+                self._check_connection(losses, command)
+                self.link.wait(left, samples=samples, strings=strings, events=seen, cancel=cancel)
             except Disconnected:
+                losses = None
+                if self._is_closed:
+                    raise
                 if self._reconnects and command is None:
-                    self._reconnect()
+                    self._reconnect(cancel)
                     until = self.link.clock() + left
                 elif reopen:
                     self.link.pause(min(left, REOPEN_INTERVAL))
                 else:
                     raise
-        return True
 
-    def _reconnect(self) -> None:
+    async def wait_async(self, wait: Callable[[_core.Cancel], object]) -> None:
+        """Waits in a thread. A cancellation ends the wait at once."""
+        if self._executor is None:
+            self._executor = ThreadPoolExecutor(ASYNC_WAITS, thread_name_prefix="xbus-wait")
+        cancel = _core.Cancel()
+        try:
+            await asyncio.get_running_loop().run_in_executor(self._executor, wait, cancel)
+        finally:
+            self.link.acquisition.cancel(cancel)
+
+    # The connection
+
+    def send(self, data: bytes, command: str) -> None:
+        """Sends bytes.
+
+        Raises:
+            Disconnected: The port is gone, or was closed.
+        """
+        self._open(command)
+        try:
+            self.link.write(data)
+        except OSError as error:
+            self._disconnect(error, command)
+        if self.trace is not None:
+            self.trace.sent(data)
+
+    def close(self) -> None:
+        """Closes the link, and ends all waits with Disconnected."""
+        self._is_closed = True
+        self.link.close()
+        if self._executor is not None:
+            self._executor.shutdown(wait=False)
+
+    def _open(self, command: str | None) -> int:
+        """Opens the port again if it was lost. Returns how often that has happened.
+
+        Raises:
+            Disconnected: The port cannot be opened, or was closed.
+        """
+        if self._is_closed:
+            self._refuse_closed(command)
+        with self._handling:
+            if self._is_disconnected:
+                try:
+                    self.link.reopen()
+                except OSError as error:
+                    self._disconnect(error, command)
+                self._is_disconnected = False
+                if not self._is_reconnecting:
+                    self._lost = None
+            return self._losses
+
+    def _check_connection(self, losses: int, command: str | None) -> None:
+        """Raises Disconnected if the port was lost or closed since `_open` returned this number."""
+        if self._is_closed:
+            self._refuse_closed(command)
+        ended = self.link.acquisition.ended
+        if ended is not None or losses != self._losses:
+            self._disconnect(ConnectionResetError(ended or "another thread lost it"), command)
+
+    def _refuse_closed(self, command: str | None) -> NoReturn:
+        raise Disconnected(f"{self.link.name} was closed; connect() opens it again", command)
+
+    def _disconnect(self, error: OSError, command: str | None) -> NoReturn:
+        with self._handling:
+            self.handle_events()
+            if not self._is_disconnected:
+                self._losses += 1
+                if self._lost is None:
+                    self._lost = self.link.clock(), self.session.state
+                self.forget_state()
+                self._is_disconnected = True
+        what = f"during {command}" if command else "while listening"
+        raise Disconnected(
+            f"{self.link.name} was lost {what}: {error}; check the cable; the next command opens the port"
+            " again",
+            command,
+        ) from error
+
+    def _reconnect(self, cancel: _core.Cancel | None) -> None:
         """Waits until the device is back, and restores the state that it had."""
-        while not self.try_reconnect():
-            pass
+        with self._reconnecting:
+            while self._is_disconnected or self._lost is not None:
+                if self._is_closed:
+                    self._refuse_closed(None)
+                if self.try_reconnect() or (cancel is not None and cancel.is_set):
+                    return
 
     def try_reconnect(self) -> bool:
         """Tries once to reach the device and to restore the state that it had. Returns whether it is back."""
-        if self.link.acquisition.ended is not None and not self._is_disconnected:
-            # A reader that uses the link without this channel, such as a recording, has seen its end.
+        ended = self.link.acquisition.ended
+        if ended is not None and not self._is_disconnected:
+            # A program that does not read, such as a recording, has seen the end.
             with contextlib.suppress(Disconnected):
-                self._disconnect(ConnectionResetError(self.link.acquisition.ended), None)
+                self._disconnect(ConnectionResetError(ended), None)
         lost_at, state = self._lost or (self.link.clock(), self.session.state)
         self.link.pause(REOPEN_INTERVAL)
         self._is_reconnecting = True  # a second loss keeps the state of the first
@@ -362,39 +303,199 @@ class Channel:
         finally:
             self._is_reconnecting = False
 
-    def wait_for_samples(self, count: int, timeout: float) -> None:
+    # Commands
+
+    def command(self, name: str, value: Any) -> Reply:
+        """Sends a command and waits for its answer: see `Device.command`."""
+        with self._commanding:  # one command at a time, so that answers are not mixed up
+            reply = self._command(name, value)
+            if name.startswith("Set") or name == "RestoreFactoryDef":
+                self._has_new_settings = True
+            return reply
+
+    def _command(self, name: str, value: Any) -> Reply:
+        if self.state == State.UNKNOWN and name not in ("GoToConfig", "Reset", PROBE):
+            self.find_state()
+        if name in ("GoToMeasurement", "Reset") and self._has_new_settings:
+            # Samples of the next measurement must not follow those with the settings before.
+            self.link.acquisition.clear_data(counted=True)
+            self._has_new_settings = False
+        timeout, tries = self._timeout_and_tries(name)
+        for _ in range(tries):
+            frame = self.session.request(name, value)
+            try:
+                self.send(frame, name)
+                if MESSAGES[name].reply is None:
+                    return Reply(name, None, b"")
+                if (answer := self._answer(name, timeout)) is not None:
+                    break
+            finally:
+                self._abandon()  # also after Ctrl-C, or no other command could be sent
+        else:
+            waited = timeout * tries
+            raise XbusTimeout(
+                f"no answer to {name} from {self.link.name} within {waited:g} s; check that the device is"
+                f" powered and uses {self.link.baudrate} baud",
+                name,
+                waited,
+            )
+        if isinstance(answer, Refusal):
+            raise answer.error
+        return answer
+
+    def _abandon(self) -> None:
+        with self._handling:
+            self.session.abandon()
+            if self.session.state == State.UNKNOWN:
+                self.link.acquisition.mark_data()
+
+    def _timeout_and_tries(self, name: str) -> tuple[float, int]:
+        """Returns how long to wait for an answer, in seconds, and how often to send the command."""
+        # On a slow line that is full, the answer follows all bytes that wait in the device.
+        full = self.link.is_line and self.session.state != State.CONFIG
+        behind = DEVICE_BUFFER * BITS_PER_BYTE / self.link.baudrate if full else 0.0
+        if name == "GoToConfig":
+            return CONFIG_TIMEOUT, CONFIG_TRIES + math.ceil(behind / CONFIG_TIMEOUT)
+        known = self.session.support
+        slow = known is None or known.product.series == "1-series"
+        return TIMEOUTS.get(name, SLOW_TIMEOUT if slow else TIMEOUT) + behind, 1
+
+    def _answer(self, name: str, timeout: float) -> Reply | Refusal | None:
+        """Returns the answer to the pending command, or None if there is none in time."""
+        until, losses = self.link.clock() + timeout, self._losses
+        while True:
+            now = self.link.clock()
+            arrived = self.link.acquisition.waiting.last_arrival
+            is_silent = arrived is not None and now - arrived >= SILENCE_SECONDS
+            seen = self.handle_events(early=is_silent or now >= until)
+            while self._answers:
+                answer = self._answers.popleft()
+                if answer.command == name:
+                    return answer
+            if now >= until:
+                return None
+            self._check_connection(losses, name)
+            self.link.wait(min(until - now, SILENCE_SECONDS), events=seen)
+
+    # The state
+
+    def find_state(self) -> bool:
+        """Finds out the state without changing it: listens, then asks. Returns whether anything was heard."""
+        before = self._heard
+        self._listen(LISTEN_SECONDS)
+        if self.session.state == State.WAKEUP:
+            # The device goes on to Measurement State or, if another program answers, to Config State.
+            self.wait_for(lambda: self.session.state != State.WAKEUP, WAKE_UP_SECONDS)
+            if self.session.state == State.WAKEUP:
+                self.forget_state()
+        if self.session.state == State.UNKNOWN:
+            try:
+                self.send(self.session.request(PROBE), PROBE)
+                self._answer(PROBE, PROBE_SECONDS)
+            finally:
+                self._abandon()
+        return self._heard > before
+
+    def find(self, baudrates: Iterable[int], *, restart: bool = False) -> None:
+        """Tries one baud rate after the other, and keeps the first at which it hears the device.
+
+        Args:
+            baudrates: The rates, in bits per second.
+            restart: Whether what was received at the rates before is noise that need not be counted.
+
+        Raises:
+            XbusTimeout: Nothing was heard at any of them.
+        """
+        start, received = self.link.clock(), {}
+        for rate in baudrates:
+            self.link.baudrate = rate
+            if restart and received:
+                self.link.restart()
+            before = self._received_bytes()
+            if self.find_state():
+                return
+            received[rate] = self._received_bytes() - before
+        raise XbusTimeout(_nothing_heard(self.link.name, received), None, self.link.clock() - start)
+
+    def _received_bytes(self) -> int:
+        return int(self.link.acquisition.stats(self.link.clock())["counts"]["bytes"])
+
+    def _listen(self, seconds: float) -> None:
+        """Waits until a message, sample or string comes, or the state is known."""
+        before = self._heard
+        self.link.acquisition.mark_data()
+        self.wait_for(lambda: self.session.state != State.UNKNOWN or self._heard > before, seconds)
+
+    # Data
+
+    def take_sample(self) -> Sample | None:
+        """Removes the oldest unread sample and returns it; None if all are read."""
+        received = self.link.acquisition.take_sample()
+        return None if received is None else Sample.of(received)
+
+    def take_string(self) -> String | None:
+        """Removes the oldest unread string and returns it; None if all are read."""
+        received = self.link.acquisition.take_string()
+        if received is None:
+            return None
+        kind = type_at(received.place)
+        return String(kind, received.data, received.offset, arrival=received.arrival)
+
+    def wait_for_samples(
+        self, count: int, timeout: float, cancel: _core.Cancel | None = None
+    ) -> None:
         """Waits until some samples are unread.
 
         Args:
             count: How many.
             timeout: Seconds to wait for each.
+            cancel: Ends the wait.
 
         Raises:
             StateError: The device is in Config State, in which it sends no samples.
+            ValueError: So many samples do not fit into the queue.
             XbusTimeout: No sample came in time.
         """
-        while (unread := len(self.samples)) < count:
-            if self.session.state == State.CONFIG:
-                self._refuse_config("read_sample")
-            if not self.wait_for(partial(self._has_more, unread), timeout):
-                advice = (
-                    "; the device sends strings, which read_string() returns"
-                    if self.strings
-                    else ""
-                )
-                raise XbusTimeout(
-                    f"no sample from {self.link.name} within {timeout:g} s{advice}", None, timeout
-                )
+        acquisition = self.link.acquisition
+        began, dropped = self.link.clock(), self._dropped_samples()
 
-    def _has_more(self, samples: int) -> bool:
-        return len(self.samples) > samples or self.session.state == State.CONFIG
+        def is_over() -> bool:
+            return (
+                acquisition.waiting.samples >= count
+                or self.session.state == State.CONFIG
+                or (count > 1 and self._dropped_samples() > dropped)
+            )
 
-    def wait_for_strings(self, timeout: float, *, samples: bool = False) -> None:
+        while True:
+            arrived = max(began, acquisition.waiting.last_sample or began)
+            left = max(0.0, arrived + timeout - self.link.clock())
+            if self.wait_for(is_over, left, samples=count, cancel=cancel):
+                break
+            if cancel is not None and cancel.is_set:
+                return
+            if (acquisition.waiting.last_sample or began) <= arrived:
+                self._refuse_silence("sample", timeout)
+        if acquisition.waiting.samples >= count:
+            return
+        if self.session.state == State.CONFIG:
+            self._refuse_config("read_sample")
+        raise ValueError(
+            f"{count} samples do not fit into the queue of {self.link.name}; make blocks shorter, or"
+            " increase queue_seconds of connect()"
+        )
+
+    def _dropped_samples(self) -> int:
+        return self.link.acquisition.waiting.dropped_samples
+
+    def wait_for_strings(
+        self, timeout: float, *, samples: bool = False, cancel: _core.Cancel | None = None
+    ) -> None:
         """Waits until a string is unread.
 
         Args:
             timeout: Seconds to wait.
             samples: Whether an unread sample also ends the wait.
+            cancel: Ends the wait.
 
         Raises:
             StateError: The device is in Config State, in which it sends no strings.
@@ -402,13 +503,31 @@ class Channel:
         """
 
         def has_data() -> bool:
-            return bool(self.strings or (samples and self.samples))
+            waiting = self.link.acquisition.waiting
+            return bool(waiting.strings or (samples and waiting.samples))
 
-        if not self.wait_for(lambda: has_data() or self.session.state == State.CONFIG, timeout):
-            what = "nothing" if samples else "no string"
-            raise XbusTimeout(f"{what} from {self.link.name} within {timeout:g} s", None, timeout)
-        if not has_data():
+        if not self.wait_for(
+            lambda: has_data() or self.session.state == State.CONFIG,
+            timeout,
+            samples=1 if samples else None,
+            strings=True,
+            cancel=cancel,
+        ):
+            if cancel is None or not cancel.is_set:
+                self._refuse_silence("data" if samples else "string", timeout)
+        elif not has_data():
             self._refuse_config("read_string")
+
+    def _refuse_silence(self, what: str, timeout: float) -> NoReturn:
+        waiting = self.link.acquisition.waiting
+        advice = ""
+        if what == "sample" and waiting.strings:
+            advice = "; the device sends strings, which read_string() returns"
+        elif what == "string" and waiting.samples:
+            advice = "; the device sends samples, which read_sample() returns"
+        raise XbusTimeout(
+            f"no {what} from {self.link.name} within {timeout:g} s{advice}", None, timeout
+        )
 
     def _refuse_config(self, command: str) -> NoReturn:
         raise StateError(
@@ -416,3 +535,24 @@ class Channel:
             command,
             self.session.state,
         )
+
+
+def _nothing_heard(port: str, received: dict[int, int]) -> str:
+    """Returns the message about a port on which nothing was heard.
+
+    Args:
+        port: Its name.
+        received: Number of bytes received at each baud rate that was tried.
+    """
+    rates = ", ".join(map(str, received))
+    if not any(received.values()):
+        return (
+            f"nothing was heard on {port} at {rates} baud; check that the device is powered and connected,"
+            " and that no other program, such as ModemManager, uses the port; xbus restore recovers a"
+            " device that answers at no baud rate"
+        )
+    counts = ", ".join(f"{count} at {rate} baud" for rate, count in received.items() if count)
+    return (
+        f"bytes arrive on {port}, but no message ({counts}); the baud rate is probably another one than"
+        f" {rates}, or this is not an MTi; xbus restore recovers a device that answers at no baud rate"
+    )

@@ -75,11 +75,11 @@ def connect(
         )
     bound, mask = int(queue_seconds * MAX_BYTES_PER_SECOND), mask_of(strings)
     port = _only_port() if port is None else port
-    link = open_link(port, baudrate or DEFAULT_BAUDRATE, bound, mask)
-    device = Device(link, bid=bid, reconnect=reconnect, strings=mask)
+    link = open_link(port, baudrate or DEFAULT_BAUDRATE, bid=bid, bound=bound, strings=mask)
+    device = Device(link, reconnect=reconnect)
     rates = BAUDRATES if link.is_line else (link.baudrate,)
     try:
-        device.find_baudrate((baudrate,) if baudrate else rates)
+        device.find_baudrate((baudrate,) if baudrate else rates, restart=True)
     except BaseException:
         device.close()
         raise
@@ -103,7 +103,7 @@ def restore_communication(
         XbusTimeout: No device woke up.
         OSError: The port cannot be opened.
     """
-    device = Device(open_link(port, DEFAULT_BAUDRATE), bid=bid)
+    device = Device(open_link(port, DEFAULT_BAUDRATE, bid=bid))
     try:
         device.restore_communication(timeout)
     except BaseException:

@@ -6,12 +6,14 @@ import asyncio
 import contextlib
 import os
 from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
+from functools import partial
+from itertools import count
 from types import TracebackType
 from typing import Any
 
 from xbus.device.baudrate import change_baudrate
 from xbus.device.blocks import Blocks
-from xbus.device.channel import Channel
+from xbus.device.channel import Channel, Trace
 from xbus.device.commands import Commands
 from xbus.device.events import Notice, Reply
 from xbus.device.output_configuration import (
@@ -23,7 +25,7 @@ from xbus.device.recording import Recording, recording_head
 from xbus.device.sample import Sample
 from xbus.device.session import Session
 from xbus.device.settings import Applied, Settings, apply_plan, plan_settings, read_settings
-from xbus.device.stats import LiveStats, by_name, live_stats
+from xbus.device.stats import LiveStats, live_stats
 from xbus.device.string_output import check_strings_fit, plan_strings
 from xbus.errors import DeviceError, XbusError, XbusTimeout
 from xbus.protocol.configuration import Firmware
@@ -41,8 +43,8 @@ __all__ = ["Device"]
 SAMPLE_TIMEOUT = 5.0
 #: Seconds until WakeUp after a reset. A USB port disappears meanwhile.
 WAKE_UP_TIMEOUT = 5.0
-#: Minimum time over which rates are calculated, in seconds.
-RATE_SPAN = 0.5
+#: Number of samples after which ``async for`` lets other tasks run, even if more samples wait.
+SAMPLES_PER_TURN = 100
 #: Pause between two bytes of the restore procedure, in seconds; the manual allows 0.1 to 0.5 ms.
 RESTORE_PAUSE = 0.0003
 
@@ -69,21 +71,14 @@ class Device:
     (['sample_time_fine', 'acceleration'], 'MTi-630')
     """
 
-    def __init__(
-        self, link: Link, *, bid: int = 0xFF, reconnect: bool = False, strings: int = 0
-    ) -> None:
-        self._channel = Channel(link, Session(bid=bid, strings=strings), reconnect=reconnect)
+    def __init__(self, link: Link, *, reconnect: bool = False) -> None:
+        self._channel = Channel(link, reconnect=reconnect)
         self.commands = Commands(self._channel)
         self.device_id: int | None = None
         self.product_code: str | None = None
         self.firmware: Firmware | None = None
         self.hardware_version: HardwareVersion | None = None
         self.output_configuration: tuple[Output, ...] | None = None
-        #: Samples of earlier measurements that were not read.
-        self._outdated = 0
-        #: Time and counts at the last calculation of rates.
-        self._counted: tuple[float, dict[str, int]] = (link.clock(), {})
-        self._rates: dict[str, float] = {}
 
     # Connection and state
 
@@ -92,9 +87,9 @@ class Device:
         """The port, or what else carries the bytes."""
         return self._channel.link
 
-    @link.setter
-    def link(self, link: Link) -> None:
-        self._channel.link = link
+    def trace(self, trace: Trace | None) -> None:
+        """Makes an object follow the messages between host and device; None ends that."""
+        self._channel.trace = trace
 
     @property
     def session(self) -> Session:
@@ -104,7 +99,7 @@ class Device:
     @property
     def state(self) -> State:
         """The state of the device, if it is known."""
-        return self.session.state
+        return self._channel.state
 
     @property
     def support(self) -> Support | None:
@@ -119,18 +114,20 @@ class Device:
     @property
     def notices(self) -> Sequence[Notice]:
         """The latest 100 messages that answer no command, errors and warnings among them."""
+        self._channel.handle_events()
         return self._channel.notices
 
-    def find_baudrate(self, baudrates: Iterable[int]) -> None:
+    def find_baudrate(self, baudrates: Iterable[int], *, restart: bool = False) -> None:
         """Tries one baud rate after the other, and keeps the first at which it hears the device.
 
         Args:
             baudrates: The rates to try, in bits per second.
+            restart: Whether to count nothing that arrives at the rates before: it is noise.
 
         Raises:
             XbusTimeout: Nothing was heard at any of them.
         """
-        self._channel.find(baudrates)
+        self._channel.find(baudrates, restart=restart)
 
     def try_reconnect(self) -> bool:
         """Tries once to reach a device that was lost, and restores the state that it had.
@@ -144,8 +141,8 @@ class Device:
         return self._channel.try_reconnect()
 
     def close(self) -> None:
-        """Closes the port. The device stays in its state."""
-        self.link.close()
+        """Closes the port, and ends all waits with Disconnected. The device stays in its state."""
+        self._channel.close()
 
     def __enter__(self) -> Device:
         return self
@@ -254,12 +251,10 @@ class Device:
         self.command("GoToConfig")
 
     def go_to_measurement(self) -> None:
-        """GoToMeasurement (0x10): enters Measurement State. Samples that were not read before are dropped."""
-        channel = self._channel
-        self._outdated += len(channel.samples)
-        channel.lost_strings += len(channel.strings)
-        channel.samples.clear()
-        channel.strings.clear()
+        """GoToMeasurement (0x10): enters Measurement State.
+
+        If settings have changed, samples and strings that were not read before are dropped and counted.
+        """
         self.command("GoToMeasurement")
 
     def reset(self, *, config: bool = False) -> None:
@@ -320,7 +315,7 @@ class Device:
         Raises:
             XbusTimeout: No device woke up.
         """
-        self.session.forget()
+        self._channel.forget_state()
         self.link.baudrate = DEFAULT_BAUDRATE
         until = self.link.clock() + timeout
         while self.state != State.WAKEUP:
@@ -331,7 +326,7 @@ class Device:
                     timeout,
                 )
             self._channel.send(b"\xde", "restore_communication")
-            self._channel.receive(RESTORE_PAUSE, "restore_communication")
+            self._channel.wait_for(self._is_waking, RESTORE_PAUSE, "restore_communication")
         self.command("WakeUpAck")
 
     # Outputs
@@ -511,20 +506,23 @@ class Device:
             XbusTimeout: No sample came.
             Disconnected: The port is gone, and all samples from before are read.
         """
-        self._channel.wait_for_samples(1, timeout)
-        return self._channel.take_sample()
+        while (sample := self._channel.take_sample()) is None:
+            self._channel.wait_for_samples(1, timeout)
+        return sample
 
     def __iter__(self) -> Iterator[Sample]:
         while True:
             yield self.read_sample()
 
     async def __aiter__(self) -> AsyncIterator[Sample]:
-        waiting = self._channel.samples
-        while True:
-            if not waiting:
-                await asyncio.to_thread(self._channel.wait_for_samples, 1, SAMPLE_TIMEOUT)
-            while waiting:  # a thread for each would cost more than the samples
-                yield self._channel.take_sample()
+        channel = self._channel
+        wait = partial(channel.wait_for_samples, 1, SAMPLE_TIMEOUT)
+        for number in count(1):
+            while (sample := channel.take_sample()) is None:
+                await channel.wait_async(wait)
+            yield sample
+            if number % SAMPLES_PER_TURN == 0:
+                await asyncio.sleep(0)
 
     def read_string(self, timeout: float = SAMPLE_TIMEOUT) -> String:
         """Returns the next string: see `set_strings`.
@@ -546,8 +544,9 @@ class Device:
         >>> device.read_string()
         <String $HCMTW,25.0,C*1F>
         """
-        self._channel.wait_for_strings(timeout)
-        return self._channel.strings.popleft()
+        while (string := self._channel.take_string()) is None:
+            self._channel.wait_for_strings(timeout)
+        return string
 
     def blocks(
         self,
@@ -582,7 +581,6 @@ class Device:
         """
         return Blocks(
             self._channel,
-            self.device_id,
             seconds=seconds,
             samples=samples,
             quantities=quantities,
@@ -590,29 +588,9 @@ class Device:
         )
 
     @property
-    def lost_samples(self) -> int:
-        """Samples dropped unread: after a million newer ones, or at `go_to_measurement`."""
-        return self._channel.lost_samples + self._outdated
-
-    @property
-    def lost_strings(self) -> int:
-        """Strings dropped unread: after 100,000 newer ones, or at `go_to_measurement`."""
-        return self._channel.lost_strings
-
-    @property
     def stats(self) -> LiveStats:
         """The counts of the stream since the port was opened. Takes microseconds."""
-        counted = self.link.acquisition.stats()
-        now, counts = self.link.clock(), by_name(counted["quantities"]) | counted["strings"]
-        then, before = self._counted
-        if now - then >= RATE_SPAN:
-            self._rates = {
-                name: (count - before.get(name, 0)) / (now - then) for name, count in counts.items()
-            }
-            self._counted = now, counts
-        channel = self._channel
-        unread, waiting = len(channel.samples), channel.waiting_bytes
-        return live_stats(counted, self._rates, unread, channel.lost_samples, waiting)
+        return live_stats(self.link.acquisition.stats(self.link.clock()))
 
     def record(
         self,

@@ -13,7 +13,7 @@ import serial
 
 from xbus import _core
 from xbus.device.ports import SYSFS, is_usb_of_device, latency_timer, port_of, serial_number_of
-from xbus.wire.link import Link, Received
+from xbus.wire.link import Link
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -36,18 +36,25 @@ class SerialLink:
     Args:
         port: An open or closed port. `close` closes it only if ``owned``.
         owned: Whether it was opened for this link.
-        bound: Maximum number of bytes that wait to be read.
+        bid: Bus identifier of the device whose frames are handed out; 0xFF for all.
+        bound: Maximum number of bytes of samples that wait to be read.
         strings: Strings to look for: see `_core.Scanner`.
 
     Attributes:
-        acquisition: Reads, counts, queues and records the bytes.
+        acquisition: Receives the bytes, and queues what is in them.
     """
 
     def __init__(
-        self, port: Any, *, owned: bool, bound: int = QUEUE_BYTES, strings: int = 0
+        self,
+        port: Any,
+        *,
+        owned: bool,
+        bid: int = 0xFF,
+        bound: int = QUEUE_BYTES,
+        strings: int = 0,
     ) -> None:
         self._port = port
-        self._bound, self._strings = bound, strings
+        self._bid, self._bound, self._strings = bid, bound, strings
         self._owned = owned
         self.name = str(port.port or port.name)
         # The rate of a port behind a URL is not known.
@@ -73,13 +80,15 @@ class SerialLink:
 
     def _begin(self) -> None:
         number = _descriptor(self._port)
-        self.acquisition = _core.Acquisition(number, bound=self._bound, strings=self._strings)
+        self.acquisition = _core.Acquisition(
+            number, bid=self._bid, bound=self._bound, strings=self._strings
+        )
         self._pump = _pump(self._port, self.acquisition) if number is None else None
 
-    @property
-    def epoch(self) -> int:
-        """Nanoseconds since 1970 at zero of the clock of arrivals."""
-        return self.acquisition.epoch
+    def restart(self) -> None:
+        """Begins a new acquisition."""
+        self.acquisition.close()
+        self._begin()
 
     @property
     def baudrate(self) -> int:
@@ -88,20 +97,24 @@ class SerialLink:
 
     @baudrate.setter
     def baudrate(self, rate: int) -> None:
-        if rate == self._port.baudrate:
-            return
-        self._port.baudrate = rate
-        if self.acquisition.recording is None:
-            # Noise received at the other rate is not counted.
-            self.acquisition.close()
-            self._begin()
+        if rate != self._port.baudrate:
+            self._port.baudrate = rate
+            # The rest of an incomplete frame will not come at the other rate.
+            self.acquisition.interrupt()
 
-    def read(self, timeout: float) -> Received:
-        """Returns the bytes that arrived, waiting up to ``timeout`` seconds for the first."""
-        taken = self.acquisition.read(timeout)
-        if taken is None:
-            raise ConnectionResetError(self.acquisition.ended)
-        return Received(taken.data, taken.ends.tolist(), (taken.arrivals / 1e9).tolist())
+    def wait(
+        self,
+        timeout: float,
+        *,
+        samples: int | None = None,
+        strings: bool = False,
+        events: int | None = None,
+        cancel: _core.Cancel | None = None,
+    ) -> bool:
+        """Waits up to ``timeout`` seconds: see `_core.Acquisition.wait`."""
+        return self.acquisition.wait(
+            timeout, samples=samples, strings=strings, events=events, cancel=cancel
+        )
 
     def write(self, data: bytes) -> None:
         """Sends bytes."""
@@ -174,22 +187,33 @@ def _pump(port: Any, acquisition: _core.Acquisition) -> threading.Thread:
 def open_link(
     port: str | serial.SerialBase | SimulatedDevice,
     baudrate: int,
+    *,
+    bid: int = 0xFF,
     bound: int = QUEUE_BYTES,
     strings: int = 0,
 ) -> Link:
     """Returns a link to a port: a name, pyserial URL, pyserial object, ``"sim:PRODUCT"`` or virtual device.
 
+    Args:
+        port: The port.
+        baudrate: Bits per second, for a port that is opened here.
+        bid: As for `SerialLink`.
+        bound: As for `SerialLink`.
+        strings: As for `SerialLink`.
+
     Raises:
         OSError: The port cannot be opened.
-        ValueError: There is no such virtual product.
+        ValueError: There is no such virtual product, or no such bus identifier.
     """
+    if not (1 <= bid <= 31 or bid == 0xFF):
+        raise ValueError(f"a device has the bus identifier 0xFF or 1 to 31, not {bid}")
     if isinstance(port, serial.SerialBase):
-        return SerialLink(port, owned=False, bound=bound, strings=strings)
+        return SerialLink(port, owned=False, bid=bid, bound=bound, strings=strings)
     if not isinstance(port, str) or port.startswith("sim:"):
         from xbus.sim.link import SimLink  # not needed for real devices
 
-        return SimLink(port, strings)
+        return SimLink(port, bid=bid, bound=bound, strings=strings)
     opened: Any = serial.serial_for_url(port, do_not_open=True, baudrate=baudrate, write_timeout=5)
     if "://" not in port:
         opened.exclusive = True
-    return SerialLink(opened, owned=True, bound=bound, strings=strings)
+    return SerialLink(opened, owned=True, bid=bid, bound=bound, strings=strings)

@@ -75,6 +75,14 @@ class Sample(Mapping[EntryKey, Any]):
         self.arrival: float | None = None
         self._packets: dict[EntryKey, _core.Packet] | None = None
 
+    @classmethod
+    def of(cls, received: _core.ReceivedSample) -> Sample:
+        """Returns a sample that an acquisition has received."""
+        sample = cls(received.payload, received.bid, received.offset)
+        sample.time, sample.leads = received.time, received.leads
+        sample.arrival, sample.host_time = received.arrival, received.host_time
+        return sample
+
     def _decode(self) -> dict[EntryKey, _core.Packet]:
         """Returns the packets by key, decoded once."""
         if self._packets is None:

@@ -14,7 +14,7 @@ from xbus.protocol.messages import LAYOUTS, decode, encode
 from xbus.protocol.products import Support
 from xbus.protocol.tables import MESSAGES, PRODUCTS, RESULT_CODES, MessageRow, message_name
 from xbus.protocol.values import DeviceErrorInfo, State
-from xbus.wire.codec import LONGEST_LIVE, encode_frame
+from xbus.wire.codec import LONGEST_LIVE, ScannedItem, encode_frame
 from xbus.wire.strings import String, type_at
 
 __all__ = ["Session"]
@@ -165,44 +165,53 @@ class Session:
     # Received bytes
 
     def receive(self, data: bytes) -> list[SessionEvent]:
-        """Returns the events that these bytes complete, in order."""
+        """Returns the events that these bytes complete, in order.
+
+        An incomplete frame waits for the rest of its bytes.
+        """
         return self._events(self._scanner.feed(data, last=False))
 
     def quiet(self) -> list[SessionEvent]:
-        """Returns the events that remain when the line is silent. Incomplete data counts as damage."""
+        """Returns the events among bytes that could be part of an incomplete frame, which counts as damage.
+
+        For a line on which no more of that frame will come, such as after the answer to a command is overdue.
+        """
         return self._events(self._scanner.feed(b"", last=True))
 
-    def _events(
-        self, items: list[_core.ScannedFrame | _core.ScannedString | _core.ScannedDamage]
-    ) -> list[SessionEvent]:
-        events: list[SessionEvent] = []
-        for item in items:
-            if isinstance(item, _core.ScannedFrame):
-                if self._is_from_device(item.bid):
-                    events.append(self._event(item.offset, item.bid, item.mid, item.payload))
-            elif isinstance(item, _core.ScannedString):
-                events.append(self._string(item.offset, item.place, item.data))
-            else:
-                self.skipped += item.length
-        return events
+    def _events(self, items: list[ScannedItem]) -> list[SessionEvent]:
+        return [event for item in items if (event := self.handle(item)) is not None]
 
-    def _string(self, offset: int, place: int | None, data: bytes) -> String:
+    def handle(self, item: ScannedItem) -> SessionEvent | None:
+        """Returns the event of a frame or string that a scanner found; None for damage and other devices.
+
+        For programs that scan the stream themselves; `receive` does both.
+        """
+        if isinstance(item, _core.ScannedDamage):
+            self.skipped += item.length
+            return None
+        if isinstance(item, _core.ScannedString):
+            self.handle_data()
+            return String(type_at(item.place), item.data, item.offset)
+        if not self._is_from_device(item.bid):
+            return None
+        if item.mid == MTDATA2 and _core.is_sample(item.payload):
+            self.handle_data()
+            sample = Sample(item.payload, item.bid, item.offset)
+            sample.time, sample.leads = self._clock.sample(item.bid, item.payload)
+            return sample
+        self._clock.message(item.bid, item.mid, item.payload)
+        return self._message(item.offset, item.bid, item.mid, item.payload)
+
+    def handle_data(self) -> None:
+        """Takes note of a sample or string: a device whose state is not known is in Measurement State."""
         if self.state in (State.UNKNOWN, State.WAKEUP):
             self.state = State.MEASUREMENT
-        return String(type_at(place), data, offset)
 
     def _is_from_device(self, bid: int) -> bool:
         """Returns whether the addressed device may have sent a frame: its messages have its own BID or FF."""
-        return self.bid == 0xFF or bid in (self.bid, 0xFF)
+        return self.bid == 0xFF or bid == 0xFF or _core.device_of(bid) == _core.device_of(self.bid)
 
-    def _event(self, offset: int, bid: int, mid: int, payload: bytes) -> SessionEvent:
-        if mid == MTDATA2:
-            if self.state in (State.UNKNOWN, State.WAKEUP):
-                self.state = State.MEASUREMENT
-            sample = Sample(payload, bid, offset)
-            sample.time, sample.leads = self._clock.sample(bid, payload)
-            return sample
-        self._clock.message(bid, mid, payload)
+    def _message(self, offset: int, bid: int, mid: int, payload: bytes) -> SessionEvent:
         row = MESSAGES.get(self.pending or "")
         if row is not None:
             if mid == row.reply:

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from xbus.protocol.tables import QUANTITIES
 
 __all__ = ["LiveStats", "live_stats"]
+
+T = TypeVar("T", int, float)
 
 _NAMES = {row.id: row.name for row in QUANTITIES.values()}
 
 
 @dataclass(frozen=True)
 class LiveStats:
-    """Counts since the port was opened. Counting does not depend on reading.
+    """Counts since the port was opened. They never decrease, and do not depend on reading.
+
+    A loss is in one count: the device did not send it, or the line lost it without a trace (`lost_samples`);
+    it arrived damaged (`skipped_bytes`, and a gap if it was a sample); the driver had no room
+    (`overruns`); the program did not read it (``dropped_...``).
 
     Attributes:
         bytes: Received bytes.
@@ -28,12 +34,14 @@ class LiveStats:
         skipped_bytes: Bytes that belong to neither frame nor string.
         quantities: Number of packets by name of the quantity.
         strings: Number of strings by name; the name is empty for strings that are not in the manual.
-        rates: Rates in Hz of quantities and strings by name, between the last two reads of the stats that are
-            at least 0.5 s apart.
+        rates: Rates in Hz of quantities and strings by name, over the last two seconds; empty in the first
+            half second.
         unread_samples: Samples that wait to be read.
-        dropped_samples: Samples dropped because a million newer ones were unread.
-        queued_bytes: Bytes that wait to be decoded.
-        dropped_bytes: Bytes dropped because the queue was full.
+        dropped_samples: Samples dropped unread: because newer ones filled the queue, or because new settings
+            made them outdated.
+        dropped_strings: Strings dropped unread, likewise.
+        dropped_messages: Messages dropped because the program handled none for long.
+        queued_bytes: Bytes of samples, strings and messages that wait to be read.
         overruns: Overruns of the driver or chip; None if the system does not count them.
         errors: Error messages.
         warnings: Warning messages.
@@ -54,25 +62,33 @@ class LiveStats:
     rates: dict[str, float]
     unread_samples: int
     dropped_samples: int
+    dropped_strings: int
+    dropped_messages: int
     queued_bytes: int
-    dropped_bytes: int
     overruns: int | None
     errors: int
     warnings: int
     last_error: str | None
 
 
-def live_stats(
-    counted: dict[str, Any], rates: dict[str, float], unread: int, dropped: int, waiting: int
-) -> LiveStats:
-    """Returns the stats from the counts of `_core.Acquisition.stats` and of the queues."""
-    names = LiveStats.__dataclass_fields__
-    known = {key: value for key, value in counted.items() if key in names}
-    known["queued_bytes"] += waiting
-    known["quantities"] = by_name(counted["quantities"])
-    return LiveStats(**known, rates=rates, unread_samples=unread, dropped_samples=dropped)
+def live_stats(stats: dict[str, Any]) -> LiveStats:
+    """Returns the stats from those of `_core.Acquisition.stats`."""
+    counts, rates, dropped = stats["counts"], stats["rates"], stats["dropped"]
+    losses = counts.pop("losses")
+    return LiveStats(
+        **counts | {"quantities": by_name(counts["quantities"])},
+        lost_samples=losses["samples"],
+        gaps=losses["gaps"],
+        rates=by_name(rates["quantities"]) | rates["strings"],
+        unread_samples=stats["unread"],
+        dropped_samples=dropped["samples"],
+        dropped_strings=dropped["strings"],
+        dropped_messages=dropped["messages"],
+        queued_bytes=stats["queued"],
+        overruns=stats["overruns"],
+    )
 
 
-def by_name(quantities: dict[int, int]) -> dict[str, int]:
-    """Returns counts by name; an identifier without a name is written in hex."""
-    return {_NAMES.get(key, f"0x{key:04X}"): count for key, count in quantities.items()}
+def by_name(quantities: dict[int, T]) -> dict[str, T]:
+    """Returns counts or rates by name; an identifier without a name is written in hex."""
+    return {_NAMES.get(key, f"0x{key:04X}"): value for key, value in quantities.items()}

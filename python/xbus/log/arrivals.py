@@ -84,6 +84,29 @@ class HostTimes:
         self._arrivals = arrivals
         self._earlier = earlier or {}
 
+    @classmethod
+    def known_already(
+        cls,
+        part: _core.Part,
+        time: npt.NDArray[np.float64] | None,
+        clocks: dict[int, HostClock],
+        strings: npt.NDArray[np.float64],
+        fault: str | None = None,
+    ) -> HostTimes:
+        """Returns host times that are computed already.
+
+        Args:
+            part: The part.
+            time: Of each sample, ``(n,)``; None if no arrivals are known.
+            clocks: The clock of each device as of the last sample.
+            strings: When each string arrived.
+            fault: What is wrong with the side file.
+        """
+        host_times = cls(part)
+        host_times.fault, host_times.strings = fault, read_only(strings)
+        host_times._computed = (None if time is None else read_only(time)), clocks
+        return host_times
+
     @cached_property
     def _computed(self) -> tuple[npt.NDArray[np.float64] | None, dict[int, HostClock]]:
         part = self.part
@@ -131,24 +154,11 @@ class HostTimes:
 
     def for_column(self, part: _core.Part) -> HostTimes:
         """Returns the host times of the same samples for a part with one of the columns."""
-        return _unpickled(part, None, self.known, {}, np.empty(0))
+        return HostTimes.known_already(part, self.known, {}, np.empty(0))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickled, (self.part, self.fault, self.known, self.clocks, self.strings)
-
-
-def _unpickled(
-    part: _core.Part,
-    fault: str | None,
-    known: npt.NDArray[np.float64] | None,
-    clocks: dict[int, HostClock],
-    strings: npt.NDArray[np.float64],
-) -> HostTimes:
-    """Returns host times that are computed already."""
-    host_times = HostTimes(part)
-    host_times.fault, host_times.strings = fault, read_only(strings)
-    host_times._computed = (None if known is None else read_only(known)), clocks
-    return host_times
+        state = self.part, self.known, self.clocks, self.strings, self.fault
+        return HostTimes.known_already, state
 
 
 def arrivals_of(source: Source) -> Arrivals | None:

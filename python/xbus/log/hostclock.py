@@ -56,11 +56,16 @@ class HostClock:
     def __init__(self) -> None:
         self._core = _core.HostClock()
 
+    @classmethod
+    def of(cls, core: _core.HostClock) -> HostClock:
+        """Returns a clock of the core."""
+        clock = cls()
+        clock._core = core
+        return clock
+
     def copy(self) -> HostClock:
         """Returns an independent copy of the clock."""
-        other = HostClock()
-        other._core = self._core.copy()
-        return other
+        return HostClock.of(self._core.copy())
 
     __copy__ = copy
 

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import threading
+
 from xbus import _core
 from xbus.sim.device import SimulatedDevice
 from xbus.sim.options import device_of
-from xbus.wire.link import NOTHING_RECEIVED, Received
 
 __all__ = ["SimLink"]
 
@@ -17,6 +18,8 @@ class SimLink:
 
     Args:
         device: The device, or its product as in ``sim:MTi-630``.
+        bid: Bus identifier of the device whose frames are handed out; 0xFF for all.
+        bound: Maximum number of bytes of samples that wait to be read.
         strings: Bits of the string types without a checksum to look for.
     """
 
@@ -25,33 +28,64 @@ class SimLink:
     #: The shortest advance in seconds: a wait ends in spite of rounding.
     SHORTEST_ADVANCE = 1e-6
     is_line = True
-    #: The device's clock starts in 1970, so the times of samples are reproducible.
-    epoch = 0
     trouble = None
 
-    def __init__(self, device: str | SimulatedDevice, strings: int = 0) -> None:
+    def __init__(
+        self,
+        device: str | SimulatedDevice,
+        *,
+        bid: int = 0xFF,
+        bound: int = 24_000_000,
+        strings: int = 0,
+    ) -> None:
         if isinstance(device, str):
             device = device_of(device)
         self.device = device
         self.name = f"sim:{device.product.name}"
         self.baudrate = device.baudrate
-        self.acquisition = _core.Acquisition(None, strings=strings)
+        #: Bytes are pushed in the order in which the device sends them.
+        self._stepping = threading.Lock()
+        self._bid, self._bound, self._strings = bid, bound, strings
+        self.restart()
 
-    def read(self, timeout: float) -> Received:
-        """Returns what has arrived; waits for it at most ``timeout`` seconds of device time."""
+    def restart(self) -> None:
+        """Begins a new acquisition."""
+        # The device's clock starts in 1970, so the times of samples are reproducible.
+        self.acquisition = _core.Acquisition(
+            None, bid=self._bid, bound=self._bound, strings=self._strings, epoch=0
+        )
+
+    def wait(
+        self,
+        timeout: float,
+        *,
+        samples: int | None = None,
+        strings: bool = False,
+        events: int | None = None,
+        cancel: _core.Cancel | None = None,
+    ) -> bool:
+        """Waits up to ``timeout`` seconds of device time: see `_core.Acquisition.wait`."""
         until = self.device.time + max(timeout, self.SHORTEST_ADVANCE)
-        while True:
-            self._check()
-            if data := self.device.read(self.baudrate):
-                self.acquisition.push(data)
-                # The acquisition counts and records the bytes. They are returned from here, so its queue
-                # is emptied.
-                self.acquisition.read(0)
-                return Received.at(data, self.device.time)
+        while not self.acquisition.wait(
+            0, samples=samples, strings=strings, events=events, cancel=cancel
+        ):
             left = until - self.device.time
             if left < self.SHORTEST_ADVANCE / 2:
-                return NOTHING_RECEIVED
-            self.device.advance(min(self.POLL_TIME, left))
+                return False
+            with self._stepping:
+                if not self._receive():
+                    self.device.advance(min(self.POLL_TIME, left))
+                    self._receive()
+        return True
+
+    def _receive(self) -> bool:
+        """Passes on what the device has sent; returns whether there was anything."""
+        if not self.device.plugged:
+            self.acquisition.end(f"{self.name} was unplugged")
+            return True
+        data = self.device.read(self.baudrate)
+        self.acquisition.push(data, self.device.time)
+        return bool(data)
 
     def write(self, data: bytes) -> None:
         """Sends bytes to the device."""
@@ -68,11 +102,21 @@ class SimLink:
 
     def pause(self, seconds: float) -> None:
         """Advances the device's time."""
-        self.device.advance(seconds)
+        until = self.device.time + seconds
+        while (left := until - self.device.time) >= self.SHORTEST_ADVANCE / 2:
+            with self._stepping:
+                self.device.advance(min(self.POLL_TIME, left))
+                self._receive()
 
     def reopen(self) -> None:
-        """Raises ConnectionResetError while the plug is out."""
+        """Continues after the device is plugged in again.
+
+        Raises:
+            ConnectionResetError: It is not.
+        """
         self._check()
+        if self.acquisition.ended is not None:
+            self.acquisition.resume()
 
     def close(self) -> None:
         """Stops the acquisition; the device remains in its state."""

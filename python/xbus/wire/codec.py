@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from xbus.wire.strings import String, mask_of, type_at
 
 __all__ = [
     "Damage",
+    "ScannedItem",
     "Scanner",
     "data_id_of",
     "encode_frame",
@@ -27,6 +28,10 @@ __all__ = [
 
 #: The longest payload accepted from a live device, in bytes: the vendor limits frames to 8192 bytes.
 LONGEST_LIVE = 8185
+
+
+#: What the scanner of the core finds.
+ScannedItem: TypeAlias = _core.ScannedFrame | _core.ScannedString | _core.ScannedDamage
 
 
 class Damage(NamedTuple):
@@ -76,9 +81,7 @@ class Scanner:
         """Returns what is left at the end of the input."""
         return self._found(self._core.feed(b"", last=True))
 
-    def _found(
-        self, items: list[_core.ScannedFrame | _core.ScannedString | _core.ScannedDamage]
-    ) -> list[Message | String | Damage]:
+    def _found(self, items: list[ScannedItem]) -> list[Message | String | Damage]:
         found: list[Message | String | Damage] = []
         for item in items:
             match item:

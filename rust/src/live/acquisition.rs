@@ -362,7 +362,7 @@ impl Acquisition {
     /// What waits to be taken.
     #[must_use]
     pub fn waiting(&self) -> Waiting {
-        self.state().map_or_else(Waiting::default, |state| state.lanes.waiting())
+        self.state().map_or_else(Waiting::default, |state| state.lanes.waiting(state.last_arrival))
     }
 
     /// Counts of the stream, and the state of the lanes, `now` on the clock of the stream.

@@ -160,6 +160,10 @@ pub struct Waiting {
     pub strings: usize,
     /// When the newest sample arrived, taken or not, in ns on the clock of the stream.
     pub last_sample: Option<i64>,
+    /// When the newest bytes arrived, likewise.
+    pub last_arrival: Option<i64>,
+    /// Samples dropped unread.
+    pub dropped_samples: u64,
 }
 
 impl Lanes {
@@ -238,9 +242,15 @@ impl Lanes {
         self.strings.len()
     }
 
-    /// What waits to be taken.
-    pub fn waiting(&self) -> Waiting {
-        Waiting { samples: self.samples.len(), strings: self.strings.len(), last_sample: self.last_sample }
+    /// What waits to be taken; the newest bytes arrived at `last_arrival`.
+    pub fn waiting(&self, last_arrival: Option<i64>) -> Waiting {
+        Waiting {
+            samples: self.samples.len(),
+            strings: self.strings.len(),
+            last_sample: self.last_sample,
+            last_arrival,
+            dropped_samples: self.dropped.samples,
+        }
     }
 
     /// Number of events that were ever added.

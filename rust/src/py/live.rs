@@ -88,6 +88,8 @@ pub struct Waiting {
     samples: usize,
     strings: usize,
     last_sample: Option<f64>,
+    last_arrival: Option<f64>,
+    dropped_samples: u64,
 }
 
 /// Receives a stream of bytes in a thread, or what is pushed.
@@ -245,8 +247,14 @@ impl Acquisition {
 
     #[getter]
     fn waiting(&self) -> Waiting {
-        let live::Waiting { samples, strings, last_sample } = self.0.waiting();
-        Waiting { samples, strings, last_sample: last_sample.map(in_seconds) }
+        let waiting = self.0.waiting();
+        Waiting {
+            samples: waiting.samples,
+            strings: waiting.strings,
+            last_sample: waiting.last_sample.map(in_seconds),
+            last_arrival: waiting.last_arrival.map(in_seconds),
+            dropped_samples: waiting.dropped_samples,
+        }
     }
 
     #[getter]
