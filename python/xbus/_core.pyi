@@ -773,6 +773,9 @@ class Waiting:
     def strings(self) -> int:
         """Number of strings."""
     @property
+    def events_added(self) -> int:
+        """Number of events that were ever added."""
+    @property
     def last_sample(self) -> float | None:
         """When the newest sample arrived, taken or not; None before the first."""
     @property

@@ -8,7 +8,7 @@ import re
 import stat
 import time
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
@@ -25,8 +25,10 @@ __all__ = ["dump"]
 
 #: Bytes to read at a time.
 BLOCK = 1 << 18
-#: Interval to check whether a file has grown, in seconds.
+#: Interval to check whether a file has grown, or the port is gone, in seconds.
 INTERVAL = 0.1
+#: Interval to report bytes of a port that belong to no message, in seconds.
+NOISE_INTERVAL = 1.0
 #: Default bits per second: the rate of a new device. Trying other rates would send requests.
 BAUDRATE = 115_200
 
@@ -152,26 +154,51 @@ def _is_terminal(name: str) -> bool:
 
 
 def _listen(port: str, baudrate: int, formatter: DumpFormatter) -> NoReturn:
-    """Prints the messages of a port until it is gone."""
+    """Prints the messages of a port until it is gone, or Ctrl-C; then the totals."""
     link = open_port(port, baudrate)
-    dropped = 0
+    acquisition = link.acquisition
+    dropped, undecided, shown_at = 0, 0, link.clock()
     try:
         while True:
-            try:
-                data = link.read(INTERVAL).data
-            except OSError as error:
-                if lines := formatter.close():
-                    print_line("\n".join(lines), flush=True)
-                raise port_lost(port, error) from error
-            before, dropped = dropped, link.acquisition.stats()["dropped_bytes"]
-            if dropped > before:
-                lost = format_count(dropped - before, "byte")
-                click.echo(f"xbus: {lost} lost: the reader of the output is too slow", err=True)
-            # After a silence an incomplete frame is damage, so that it does not delay later messages.
-            if lines := formatter.feed(data) if data else formatter.close():
+            seen = acquisition.waiting.events_added
+            items = acquisition.take_all()
+            stats = acquisition.stats(link.clock())
+            if items is None:
+                raise port_lost(port, ConnectionResetError(acquisition.ended))
+            if lines := formatter.add(items):
                 print_line("\n".join(lines), flush=True)
+            before, dropped = dropped, sum(stats["dropped"].values())
+            if dropped > before:
+                lost = format_count(dropped - before, "message")
+                click.echo(f"xbus: {lost} lost: the reader of the output is too slow", err=True)
+            # Damage has a line when it ends. Bytes at a wrong baud rate never do.
+            waiting = stats["counts"]["skipped_bytes"] - formatter.damaged_bytes
+            if items:
+                undecided, shown_at = 0, link.clock()
+            elif waiting > undecided and link.clock() - shown_at >= NOISE_INTERVAL:
+                undecided, shown_at = waiting, link.clock()
+                count = format_count(waiting, "byte")
+                click.echo(f"xbus: {count} without a message so far", err=True)
+            link.wait(INTERVAL, samples=1, strings=True, events=seen)
     finally:
+        counts = acquisition.stats(link.clock())["counts"]
         link.close()
+        _print_totals(port, baudrate, counts)
+
+
+def _print_totals(port: str, baudrate: int, counts: dict[str, Any]) -> None:
+    parts = [
+        format_count(counts["samples"], "sample"),
+        format_count(counts["messages"], "other message"),
+    ]
+    if strings := sum(counts["strings"].values()):
+        parts.append(format_count(strings, "string"))
+    if counts["skipped_bytes"]:
+        parts.append(f"{format_count(counts['skipped_bytes'], 'byte')} damaged")
+    text = f"{label(port)}: {', '.join(parts)}"
+    if counts["bytes"] and not (counts["frames"] or strings):
+        text += f"; {baudrate} baud is probably not the rate of the device: try --baudrate"
+    click.echo(f"xbus: {text}", err=True)
 
 
 def _pieces(source: Input, *, follow: bool) -> Iterator[bytes | None]:

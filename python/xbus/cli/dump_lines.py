@@ -10,7 +10,7 @@ from xbus import _core
 from xbus.describe.text import describe_message, describe_packet, message_dict, packet_dict
 from xbus.log.source import LONGEST
 from xbus.protocol.ids import MessageId
-from xbus.wire.codec import Damage, Scanner
+from xbus.wire.codec import Damage, ScannedItem, Scanner, encode_frame, named_item
 from xbus.wire.message import Message
 from xbus.wire.strings import String
 
@@ -31,7 +31,8 @@ class DumpFormatter:
 
     Attributes:
         frames: Number of frames and strings, wanted or not.
-        size: Number of bytes.
+        size: Number of bytes fed.
+        damaged_bytes: Number of bytes that are neither frame nor string.
     """
 
     def __init__(
@@ -50,6 +51,7 @@ class DumpFormatter:
         self._kept = bytearray()
         self.frames = 0
         self.size = 0
+        self.damaged_bytes = 0
 
     def feed(self, data: bytes) -> list[str]:
         """Returns the lines that these bytes complete."""
@@ -59,6 +61,10 @@ class DumpFormatter:
         del self._kept[:-KEPT]
         return lines
 
+    def add(self, items: Iterable[ScannedItem]) -> list[str]:
+        """Returns the lines of what an acquisition has found."""
+        return self._lines(map(named_item, items))
+
     def close(self) -> list[str]:
         """Returns the last lines."""
         return self._lines(self._scanner.close())
@@ -67,6 +73,7 @@ class DumpFormatter:
         lines = []
         for item in found:
             if isinstance(item, Damage):
+                self.damaged_bytes += item.length
                 if not self._wanted:
                     lines.append(_damage(item, as_json=self._json))
                 continue
@@ -81,7 +88,9 @@ class DumpFormatter:
         return lines
 
     def _frame(self, message: Message) -> bytes:
-        """Returns the received bytes of a message."""
+        """Returns the received bytes of a message; of one from `add`, the frame with the same content."""
+        if not self.size:
+            return encode_frame(message.mid, message.payload, bid=message.bid)
         at = message.offset - (self.size - len(self._kept))
         frame = bytes(self._kept[at:])
         return frame[: _core.frame_size(frame)]

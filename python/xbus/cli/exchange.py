@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import click
 
+from xbus import _core
 from xbus.cli.printing import print_line
 from xbus.describe.formatting import format_count
 from xbus.describe.json_value import payload_value
@@ -17,8 +18,7 @@ from xbus.device import Device
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import State
-from xbus.wire.codec import Damage, Scanner, encode_frame
-from xbus.wire.link import Received
+from xbus.wire.codec import Damage, Scanner, encode_frame, named_item
 from xbus.wire.message import Message
 from xbus.wire.strings import String
 
@@ -27,22 +27,21 @@ __all__ = ["Exchange", "show_exchange"]
 
 @contextlib.contextmanager
 def show_exchange(device: Device, *, as_json: bool) -> Iterator[Exchange]:
-    """Shows the messages on the link of a device, even if an exception ends the exchange."""
-    link = device.link
+    """Shows the messages between host and device, even if an exception ends the exchange."""
     exchange = Exchange(device, as_json=as_json)
-    device.link = exchange
+    device.trace(exchange)
     try:
         yield exchange
     finally:
-        device.link = link
         exchange.end()
+        device.trace(None)
 
 
 class Exchange:
-    """A link that shows the messages on another link.
+    """Shows the messages between host and device: a `xbus.device.channel.Trace`.
 
     Args:
-        device: The device with the other link.
+        device: The device.
         as_json: Whether to print JSON instead of text.
 
     Attributes:
@@ -50,101 +49,52 @@ class Exchange:
     """
 
     def __init__(self, device: Device, *, as_json: bool) -> None:
-        self._link, self._session = device.link, device.session
-        self.name, self.is_line = self._link.name, self._link.is_line
-        self.acquisition = self._link.acquisition
+        self._device = device
         self.error: Notice | None = None
         self._json = as_json
-        self._scanner = Scanner()
         self._command = ""
-        self._samples = self._strings = 0
         # In a stream of samples the first and the last bytes can be parts of a frame.
         self._streams = device.state != State.CONFIG
+        self._before = device.stats
 
-    @property
-    def baudrate(self) -> int:
-        """Bits per second."""
-        return self._link.baudrate
-
-    @baudrate.setter
-    def baudrate(self, rate: int) -> None:
-        self._link.baudrate = rate
-
-    @property
-    def epoch(self) -> int:
-        """Offset in ns from arrival times to the time since 1970."""
-        return self._link.epoch
-
-    @property
-    def trouble(self) -> str | None:
-        """The problem of the port, or None."""
-        return self._link.trouble
-
-    def write(self, data: bytes) -> None:
-        """Sends bytes."""
+    def sent(self, data: bytes) -> None:
+        """Prints the frames in bytes that were sent."""
         scanner = Scanner()
         found = [*scanner.feed(data), *scanner.close()]
         ends = [*(item.offset for item in found[1:]), len(data)]
         for item, end in zip(found, ends, strict=True):
             self._print(">", item, data[item.offset : end])
             self._command = item.name if isinstance(item, Message) else ""
-        self._link.write(data)
 
-    def read(self, timeout: float) -> Received:
-        """Returns the received bytes."""
-        received = self._link.read(timeout)
-        self._received(self._scanner.feed(received.data))
-        return received
-
-    def clock(self) -> float:
-        """Returns the time in seconds."""
-        return self._link.clock()
-
-    def pause(self, seconds: float) -> None:
-        """Waits."""
-        self._link.pause(seconds)
-
-    def reopen(self) -> None:
-        """Reopens the link."""
-        self._link.reopen()
-
-    def close(self) -> None:
-        """Closes the link."""
-        self._link.close()
+    def received(self, item: _core.ScannedFrame | _core.ScannedDamage) -> None:
+        """Prints a message or damage."""
+        found = named_item(item)
+        if isinstance(found, Message):
+            if found.mid == MessageId.Error:
+                self.error = read_notice(found)
+            frame = encode_frame(found.mid, found.payload, bid=found.bid)
+            self._print("<", found._replace(name=self._name(found)), frame)
+        elif found.offset or not self._streams:
+            self._print("<", found, b"")
 
     def end(self) -> None:
         """Prints the last messages, and the number of samples and strings."""
-        found = self._scanner.close()
-        if self._streams and found and isinstance(found[-1], Damage):
-            found.pop()
-        self._received(found)
-        for number, kind in ((self._samples, "sample"), (self._strings, "string")):
+        before, stats = self._before, self._device.stats
+        samples = stats.samples - before.samples
+        strings = sum(stats.strings.values()) - sum(before.strings.values())
+        if not (self._streams or samples or strings):
+            self._device.link.acquisition.interrupt()
+        self._device.listen(0)
+        for number, kind in ((samples, "sample"), (strings, "string")):
             if number:
                 click.echo(f"xbus: {format_count(number, kind)} not shown", err=True)
-
-    def _received(self, found: Sequence[Message | String | Damage]) -> None:
-        for item in found:
-            if isinstance(item, Damage):
-                if item.offset or not self._streams:
-                    self._print("<", item, b"")
-            elif isinstance(item, String):
-                self._strings += 1
-                self._streams = True
-            elif item.mid == MessageId.MTData2:
-                self._samples += 1
-                self._streams = True
-            else:
-                if item.mid == MessageId.Error:
-                    self.error = read_notice(item)
-                frame = encode_frame(item.mid, item.payload, bid=item.bid)
-                self._print("<", item._replace(name=self._name(item)), frame)
 
     def _name(self, message: Message) -> str:
         """Returns the name of a message; replies to several commands can have the same MID."""
         row = MESSAGES.get(self._command)
         if row is not None and message.mid == row.reply:
             with contextlib.suppress(ValueError):
-                return self._session.read_reply(row.name, message.payload)[0]
+                return self._device.session.read_reply(row.name, message.payload)[0]
         return message.name
 
     def _print(self, direction: str, item: Message | String | Damage, frame: bytes) -> None:

@@ -217,12 +217,11 @@ def _wait(
     received_at, size, is_silent = link.clock(), 0, False
     while not is_stopping() and (left := duration - display.elapsed) > 0:
         link.pause(min(CHECK_INTERVAL, left))
-        try:
-            link.read(0)  # discards the bytes, which are counted and recorded in the background
-        except OSError as error:
+        device.discard()  # what is recorded in the background
+        if (reason := link.acquisition.ended) is not None:
             if not reconnect or not recording.is_active:
-                raise display.failure(f"{link.name}: {error}") from error
-            display.print_note(f"{link.name}: {error}; waiting for the port")
+                raise display.failure(f"{link.name}: {reason}")
+            display.print_note(f"{link.name}: {reason}; waiting for the port")
             while not (is_stopping() or device.try_reconnect() or display.elapsed >= duration):
                 display.update()
             received_at = link.clock()

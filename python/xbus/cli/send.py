@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.connection import baudrate_option, connect_device, port_lost
+from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure
 from xbus.cli.printing import find_name
 from xbus.errors import StateError, XbusError
@@ -91,7 +91,9 @@ def send(
     ):
         if name is not None:
             _command(device, name, value, config=config)
-        _listen(device, wait, frame)
+        if frame:
+            device.send(frame)
+        device.listen(wait)
         if as_hex and exchange.error is not None:
             raise Failure(f"the device sent Error {exchange.error}")
 
@@ -162,17 +164,3 @@ def _state_problem(error: StateError, *, config: bool) -> str:
         remedy = "send GoToConfig, which is valid in any state"
     where = " or ".join(f"{state.capitalize()} State" for state in states)
     return f"{error.command} is valid in {where}, but the state is {error.state}; nothing was sent; {remedy}"
-
-
-def _listen(device: Device, wait: float, data: bytes) -> None:
-    """Sends raw bytes, if any, and shows what the device sends for ``wait`` seconds."""
-    link = device.link
-    try:
-        if data:
-            link.write(data)
-        until = link.clock() + wait
-        while (left := until - link.clock()) > 0:
-            # The session determines the state of the device from it.
-            device.session.receive(link.read(left).data)
-    except OSError as error:
-        raise port_lost(link.name, error) from error

@@ -406,7 +406,8 @@ class Channel:
         Raises:
             XbusTimeout: Nothing was heard at any of them.
         """
-        start, received = self.link.clock(), {}
+        start = self.link.clock()
+        received: dict[int, int] = {}
         for rate in baudrates:
             self.link.baudrate = rate
             if restart and received:

@@ -182,6 +182,22 @@ class Device:
         """
         return self._channel.command(name, value)
 
+    def send(self, data: bytes) -> None:
+        """Sends bytes as they are. Messages that answer them are in `notices`.
+
+        Raises:
+            Disconnected: The port is gone.
+        """
+        self._channel.send(data, "send")
+
+    def listen(self, seconds: float) -> None:
+        """Handles the messages that arrive within some seconds. Samples and strings stay unread.
+
+        Raises:
+            Disconnected: The port is gone.
+        """
+        self._channel.wait_for(lambda: False, seconds)
+
     @contextlib.contextmanager
     def configure(
         self,
@@ -586,6 +602,14 @@ class Device:
             quantities=quantities,
             timeout=timeout,
         )
+
+    def discard(self) -> None:
+        """Removes the unread samples and strings, for a program that only records.
+
+        They do not count as dropped.
+        """
+        self._channel.handle_events()
+        self.link.acquisition.clear_data(counted=False)
 
     @property
     def stats(self) -> LiveStats:

@@ -13,12 +13,10 @@ from xbus import _core
 from xbus.protocol.ids import MessageId
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey, key_of
 from xbus.protocol.tables import QUANTITIES
+from xbus.wire.codec import encode_frame
 from xbus.wire.struct import struct_of
 
-__all__ = ["MTDATA2", "Sample"]
-
-#: The MID of samples as a plain integer: comparing it with an enum costs more, and every frame is compared.
-MTDATA2 = int(MessageId.MTData2)
+__all__ = ["Sample"]
 
 #: The numpy type that holds each precision exactly; integers have their own type.
 _REALS = {"Float32": np.float32, "Fp1220": np.float64, "Fp1632": np.float64, "Float64": np.float64}
@@ -113,7 +111,7 @@ class Sample(Mapping[EntryKey, Any]):
     @property
     def frame(self) -> bytes:
         """The frame of the message: `read_log` reads concatenated frames as a log."""
-        return _core.encode_frame(self.bid, MTDATA2, self.payload)
+        return encode_frame(MessageId.MTData2, self.payload, bid=self.bid)
 
     def __getitem__(self, key: Key) -> Any:
         packets = self._decode()

@@ -7,14 +7,14 @@ from typing import Any
 from xbus import _core
 from xbus.device.checks import check
 from xbus.device.events import Notice, Refusal, Reply, SessionEvent
-from xbus.device.sample import MTDATA2, Sample
+from xbus.device.sample import Sample
 from xbus.errors import DecodeError, DeviceError, StateError
 from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import LAYOUTS, decode, encode
 from xbus.protocol.products import Support
 from xbus.protocol.tables import MESSAGES, PRODUCTS, RESULT_CODES, MessageRow, message_name
 from xbus.protocol.values import DeviceErrorInfo, State
-from xbus.wire.codec import LONGEST_LIVE, ScannedItem, encode_frame
+from xbus.wire.codec import LONGEST_LIVE, ScannedItem, encode_frame, is_sample
 from xbus.wire.strings import String, type_at
 
 __all__ = ["Session"]
@@ -194,7 +194,7 @@ class Session:
             return String(type_at(item.place), item.data, item.offset)
         if not self._is_from_device(item.bid):
             return None
-        if item.mid == MTDATA2 and _core.is_sample(item.payload):
+        if is_sample(item):
             self.handle_data()
             sample = Sample(item.payload, item.bid, item.offset)
             sample.time, sample.leads = self._clock.sample(item.bid, item.payload)

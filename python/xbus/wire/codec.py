@@ -24,8 +24,12 @@ __all__ = [
     "encode_frame",
     "encode_packet",
     "encode_sample",
+    "is_sample",
+    "named_item",
 ]
 
+#: The MID of samples as a plain integer: comparing it with an enum costs more, and every frame is compared.
+MTDATA2 = int(MessageId.MTData2)
 #: The longest payload accepted from a live device, in bytes: the vendor limits frames to 8192 bytes.
 LONGEST_LIVE = 8185
 
@@ -82,19 +86,33 @@ class Scanner:
         return self._found(self._core.feed(b"", last=True))
 
     def _found(self, items: list[ScannedItem]) -> list[Message | String | Damage]:
-        found: list[Message | String | Damage] = []
+        found = []
         for item in items:
-            match item:
-                case _core.ScannedFrame(offset=offset, bid=bid, mid=mid, payload=payload):
-                    name = message_name(mid, len(payload))
-                    found.append(Message(mid, name, bid, payload, offset, self._samples))
-                    self._samples += mid == MessageId.MTData2 and _core.is_sample(payload)
-                case _core.ScannedString():
-                    kind = type_at(item.place)
-                    found.append(String(kind, item.data, item.offset, self._samples))
-                case _core.ScannedDamage():
-                    found.append(Damage(item.offset, item.length, item.reason))
+            found.append(named_item(item, self._samples))
+            self._samples += is_sample(item)
         return found
+
+
+def is_sample(item: ScannedItem) -> bool:
+    """Returns whether an item is an MTData2 message that its packets fill."""
+    if not isinstance(item, _core.ScannedFrame) or item.mid != MTDATA2:
+        return False
+    return _core.is_sample(item.payload)
+
+
+def named_item(item: ScannedItem, sample: int = 0) -> Message | String | Damage:
+    """Returns what the scanner of the core has found, with the names of the manual.
+
+    Args:
+        item: The frame, string or damage.
+        sample: Index of the next sample.
+    """
+    if isinstance(item, _core.ScannedFrame):
+        name = message_name(item.mid, len(item.payload))
+        return Message(item.mid, name, item.bid, item.payload, item.offset, sample)
+    if isinstance(item, _core.ScannedString):
+        return String(type_at(item.place), item.data, item.offset, sample)
+    return Damage(item.offset, item.length, item.reason)
 
 
 def encode_frame(mid: int, payload: bytes = b"", *, bid: int = 0xFF) -> bytes:

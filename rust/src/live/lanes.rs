@@ -158,6 +158,8 @@ pub struct Waiting {
     pub samples: usize,
     /// Strings.
     pub strings: usize,
+    /// Events that were ever added.
+    pub events_added: u64,
     /// When the newest sample arrived, taken or not, in ns on the clock of the stream.
     pub last_sample: Option<i64>,
     /// When the newest bytes arrived, likewise.
@@ -247,6 +249,7 @@ impl Lanes {
         Waiting {
             samples: self.samples.len(),
             strings: self.strings.len(),
+            events_added: self.added,
             last_sample: self.last_sample,
             last_arrival,
             dropped_samples: self.dropped.samples,

@@ -87,6 +87,7 @@ pub struct ReceivedString {
 pub struct Waiting {
     samples: usize,
     strings: usize,
+    events_added: u64,
     last_sample: Option<f64>,
     last_arrival: Option<f64>,
     dropped_samples: u64,
@@ -251,6 +252,7 @@ impl Acquisition {
         Waiting {
             samples: waiting.samples,
             strings: waiting.strings,
+            events_added: waiting.events_added,
             last_sample: waiting.last_sample.map(in_seconds),
             last_arrival: waiting.last_arrival.map(in_seconds),
             dropped_samples: waiting.dropped_samples,

@@ -104,7 +104,7 @@ class Counts:
         lost_samples, gaps: Samples missing by the packet counter, and the number of places.
         skipped_bytes, checksum_errors, malformed: Damage.
         errors, warnings: Messages of the device.
-        overruns, dropped_bytes, dropped_samples: Data dropped by the driver, the queue and the program.
+        overruns, dropped_samples: Data dropped by the driver, and unread.
         queued_bytes, unread_samples: Waiting data.
     """
 
@@ -118,7 +118,6 @@ class Counts:
     errors: int = 0
     warnings: int = 0
     overruns: int = 0
-    dropped_bytes: int = 0
     dropped_samples: int = 0
     queued_bytes: int = 0
     unread_samples: int = 0

@@ -206,9 +206,8 @@ def _losses(model: Model) -> list[Span]:
     parts += [(text, BAD) for text, number in damage if number] or [("no damage", GOOD)]
     if counts.overruns:
         parts.append((f"{format_count(counts.overruns, 'overrun')} in the driver", BAD))
-    if counts.dropped_bytes or counts.dropped_samples:
-        samples = format_count(counts.dropped_samples, "sample")
-        parts.append((f"dropped: {format_size(counts.dropped_bytes)}, {samples}", BAD))
+    if counts.dropped_samples:
+        parts.append((f"dropped: {format_count(counts.dropped_samples, 'sample')}", BAD))
     if model.progress is None:
         parts.append((_queue(model), PLAIN))
     return parts
