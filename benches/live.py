@@ -29,7 +29,7 @@ def processor_share(device: xbus.Device, work: Callable[[], None]) -> float:
     work()
     elapsed, used = time.perf_counter() - began, sum(os.times()[:2]) - used
     stats = device.stats
-    assert stats.lost_samples == stats.dropped_bytes == stats.skipped_bytes == 0, stats
+    assert stats.lost_samples == stats.dropped_samples == stats.skipped_bytes == 0, stats
     return used / elapsed
 
 
