@@ -683,8 +683,8 @@ class Acquisition:
         """
     def take_all(self) -> list[ScannedFrame | ScannedString | ScannedDamage] | None:
         """Takes everything that waits, in order; None once nothing waits and the stream has ended."""
-    def clear_data(self, counted: bool) -> None:
-        """Removes the samples and strings that wait; they count as dropped if ``counted``."""
+    def clear_data(self) -> int:
+        """Removes the samples and strings that wait; returns their number. They do not count as dropped."""
     def stats(self, now: float) -> dict[str, Any]:
         """Returns counts of all that was received, and the state of the lanes.
 

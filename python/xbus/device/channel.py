@@ -72,6 +72,7 @@ class Channel:
         session: The session.
         notices: The latest 100 messages that answer no command.
         device_id: Device identifier, once it is read.
+        outdated: Number of samples and strings removed unread because new settings took effect.
         trace: Follows the messages, or None.
     """
 
@@ -79,6 +80,7 @@ class Channel:
         self.link = link
         self.session = Session(bid=link.acquisition.bid)
         self.device_id: int | None = None
+        self.outdated = 0
         self.trace: Trace | None = None
         self.notices: deque[Notice] = deque(maxlen=100)
         if link.trouble is not None:
@@ -318,7 +320,7 @@ class Channel:
             self.find_state()
         if name in ("GoToMeasurement", "Reset") and self._has_new_settings:
             # Samples of the next measurement must not follow those with the settings before.
-            self.link.acquisition.clear_data(counted=True)
+            self.outdated += self.link.acquisition.clear_data()
             self._has_new_settings = False
         timeout, tries = self._timeout_and_tries(name)
         for _ in range(tries):

@@ -269,7 +269,8 @@ class Device:
     def go_to_measurement(self) -> None:
         """GoToMeasurement (0x10): enters Measurement State.
 
-        If settings have changed, samples and strings that were not read before are dropped and counted.
+        If settings have changed, samples and strings that were not read before are removed: `LiveStats.outdated`
+        counts them.
         """
         self.command("GoToMeasurement")
 
@@ -609,12 +610,12 @@ class Device:
         They do not count as dropped.
         """
         self._channel.handle_events()
-        self.link.acquisition.clear_data(counted=False)
+        self.link.acquisition.clear_data()
 
     @property
     def stats(self) -> LiveStats:
         """The counts of the stream since the port was opened. Takes microseconds."""
-        return live_stats(self.link.acquisition.stats(self.link.clock()))
+        return live_stats(self.link.acquisition.stats(self.link.clock()), self._channel.outdated)
 
     def record(
         self,

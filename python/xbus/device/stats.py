@@ -37,10 +37,10 @@ class LiveStats:
         rates: Rates in Hz of quantities and strings by name, over the last two seconds; empty in the first
             half second.
         unread_samples: Samples that wait to be read.
-        dropped_samples: Samples dropped unread: because newer ones filled the queue, or because new settings
-            made them outdated.
+        dropped_samples: Samples dropped unread because newer ones filled the queue.
         dropped_strings: Strings dropped unread, likewise.
         dropped_messages: Messages dropped because the program handled none for long.
+        outdated: Samples and strings removed unread because new settings took effect.
         queued_bytes: Bytes of samples, strings and messages that wait to be read.
         overruns: Overruns of the driver or chip; None if the system does not count them.
         errors: Error messages.
@@ -64,6 +64,7 @@ class LiveStats:
     dropped_samples: int
     dropped_strings: int
     dropped_messages: int
+    outdated: int
     queued_bytes: int
     overruns: int | None
     errors: int
@@ -71,8 +72,8 @@ class LiveStats:
     last_error: str | None
 
 
-def live_stats(stats: dict[str, Any]) -> LiveStats:
-    """Returns the stats from those of `_core.Acquisition.stats`."""
+def live_stats(stats: dict[str, Any], outdated: int) -> LiveStats:
+    """Returns the stats from those of `_core.Acquisition.stats`, and the number of outdated samples."""
     counts, rates, dropped = stats["counts"], stats["rates"], stats["dropped"]
     losses = counts.pop("losses")
     return LiveStats(
@@ -84,6 +85,7 @@ def live_stats(stats: dict[str, Any]) -> LiveStats:
         dropped_samples=dropped["samples"],
         dropped_strings=dropped["strings"],
         dropped_messages=dropped["messages"],
+        outdated=outdated,
         queued_bytes=stats["queued"],
         overruns=stats["overruns"],
     )

@@ -352,11 +352,10 @@ impl Acquisition {
         if items.is_empty() && state.ended.is_some() { None } else { Some(items) }
     }
 
-    /// Removes the samples and strings that wait; they count as dropped if `counted`.
-    pub fn clear_data(&self, counted: bool) {
-        if let Some(mut state) = self.state() {
-            state.lanes.clear_data(counted);
-        }
+    /// Removes the samples and strings that wait, and returns how many there were. They do not count as dropped.
+    #[allow(clippy::must_use_candidate)] // the number may not matter
+    pub fn clear_data(&self) -> usize {
+        self.state().map_or(0, |mut state| state.lanes.clear_data())
     }
 
     /// What waits to be taken.

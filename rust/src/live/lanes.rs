@@ -327,16 +327,14 @@ impl Lanes {
         items
     }
 
-    /// Removes the samples and strings; they count as dropped if `counted`.
-    pub fn clear_data(&mut self, counted: bool) {
-        if counted {
-            self.dropped.samples += self.samples.len() as u64;
-            self.dropped.strings += self.strings.len() as u64;
-        }
+    /// Removes the samples and strings that wait, and returns how many there were.
+    pub fn clear_data(&mut self) -> usize {
+        let count = self.samples.len() + self.strings.len();
         self.samples.clear();
         self.frames.clear();
         self.strings.clear();
         self.string_bytes = 0;
+        count
     }
 }
 

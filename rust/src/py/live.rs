@@ -242,8 +242,8 @@ impl Acquisition {
         items.iter().filter_map(object).collect::<PyResult<_>>().map(Some)
     }
 
-    fn clear_data(&self, counted: bool) {
-        self.0.clear_data(counted);
+    fn clear_data(&self) -> usize {
+        self.0.clear_data()
     }
 
     #[getter]
