@@ -116,10 +116,11 @@ fn pushed_bytes_equal_memory() {
     let (mut reader, mut buffer) = (Reader::new(Options::default(), 0), PushBuffer::default());
     for piece in bytes.chunks(77_777) {
         buffer.push(piece);
-        reader.read_pushed(&mut buffer, false).unwrap();
+        reader.read(buffer.window(false), u64::MAX).unwrap();
+        buffer.release(reader.at());
         assert!(buffer.window(false).bytes.len() < frame, "only an incomplete frame is kept");
     }
-    reader.read_pushed(&mut buffer, true).unwrap();
+    reader.read(buffer.window(true), u64::MAX).unwrap();
     assert!(reader.is_finished());
     Log::of(&reader.take(), &mut Clocks::default()).same_as(&Log::whole(&bytes, Options::default()), "pushed, memory");
 }

@@ -15,7 +15,7 @@ use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
 use crate::error::{Fault, ReadError};
 use crate::frame::{Frame, HEADER_SIZE, Header, MAX_PAYLOAD};
 use crate::huge_pages;
-use crate::input::{PushBuffer, Stream};
+use crate::input::Stream;
 use crate::layout::{Batch, Layout, Layouts, Slot};
 use crate::packet::{Coordinates, PACKET_HEADER, packets};
 use crate::scan::{Damage, Scanner, Step, Window, is_bid};
@@ -451,16 +451,6 @@ impl Reader {
             self.read(stream.window(), until)?;
         }
         Ok(())
-    }
-
-    /// Reads frames from bytes that are pushed, as far as they can be decided; `last` is whether no more follow.
-    ///
-    /// # Errors
-    /// As [`Self::read`].
-    pub fn read_pushed(&mut self, buffer: &mut PushBuffer, last: bool) -> Result<(), Fault> {
-        let result = self.read(buffer.window(last), u64::MAX);
-        buffer.release(self.at());
-        result
     }
 
     fn read_frames(&mut self, window: Window<'_>, until: u64) -> Result<(), Fault> {

@@ -225,6 +225,12 @@ impl Scanner {
         self.damage.map_or(0, |(offset, _)| self.at - offset)
     }
 
+    /// A scanner that goes on from the same position with the same knowledge, and leaves this one as it is.
+    #[must_use]
+    pub fn lookahead(&self) -> Self {
+        Self { sums: Sums::default(), ..*self }
+    }
+
     /// Goes on behind this number of bytes, which are frames and strings that another scanner has accepted.
     pub fn pass(&mut self, length: u64) {
         self.go_to(self.at + length);
@@ -469,7 +475,7 @@ enum Tiling {
 /// these packets are walked on credit: each costs 16, and each byte that the scanner passes pays 1, so a packet of a real
 /// message pays about what it costs. Only an extended MTData2 right after a long stretch of such input can be refused for
 /// lack of credit.
-#[derive(Debug)]
+#[derive(Clone, Copy, Debug)]
 struct Walk {
     candidate: u64,
     at: usize,

@@ -6,11 +6,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use super::intake::Intake;
 use super::lanes::{Block, Dropped, Event, Item, Lanes, Sample, Text, Waiting};
 use super::rates::{Meter, Rates};
 use super::recorder::{Recorder, Recording, Report};
 use super::time::{self, monotonic};
-use super::{Counts, Intake, PIECE, lock};
+use super::{Counts, PIECE, lock};
 
 /// Default for the most bytes of samples that wait: 60 seconds at 4 Mbaud.
 pub const QUEUE: usize = 24_000_000;
@@ -37,6 +38,8 @@ pub struct Acquisition {
     shared: Arc<Shared>,
     #[cfg(unix)]
     thread: Mutex<Option<Thread>>,
+    /// Held while a recording starts, so that two do not write to one file.
+    starting: Mutex<()>,
     bid: u8,
     /// The process that the threads belong to.
     process: u32,
@@ -165,6 +168,7 @@ impl Acquisition {
             shared: Arc::new(Shared { state: Mutex::new(state), arrived: Condvar::new(), epoch }),
             #[cfg(unix)]
             thread: Mutex::new(None),
+            starting: Mutex::new(()),
             bid,
             process: std::process::id(),
         }
@@ -216,7 +220,10 @@ impl Acquisition {
             state.overruns_seen = port.overruns();
         }
         let (weak, shared) = (Arc::downgrade(&port), self.shared.clone());
-        let handle = std::thread::Builder::new().name("xbus-reader".into()).spawn(move || shared.drain(port))?;
+        let handle = std::thread::Builder::new()
+            .name("xbus-reader".into())
+            .spawn(move || shared.drain(port))
+            .inspect_err(|error| self.shared.end(&format!("the port cannot be read: {error}")))?;
         *thread = Some(Thread { port: weak, handle });
         Ok(())
     }
@@ -240,7 +247,8 @@ impl Acquisition {
         Ok(())
     }
 
-    /// Adds bytes that were received by other means, at `arrival` or now; returns false after the end of the stream.
+    /// Adds bytes that were received by other means, at `arrival` or now; returns false after the end of the stream. Arrivals
+    /// never decrease: one that is earlier than the last one is taken for the last one.
     #[allow(clippy::must_use_candidate)] // a caller may know that the stream has not ended
     pub fn push(&self, bytes: &[u8], arrival: Option<i64>) -> bool {
         let arrival = arrival.unwrap_or_else(monotonic);
@@ -277,9 +285,9 @@ impl Acquisition {
     pub fn wait(&self, need: Need, timeout: Duration, cancel: &Cancel) -> bool {
         let Some(mut state) = self.state() else { return true };
         state.hurry |= need.samples == Some(1) || need.strings || need.events.is_some();
-        let (began, dropped) = (Instant::now(), state.lanes.dropped().samples);
+        let (began, overflowed) = (Instant::now(), state.lanes.overflowed());
         loop {
-            let is_full = need.samples.is_some() && state.lanes.dropped().samples > dropped;
+            let is_full = need.samples.is_some() && state.lanes.overflowed() > overflowed;
             if state.has(need) || is_full || state.ended.is_some() || cancel.is_set() {
                 return true;
             }
@@ -376,7 +384,7 @@ impl Acquisition {
         let Some(state) = self.state() else { return Stats::default() };
         let counts = Counts { skipped_bytes: state.intake.skipped_bytes(), ..state.intake.counts().clone() };
         Stats {
-            rates: state.meter.rates(&counts, now, state.last_arrival),
+            rates: state.meter.rates(&counts, now),
             counts,
             queued: state.lanes.bytes(),
             unread: state.lanes.samples(),
@@ -392,17 +400,13 @@ impl Acquisition {
     /// # Errors
     /// Those of the system, about the first file; [`io::ErrorKind::AlreadyExists`] if a recording is in progress.
     pub fn record(&self, recording: Recording) -> io::Result<()> {
-        let busy = || io::Error::new(io::ErrorKind::AlreadyExists, "a recording is in progress");
+        let _starting = lock(&self.starting);
         if self.recording().is_some_and(|report| report.active) {
-            return Err(busy());
+            return Err(io::Error::new(io::ErrorKind::AlreadyExists, "a recording is in progress"));
         }
         let strings = self.state().ok_or_else(forked)?.intake.expected();
         let recorder = Arc::new(Recorder::start(recording, self.shared.epoch, strings)?);
-        let mut state = self.state().ok_or_else(forked)?;
-        if state.recorder.as_ref().is_some_and(|recorder| recorder.report().active) {
-            return Err(busy());
-        }
-        state.recorder = Some(recorder);
+        self.state().ok_or_else(forked)?.recorder = Some(recorder);
         Ok(())
     }
 
@@ -501,12 +505,13 @@ impl Shared {
         if state.ended.is_some() {
             return false;
         }
-        state.meter.note(state.intake.counts(), arrival);
+        let arrival = state.last_arrival.map_or(arrival, |last| last.max(arrival));
         state.last_arrival = Some(arrival);
-        let dropped = state.lanes.dropped();
+        let overflowed = state.lanes.overflowed();
         state.intake.feed(piece, arrival, &mut state.lanes, state.recorder.as_deref());
+        state.meter.note(state.intake.counts(), arrival);
         // A waiter that needs more than fits learns that it does not.
-        let is_full = state.lanes.dropped().samples > dropped.samples;
+        let is_full = state.lanes.overflowed() > overflowed;
         self.wake(&mut guard, is_full);
         true
     }
@@ -554,13 +559,14 @@ impl State {
     }
 }
 
-/// Ends the stream, for whatever reason the thread ends, when it is dropped.
+/// Ends the stream when it is dropped: a thread that panics leaves bytes that cannot be decided.
 #[cfg(unix)]
 struct ReportEnd<'a>(&'a Shared);
 
 #[cfg(unix)]
 impl Drop for ReportEnd<'_> {
     fn drop(&mut self) {
-        self.0.end("the reader failed; this is a bug in xbus");
+        lock(&self.0.state).ended.get_or_insert_with(|| "the reader failed; this is a bug in xbus".to_owned());
+        self.0.arrived.notify_all();
     }
 }

@@ -57,7 +57,7 @@ impl BlockDecoder {
             }
         }
         #[allow(clippy::cast_precision_loss)] // seconds since 1970 to a microsecond
-        let seconds = |arrival: i64| (arrival + self.epoch) as f64 / 1e9;
+        let seconds = |arrival: i64| arrival.saturating_add(self.epoch) as f64 / 1e9;
         DecodedBlock {
             part: TimedPart::of(part, times),
             host_times: samples.iter().map(|sample| sample.host_time).collect(),

@@ -1,16 +1,16 @@
 //! The scan of a live stream. Everything that is known about the stream is found here, once.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use super::lanes::{Event, Lanes, Sample, Text};
 use super::recorder::{Mark, Recorder};
 use super::{Counts, Piece};
 use crate::clock::{Change, Clocks, Stamps};
-use crate::frame::{Frame, Header, MASTER, device_of};
+use crate::frame::{Frame, MASTER, device_of};
 use crate::hostclock::HostClock;
 use crate::input::PushBuffer;
 use crate::packet::is_well_formed;
-use crate::scan::{Damage, Item, Scanner, Step, Window};
+use crate::scan::{Damage, Scanner, Step};
 use crate::table::{self, LONGEST_PAYLOAD};
 
 /// Scans a stream that is received in pieces, counts what it finds, and gives each sample its times.
@@ -27,8 +27,8 @@ pub struct Intake {
     clocks: Clocks,
     host_clocks: BTreeMap<u8, HostClock>,
     counts: Counts,
-    /// Where the messages begin that were handed out before they were decided.
-    early: Vec<u64>,
+    /// Where the messages begin that were handed out before they were decided: positions among the undecided bytes.
+    early: BTreeSet<u64>,
     /// Frames and strings of the present piece, for the recorder.
     marks: Vec<Mark>,
 }
@@ -46,7 +46,7 @@ impl Intake {
             clocks: Clocks::default(),
             host_clocks: BTreeMap::new(),
             counts: Counts::default(),
-            early: vec![],
+            early: BTreeSet::new(),
             marks: vec![],
         }
     }
@@ -126,6 +126,7 @@ impl Intake {
             recorder.offer(decided, window.offset, &self.pieces, &self.marks);
         }
         self.pieces.drain(..self.pieces.partition_point(|piece| piece.end <= end));
+        self.early = self.early.split_off(&end);
         self.undecided = undecided;
         self.undecided.release(end);
     }
@@ -155,7 +156,7 @@ impl Intake {
                 f64::NAN
             } else {
                 let clock = self.host_clocks.entry(device_of(frame.bid)).or_default();
-                clock.update(moment.seconds, arrival + self.epoch, stamps.lead())
+                clock.update(moment.seconds, arrival.saturating_add(self.epoch), stamps.lead())
             };
             if is_wanted {
                 #[allow(clippy::cast_possible_truncation)] // at most 65535 and a header
@@ -170,9 +171,7 @@ impl Intake {
             clock.change(change);
         }
         self.counts.message(frame);
-        let is_early = self.early.contains(&offset);
-        self.early.retain(|early| *early > offset);
-        if is_wanted && !is_early {
+        if is_wanted && !self.early.contains(&offset) {
             lanes.add_event(Event::Message { offset, bytes: bytes.into() });
         }
     }
@@ -181,21 +180,20 @@ impl Intake {
     /// undecided: they may be part of a longer frame.
     pub(super) fn early_messages(&mut self) -> Vec<Event> {
         let undecided = self.undecided.window(true);
-        let mut scanner = Scanner::new(LONGEST_PAYLOAD);
-        scanner.expect(self.scanner.expected());
+        let mut scanner = self.scanner.lookahead();
         let mut found = vec![];
-        for item in scanner.items(Window { offset: 0, ..undecided }) {
-            let Item::Frame { offset: start, frame } = item else { continue };
-            let offset = undecided.offset + start;
-            if frame.mid != table::MTDATA2 && self.is_wanted(frame.bid) && !self.early.contains(&offset) {
-                self.early.push(offset);
-                #[allow(clippy::cast_possible_truncation)] // a position in the window
-                let bytes = &undecided.bytes[start as usize..];
-                let length = Header::read(bytes).map_or(0, |header| header.frame());
-                found.push(Event::Message { offset, bytes: bytes[..length].into() });
+        loop {
+            let (at, length) = match scanner.step(undecided) {
+                Step::Frame { at, length, .. } => (at, length),
+                Step::String { .. } => continue,
+                Step::More | Step::End(_) => return found,
+            };
+            let (offset, bytes) = (undecided.offset + at as u64, &undecided.bytes[at..at + length]);
+            let frame = Frame::of(bytes);
+            if frame.mid != table::MTDATA2 && self.is_wanted(frame.bid) && self.early.insert(offset) {
+                found.push(Event::Message { offset, bytes: bytes.into() });
             }
         }
-        found
     }
 
     /// Whether frames with this bus identifier are handed out.

@@ -55,7 +55,8 @@ pub enum Event {
     },
     /// A stretch of bytes that is neither frame nor string.
     Damage(Damage),
-    /// The first sample or string after the last call of [`Lanes::mark_data`] or message: the device measures.
+    /// The first sample or string after a message or a call of [`mark_data`](super::Acquisition::mark_data): the device
+    /// measures.
     Data,
 }
 
@@ -127,7 +128,7 @@ pub struct Dropped {
     pub samples: u64,
     /// Strings.
     pub strings: u64,
-    /// Messages, and stretches of damage.
+    /// Messages. Damage is not among them: its bytes are counted as skipped.
     pub messages: u64,
 }
 
@@ -149,6 +150,8 @@ pub struct Lanes {
     /// When the newest sample arrived.
     last_sample: Option<i64>,
     dropped: Dropped,
+    /// Samples dropped because the lane was full.
+    overflowed: u64,
 }
 
 /// What waits to be taken.
@@ -182,6 +185,7 @@ impl Lanes {
             is_data_marked: false,
             last_sample: None,
             dropped: Dropped::default(),
+            overflowed: 0,
         }
     }
 
@@ -193,6 +197,7 @@ impl Lanes {
         while self.samples.len() > 1 && self.is_over(self.frames.len(), self.samples.len()) {
             self.pop_sample();
             self.dropped.samples += 1;
+            self.overflowed += 1;
         }
     }
 
@@ -214,8 +219,9 @@ impl Lanes {
         self.added += 1;
         self.events.push_back(event);
         while self.events.len() > 1 && self.is_over(self.event_bytes, self.events.len()) {
-            self.event_bytes -= self.events.pop_front().map_or(0, |event| event.size());
-            self.dropped.messages += 1;
+            let Some(event) = self.events.pop_front() else { break };
+            self.event_bytes -= event.size();
+            self.dropped.messages += u64::from(matches!(event, Event::Message { .. }));
         }
     }
 
@@ -269,6 +275,11 @@ impl Lanes {
     /// Number of entries dropped unread.
     pub const fn dropped(&self) -> Dropped {
         self.dropped
+    }
+
+    /// Number of samples dropped because the lane was full.
+    pub const fn overflowed(&self) -> u64 {
+        self.overflowed
     }
 
     fn pop_sample(&mut self) -> Option<Sample> {

@@ -23,7 +23,6 @@ pub mod time;
 pub use acquisition::{Acquisition, Cancel, Need, QUEUE, Stats};
 pub use block::{BlockDecoder, DecodedBlock};
 pub use counts::Counts;
-pub use intake::Intake;
 pub use lanes::{Block, Dropped, Event, Item, Sample, Text, Waiting};
 pub use rates::Rates;
 pub use recorder::{Recording, Report, TIMES_HEADER, TIMES_MAGIC, TIMES_VERSION};

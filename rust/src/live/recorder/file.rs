@@ -6,7 +6,6 @@ use std::path::{Path, PathBuf};
 
 use super::Recording;
 use super::times::Times;
-use crate::live::time::monotonic;
 
 /// A file that is being written.
 #[derive(Debug)]
@@ -17,8 +16,8 @@ pub struct LogFile {
     pub length: u64,
     /// Bytes up to the end of the last whole frame.
     pub whole: u64,
-    /// When its first bytes arrived.
-    pub began: i64,
+    /// When its first bytes arrived; `None` if there are none.
+    pub began: Option<i64>,
     times: Option<Times>,
     /// Whether there was no file with this path before.
     is_new: bool,
@@ -48,7 +47,7 @@ impl LogFile {
                 let _ = fs::remove_file(times_path);
             }
         }
-        let mut output = Self { path, file, length: 0, whole: 0, began: monotonic(), times, is_new };
+        let mut output = Self { path, file, length: 0, whole: 0, began: None, times, is_new };
         if let Err(error) = output.write(&recording.head).and_then(|()| output.write(strings)) {
             output.truncate();
             return Err(error);

@@ -50,7 +50,7 @@ impl Times {
 
     /// Adds a record, unless the last one is too close. `arrival` is in nanoseconds since 1970.
     pub fn add(&mut self, position: u64, arrival: i64) {
-        if self.last.is_some_and(|last| arrival - last < LEAST_INTERVAL) {
+        if self.last.is_some_and(|last| arrival.saturating_sub(last) < LEAST_INTERVAL) {
             self.left_out = Some((position, arrival));
             return;
         }

@@ -76,8 +76,8 @@ impl Writer {
         let mut from = 0;
         for mark in &batch.marks {
             let end = mark.end as u64;
-            self.start_file_if_full(batch, from)?;
-            if self.is_full(end - from, batch.arrival(end)) {
+            let began = self.prepare(batch, from)?;
+            if self.is_full(end - from, batch.arrival(end).saturating_sub(began)) {
                 self.write_up_to(batch, &mut from, end)?;
                 self.flush(true)?;
                 self.full = true;
@@ -94,19 +94,24 @@ impl Writer {
         self.output.flush(ends, self.recording.fsync).map_err(of_file(&self.output.path))
     }
 
-    /// Whether the file is to end after this number of bytes more, the last of which arrived then.
-    fn is_full(&self, more: u64, arrival: i64) -> bool {
+    /// Whether the file is to end after this number of bytes more, with which it lasts this number of nanoseconds.
+    fn is_full(&self, more: u64, lasted: i64) -> bool {
         let length = self.output.length + more;
-        let lasted = u64::try_from(arrival - self.output.began).map_or(Duration::ZERO, Duration::from_nanos);
+        let lasted = u64::try_from(lasted).map_or(Duration::ZERO, Duration::from_nanos);
         self.recording.rotate_bytes.is_some_and(|limit| length >= limit)
             || self.recording.rotate_after.is_some_and(|limit| lasted >= limit)
     }
 
-    /// Starts another file, for the bytes from this position of the batch on, if the current one is full.
-    fn start_file_if_full(&mut self, batch: &Batch, from: u64) -> io::Result<()> {
-        if !self.full {
-            return Ok(());
+    /// Prepares the file for the bytes from this position of the batch on: starts another one if the current one is full.
+    /// Returns when the first bytes of the file arrived.
+    fn prepare(&mut self, batch: &Batch, from: u64) -> io::Result<i64> {
+        if self.full {
+            self.start_file()?;
         }
+        Ok(*self.output.began.get_or_insert(batch.arrival(from + 1)))
+    }
+
+    fn start_file(&mut self) -> io::Result<()> {
         let (path, output) = loop {
             self.number += 1;
             let path = numbered(&self.recording.path, self.number);
@@ -116,7 +121,6 @@ impl Writer {
             }
         };
         self.output = output;
-        self.output.began = batch.arrival(from + 1);
         self.files.push(path);
         self.full = false;
         Ok(())
@@ -127,7 +131,7 @@ impl Writer {
         if *from == to {
             return Ok(());
         }
-        self.start_file_if_full(batch, *from)?;
+        self.prepare(batch, *from)?;
         let (begin, length) = (*from, self.output.length);
         #[allow(clippy::cast_possible_truncation)] // positions in a buffer
         let result = self.output.write(&batch.bytes[begin as usize..to as usize]);
@@ -143,7 +147,7 @@ impl Writer {
         self.frames += batch.marks[first..done].iter().filter(|mark| mark.is_frame).count() as u64;
         result.map_err(of_file(&self.output.path))?;
         for piece in batch.pieces.iter().skip_while(|piece| piece.end <= begin) {
-            self.output.add_time(place(piece.end.min(to)), piece.arrival + self.epoch);
+            self.output.add_time(place(piece.end.min(to)), piece.arrival.saturating_add(self.epoch));
             if piece.end >= to {
                 break;
             }
