@@ -46,6 +46,8 @@ __all__ = [
     "is_sample",
     "message_name",
     "messages",
+    "packet_headers",
+    "packet_numbers",
     "packets",
     "product_code",
     "products",
@@ -134,6 +136,19 @@ class EncodedFrames:
 
 def packets(payload: bytes) -> list[Packet]:
     """Returns the packets of an MTData2 payload, up to one that runs past its end."""
+
+def packet_headers(payload: bytes) -> bytes:
+    """Returns the identifier (2 bytes), size (1) and whether the tables explain it (1) of each packet."""
+
+def packet_numbers(data_id: int, data: bytes) -> Any:
+    """Returns the numbers of one packet.
+
+    Returns:
+        An array ``(k,)`` for a vector of real numbers, float32 or float64; a list of numbers otherwise.
+
+    Raises:
+        ValueError: The tables do not explain a packet of this identifier and size.
+    """
 
 @final
 class Packet:

@@ -92,6 +92,8 @@ class Channel:
         #: Number of times that the port was lost.
         self._losses = 0
         self._answers: deque[Reply | Refusal] = deque()
+        #: Number of events that were ever handled.
+        self._seen = 0
         #: Number of messages, and first samples or strings after one.
         self._heard = 0
         #: Whether settings have changed since the last measurement began.
@@ -119,6 +121,7 @@ class Channel:
             events = self.link.acquisition.take_events(early=early)
             for item in events.items:
                 self._handle(item)
+            self._seen = events.added
             return events.added
 
     def _handle(self, item: _core.ScannedFrame | _core.ScannedDamage | None) -> None:
@@ -461,6 +464,11 @@ class Channel:
         """
         acquisition = self.link.acquisition
         began, dropped = self.link.clock(), self._dropped_samples()
+        if self.session.state == State.MEASUREMENT and acquisition.ended is None:
+            # Nearly always samples come, and nothing else. The rest of this method costs more than a sample.
+            self.link.wait(timeout, samples=count, events=self._seen, cancel=cancel)
+            if acquisition.waiting.samples >= count:
+                return
 
         def is_over() -> bool:
             return (

@@ -269,8 +269,8 @@ class Device:
     def go_to_measurement(self) -> None:
         """GoToMeasurement (0x10): enters Measurement State.
 
-        If settings have changed, samples and strings that were not read before are removed: `LiveStats.outdated`
-        counts them.
+        If settings have changed, samples and strings that were not read before are removed;
+        `LiveStats.outdated` counts them.
         """
         self.command("GoToMeasurement")
 

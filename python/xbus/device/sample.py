@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Iterator, Mapping
 from functools import cached_property, lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from xbus import _core
 from xbus.protocol.ids import MessageId
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey, key_of
-from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.tables import QUANTITIES, Quantity
 from xbus.wire.codec import encode_frame
 from xbus.wire.struct import struct_of
 
 __all__ = ["Sample"]
 
-#: The numpy type that holds each precision exactly; integers have their own type.
-_REALS = {"Float32": np.float32, "Fp1220": np.float64, "Fp1632": np.float64, "Float64": np.float64}
+#: Bytes of a packet before its data.
+PACKET_HEADER = 3
 
 
 class Sample(Mapping[EntryKey, Any]):
@@ -51,8 +52,7 @@ class Sample(Mapping[EntryKey, Any]):
 
     __slots__ = (
         "__dict__",
-        "_index",
-        "_packets",
+        "_known_layout",
         "arrival",
         "bid",
         "host_time",
@@ -61,8 +61,6 @@ class Sample(Mapping[EntryKey, Any]):
         "payload",
         "time",
     )
-    #: Set by `_decode`.
-    _index: KeyIndex
 
     def __init__(self, payload: bytes, bid: int = 0xFF, offset: int = 0) -> None:
         self.payload = payload
@@ -71,7 +69,7 @@ class Sample(Mapping[EntryKey, Any]):
         self.time = self.host_time = math.nan
         self.leads = False
         self.arrival: float | None = None
-        self._packets: dict[EntryKey, _core.Packet] | None = None
+        self._known_layout: _Layout | None = None
 
     @classmethod
     def of(cls, received: _core.ReceivedSample) -> Sample:
@@ -81,23 +79,12 @@ class Sample(Mapping[EntryKey, Any]):
         sample.arrival, sample.host_time = received.arrival, received.host_time
         return sample
 
-    def _decode(self) -> dict[EntryKey, _core.Packet]:
-        """Returns the packets by key, decoded once."""
-        if self._packets is None:
-            packets = _core.packets(self.payload)
-            # Name or not: a packet of a size that its identifier does not have is unknown.
-            self._index, places = _layout(
-                tuple([None if packet.name is None else packet.data_id for packet in packets])
-            )
-            self._packets = dict(
-                zip(self._index.keys, [packets[place] for place in places], strict=True)
-            )
-        return self._packets
-
-    def _by_quantity(self) -> ByQuantity[_core.Packet]:
-        """Returns the packets by every kind of key. Making it costs more than a look-up by a listed key."""
-        packets = self._decode().values()
-        return ByQuantity(self._index, packets, "sample")
+    @property
+    def _layout(self) -> _Layout:
+        """Where the quantities are in the payload, found once."""
+        if self._known_layout is None:
+            self._known_layout = _layout_of(_core.packet_headers(self.payload))
+        return self._known_layout
 
     @cached_property
     def unknown(self) -> dict[int, bytes]:
@@ -114,10 +101,21 @@ class Sample(Mapping[EntryKey, Any]):
         return encode_frame(MessageId.MTData2, self.payload, bid=self.bid)
 
     def __getitem__(self, key: Key) -> Any:
-        packets = self._decode()
-        if isinstance(key, str) and key in packets:  # nearly always
-            return _value(packets[key])
-        return _value(self._by_quantity()[key])
+        place = self._place(key)
+        numbers = _core.packet_numbers(place.data_id, self.payload[place.start : place.end])
+        row = place.row
+        if row.fields:
+            return struct_of(row, numbers)
+        if not row.components:
+            return numbers[0]
+        values = numbers if isinstance(numbers, np.ndarray) else np.array(numbers, row.kind)
+        return values.reshape(row.shape).T if row.is_matrix else values
+
+    def _place(self, key: Key) -> _Place:
+        places = self._layout.places
+        if isinstance(key, str) and key in places:  # nearly always
+            return places[key]
+        return ByQuantity(self._layout.keys, places.values(), "sample")[key]
 
     def get(self, key: Key, /, default: Any = None) -> Any:
         """Returns the value, or ``default`` if ``key`` does not name exactly one quantity of the sample."""
@@ -127,14 +125,14 @@ class Sample(Mapping[EntryKey, Any]):
 
     def __contains__(self, key: object) -> bool:
         if isinstance(key, str):  # a name is listed, or names several entries or none
-            return key in self._decode()
-        return key in self._by_quantity()
+            return key in self._layout.places
+        return key in ByQuantity(self._layout.keys, self._layout.places.values(), "sample")
 
     def __iter__(self) -> Iterator[EntryKey]:
-        return iter(self._decode())
+        return iter(self._layout.places)
 
     def __len__(self) -> int:
-        return len(self._decode())
+        return len(self._layout.places)
 
     def data_id(self, key: Key) -> int:
         """Returns the data identifier of a quantity, as received.
@@ -142,7 +140,7 @@ class Sample(Mapping[EntryKey, Any]):
         Raises:
             KeyError: The sample does not have the quantity.
         """
-        return self._by_quantity()[key].data_id
+        return self._place(key).data_id
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Sample):
@@ -164,28 +162,38 @@ class Sample(Mapping[EntryKey, Any]):
         return f"<Sample {', '.join(map(str, self)) or 'without known quantities'}>"
 
 
-@lru_cache(maxsize=256)
-def _layout(data_ids: tuple[int | None, ...]) -> tuple[KeyIndex, tuple[int, ...]]:
-    """Returns the keys of a message with these packets, and the place of the packet of each key.
+class _Place(NamedTuple):
+    """Where a quantity is in a payload."""
+
+    row: Quantity
+    data_id: int
+    start: int
+    end: int
+
+
+class _Layout(NamedTuple):
+    """Where the quantities of a message are in its payload."""
+
+    keys: KeyIndex
+    places: dict[EntryKey, _Place]
+
+
+@lru_cache(maxsize=1024)
+def _layout_of(headers: bytes) -> _Layout:
+    """Returns the layout of a message with these packets: see `_core.packet_headers`.
 
     A device repeats a handful of layouts, so the result is cached.
-
-    Args:
-        data_ids: The data identifier of each packet, None for one that the tables do not explain.
     """
-    places: dict[tuple[str, str | None], tuple[QuantityKey, int]] = {}
-    for place, data_id in enumerate(data_ids):
-        if data_id is not None:
+    found: dict[tuple[str, str | None], tuple[QuantityKey, _Place]] = {}
+    start = 0
+    for data_id, size, is_known in struct.iter_unpack(">HB?", headers):
+        start += PACKET_HEADER
+        # A packet of a size that its identifier does not have is unknown.
+        if is_known:
             key = key_of(data_id)
-            places[key.name, key.coordinates] = key, place
-    return KeyIndex(key for key, _ in places.values()), tuple(place for _, place in places.values())
-
-
-def _value(packet: _core.Packet) -> Any:
-    row, numbers = QUANTITIES[packet.name or ""], packet.numbers
-    if row.fields:
-        return struct_of(row, numbers)
-    if not row.components:
-        return numbers[0]
-    values = np.array(numbers, _REALS[packet.precision] if packet.precision else row.kind)
-    return values.reshape(row.shape).T if row.is_matrix else values
+            place = _Place(QUANTITIES[key.name], data_id, start, start + size)
+            found[key.name, key.coordinates] = key, place
+        start += size
+    keys = KeyIndex(key for key, _ in found.values())
+    places = [place for _, place in found.values()]
+    return _Layout(keys, dict(zip(keys.keys, places, strict=True)))

@@ -95,13 +95,10 @@ pub fn packets(py: Python<'_>, payload: &[u8]) -> PyResult<Vec<Packet>> {
             Form::Real(precision, _) => Some(precision.name()),
             _ => None,
         };
-        let number = |number| match number {
-            Number::Integer(value) => value.into_py_any(py),
-            Number::Wide(value) => value.into_py_any(py),
-            Number::Single(value) => value.into_py_any(py),
-            Number::Double(value) => value.into_py_any(py),
-        };
-        let numbers = value::numbers(&reading, packet.data).into_iter().map(number).collect::<PyResult<Vec<_>>>()?;
+        let numbers = value::numbers(&reading, packet.data)
+            .into_iter()
+            .map(|number| object_of_number(py, number))
+            .collect::<PyResult<Vec<_>>>()?;
         Ok(Packet {
             data_id,
             name: Some(reading.quantity.name),
@@ -111,6 +108,47 @@ pub fn packets(py: Python<'_>, payload: &[u8]) -> PyResult<Vec<Packet>> {
         })
     };
     crate::packet::packets(payload).map_while(Result::ok).map(packet).collect()
+}
+
+#[pyfunction]
+pub fn packet_headers<'py>(py: Python<'py>, payload: &[u8]) -> Bound<'py, PyBytes> {
+    let mut headers = vec![];
+    for packet in crate::packet::packets(payload).map_while(Result::ok) {
+        let ([high, low], is_known) = (packet.id.to_be_bytes(), packet.reading().is_some());
+        #[allow(clippy::cast_possible_truncation)] // the size field is one byte
+        headers.extend([high, low, packet.data.len() as u8, u8::from(is_known)]);
+    }
+    PyBytes::new(py, &headers)
+}
+
+#[pyfunction]
+pub fn packet_numbers<'py>(py: Python<'py>, data_id: u16, data: &[u8]) -> PyResult<Bound<'py, PyAny>> {
+    let Some(reading) = (crate::packet::Packet { id: data_id, at: 0, data }).reading() else {
+        return Err(PyValueError::new_err(format!("0x{data_id:04X} does not have {} bytes", data.len())));
+    };
+    let numbers = value::numbers(&reading, data).into_iter();
+    match reading.form {
+        Form::Real(_, 1) | Form::Fixed(..) | Form::Struct(_) | Form::List(..) => {
+            numbers.map(|number| object_of_number(py, number)).collect::<PyResult<Vec<_>>>()?.into_bound_py_any(py)
+        }
+        Form::Real(Precision::Float32, _) => {
+            let single = |number| if let Number::Single(value) = number { Some(value) } else { None };
+            Ok(PyArray1::from_iter(py, numbers.filter_map(single)).into_any())
+        }
+        Form::Real(..) => {
+            let double = |number| if let Number::Double(value) = number { Some(value) } else { None };
+            Ok(PyArray1::from_iter(py, numbers.filter_map(double)).into_any())
+        }
+    }
+}
+
+fn object_of_number(py: Python<'_>, number: Number) -> PyResult<Py<PyAny>> {
+    match number {
+        Number::Integer(value) => value.into_py_any(py),
+        Number::Wide(value) => value.into_py_any(py),
+        Number::Single(value) => value.into_py_any(py),
+        Number::Double(value) => value.into_py_any(py),
+    }
 }
 
 #[pyfunction]

@@ -26,7 +26,8 @@ mod _core {
     #[pymodule_export]
     use super::codec::{
         EncodedFrames, Packet, RequestScanner, ScannedDamage, ScannedFrame, ScannedString, Scanner, configuration,
-        device_id, encode_frame, encode_packet, encode_samples, frame_size, packets, product_code,
+        device_id, encode_frame, encode_packet, encode_samples, frame_size, packet_headers, packet_numbers, packets,
+        product_code,
     };
     #[pymodule_export]
     use super::column::Column;
