@@ -5,7 +5,9 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import math
+import os
 import threading
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
@@ -16,8 +18,12 @@ from xbus.device.events import Notice, Refusal, Reply
 from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Session
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
+from xbus.log.identity import IDENTITY_MESSAGES, Identity
+from xbus.protocol.ids import MessageId
+from xbus.protocol.products import product_of_code, support
 from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import BITS_PER_BYTE, State
+from xbus.wire.codec import encode_frame, message_of
 from xbus.wire.link import Link
 from xbus.wire.strings import String, type_at
 
@@ -41,12 +47,16 @@ CONFIG_TRIES, CONFIG_TIMEOUT = 10, 0.2
 DEVICE_BUFFER = 4096
 #: Seconds to listen for a device before it is asked, and seconds to wait for its answer.
 LISTEN_SECONDS, PROBE_SECONDS = 0.25, 0.35
+#: Seconds to listen for a device that cannot be asked; the lowest output rate is 1 Hz.
+SLOWEST_SECONDS = 1.2
 #: Maximum seconds from an unanswered WakeUp to the first sample: 0.5 (section 4), and a margin.
 WAKE_UP_SECONDS = 1.5
 #: Seconds of silence after which a command looks for its answer behind an incomplete frame.
 SILENCE_SECONDS = 0.1
 #: Seconds between two attempts to open a port that was lost.
 REOPEN_INTERVAL = 0.1
+#: Messages about the device that a recording should start with.
+HEARD_MESSAGES = (*IDENTITY_MESSAGES, MessageId.ReqStringOutputTypeAck)
 #: Maximum number of threads that wait for an event loop, for one device.
 ASYNC_WAITS = 16
 
@@ -70,16 +80,20 @@ class Channel:
     Attributes:
         link: The link.
         session: The session.
+        is_listening: Whether nothing may be sent.
         notices: The latest 100 messages that answer no command.
-        device_id: Device identifier, once it is read.
+        identity: What the device has sent about itself.
+        heard: The last frame of each message about the device, by MID.
         outdated: Number of samples and strings removed unread because new settings took effect.
         trace: Follows the messages, or None.
     """
 
-    def __init__(self, link: Link, *, reconnect: bool = False) -> None:
+    def __init__(self, link: Link, *, listen: bool = False, reconnect: bool = False) -> None:
         self.link = link
+        self.is_listening = listen
         self.session = Session(bid=link.acquisition.bid)
-        self.device_id: int | None = None
+        self.identity = Identity()
+        self.heard: dict[int, bytes] = {}
         self.outdated = 0
         self.trace: Trace | None = None
         self.notices: deque[Notice] = deque(maxlen=100)
@@ -88,7 +102,8 @@ class Channel:
         self._reconnects = reconnect
         #: When the port was lost, and the state of the device then; None once it is back.
         self._lost: tuple[float, State] | None = None
-        self._is_disconnected = self._is_closed = self._is_reconnecting = False
+        self._is_disconnected = self._is_reconnecting = False
+        self._is_closed = self._is_abandoned = False
         #: Number of times that the port was lost.
         self._losses = 0
         self._answers: deque[Reply | Refusal] = deque()
@@ -98,10 +113,21 @@ class Channel:
         self._heard = 0
         #: Whether settings have changed since the last measurement began.
         self._has_new_settings = False
+        self._executor: ThreadPoolExecutor | None = None
+        self._make_locks()
+        _CHANNELS.add(self)
+
+    def _make_locks(self) -> None:
         self._handling = threading.RLock()
         self._commanding = threading.RLock()
         self._reconnecting = threading.RLock()
-        self._executor: ThreadPoolExecutor | None = None
+
+    def _abandon_in_fork(self) -> None:
+        """Ends the channel in a forked process, in which its threads do not run and its locks may be held."""
+        self._make_locks()
+        self._is_closed = self._is_abandoned = True
+        self._executor = None
+        self.link.abandon()
 
     # Events
 
@@ -132,10 +158,20 @@ class Channel:
         if self.trace is not None:
             self.trace.received(item)
         event = self.session.handle(item)
+        if isinstance(item, _core.ScannedFrame) and item.mid in HEARD_MESSAGES:
+            self._hear(item)
         if isinstance(event, Notice):
             self.notices.append(event)
         elif isinstance(event, Reply | Refusal):
             self._answers.append(event)
+
+    def _hear(self, frame: _core.ScannedFrame) -> None:
+        """Takes note of a message about the device."""
+        self.heard[frame.mid] = encode_frame(frame.mid, frame.payload, bid=frame.bid)
+        self.identity = self.identity.updated([message_of(frame)])
+        code = self.identity.product_code
+        if self.is_listening and code is not None and (product := product_of_code(code)):
+            self.session.identify(support(product, None))
 
     def forget_state(self) -> None:
         """Makes the state unknown, until something is heard."""
@@ -211,7 +247,14 @@ class Channel:
 
         Raises:
             Disconnected: The port is gone, or was closed.
+            StateError: The port was opened only to listen.
         """
+        if self.is_listening:
+            raise StateError(
+                f"{command} was not sent: {self.link.name} was opened only to listen",
+                command,
+                self.state,
+            )
         self._open(command)
         try:
             self.link.write(data)
@@ -255,7 +298,8 @@ class Channel:
             self._disconnect(ConnectionResetError(ended or "another thread lost it"), command)
 
     def _refuse_closed(self, command: str | None) -> NoReturn:
-        raise Disconnected(f"{self.link.name} was closed; connect() opens it again", command)
+        what = "belongs to the parent process" if self._is_abandoned else "was closed"
+        raise Disconnected(f"{self.link.name} {what}; connect() opens it again", command)
 
     def _disconnect(self, error: OSError, command: str | None) -> NoReturn:
         with self._handling:
@@ -290,23 +334,36 @@ class Channel:
             with contextlib.suppress(Disconnected):
                 self._disconnect(ConnectionResetError(ended), None)
         lost_at, state = self._lost or (self.link.clock(), self.session.state)
+        known_id = self.identity.device_id
         self.link.pause(REOPEN_INTERVAL)
         self._is_reconnecting = True  # a second loss keeps the state of the first
         try:
+            if self.is_listening:
+                return self._reopen_to_listen(lost_at)
             # The caller tries again after a failure.
             with contextlib.suppress(Disconnected, XbusTimeout, DeviceError, DecodeError):
                 self.command("GoToConfig", None)
-                is_other = self.device_id not in (None, self.command("ReqDID", None).value)
+                is_other = known_id not in (None, self.command("ReqDID", None).value)
                 if is_other or state == State.MEASUREMENT:
                     self.command("GoToMeasurement", None)
                 if not is_other:
-                    gap = self.link.clock() - lost_at
-                    self.notices.append(Notice("Reconnected", gap, b"", self.session.bid, None))
-                    self._lost = None
+                    self._report_return(lost_at)
                     return True
             return False
         finally:
             self._is_reconnecting = False
+
+    def _reopen_to_listen(self, lost_at: float) -> bool:
+        with contextlib.suppress(Disconnected):
+            self._open(None)
+            self._report_return(lost_at)
+            return True
+        return False
+
+    def _report_return(self, lost_at: float) -> None:
+        gap = self.link.clock() - lost_at
+        self.notices.append(Notice("Reconnected", gap, b"", self.session.bid, None))
+        self._lost = None
 
     # Commands
 
@@ -319,7 +376,8 @@ class Channel:
             return reply
 
     def _command(self, name: str, value: Any) -> Reply:
-        if self.state == State.UNKNOWN and name not in ("GoToConfig", "Reset", PROBE):
+        is_unknown = self.state == State.UNKNOWN and not self.is_listening
+        if is_unknown and name not in ("GoToConfig", "Reset", PROBE):
             self.find_state()
         if name in ("GoToMeasurement", "Reset") and self._has_new_settings:
             # Samples of the next measurement must not follow those with the settings before.
@@ -385,15 +443,18 @@ class Channel:
     # The state
 
     def find_state(self) -> bool:
-        """Finds out the state without changing it: listens, then asks. Returns whether anything was heard."""
+        """Finds out the state without changing it: listens, then asks. Returns whether anything was heard.
+
+        Nothing is sent if the port was opened only to listen.
+        """
         before = self._heard
-        self._listen(LISTEN_SECONDS)
+        self._listen(SLOWEST_SECONDS if self.is_listening else LISTEN_SECONDS)
         if self.session.state == State.WAKEUP:
             # The device goes on to Measurement State or, if another program answers, to Config State.
             self.wait_for(lambda: self.session.state != State.WAKEUP, WAKE_UP_SECONDS)
             if self.session.state == State.WAKEUP:
                 self.forget_state()
-        if self.session.state == State.UNKNOWN:
+        if self.session.state == State.UNKNOWN and not self.is_listening:
             try:
                 self.send(self.session.request(PROBE), PROBE)
                 self._answer(PROBE, PROBE_SECONDS)
@@ -567,3 +628,16 @@ def _nothing_heard(port: str, received: dict[int, int]) -> str:
         f"bytes arrive on {port}, but no message ({counts}); the baud rate is probably another one than"
         f" {rates}, or this is not an MTi; xbus restore recovers a device that answers at no baud rate"
     )
+
+
+#: The channels of this process.
+_CHANNELS: weakref.WeakSet[Channel] = weakref.WeakSet()
+
+
+def _abandon_channels() -> None:
+    for channel in list(_CHANNELS):
+        channel._abandon_in_fork()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_abandon_channels)

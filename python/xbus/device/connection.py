@@ -32,6 +32,7 @@ def connect(
     baudrate: int | None = None,
     *,
     bid: int = 0xFF,
+    listen: bool = False,
     reconnect: bool = False,
     queue_seconds: float = 60.0,
     strings: Iterable[StringType | str] = (),
@@ -47,6 +48,9 @@ def connect(
             identifiers of Xsens.
         baudrate: Bits per second. None: tries the rates that devices use, one after the other.
         bid: Bus identifier of the device; 0xFF and 1 are the same device.
+        listen: Whether nothing may ever be sent: for a line that is only tapped, or a device that another
+            program has configured. Commands then raise `StateError`. With `baudrate`, a silent device is no
+            error: it may be switched on later.
         reconnect: Whether to wait for a device that is unplugged while its samples are read, and to bring it
             back into Measurement State; `Device.notices` then has the gap. The device is recognised by its
             identifier, if that has been read. Otherwise `Disconnected` is raised at once.
@@ -76,8 +80,10 @@ def connect(
     bound, mask = int(queue_seconds * MAX_BYTES_PER_SECOND), mask_of(strings)
     port = _only_port() if port is None else port
     link = open_link(port, baudrate or DEFAULT_BAUDRATE, bid=bid, bound=bound, strings=mask)
-    device = Device(link, reconnect=reconnect)
+    device = Device(link, listen=listen, reconnect=reconnect)
     rates = BAUDRATES if link.is_line else (link.baudrate,)
+    if listen and baudrate:
+        return device
     try:
         device.find_baudrate((baudrate,) if baudrate else rates, restart=True)
     except BaseException:

@@ -21,13 +21,14 @@ from xbus.device.output_configuration import (
     check_outputs_fit,
     parse_output_configuration,
 )
-from xbus.device.recording import Recording, recording_head
+from xbus.device.recording import Recording, heard_head, recording_head
 from xbus.device.sample import Sample
 from xbus.device.session import Session
 from xbus.device.settings import Applied, Settings, apply_plan, plan_settings, read_settings
 from xbus.device.stats import LiveStats, live_stats
 from xbus.device.string_output import check_strings_fit, plan_strings
 from xbus.errors import DeviceError, XbusError, XbusTimeout
+from xbus.log.identity import Identity
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.keys import Key
 from xbus.protocol.products import DEFAULT_BAUDRATE, Support, product_of_code, support
@@ -56,10 +57,7 @@ class Device:
 
     Attributes:
         commands: The raw commands of the manual, one method per message.
-        device_id: Device identifier; None until the first `configure` reads the identity.
-        product_code: Product code, or None.
-        firmware: Firmware revision, or None.
-        hardware_version: Hardware version, or None.
+        hardware_version: Hardware version; None until the first `configure` reads the identity.
         output_configuration: Output configuration that the device acknowledged last, or None.
 
     >>> import xbus
@@ -71,12 +69,9 @@ class Device:
     (['sample_time_fine', 'acceleration'], 'MTi-630')
     """
 
-    def __init__(self, link: Link, *, reconnect: bool = False) -> None:
-        self._channel = Channel(link, reconnect=reconnect)
+    def __init__(self, link: Link, *, listen: bool = False, reconnect: bool = False) -> None:
+        self._channel = Channel(link, listen=listen, reconnect=reconnect)
         self.commands = Commands(self._channel)
-        self.device_id: int | None = None
-        self.product_code: str | None = None
-        self.firmware: Firmware | None = None
         self.hardware_version: HardwareVersion | None = None
         self.output_configuration: tuple[Output, ...] | None = None
 
@@ -110,6 +105,26 @@ class Device:
     def product(self) -> Product | None:
         """The product; None until the identity is read, and for a product that is not in the manual."""
         return self.session.support.product if self.session.support else None
+
+    @property
+    def device_id(self) -> int | None:
+        """Device identifier; None until the first `configure` reads the identity, or the device sends it."""
+        return self._identity.device_id
+
+    @property
+    def product_code(self) -> str | None:
+        """Product code, or None."""
+        return self._identity.product_code
+
+    @property
+    def firmware(self) -> Firmware | None:
+        """Firmware revision, or None."""
+        return self._identity.firmware
+
+    @property
+    def _identity(self) -> Identity:
+        self._channel.handle_events()
+        return self._channel.identity
 
     @property
     def notices(self) -> Sequence[Notice]:
@@ -248,11 +263,11 @@ class Device:
         """Reads the identity, once. Very old firmware does not know all of these requests."""
         if self.session.support is not None or self.state != State.CONFIG:
             return
-        self._channel.device_id = self.device_id = self.commands.req_did()
-        with contextlib.suppress(DeviceError):
-            self.product_code = self.commands.req_product_code()
-        with contextlib.suppress(DeviceError):
-            self.firmware = self.commands.req_fw_rev()
+        # The channel keeps the answers.
+        self.commands.req_did()
+        for request in (self.commands.req_product_code, self.commands.req_fw_rev):
+            with contextlib.suppress(DeviceError):
+                request()
         with contextlib.suppress(DeviceError):
             self.hardware_version = self.commands.req_hardware_version()
         if self.product_code is not None and (product := product_of_code(self.product_code)):
@@ -632,8 +647,9 @@ class Device:
 
         A separate thread writes. The file starts with the device's Configuration, with date and time filled
         in, and EmtsData, as MT Manager's recordings do; a measuring device enters Config State for a moment
-        to send them. After a crash the file is readable up to the last flush. The recording continues when a
-        lost port comes back, as with ``reconnect``.
+        to send them. If the port was opened only to listen, it starts with what the device has sent of these
+        messages by itself. It ends with a whole frame; after a crash it is readable up to the last flush. The
+        recording continues when a lost port comes back, as with ``reconnect``.
 
         Args:
             path: The first file. With rotation, ``log-0001.mtb`` follows ``log.mtb``; a number that is in use
@@ -661,10 +677,11 @@ class Device:
         >>> len(log) >= 100, log.product_code
         (True, 'MTi-630-8A1G6')
         """
-        with self.configure():
+        is_listening = self._channel.is_listening
+        with contextlib.nullcontext() if is_listening else self.configure():
             self.link.acquisition.record(
                 path,
-                recording_head(self._channel),
+                heard_head(self._channel) if is_listening else recording_head(self._channel),
                 flush,
                 fsync,
                 rotate_bytes,

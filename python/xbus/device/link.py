@@ -6,6 +6,7 @@ import contextlib
 import os
 import threading
 import time
+import weakref
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -84,9 +85,12 @@ class SerialLink:
             number, bid=self._bid, bound=self._bound, strings=self._strings
         )
         self._pump = _pump(self._port, self.acquisition) if number is None else None
+        # A link that is dropped without `close` must not keep port and threads; the pump does not refer to it.
+        self._finalizer = weakref.finalize(self, _close, self._port, self.acquisition, self._owned)
 
     def restart(self) -> None:
         """Begins a new acquisition."""
+        self._finalizer.detach()
         self.acquisition.close()
         self._begin()
 
@@ -150,9 +154,21 @@ class SerialLink:
 
     def close(self) -> None:
         """Closes the port if it was opened for this link."""
-        self.acquisition.close()
-        if self._owned:
+        self._finalizer()
+
+    def abandon(self) -> None:
+        """Gives up the port without a trace, in a forked process: it belongs to the parent."""
+        self._finalizer.detach()
+        if self._owned and _descriptor(self._port) is not None:
             self._port.close()
+        # Closing a socket or an RFC 2217 port would end the connection of the parent.
+        self._port.is_open = False
+
+
+def _close(port: Any, acquisition: _core.Acquisition, owned: bool) -> None:
+    acquisition.close()
+    if owned:
+        port.close()
 
 
 def _descriptor(port: Any) -> int | None:

@@ -14,7 +14,7 @@ from xbus.errors import DeviceError, StateError, XbusTimeout
 from xbus.protocol.ids import MessageId
 from xbus.wire.codec import encode_frame
 
-__all__ = ["Recording", "recording_head"]
+__all__ = ["Recording", "heard_head", "recording_head"]
 
 #: Bytes of the Configuration message with the date and time of the host (Tables 13 and 14).
 _DATE_AND_TIME = slice(16, 32)
@@ -36,6 +36,18 @@ def recording_head(channel: Channel) -> bytes:
     with contextlib.suppress(DeviceError, StateError, XbusTimeout):
         head += encode_frame(MessageId.EmtsData, Commands(channel).req_emts())
     return head
+
+
+def heard_head(channel: Channel) -> bytes:
+    """Returns the frames that start a file, of those that the device has sent by itself.
+
+    Args:
+        channel: The channel of a port that was opened only to listen.
+    """
+    channel.handle_events()
+    heard = dict(channel.heard)
+    head = heard.pop(MessageId.Configuration, b"")
+    return head + b"".join(heard.values())
 
 
 def _configuration_frame(payload: bytes) -> bytes:

@@ -121,3 +121,6 @@ class SimLink:
     def close(self) -> None:
         """Stops the acquisition; the device remains in its state."""
         self.acquisition.close()
+
+    def abandon(self) -> None:
+        """Does nothing: a forked process has a copy of the device."""

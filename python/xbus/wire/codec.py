@@ -25,6 +25,7 @@ __all__ = [
     "encode_packet",
     "encode_sample",
     "is_sample",
+    "message_of",
     "named_item",
 ]
 
@@ -100,6 +101,12 @@ def is_sample(item: ScannedItem) -> bool:
     return _core.is_sample(item.payload)
 
 
+def message_of(frame: _core.ScannedFrame, sample: int = 0) -> Message:
+    """Returns a frame that the scanner of the core has found, with the manual's name: see `named_item`."""
+    name = message_name(frame.mid, len(frame.payload))
+    return Message(frame.mid, name, frame.bid, frame.payload, frame.offset, sample)
+
+
 def named_item(item: ScannedItem, sample: int = 0) -> Message | String | Damage:
     """Returns what the scanner of the core has found, with the names of the manual.
 
@@ -108,8 +115,7 @@ def named_item(item: ScannedItem, sample: int = 0) -> Message | String | Damage:
         sample: Index of the next sample.
     """
     if isinstance(item, _core.ScannedFrame):
-        name = message_name(item.mid, len(item.payload))
-        return Message(item.mid, name, item.bid, item.payload, item.offset, sample)
+        return message_of(item, sample)
     if isinstance(item, _core.ScannedString):
         return String(type_at(item.place), item.data, item.offset, sample)
     return Damage(item.offset, item.length, item.reason)

@@ -65,3 +65,6 @@ class Link(Protocol):
 
     def close(self) -> None:
         """Closes the port, if this link opened it."""
+
+    def abandon(self) -> None:
+        """Gives up the port without a trace, in a forked process: it belongs to the parent."""
