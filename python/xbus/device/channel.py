@@ -9,7 +9,7 @@ import os
 import threading
 import weakref
 from collections import deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NoReturn, Protocol
 
@@ -91,6 +91,8 @@ class Channel:
     def __init__(self, link: Link, *, listen: bool = False, reconnect: bool = False) -> None:
         self.link = link
         self.is_listening = listen
+        #: The thread that configures a measuring device, and will let it measure again.
+        self._configurer: int | None = None
         self.session = Session(bid=link.acquisition.bid)
         self.identity = Identity()
         self.heard: dict[int, bytes] = {}
@@ -177,6 +179,17 @@ class Channel:
         """Makes the state unknown, until something is heard."""
         self.session.forget()
         self.link.acquisition.mark_data()
+
+    @contextlib.contextmanager
+    def configuring(self, found: State) -> Iterator[None]:
+        """Makes readers in other threads wait while a device that was found measuring is configured."""
+        before = self._configurer
+        if found == State.MEASUREMENT:
+            self._configurer = threading.get_ident()
+        try:
+            yield
+        finally:
+            self._configurer = before
 
     # Waiting
 
@@ -534,7 +547,7 @@ class Channel:
         def is_over() -> bool:
             return (
                 acquisition.waiting.samples >= count
-                or self.session.state == State.CONFIG
+                or self._sends_no_data()
                 or (count > 1 and self._dropped_samples() > dropped)
             )
 
@@ -549,7 +562,7 @@ class Channel:
                 self._refuse_silence("sample", timeout)
         if acquisition.waiting.samples >= count:
             return
-        if self.session.state == State.CONFIG:
+        if self._sends_no_data():
             self._refuse_config("read_sample")
         raise ValueError(
             f"{count} samples do not fit into the queue of {self.link.name}; make blocks shorter, or"
@@ -579,7 +592,7 @@ class Channel:
             return bool(waiting.strings or (samples and waiting.samples))
 
         if not self.wait_for(
-            lambda: has_data() or self.session.state == State.CONFIG,
+            lambda: has_data() or self._sends_no_data(),
             timeout,
             samples=1 if samples else None,
             strings=True,
@@ -589,6 +602,11 @@ class Channel:
                 self._refuse_silence("data" if samples else "string", timeout)
         elif not has_data():
             self._refuse_config("read_string")
+
+    def _sends_no_data(self) -> bool:
+        """Returns whether the device is in Config State, and not only until another thread is done."""
+        is_waiting = self._configurer not in (None, threading.get_ident())
+        return self.session.state == State.CONFIG and not is_waiting
 
     def _refuse_silence(self, what: str, timeout: float) -> NoReturn:
         waiting = self.link.acquisition.waiting

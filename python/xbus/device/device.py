@@ -222,7 +222,7 @@ class Device:
     ) -> Iterator[Device]:
         """Enters Config State for a ``with`` block, then restores the state in which the device was found.
 
-        The block receives the device itself: in ``with device.configure() as cfg``, `cfg` is a short name for
+        Readers in other threads wait meanwhile. The block receives the device itself: in ``with device.configure() as cfg``, `cfg` is a short name for
         `device`. The first call also reads the identity of the device.
 
         Args:
@@ -239,19 +239,22 @@ class Device:
         if self.state == State.UNKNOWN:
             self._channel.find_state()
         found = self.state
-        try:
-            if found != State.CONFIG:
-                self.go_to_config()
-            self._identify()
-            if output_configuration is not None:
-                self.set_output_configuration(output_configuration, check_baudrate=check_baudrate)
-            yield self
-        except BaseException:
-            # The error of the block matters more than a failure to restore the state.
-            with contextlib.suppress(XbusError):
-                self._restore(found)
-            raise
-        self._restore(found)
+        with self._channel.configuring(found):
+            try:
+                if found != State.CONFIG:
+                    self.go_to_config()
+                self._identify()
+                if output_configuration is not None:
+                    self.set_output_configuration(
+                        output_configuration, check_baudrate=check_baudrate
+                    )
+                yield self
+            except BaseException:
+                # The error of the block matters more than a failure to restore the state.
+                with contextlib.suppress(XbusError):
+                    self._restore(found)
+                raise
+            self._restore(found)
 
     def _restore(self, found: State) -> None:
         if found == State.MEASUREMENT and self.state != State.MEASUREMENT:

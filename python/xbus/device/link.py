@@ -85,7 +85,7 @@ class SerialLink:
             number, bid=self._bid, bound=self._bound, strings=self._strings
         )
         self._pump = _pump(self._port, self.acquisition) if number is None else None
-        # A link that is dropped without `close` must not keep port and threads; the pump does not refer to it.
+        # A link that is dropped without `close` does not keep port and threads: neither refers to it.
         self._finalizer = weakref.finalize(self, _close, self._port, self.acquisition, self._owned)
 
     def restart(self) -> None:
