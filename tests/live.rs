@@ -1,72 +1,83 @@
-//! Acquisition and recording: all input is returned and recorded, and losses are counted.
+//! Acquisition: all input is handed out and counted, waits end when they should, and ports are read without delay.
+
+#[allow(dead_code)] // each test takes what it needs
+mod common;
 
 use std::fs;
-use std::path::{Path, PathBuf};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use xbus::frame::Frame;
-use xbus::live::{Acquisition, QUEUE, Recording, Report, TIMES_HEADER, TIMES_MAGIC, Taken};
-use xbus::log::{Options, Reader};
-use xbus::scan::{Scanner, Step, Window};
+use common::{LONG, SAMPLE, folder, frame, frame_of, sample, sample_of, samples};
+use xbus::frame::{MASTER, PREAMBLE};
+use xbus::live::{Acquisition, Cancel, Dropped, Event, Item, Need, QUEUE, Recording};
+use xbus::scan::plain;
 use xbus::table::{ERROR, LONGEST_PAYLOAD, MTDATA2, WARNING};
 
-/// A test fails after this time.
-const LONG: Duration = Duration::from_secs(20);
+/// A string with a checksum.
+const STRING: &[u8] = b"$PSONCMS,0*43\r\n";
+/// GoToConfigAck.
+const CONFIG_ACK: u8 = 0x31;
+const SECOND: i64 = 1_000_000_000;
+/// A short time to wait for what does not happen.
+const SHORT: Duration = Duration::from_millis(20);
 
-fn frame(mid: u8, payload: &[u8]) -> Vec<u8> {
-    Frame { bid: 0xFF, mid, payload }.encode().unwrap()
+fn acquisition() -> Acquisition {
+    Acquisition::new(QUEUE, MASTER, None)
 }
 
-/// A message with packet counter and acceleration.
-fn sample(counter: u16) -> Vec<u8> {
-    let [high, low] = counter.to_be_bytes();
-    let acceleration = [[0x40, 0x20, 0x0C].as_slice(), &[low; 12]].concat();
-    frame(MTDATA2, &[&[0x10, 0x20, 0x02, high, low], acceleration.as_slice()].concat())
+fn samples_needed(count: usize) -> Need {
+    Need { samples: Some(count), ..Need::default() }
 }
 
-fn samples(n: u16) -> Vec<u8> {
-    (0..n).flat_map(sample).collect()
+fn wait(acquisition: &Acquisition, need: Need, timeout: Duration) -> bool {
+    acquisition.wait(need, timeout, &Cancel::default())
 }
 
-/// Takes pieces until the end of the input.
-fn drain(acquisition: &Acquisition) -> (Vec<u8>, u64) {
-    let (mut all, mut missed) = (vec![], 0);
-    while acquisition.wait(1, LONG) {
-        let Some(taken) = acquisition.take() else { return (all, missed) };
-        let offset = all.len() as u64 + missed;
-        assert!(taken.offset >= offset);
-        missed += taken.offset - offset;
-        assert_eq!(taken.pieces.back().unwrap().end, taken.offset + taken.bytes.len() as u64);
-        assert!(taken.pieces.iter().zip(taken.pieces.iter().skip(1)).all(|(a, b)| a.end < b.end));
-        assert!(taken.pieces.iter().zip(taken.pieces.iter().skip(1)).all(|(a, b)| a.arrival <= b.arrival));
-        all.extend(taken.bytes);
+/// Takes everything until the end of the stream, of which nothing was dropped or taken before.
+fn drain(acquisition: &Acquisition, stream: &[u8]) {
+    let mut end = 0;
+    while let Some(items) = acquisition.take_all() {
+        for item in items {
+            let (offset, bytes) = match &item {
+                Item::Sample(sample, bytes) => (sample.offset, &bytes[..]),
+                Item::Text(text) => (text.offset, &text.bytes[..]),
+                Item::Event(Event::Message { offset, bytes }) => (*offset, &bytes[..]),
+                Item::Event(Event::Damage(damage)) => {
+                    let at = usize::try_from(damage.offset).unwrap();
+                    (damage.offset, &stream[at..at + usize::try_from(damage.length).unwrap()])
+                }
+                Item::Event(Event::Data) => panic!("a mark is not received"),
+            };
+            assert_eq!(offset, end as u64);
+            assert_eq!(*bytes, stream[end..end + bytes.len()]);
+            end += bytes.len();
+        }
+        assert!(wait(acquisition, samples_needed(1), LONG));
     }
-    panic!("the stream should have ended");
+    assert_eq!(end, stream.len());
 }
 
-fn folder(name: &str) -> PathBuf {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
-    let _ = fs::remove_dir_all(&folder);
-    fs::create_dir_all(&folder).unwrap();
-    folder
+/// The packet counters of all samples that wait.
+fn counters(acquisition: &Acquisition) -> Vec<i64> {
+    std::iter::from_fn(|| acquisition.take_sample()).map(|(sample, _)| sample.moment.counter).collect()
 }
 
-fn stop(acquisition: &Acquisition) -> Report {
-    acquisition.stop_recording(LONG).expect("a recording that can be stopped")
+/// The frames of the messages.
+fn messages<'a>(events: impl IntoIterator<Item = &'a Event>) -> Vec<Vec<u8>> {
+    let bytes = |event: &Event| match event {
+        Event::Message { bytes, .. } => Some(bytes.to_vec()),
+        Event::Damage(_) | Event::Data => None,
+    };
+    events.into_iter().filter_map(bytes).collect()
 }
 
-/// Frames in a log, and bytes outside of frames.
-fn frames_of(log: &[u8]) -> (u64, u64) {
-    let mut reader = Reader::new(Options::default(), 0);
-    reader.read(Window { bytes: log, offset: 0, last: true }, u64::MAX).unwrap();
-    let stats = reader.take().stats;
-    (stats.frames, stats.skipped_bytes)
-}
+// ---------------------------------------------------------------------------------------------
+// Counts and queues
+// ---------------------------------------------------------------------------------------------
 
 #[test]
 fn pushed_bytes_are_counted_and_queued() {
-    let acquisition = Acquisition::new(QUEUE);
+    let acquisition = acquisition();
     let stream = [
         sample(7),
         sample(8),
@@ -77,249 +88,450 @@ fn pushed_bytes_are_counted_and_queued() {
         sample(1),
         frame(MTDATA2, &[0x10, 0x20, 0x09]), // a packet that runs past the end, in step
         frame(ERROR, &[41]),
+        STRING.to_vec(),
         frame(WARNING, &[0, 0, 1, 0x95, b'!']),
     ]
     .concat();
     for piece in stream.chunks(3) {
-        assert!(acquisition.push(piece));
+        assert!(acquisition.push(piece, None));
     }
-    let stats = acquisition.stats();
+    let stats = acquisition.stats(0);
     let counts = stats.counts;
-    assert_eq!((counts.bytes, stats.queued, stats.dropped), (stream.len() as u64, stream.len(), 0));
+    assert_eq!((counts.bytes, stats.queued), (stream.len() as u64, stream.len() - b"noise".len()));
+    assert_eq!((stats.unread, stats.dropped), (5, Dropped::default()));
     assert_eq!((counts.frames, counts.samples, counts.messages, counts.malformed), (9, 5, 4, 1));
     assert_eq!(counts.quantities.into_iter().collect::<Vec<_>>(), [(0x1020, 5), (0x4020, 5)]);
+    assert_eq!(counts.strings.into_iter().collect::<Vec<_>>(), [("PSONCMS", 1)]);
     assert_eq!((counts.losses.samples, counts.losses.gaps), (2, 1));
     assert_eq!((counts.skipped_bytes, counts.errors, counts.warnings), (5, 1, 1));
     assert_eq!(counts.last_error.unwrap(), "Warning 405: the connection to the GNSS receiver was lost");
     acquisition.end("the test is over");
-    assert!(!acquisition.push(b"more"));
-    assert_eq!(drain(&acquisition), (stream, 0));
+    assert!(!acquisition.push(b"more", None));
+    drain(&acquisition, &stream);
     assert_eq!(acquisition.ended().unwrap(), "the test is over");
 }
 
 #[test]
 fn a_checksum_error_is_counted_once() {
-    let acquisition = Acquisition::new(QUEUE);
+    let acquisition = acquisition();
     let mut stream = samples(3);
     stream[30] ^= 1;
-    acquisition.push(&stream);
-    let counts = acquisition.stats().counts;
+    acquisition.push(&stream, None);
+    let counts = acquisition.stats(0).counts;
     assert_eq!((counts.samples, counts.checksum_errors, counts.skipped_bytes), (2, 1, 25));
     assert_eq!((counts.losses.samples, counts.losses.gaps), (1, 1));
 }
 
 #[test]
-fn a_full_queue_drops_the_oldest_and_counts_them() {
-    let acquisition = Acquisition::new(100);
-    for byte in 0..30u8 {
-        acquisition.push(&[byte; 20]);
+fn skipped_bytes_are_counted_before_a_frame_follows() {
+    let acquisition = acquisition();
+    acquisition.push(&[0; 7], None);
+    assert_eq!(acquisition.stats(0).counts.skipped_bytes, 7);
+    acquisition.push(&sample(0), None);
+    assert_eq!(acquisition.stats(0).counts.skipped_bytes, 7);
+}
+
+#[test]
+fn full_queues_drop_the_oldest_and_count_them() {
+    let acquisition = Acquisition::new(4 * SAMPLE, MASTER, None);
+    acquisition.push(&samples(30), None);
+    let stats = acquisition.stats(0);
+    assert_eq!((stats.unread, stats.dropped.samples, stats.counts.samples), (4, 26, 30));
+    assert_eq!(acquisition.waiting().dropped_samples, 26);
+    let block = acquisition.take_block(None).unwrap();
+    assert_eq!(block.frames, samples(30)[26 * SAMPLE..]);
+    assert!(block.samples.iter().all(|sample| sample.moment.lost == 0), "the device lost none");
+
+    let long = frame(MTDATA2, &[[0x40, 0x20, 0x0C].as_slice(), &[0; 12]].concat().repeat(20));
+    acquisition.push(&[sample(30), long.clone()].concat(), None);
+    assert_eq!(acquisition.take_sample().unwrap().1, long, "the last sample stays, however long");
+    assert!(acquisition.take_sample().is_none());
+    assert_eq!(acquisition.stats(0).dropped.samples, 27);
+
+    let _ = acquisition.take_events(false);
+    let acks: Vec<_> = (0..20).flat_map(|_| frame(CONFIG_ACK, &[])).collect();
+    acquisition.push(&acks, None);
+    let dropped = acquisition.stats(0).dropped;
+    let events = acquisition.take_events(false).0;
+    assert_eq!((events.len(), dropped.messages), (4 * SAMPLE / 16, 14), "short entries take room too");
+
+    (0..9).for_each(|_| assert!(acquisition.push(STRING, None)));
+    assert_eq!(acquisition.stats(0).dropped, Dropped { samples: 27, strings: 3, messages: 14 });
+    assert_eq!(std::iter::from_fn(|| acquisition.take_string()).count(), 6);
+    assert_eq!(acquisition.stats(0).queued, 0);
+}
+
+#[test]
+fn dropped_damage_is_no_dropped_message() {
+    let acquisition = Acquisition::new(64, MASTER, None);
+    for counter in 0..20 {
+        acquisition.push(&[&[0][..], &sample(counter)].concat(), None);
     }
-    let stats = acquisition.stats();
-    assert_eq!((stats.queued, stats.most_queued, stats.dropped, stats.counts.bytes), (100, 100, 500, 600));
-    let Taken { offset, bytes, pieces } = acquisition.take().unwrap();
-    assert_eq!((offset, bytes[0], bytes[99], pieces.len()), (500, 25, 29, 5));
-    acquisition.push(&[1; 500]);
-    assert_eq!(acquisition.stats().queued, 500, "the last piece stays, however long");
-    (0..100).for_each(|byte| {
-        acquisition.push(&[byte]);
-    });
-    assert_eq!(acquisition.stats().queued, 100 / 16, "short pieces take room too");
+    let stats = acquisition.stats(0);
+    assert_eq!((stats.counts.skipped_bytes, stats.dropped.messages), (20, 0));
 }
 
 #[test]
-fn waiting_for_missing_bytes_times_out() {
-    let acquisition = Acquisition::new(QUEUE);
-    acquisition.push(b"ab");
-    assert!(acquisition.wait(2, Duration::ZERO));
-    assert!(!acquisition.wait(3, Duration::from_millis(1)));
-    assert_eq!(acquisition.take().unwrap().bytes, b"ab");
-    assert_eq!(acquisition.take().unwrap().bytes, b"");
-    let small = Acquisition::new(100);
-    small.push(&[0; 50]);
-    assert!(small.wait(100, Duration::ZERO), "half of what fits is enough");
+fn removed_samples_are_not_dropped() {
+    let acquisition = acquisition();
+    acquisition.push(&[&samples(3), STRING, &frame(CONFIG_ACK, &[])].concat(), None);
+    assert_eq!(acquisition.clear_data(), 4);
+    let stats = acquisition.stats(0);
+    assert_eq!((stats.unread, stats.dropped, stats.queued), (0, Dropped::default(), 5));
+    acquisition.push(&sample(3), None);
+    assert_eq!(counters(&acquisition), [3]);
 }
 
 #[test]
-fn the_end_of_input_wakes_the_reader() {
-    let acquisition = Acquisition::new(QUEUE);
-    thread::scope(|scope| {
-        let reader = scope.spawn(|| acquisition.wait(1, LONG));
-        acquisition.end("unplugged");
-        assert!(reader.join().unwrap());
-    });
-    assert_eq!(acquisition.take(), None);
+fn blocks_take_the_strings_before_their_last_sample() {
+    let acquisition = acquisition();
+    acquisition.push(&[&sample(0), STRING, &sample(1), STRING, &sample(2), STRING].concat(), None);
+    assert!(acquisition.take_block(Some(4)).is_none());
+    let block = acquisition.take_block(Some(2)).unwrap();
+    assert_eq!((block.samples.len(), block.strings.len(), &block.frames), (2, 1, &samples(2)));
+    let rest = acquisition.take_block(None).unwrap();
+    assert_eq!((rest.samples.len(), rest.strings.len(), rest.frames), (1, 2, sample(2)));
+    let none = acquisition.take_block(None).unwrap();
+    assert_eq!((none.samples.len(), none.strings.len(), none.frames.len()), (0, 0, 0));
 }
 
 #[test]
-fn recordings_hold_the_head_and_every_byte() {
-    let path = folder("every_byte").join("log.mtb");
-    let acquisition = Acquisition::new(QUEUE);
-    let stream = [samples(100), b"noise".to_vec(), samples(100)].concat();
-    acquisition.push(&samples(2));
-    acquisition.push(&stream[..10]); // the recording begins with the frame that is under way
-    let head = frame(0x0D, &[0; 16]);
-    acquisition.record(Recording { head: head.clone(), ..Recording::to(&path) }).unwrap();
-    let again = acquisition.record(Recording::to(&path)).unwrap_err();
-    assert_eq!(again.kind(), std::io::ErrorKind::AlreadyExists);
-    for piece in stream[10..].chunks(7) {
-        acquisition.push(piece);
-    }
-    assert!(acquisition.recording().unwrap().active);
-    let report = stop(&acquisition);
-    acquisition.push(&samples(1));
-    assert_eq!((report.active, &report.error, report.queued_bytes), (false, &None, 0));
-    assert_eq!((report.bytes, report.frames), (stream.len() as u64, 200));
-    assert_eq!(fs::read(&path).unwrap(), [head, stream].concat());
-    assert_eq!(acquisition.recording(), None);
+fn foreign_devices_are_counted_and_not_handed_out() {
+    let acquisition = Acquisition::new(QUEUE, 3, None);
+    let stream = [
+        sample_of(3, 0),
+        sample_of(4, 50),
+        sample_of(4, 53),
+        frame_of(4, CONFIG_ACK, &[]),
+        sample_of(3, 1),
+        frame_of(3, CONFIG_ACK, &[]),
+        sample_of(MASTER, 7), // a device that answers with FF whatever its bus identifier is
+    ]
+    .concat();
+    acquisition.push(&stream, None);
+    let counts = acquisition.stats(0).counts;
+    assert_eq!((counts.samples, counts.messages, counts.losses.samples), (5, 2, 2));
+    assert_eq!(messages(&acquisition.take_events(true).0), [frame_of(3, CONFIG_ACK, &[])]);
+    assert_eq!(counters(&acquisition), [0, 1, 7]);
+
+    let master = Acquisition::new(QUEUE, 1, None);
+    master.push(&[sample_of(1, 0), sample_of(MASTER, 1), sample_of(2, 2)].concat(), None);
+    assert_eq!(counters(&master), [0, 1], "FF and 1 are the same device");
 }
 
 #[test]
-fn arrival_times_are_recorded() {
-    let path = folder("times").join("log.mtb");
-    let acquisition = Acquisition::new(QUEUE);
-    acquisition.record(Recording { head: frame(0x0D, &[0; 16]), ..Recording::to(&path) }).unwrap();
-    for counter in 0..500 {
-        acquisition.push(&sample(counter));
-    }
-    let last = acquisition.stats().last_arrival.unwrap() + acquisition.epoch();
-    stop(&acquisition);
-    let times = fs::read(path.with_file_name("log.mtb.times")).unwrap();
-    let (header, records) = times.split_at(TIMES_HEADER);
-    assert_eq!(header[..8], TIMES_MAGIC);
-    assert_eq!(header[8..16], [1, 0, 0, 0, 16, 0, 0, 0]);
-    assert_eq!(i64::from_le_bytes(*header[16..].first_chunk().unwrap()), acquisition.epoch());
-    let record = |bytes: &[u8; 16]| {
-        (u64::from_le_bytes(*bytes.first_chunk().unwrap()), i64::from_le_bytes(*bytes.last_chunk().unwrap()))
+fn the_first_data_after_a_message_is_marked() {
+    let acquisition = acquisition();
+    let marks = |bytes: &[u8]| {
+        acquisition.push(bytes, None);
+        acquisition.take_events(false).0.into_iter().filter(|event| *event == Event::Data).count()
     };
-    let records: Vec<_> = records.as_chunks::<16>().0.iter().map(record).collect();
-    assert_eq!(records[0].0, 21 + 25, "the head and the first piece");
-    assert_eq!(*records.last().unwrap(), (fs::metadata(&path).unwrap().len(), last));
-    assert!(records.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 <= pair[1].1));
-    assert!(records.len() < 500, "of pieces that come close together only some are noted");
+    assert_eq!(marks(&samples(3)), 1);
+    assert_eq!(marks(&samples(3)), 0);
+    assert_eq!(marks(&[frame(CONFIG_ACK, &[]), STRING.to_vec(), sample(3)].concat()), 1);
+    acquisition.mark_data();
+    assert_eq!(marks(&sample(4)), 1);
+}
+
+// ---------------------------------------------------------------------------------------------
+// Incomplete frames
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn the_other_half_of_a_frame_may_be_late() {
+    let acquisition = Acquisition::new(QUEUE, MASTER, Some(0));
+    let stream = samples(3);
+    acquisition.push(&stream[..40], Some(0));
+    assert_eq!(counters(&acquisition), [0]);
+    assert!(!wait(&acquisition, samples_needed(1), Duration::ZERO));
+    assert!(messages(&acquisition.take_events(true).0).is_empty());
+    acquisition.push(&stream[40..], Some(3600 * SECOND));
+    let block = acquisition.take_block(None).unwrap();
+    assert!(block.samples.iter().all(|sample| sample.arrival == 3600 * SECOND && sample.moment.lost == 0));
+    let counts = acquisition.stats(3600 * SECOND).counts;
+    assert_eq!((block.samples.len(), counts.samples, counts.skipped_bytes, counts.checksum_errors), (2, 3, 0, 0));
+}
+
+/// A header that claims the 8176 bytes that follow.
+const FALSE_HEADER: [u8; 6] = [PREAMBLE, MASTER, MTDATA2, 0xFF, 0x1F, 0xF0];
+
+#[test]
+fn an_answer_behind_a_false_header_is_handed_out_once() {
+    let acquisition = acquisition();
+    let answer = frame(CONFIG_ACK, &[]);
+    let mut stream = [&sample(0)[..], &FALSE_HEADER, &answer].concat();
+    acquisition.push(&stream, None);
+    let (events, added) = acquisition.take_events(false);
+    assert!(messages(&events).is_empty());
+    let (events, still) = acquisition.take_events(true);
+    assert_eq!((messages(&events), still), (vec![answer.clone()], added));
+    assert!(acquisition.take_events(true).0.is_empty());
+    assert_eq!(acquisition.stats(0).counts.messages, 0, "what is not decided is not counted");
+
+    let rest = samples(400);
+    acquisition.push(&rest, None);
+    stream.extend(rest);
+    let counts = acquisition.stats(0).counts;
+    let expected = plain::scan(&stream, LONGEST_PAYLOAD, 0);
+    assert_eq!((counts.frames, counts.messages), (expected.frames.len() as u64, 1));
+    assert_eq!((counts.skipped_bytes, counts.checksum_errors), (6, expected.checksum_errors));
+    assert!(messages(&acquisition.take_events(true).0).is_empty(), "it was handed out before");
+    acquisition.push(&answer, None);
+    assert_eq!(messages(&acquisition.take_events(true).0), [answer], "another one");
 }
 
 #[test]
-fn files_rotate_on_frame_boundaries() {
-    let path = folder("rotate").join("log.mtb");
-    let acquisition = Acquisition::new(QUEUE);
-    let head = frame(0x0D, &[0; 16]);
-    let rotate_bytes = Some(1000);
-    acquisition.record(Recording { head: head.clone(), rotate_bytes, ..Recording::to(&path) }).unwrap();
-    let stream = [samples(300), b"noise".to_vec(), samples(300)].concat();
-    for piece in stream.chunks(333) {
-        acquisition.push(piece);
-    }
-    let report = stop(&acquisition);
-    assert_eq!(report.error, None);
-    assert_eq!(report.files[..2], [path.clone(), path.with_file_name("log-0001.mtb")]);
-    let mut joined = vec![];
-    for file in &report.files {
-        let log = fs::read(file).unwrap();
-        let rest = log.strip_prefix(head.as_slice()).expect("the head in each");
-        assert!(log.len() < 1000 + 25 + 5, "{} bytes", log.len());
-        assert!(!has_cut_frame(rest), "{}", file.display());
-        joined.extend_from_slice(rest);
-    }
-    assert_eq!(joined, stream);
-    assert_eq!(report.files.len(), 16);
-}
-
-/// Whether a frame is cut at the end.
-fn has_cut_frame(log: &[u8]) -> bool {
-    let mut scanner = Scanner::new(LONGEST_PAYLOAD);
-    while let Step::Frame { .. } = scanner.step(Window { bytes: log, offset: 0, last: false }) {}
-    scanner.at() < log.len() as u64
+fn an_interruption_decides_the_bytes_of_an_incomplete_frame() {
+    let acquisition = acquisition();
+    let answer = frame(CONFIG_ACK, &[]);
+    acquisition.push(&[&FALSE_HEADER[..], &answer, &sample(0), STRING].concat(), None);
+    assert_eq!(messages(&acquisition.take_events(true).0), [answer]);
+    assert_eq!(acquisition.waiting().samples, 0);
+    acquisition.interrupt();
+    assert!(messages(&acquisition.take_events(false).0).is_empty());
+    assert_eq!(counters(&acquisition), [0]);
+    let counts = acquisition.stats(0).counts;
+    assert_eq!((counts.messages, counts.skipped_bytes), (1, 6));
+    acquisition.push(&sample(1), None);
+    assert_eq!(counters(&acquisition), [1]);
 }
 
 #[test]
-fn files_rotate_by_time() {
-    let path = folder("rotate_by_time").join("log.mtb");
-    let acquisition = Acquisition::new(QUEUE);
-    let rotate_after = Some(Duration::from_nanos(1));
-    acquisition.record(Recording { rotate_after, times: false, ..Recording::to(&path) }).unwrap();
-    (0..9).for_each(|counter| {
-        acquisition.push(&sample(counter));
+fn bytes_inside_a_frame_may_look_like_an_answer() {
+    let acquisition = acquisition();
+    let answer = frame(CONFIG_ACK, &[]);
+    // A packet of an unlisted quantity, which holds an answer.
+    let long = frame(MTDATA2, &[&[0xF0, 0x10, 200][..], &answer, &[0; 195], &[0xF0, 0x10, 100], &[0; 100]].concat());
+    for round in 1..=3 {
+        acquisition.push(&long[..250], None);
+        assert_eq!(messages(&acquisition.take_events(true).0), std::slice::from_ref(&answer));
+        acquisition.push(&long[250..], None);
+        let counts = acquisition.stats(0).counts;
+        assert_eq!((counts.samples, counts.messages, counts.skipped_bytes), (round, 0, 0));
+        assert!(messages(&acquisition.take_events(true).0).is_empty());
+    }
+}
+
+// ---------------------------------------------------------------------------------------------
+// Waiting
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn waiting_for_what_is_missing_times_out() {
+    let acquisition = acquisition();
+    acquisition.push(&samples(3)[..60], None);
+    assert!(wait(&acquisition, samples_needed(2), Duration::ZERO));
+    assert!(!wait(&acquisition, samples_needed(3), Duration::from_millis(1)));
+    assert!(!wait(&acquisition, Need { strings: true, ..Need::default() }, Duration::from_millis(1)));
+    let added = acquisition.take_events(false).1;
+    assert!(!wait(&acquisition, Need { events: Some(added), ..Need::default() }, Duration::from_millis(1)));
+    assert!(wait(&acquisition, Need { events: Some(added - 1), ..Need::default() }, Duration::ZERO));
+    assert_eq!(counters(&acquisition), [0, 1]);
+}
+
+#[test]
+fn timeouts_hold_while_others_are_woken() {
+    let acquisition = acquisition();
+    thread::scope(|scope| {
+        let reader = scope.spawn(|| {
+            let mut count = 0;
+            while acquisition.ended().is_none() {
+                assert!(wait(&acquisition, samples_needed(1), LONG));
+                count += counters(&acquisition).len();
+            }
+            count
+        });
+        let writer = scope.spawn(|| {
+            (0..200).for_each(|counter| {
+                acquisition.push(&sample(counter), None);
+                thread::sleep(Duration::from_millis(1));
+            });
+        });
+        let began = Instant::now();
+        let never = Need { events: Some(u64::MAX), ..Need::default() };
+        assert!(!wait(&acquisition, never, Duration::from_millis(100)));
+        let waited = began.elapsed();
+        assert!((Duration::from_millis(100)..LONG / 4).contains(&waited), "{waited:?}");
+        writer.join().unwrap();
+        acquisition.end("enough");
+        assert_eq!(reader.join().unwrap() + counters(&acquisition).len(), 200);
     });
-    let files = stop(&acquisition).files;
-    let contents: Vec<_> = files.iter().map(|path| fs::read(path).unwrap()).collect();
-    assert!(contents.iter().all(|file| !file.is_empty() && file.len() % 25 == 0));
-    assert_eq!(contents.concat(), samples(9));
-    assert!(contents.len() > 2);
 }
 
 #[test]
-fn flushed_files_are_valid_logs_at_any_cut() {
-    let path = folder("killed").join("log.mtb");
-    let acquisition = Acquisition::new(QUEUE);
-    acquisition.record(Recording { flush: Duration::ZERO, ..Recording::to(&path) }).unwrap();
-    let stream = samples(400);
-    for piece in stream.chunks(100) {
-        acquisition.push(piece);
-    }
-    // No stop: as if the process was killed.
-    let began = Instant::now();
-    while fs::metadata(&path).unwrap().len() < stream.len() as u64 {
-        assert!(began.elapsed() < LONG);
-        thread::yield_now();
-    }
-    let log = fs::read(&path).unwrap();
-    assert_eq!(log, stream);
-    for end in [1, 24, 25, 26, 1000, log.len() - 1] {
-        assert_eq!(frames_of(&log[..end]), ((end / 25) as u64, (end % 25) as u64));
-    }
+fn the_end_of_input_wakes_all_waiters() {
+    let acquisition = &acquisition();
+    thread::scope(|scope| {
+        let needs = [samples_needed(1), samples_needed(usize::MAX), Need { strings: true, ..Need::default() }];
+        let all = needs.into_iter().chain([Need { events: Some(0), ..Need::default() }, Need::default()]);
+        let waiters: Vec<_> = all.map(|need| scope.spawn(move || wait(acquisition, need, LONG))).collect();
+        thread::sleep(SHORT);
+        acquisition.end("unplugged");
+        assert!(waiters.into_iter().all(|waiter| waiter.join().unwrap()));
+    });
+    assert!(acquisition.take_all().is_none());
 }
 
 #[test]
-fn queue_overflow_ends_the_recording_without_a_gap() {
-    let path = folder("overflow").join("log.mtb");
-    let acquisition = Acquisition::new(QUEUE);
-    acquisition.record(Recording { flush: LONG, bound: 2500, ..Recording::to(&path) }).unwrap();
-    let stream = samples(200);
-    for piece in stream.chunks(250) {
-        acquisition.push(piece);
+fn each_waiter_is_woken_by_what_it_needs() {
+    let acquisition = &acquisition();
+    acquisition.mark_data();
+    acquisition.push(&sample(0), None); // the mark is an event
+    assert_eq!(counters(acquisition), [0]);
+    let events = Some(acquisition.take_events(false).1);
+    thread::scope(|scope| {
+        let spawn = |need| scope.spawn(move || wait(acquisition, need, LONG));
+        let one = [samples_needed(1), samples_needed(1)].map(spawn);
+        let three = spawn(samples_needed(3));
+        let string = spawn(Need { strings: true, ..Need::default() });
+        let event = spawn(Need { events, ..Need::default() });
+        let either = spawn(Need { events, samples: Some(2), ..Need::default() });
+        thread::sleep(SHORT);
+
+        acquisition.push(&sample(1), None);
+        assert!(one.into_iter().all(|waiter| waiter.join().unwrap()), "all who need the same");
+        thread::sleep(SHORT);
+        assert!(![&three, &string, &event, &either].into_iter().any(thread::ScopedJoinHandle::is_finished));
+
+        acquisition.push(STRING, None);
+        assert!(string.join().unwrap());
+        thread::sleep(SHORT);
+        assert!(![&three, &event, &either].into_iter().any(thread::ScopedJoinHandle::is_finished));
+
+        acquisition.push(&frame(CONFIG_ACK, &[]), None);
+        assert!(event.join().unwrap() && either.join().unwrap());
+        assert!(!three.is_finished());
+
+        acquisition.push(&[sample(2), sample(3)].concat(), None);
+        assert!(three.join().unwrap());
+    });
+}
+
+#[test]
+fn no_wake_up_is_lost() {
+    let acquisition = acquisition();
+    thread::scope(|scope| {
+        // Each waits for the next of its kind, and sends one to the other.
+        let other = scope.spawn(|| {
+            for counter in 0..2000 {
+                assert!(wait(&acquisition, Need { strings: true, ..Need::default() }, LONG), "string {counter}");
+                assert!(acquisition.take_string().is_some());
+                acquisition.push(&sample(counter), None);
+            }
+        });
+        for counter in 0..2000 {
+            acquisition.push(STRING, None);
+            assert!(wait(&acquisition, samples_needed(1), LONG), "sample {counter}");
+            assert_eq!(counters(&acquisition), [counter]);
+        }
+        other.join().unwrap();
+    });
+}
+
+#[test]
+fn a_cancellation_ends_its_wait_only() {
+    let acquisition = &acquisition();
+    let (mine, other) = (Cancel::default(), Cancel::default());
+    thread::scope(|scope| {
+        let [cancelled, waiting] =
+            [&mine, &other].map(|cancel| scope.spawn(move || acquisition.wait(samples_needed(1), LONG, cancel)));
+        thread::sleep(SHORT);
+        let began = Instant::now();
+        acquisition.cancel(&mine);
+        assert!(cancelled.join().unwrap());
+        assert!(began.elapsed() < LONG / 4);
+        assert!(mine.is_set() && !other.is_set());
+        thread::sleep(SHORT);
+        assert!(!waiting.is_finished());
+        acquisition.push(&sample(0), None);
+        assert!(waiting.join().unwrap());
+    });
+    assert!(acquisition.wait(samples_needed(9), LONG, &mine), "also those to come");
+    assert_eq!(counters(acquisition), [0], "nothing was taken");
+}
+
+#[test]
+fn a_wait_for_more_samples_than_fit_ends_when_the_lane_is_full() {
+    let acquisition = Acquisition::new(4 * SAMPLE, MASTER, None);
+    thread::scope(|scope| {
+        let waiter = scope.spawn(|| wait(&acquisition, samples_needed(5), LONG));
+        acquisition.push(&samples(3), None);
+        thread::sleep(SHORT);
+        assert!(!waiter.is_finished());
+        // The waiter may have begun after the first sample was dropped; the next one is dropped, too.
+        for counter in 3.. {
+            acquisition.push(&sample(counter), None);
+            if waiter.is_finished() {
+                break;
+            }
+            thread::sleep(Duration::from_millis(1));
+        }
+        assert!(waiter.join().unwrap());
+    });
+    assert_eq!(counters(&acquisition).len(), 4);
+}
+
+// ---------------------------------------------------------------------------------------------
+// Times
+// ---------------------------------------------------------------------------------------------
+
+#[test]
+fn rates_do_not_depend_on_who_asks() {
+    let [asked, unasked] = [(); 2].map(|()| Acquisition::new(QUEUE, MASTER, Some(0)));
+    for tick in 0..1000_u16 {
+        let now = i64::from(tick) * SECOND / 100;
+        let bytes = [sample(tick), if tick % 25 == 0 { STRING.to_vec() } else { vec![] }].concat();
+        for acquisition in [&asked, &unasked] {
+            acquisition.push(&bytes, Some(now));
+        }
+        let rates = asked.stats(now + 1).rates;
+        assert!(rates.quantities.values().all(|rate| (rate - 100.0).abs() < 1e-9), "{rates:?} at {now}");
     }
-    let report = stop(&acquisition);
-    assert!(report.error.unwrap().contains("too slow"));
-    let log = fs::read(&path).unwrap();
-    assert!(log.len() >= 2500 && log.len() < stream.len());
-    assert_eq!(log, stream[..log.len()]);
-    assert_eq!(acquisition.stats().counts.samples, 200, "everybody else misses nothing");
+    let now = 10 * SECOND;
+    let rates = unasked.stats(now).rates;
+    assert_eq!(rates, asked.stats(now).rates);
+    assert_eq!(rates.quantities.into_iter().collect::<Vec<_>>(), [(0x1020, 100.0), (0x4020, 100.0)]);
+    assert!((rates.strings["PSONCMS"] - 4.0).abs() <= 0.5);
+    let rates = unasked.stats(now + 2 * SECOND).rates;
+    assert!(rates.quantities.values().chain(rates.strings.values()).all(|rate| *rate == 0.0));
 }
 
 #[test]
-fn a_missing_folder_is_an_immediate_error() {
-    let acquisition = Acquisition::new(QUEUE);
-    let error = acquisition.record(Recording::to(folder("absent").join("no/log.mtb"))).unwrap_err();
-    assert_eq!(error.kind(), std::io::ErrorKind::NotFound);
-    assert_eq!(acquisition.recording(), None);
+fn arrivals_never_decrease() {
+    let acquisition = Acquisition::new(QUEUE, MASTER, Some(0));
+    for (counter, arrival) in (0..).zip([5, 3, 9]) {
+        acquisition.push(&sample(counter), Some(arrival));
+    }
+    let arrivals: Vec<_> = acquisition.take_block(None).unwrap().samples.iter().map(|sample| sample.arrival).collect();
+    assert_eq!(arrivals, [5, 5, 9]);
+    assert_eq!(acquisition.stats(0).last_arrival, Some(9));
 }
 
-#[cfg(target_os = "linux")]
 #[test]
-fn a_full_disk_is_an_error() {
-    let recording = || Recording { times: false, ..Recording::to("/dev/full") };
-    let acquisition = Acquisition::new(QUEUE);
-    let error = acquisition.record(Recording { head: samples(1), ..recording() }).unwrap_err();
-    assert_eq!(error.kind(), std::io::ErrorKind::StorageFull);
-
-    acquisition.record(recording()).unwrap();
-    acquisition.push(&samples(10));
-    let report = stop(&acquisition);
-    let error = report.error.unwrap();
-    assert!(error.starts_with("/dev/full: No space left on device"), "{error}");
-    assert_eq!((report.bytes, report.frames), (0, 0));
-
-    // The second file does not fit: the first one is good.
-    let path = folder("full").join("log.mtb");
-    std::os::unix::fs::symlink("/dev/full", path.with_file_name("log-0001.mtb")).unwrap();
-    let rotate_bytes = Some(500);
-    acquisition.record(Recording { head: samples(1), rotate_bytes, ..Recording::to(&path) }).unwrap();
-    acquisition.push(&samples(100));
-    let report = stop(&acquisition);
-    assert!(report.error.unwrap().contains("log-0001.mtb: No space left"));
-    assert_eq!((report.files, report.frames), (vec![path.clone()], 19));
-    assert_eq!(fs::read(&path).unwrap(), [samples(1), samples(19)].concat());
+fn any_arrival_is_valid() {
+    let path = folder("any_arrival").join("log.mtb");
+    for epoch in [i64::MIN, 0, i64::MAX] {
+        let acquisition = Acquisition::new(QUEUE, MASTER, Some(epoch));
+        let rotate_after = Some(Duration::from_secs(1));
+        acquisition.record(Recording { rotate_after, overwrite: true, ..Recording::to(&path) }).unwrap();
+        let mut decoder = xbus::live::BlockDecoder::new(None, epoch);
+        for (counter, arrival) in (0..).zip([i64::MIN, -1, 0, i64::MAX, i64::MIN]) {
+            let time = [[0x10, 0x60, 4, 0, 0, 0, 7].as_slice(), &[0x10, 0x20, 2, 0, counter]].concat();
+            acquisition.push(&[&frame(MTDATA2, &time), STRING].concat(), Some(arrival));
+            for now in [i64::MIN, 0, i64::MAX] {
+                let _ = acquisition.stats(now);
+            }
+            let block = decoder.decode(acquisition.take_block(None).unwrap());
+            assert_eq!((block.part.part.len(), block.string_times.len()), (1, 1));
+        }
+        let report = acquisition.stop_recording(LONG).unwrap();
+        assert_eq!((report.error, report.frames), (None, 5));
+    }
 }
+
+// ---------------------------------------------------------------------------------------------
+// Ports
+// ---------------------------------------------------------------------------------------------
 
 #[cfg(unix)]
 mod ports {
@@ -359,7 +571,7 @@ mod ports {
     fn bursts_are_received_without_a_reader() {
         let (mut master, slave) = pty();
         let path = folder("burst").join("log.mtb");
-        let acquisition = Acquisition::new(QUEUE);
+        let acquisition = acquisition();
         acquisition.open(slave.as_raw_fd()).unwrap();
         acquisition.record(Recording::to(&path)).unwrap();
         assert_eq!(acquisition.open(slave.as_raw_fd()).unwrap_err().kind(), ErrorKind::AlreadyExists);
@@ -367,13 +579,13 @@ mod ports {
         let _others = [(); 4].map(|()| File::open("/dev/zero").unwrap());
         let stream: Vec<u8> = (0..60).flat_map(|_| samples(1000)).collect();
         master.write_all(&stream).unwrap(); // waits whenever the terminal is full
-        assert!(acquisition.wait(stream.len(), LONG));
+        assert!(wait(&acquisition, samples_needed(60_000), LONG));
         drop(master); // closing a terminal discards its buffer
-        assert!(drain(&acquisition) == (stream.clone(), 0));
+        drain(&acquisition, &stream);
         assert_eq!(acquisition.ended().unwrap(), "the port is gone: unplugged, or closed on the other side");
-        let stats = acquisition.stats();
+        let stats = acquisition.stats(0);
         assert_eq!((stats.counts.samples, stats.counts.skipped_bytes, stats.overruns), (60_000, 0, None));
-        assert_eq!(stop(&acquisition).frames, 60_000);
+        assert_eq!(acquisition.stop_recording(LONG).unwrap().frames, 60_000);
         assert!(fs::read(path).unwrap() == stream);
     }
 
@@ -381,7 +593,7 @@ mod ports {
     fn descriptor_flags_are_unchanged() {
         let (_master, slave) = pty();
         let before = flags(&slave);
-        let acquisition = Acquisition::new(QUEUE);
+        let acquisition = acquisition();
         acquisition.open(slave.as_raw_fd()).unwrap();
         assert_eq!(flags(&slave), before);
         acquisition.close();
@@ -391,23 +603,23 @@ mod ports {
     #[test]
     fn closing_ends_a_wait_for_a_silent_port() {
         let (_master, slave) = pty();
-        let acquisition = Acquisition::new(QUEUE);
+        let acquisition = acquisition();
         acquisition.open(slave.as_raw_fd()).unwrap();
         thread::scope(|scope| {
-            let reader = scope.spawn(|| acquisition.wait(1, LONG));
+            let reader = scope.spawn(|| wait(&acquisition, samples_needed(1), LONG));
             let began = Instant::now();
             acquisition.close();
             assert!(reader.join().unwrap());
             assert!(began.elapsed() < Duration::from_secs(1));
         });
         assert_eq!(acquisition.ended().unwrap(), "it was closed");
-        assert_eq!(acquisition.take(), None);
+        assert!(acquisition.take_all().is_none());
     }
 
     #[test]
     fn drop_ends_the_thread() {
         let (reader, mut writer) = pipe().unwrap();
-        let acquisition = Acquisition::new(QUEUE);
+        let acquisition = acquisition();
         acquisition.open(reader.as_raw_fd()).unwrap();
         drop(reader);
         drop(acquisition);
@@ -416,10 +628,10 @@ mod ports {
 
     #[test]
     fn a_new_port_continues_the_stream() {
-        let acquisition = Acquisition::new(QUEUE);
+        let acquisition = acquisition();
         let path = folder("again").join("log.mtb");
         acquisition.record(Recording::to(&path)).unwrap();
-        for part in [samples(3), samples(5)] {
+        for (offset, part) in [(0, samples(3)), (3 * 25 + 10, samples(5))] {
             let (reader, mut writer) = pipe().unwrap();
             acquisition.open(reader.as_raw_fd()).unwrap();
             writer.write_all(&part).unwrap();
@@ -428,19 +640,19 @@ mod ports {
             while acquisition.ended().is_none() {
                 thread::yield_now();
             }
-            let bytes = acquisition.take().unwrap().bytes;
-            assert_eq!(bytes, [&part, &part[..10]].concat());
+            let block = acquisition.take_block(None).unwrap();
+            assert_eq!((block.frames, block.samples[0].offset), (part, offset));
         }
-        let counts = acquisition.stats().counts;
+        let counts = acquisition.stats(0).counts;
         assert_eq!((counts.samples, counts.skipped_bytes), (8, 20));
-        assert_eq!(stop(&acquisition).frames, 8);
+        assert_eq!(acquisition.stop_recording(LONG).unwrap().frames, 8);
         assert_eq!(fs::metadata(path).unwrap().len(), 8 * 25 + 20);
     }
 
     #[test]
     fn a_port_can_be_opened_after_a_pushed_end() {
         let (_master, slave) = pty();
-        let acquisition = Acquisition::new(QUEUE);
+        let acquisition = acquisition();
         acquisition.open(slave.as_raw_fd()).unwrap();
         acquisition.end("enough");
         acquisition.open(slave.as_raw_fd()).unwrap();
@@ -449,8 +661,21 @@ mod ports {
 
     #[test]
     fn invalid_descriptors_are_an_error() {
-        let acquisition = Acquisition::new(QUEUE);
+        let acquisition = acquisition();
         assert_eq!(acquisition.open(-1).unwrap_err().raw_os_error(), Some(libc::EBADF));
         assert_eq!(acquisition.open(99_999).unwrap_err().raw_os_error(), Some(libc::EBADF));
     }
+}
+
+#[test]
+fn a_pushed_stream_continues_after_its_end() {
+    let acquisition = acquisition();
+    assert_eq!(acquisition.resume().unwrap_err().kind(), std::io::ErrorKind::AlreadyExists);
+    acquisition.push(&samples(2)[..30], None);
+    acquisition.end("lost");
+    acquisition.resume().unwrap();
+    assert!(acquisition.push(&sample(2), None));
+    assert_eq!(counters(&acquisition), [0, 2]);
+    let counts = acquisition.stats(0).counts;
+    assert_eq!((counts.skipped_bytes, counts.losses.samples), (5, 1));
 }

@@ -285,9 +285,9 @@ impl Acquisition {
     pub fn wait(&self, need: Need, timeout: Duration, cancel: &Cancel) -> bool {
         let Some(mut state) = self.state() else { return true };
         state.hurry |= need.samples == Some(1) || need.strings || need.events.is_some();
-        let (began, overflowed) = (Instant::now(), state.lanes.overflowed());
+        let (began, dropped) = (Instant::now(), state.lanes.dropped().samples);
         loop {
-            let is_full = need.samples.is_some() && state.lanes.overflowed() > overflowed;
+            let is_full = need.samples.is_some() && state.lanes.dropped().samples > dropped;
             if state.has(need) || is_full || state.ended.is_some() || cancel.is_set() {
                 return true;
             }
@@ -400,13 +400,18 @@ impl Acquisition {
     /// # Errors
     /// Those of the system, about the first file; [`io::ErrorKind::AlreadyExists`] if a recording is in progress.
     pub fn record(&self, recording: Recording) -> io::Result<()> {
+        if self.is_forked() {
+            return Err(forked());
+        }
         let _starting = lock(&self.starting);
         if self.recording().is_some_and(|report| report.active) {
             return Err(io::Error::new(io::ErrorKind::AlreadyExists, "a recording is in progress"));
         }
         let strings = self.state().ok_or_else(forked)?.intake.expected();
         let recorder = Arc::new(Recorder::start(recording, self.shared.epoch, strings)?);
-        self.state().ok_or_else(forked)?.recorder = Some(recorder);
+        // The state is unlocked before the recorder of a failed recording is dropped, which closes its files.
+        let failed = self.state().ok_or_else(forked)?.recorder.replace(recorder);
+        drop(failed);
         Ok(())
     }
 
@@ -507,11 +512,11 @@ impl Shared {
         }
         let arrival = state.last_arrival.map_or(arrival, |last| last.max(arrival));
         state.last_arrival = Some(arrival);
-        let overflowed = state.lanes.overflowed();
+        let dropped = state.lanes.dropped().samples;
         state.intake.feed(piece, arrival, &mut state.lanes, state.recorder.as_deref());
         state.meter.note(state.intake.counts(), arrival);
         // A waiter that needs more than fits learns that it does not.
-        let is_full = state.lanes.overflowed() > overflowed;
+        let is_full = state.lanes.dropped().samples > dropped;
         self.wake(&mut guard, is_full);
         true
     }

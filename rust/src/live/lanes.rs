@@ -150,8 +150,6 @@ pub struct Lanes {
     /// When the newest sample arrived.
     last_sample: Option<i64>,
     dropped: Dropped,
-    /// Samples dropped because the lane was full.
-    overflowed: u64,
 }
 
 /// What waits to be taken.
@@ -185,7 +183,6 @@ impl Lanes {
             is_data_marked: false,
             last_sample: None,
             dropped: Dropped::default(),
-            overflowed: 0,
         }
     }
 
@@ -197,7 +194,6 @@ impl Lanes {
         while self.samples.len() > 1 && self.is_over(self.frames.len(), self.samples.len()) {
             self.pop_sample();
             self.dropped.samples += 1;
-            self.overflowed += 1;
         }
     }
 
@@ -275,11 +271,6 @@ impl Lanes {
     /// Number of entries dropped unread.
     pub const fn dropped(&self) -> Dropped {
         self.dropped
-    }
-
-    /// Number of samples dropped because the lane was full.
-    pub const fn overflowed(&self) -> u64 {
-        self.overflowed
     }
 
     fn pop_sample(&mut self) -> Option<Sample> {

@@ -149,3 +149,29 @@ fn open(path: &Path, overwrite: bool) -> io::Result<File> {
     }
     fs::OpenOptions::new().write(true).create(true).truncate(false).open(path)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_truncated_file_keeps_whole_frames_and_their_times() {
+        let path = std::env::temp_dir().join(format!("xbus-truncated-{}.mtb", std::process::id()));
+        let left = |head: &[u8], has_times: bool| {
+            let recording = Recording { head: head.to_vec(), overwrite: true, ..Recording::to(&path) };
+            let mut file = LogFile::new(&recording, &[], path.clone(), 0).unwrap();
+            file.write(b"part of a frame").unwrap();
+            if has_times {
+                file.add_time(file.length, 0);
+            }
+            assert_eq!((file.truncate(), file.length), (15, head.len() as u64));
+            let log = fs::read(&path).ok();
+            let _ = fs::remove_file(&path);
+            (log, fs::remove_file(times_path(&path)).is_ok())
+        };
+        assert_eq!(left(b"", false), (None, false));
+        assert_eq!(left(b"", true), (None, false));
+        assert_eq!(left(b"head", false), (Some(b"head".to_vec()), false));
+        assert_eq!(left(b"head", true), (Some(b"head".to_vec()), true));
+    }
+}
