@@ -222,7 +222,9 @@ class Device:
     ) -> Iterator[Device]:
         """Enters Config State for a ``with`` block, then restores the state in which the device was found.
 
-        Readers in other threads wait meanwhile. The block receives the device itself: in ``with device.configure() as cfg``, `cfg` is a short name for
+        Readers in other threads wait meanwhile.
+
+        The block receives the device itself: in ``with device.configure() as cfg``, `cfg` is a short name for
         `device`. The first call also reads the identity of the device.
 
         Args:
