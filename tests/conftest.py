@@ -6,6 +6,7 @@
     facts(log or logs)           the whole content of a log, by name; parts of a log are joined
     facts_of(reference)          the same for the reference decoder
     differences(one, other)      a description of where they differ
+    AlteredDevice(product)       a virtual device that changes what the host receives
     sound_streams(), ...         strategies for hypothesis
 
 A stream is bytes; what a stream can hold is in `streams`.
@@ -292,6 +293,32 @@ def sound_streams(draw: st.DrawFn, most: int = 60) -> bytes:
 def damaged_streams(draw: st.DrawFn, most: int = 60) -> bytes:
     """Draws the same, with up to eight changes."""
     return edited(draw(sound_streams(most)), draw(st.lists(edits(), max_size=8)))
+
+
+# ---------------------------------------------------------------------------------------------
+# Devices
+# ---------------------------------------------------------------------------------------------
+
+
+class AlteredDevice(SimulatedDevice):
+    """A virtual device that records what the host sends, and changes what the host receives.
+
+    Attributes:
+        written: What the host has sent, one item for each call of `write`.
+        alter: Returns what the host receives instead of these bytes, which may be empty.
+    """
+
+    def __init__(self, product: str, **settings: Any) -> None:
+        super().__init__(product, **settings)
+        self.written: list[bytes] = []
+        self.alter: Callable[[bytes], bytes] = lambda data: data
+
+    def write(self, data: bytes, baudrate: int | None = None) -> None:
+        self.written.append(data)
+        super().write(data, baudrate)
+
+    def read(self, baudrate: int | None = None) -> bytes:
+        return self.alter(super().read(baudrate))
 
 
 @pytest.fixture

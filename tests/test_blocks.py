@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 
 import xbus
-from xbus import Device, SimulatedDevice, StateError, XbusTimeout, connect
-from xbus.device import channel as channel_module
+from xbus import Device, SimulatedDevice, StateError, XbusTimeout, connect, encode_frame
 from xbus.protocol import State
-from xbus.wire.link import NOTHING_RECEIVED, Received
 
 OUTPUTS = {
     "packet_counter": None,
@@ -78,34 +75,42 @@ def test_a_sample_without_a_stamp_has_no_time() -> None:
     assert np.isnan([xbus.Sample(b"").time, xbus.Sample(b"").host_time]).all()
 
 
-def test_what_waits_longer_than_a_minute_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A program that computes for long finds all of it, however few samples are kept as objects."""
-    monkeypatch.setattr(channel_module, "MAX_UNREAD_SAMPLES", 100)
+def test_what_waits_longer_than_a_minute_is_not_lost() -> None:
+    """A program that computes for long finds all samples."""
     device = measuring()
-    channel = device._channel
     sim = SimulatedDevice("MTi-630")
-    sim.advance(60)
+    sim.advance(70)
     data = sim.read()
-    pieces = [(data[at : at + 4096], 0.0) for at in range(0, len(data), 4096)]
-    channel.samples.clear()
-    channel._pieces.extend(pieces)
-    assert device.stats.queued_bytes == len(data)
-    expected = len(xbus.read_log(data))
-    read = [device.read_sample()["packet_counter"] for _ in range(expected)]
-    assert read == list(range(expected))
-    assert channel.lost_samples == 0
+    log = xbus.read_log(data)
+    assert len(log) > 6000
+    device.discard()
+    before = device.stats
+    for at in range(0, len(data), 4096):
+        device.link.acquisition.push(data[at : at + 4096], device.link.clock())
+    after = device.stats
+    messages = sum(len(encode_frame(item.mid, item.payload)) for item in log.messages)
+    device.listen(0)
+    assert after.queued_bytes == len(data)
+    assert device.stats.queued_bytes == len(data) - messages
+    read = [device.read_sample()["packet_counter"] for _ in range(len(log))]
+    assert read == log.packet_counter.tolist()
+    stats = device.stats
+    assert (stats.unread_samples, stats.queued_bytes, stats.dropped_samples) == (0, 0, 0)
+    assert stats.samples - before.samples == len(log)
 
 
-def test_an_answer_behind_much_that_waited_is_in_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It counts when it came; to take in what came before it may take longer than an answer may."""
+def test_an_answer_behind_much_that_waits_is_in_time() -> None:
+    """A command leaves the unread samples, and does not wait for a reader."""
     device = measuring()
-    channel, sample = device._channel, device.read_sample().frame
-    channel._pieces.extend([(sample, 0.0)] * 10_000)
-    clock, steps = channel.link.clock, itertools.count()
-    monkeypatch.setattr(channel.link, "clock", lambda: clock() + next(steps) * 1e-3)
+    device.discard()
+    frame = device.read_sample().frame
+    device.link.acquisition.push(frame * 10_000, device.link.clock())
+    began = device.link.clock()
     device.go_to_config()
     assert device.state == State.CONFIG
-    assert next(steps) > 10_000
+    assert device.link.clock() - began < 0.1
+    assert device.stats.unread_samples >= 10_000
+    assert [device.read_sample().frame for _ in range(10_000)] == [frame] * 10_000
 
 
 def test_an_answer_that_never_comes_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,17 +133,13 @@ def test_quantities_can_be_chosen() -> None:
     assert list(block) == ["acceleration"]
 
 
-def test_the_clock_wraps_as_that_of_the_product(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_clock_wraps_as_that_of_the_product() -> None:
     """One day on the 100-series, known from the identity that `configure` read."""
     device = measuring(product="MTi-300")
     stamps = [864_000_000 - 100, 0]
     frames = [xbus.encode_sample({"sample_time_fine": stamp}) for stamp in stamps]
-    channel = device._channel
-    channel.samples.clear()
-    received = [Received.at(frame, 0.0) for frame in frames]
-    monkeypatch.setattr(
-        channel.link, "read", lambda _: received.pop(0) if received else NOTHING_RECEIVED
-    )
+    device.discard()
+    device.link.acquisition.push(b"".join(frames), device.link.clock())
     block = next(device.blocks(samples=2))
     assert block.time.tolist() == [86_399.99, 86_400.0]
 

@@ -6,6 +6,7 @@ import json
 import os
 import pty
 import random
+import re
 import signal
 import struct
 import subprocess
@@ -21,11 +22,10 @@ from conftest import coarse, counter, damaged_streams, fine, shared, trigger
 from streams import frame, packet, random_frames
 from test_cli import FIELD, PROGRAM, WALK, run, sentence, start
 from test_cli_sim import simulated
-from xbus import DataId, MessageId, encode_frame, encode_packet
+from xbus import DataId, MessageId, SimulatedDevice, encode_frame, encode_packet
 from xbus.cli import dump as command
 from xbus.cli.dump_lines import KEPT, DumpFormatter
 from xbus.sim.link import SimLink
-from xbus.wire.link import Received
 
 
 def lines_of(data: bytes, *, pieces: list[int] | None = None, as_json: bool = False) -> list[str]:
@@ -465,11 +465,15 @@ def test_a_port_is_followed_to_its_end() -> None:
             rest, shown = child.communicate()
             out += rest
         assert child.returncode == 1
-        assert shown.decode() == (
-            f"xbus: {port} is gone: unplugged, or closed on the other side; check the cable\n"
-        )
         lines = [json.loads(line) for line in out.splitlines()]
         samples = [line for line in lines if line.get("name") == "MTData2"]
+        damaged = sum(line["length"] for line in lines if "reason" in line)
+        totals = f"{len(samples)} samples, 0 other messages"
+        totals += f", {damaged} bytes damaged" if damaged else ""
+        assert shown.decode().splitlines() == [
+            f"xbus: {port}: {totals}",
+            f"xbus: {port} is gone: unplugged, or closed on the other side; check the cable",
+        ]
         assert len(samples) > 20
         # The frames are whole and adjacent, byte by byte.
         ends = [sample["offset"] + len(sample["frame"]) // 2 for sample in samples]
@@ -478,38 +482,52 @@ def test_a_port_is_followed_to_its_end() -> None:
         assert {line["name"] for line in lines if "name" in line} == {"MTData2"}
 
 
-def test_silence_ends_an_incomplete_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An incomplete frame does not delay the messages that follow a pause. Nothing is sent."""
+@pytest.mark.parametrize("polls", [0, 10, 60, 600])
+def test_an_incomplete_frame_waits_for_its_rest(
+    monkeypatch: pytest.MonkeyPatch, polls: int
+) -> None:
+    """A pause of up to 3 s inside a frame loses nothing. Nothing is sent."""
     error = encode_frame(MessageId.Error, b"\x1e")
-    comes = [error[:5], b"", error, b"", error[:3]]
+    comes = [error[:5], *[b""] * polls, error[5:] + error, b"", error[:3]]
 
-    def read(link: SimLink, timeout: float) -> Received:
+    def read(sim: SimulatedDevice, baudrate: int | None = None) -> bytes:
         if not comes:
-            raise OSError("was unplugged")
-        return Received.at(comes.pop(0), link.clock())
+            sim.unplug()
+            return b""
+        return comes.pop(0)
 
-    def write(link: SimLink, data: bytes) -> None:
+    def write(sim: SimulatedDevice, data: bytes, baudrate: int | None = None) -> None:
         raise AssertionError(data)
 
-    monkeypatch.setattr(SimLink, "read", read)
-    monkeypatch.setattr(SimLink, "write", write)
+    monkeypatch.setattr(SimulatedDevice, "read", read)
+    monkeypatch.setattr(SimulatedDevice, "write", write)
     result = run("dump", "--follow", "--no-hex", "sim:MTi-3")
-    assert sentence(result) == "sim:MTi-3 is gone: was unplugged; check the cable"
     assert [line.split()[:2] for line in result.stdout.splitlines()] == [
-        ["0", "damage"],
-        ["5", "Error"],
-        ["11", "damage"],
+        ["0", "Error"],
+        ["6", "Error"],
+        ["12", "damage"],
     ]
+    assert (result.exit_code, result.stderr.splitlines()) == (
+        1,
+        [
+            "xbus: sim:MTi-3: 0 samples, 2 other messages, 3 bytes damaged",
+            "xbus: sim:MTi-3 is gone: sim:MTi-3 was unplugged; check the cable",
+        ],
+    )
 
 
 def test_a_port_is_dumped_at_its_baud_rate_until_ctrl_c() -> None:
     with simulated("--baudrate", "230400") as (port, _):
         with start("dump", "--follow", "--baudrate", "230400", port) as child:
             assert child.stdout is not None
-            assert b"  MTData2  " in b"".join(child.stdout.readline() for _ in range(3))
+            out = b"".join(child.stdout.readline() for _ in range(3))
             child.send_signal(signal.SIGINT)
-            _, shown = child.communicate()
-        assert (child.returncode, shown) == (130, b"")
+            rest, shown = child.communicate()
+        samples = (out + rest).count(b"  MTData2  ")
+        assert samples >= 2
+        assert child.returncode == 130
+        assert shown.startswith(f"xbus: {port}: {samples} samples, 0 other messages".encode())
+        assert shown.count(b"\n") == 1
 
 
 def test_a_virtual_device_is_a_port() -> None:
@@ -520,29 +538,29 @@ def test_a_virtual_device_is_a_port() -> None:
         assert child.wait() == 0
 
 
-def test_dropped_bytes_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A reader that stops for half an hour gets a message about the gaps."""
-    stats = {"dropped_bytes": 0}
+def test_dropped_messages_are_reported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A reader that is too slow gets a message about the gaps: shown and lost samples are all samples."""
 
-    class Full:
-        def stats(self) -> dict[str, int]:
-            return stats
+    class Slow(SimLink):
+        def wait(self, timeout: float, **_: Any) -> bool:
+            self.pause(1.0)  # a second of samples comes at once
+            if self.clock() > 5:
+                self.device.unplug()
+            return super().wait(0)
 
-        def close(self) -> None:
-            pass
+    def open_port(port: str, baudrate: int) -> Slow:
+        return Slow(port, bound=500)
 
-    def full(link: SimLink, timeout: float) -> Received:
-        link.acquisition = Full()  # type: ignore[assignment]
-        stats["dropped_bytes"] = 1000
-        if link.clock() > 1:
-            raise OSError("was unplugged")
-        link.device.advance(timeout)
-        return Received.at(link.device.read(link.baudrate), link.clock())
-
-    monkeypatch.setattr(SimLink, "read", full)
-    shown = run("dump", "--follow", "sim:MTi-3").stderr.splitlines()
-    assert shown[0] == "xbus: 1,000 bytes lost: the reader of the output is too slow"
-    assert len(shown) == 2
+    monkeypatch.setattr(command, "open_port", open_port)
+    result = run("dump", "--follow", "--mid", "MTData2", "sim:MTi-3")
+    *losses, totals, gone = result.stderr.splitlines()
+    pattern = r"xbus: ([0-9]+) messages lost: the reader of the output is too slow"
+    lost = [int(re.fullmatch(pattern, line)[1]) for line in losses]  # type: ignore[index]
+    assert len(lost) >= 4
+    shown = len(result.stdout.splitlines())
+    assert shown >= 4
+    assert totals == f"xbus: sim:MTi-3: {shown + sum(lost)} samples, 1 other message"
+    assert gone.endswith("was unplugged; check the cable")
 
 
 @pytest.mark.parametrize(

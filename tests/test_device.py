@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
 import xbus
+from conftest import AlteredDevice
 from xbus import (
     DecodeError,
     Device,
@@ -18,6 +18,7 @@ from xbus import (
     SimulatedDevice,
     StateError,
     XbusTimeout,
+    _core,
     connect,
     encode_frame,
 )
@@ -30,48 +31,30 @@ from xbus.protocol import OptionFlag, Output, State, StringType
 from xbus.protocol.products import support
 from xbus.protocol.tables import MESSAGES, PRODUCTS
 from xbus.sim.link import SimLink
-from xbus.wire.link import Received
 
 PRODUCT_NAMES = [product.name for product in PRODUCTS.values()]
 
 
-class Meddler(SimLink):
-    """A link that records what is sent, and changes what is received."""
-
-    def __init__(self, device: SimulatedDevice) -> None:
-        super().__init__(device)
-        self.written: list[bytes] = []
-        self.meddle: Callable[[bytes], bytes] = lambda data: data
-
-    def write(self, data: bytes) -> None:
-        self.written.append(data)
-        super().write(data)
-
-    def read(self, timeout: float) -> Received:
-        data = self.meddle(super().read(timeout).data)
-        return Received.at(data, self.clock())
-
-
 def opened(
     product: str = "MTi-630", state: State = State.CONFIG, **settings: Any
-) -> tuple[Device, Meddler]:
-    link = Meddler(SimulatedDevice(product, **settings))
-    device = Device(link)
+) -> tuple[Device, AlteredDevice]:
+    sim = AlteredDevice(product, **settings)
+    device = Device(SimLink(sim))
     device.go_to_config()
     if state == State.MEASUREMENT:
         device.go_to_measurement()
-    link.written.clear()
-    return device, link
+    sim.written.clear()
+    return device, sim
 
 
 # Opening
 
 
 def test_connect_sends_nothing_if_the_device_sends() -> None:
-    link = Meddler(SimulatedDevice("MTi-630"))
-    device = Device(link)
+    sim = AlteredDevice("MTi-630")
+    device = Device(SimLink(sim))
     device.find_baudrate([115_200])
-    assert (device.state, link.written) == (State.MEASUREMENT, [])
+    assert (device.state, sim.written) == (State.MEASUREMENT, [])
 
 
 @pytest.mark.parametrize("state", [State.CONFIG, State.MEASUREMENT])
@@ -117,11 +100,23 @@ def test_the_baud_rate_is_found_by_trying(rate: int) -> None:
     assert (device.link.baudrate, device.state) == (rate, State.MEASUREMENT)
 
 
-def test_a_wrong_baud_rate_is_reported() -> None:
-    with pytest.raises(
-        XbusTimeout, match="nothing was heard on sim:MTi-300 at 9600 baud"
-    ) as caught:
-        connect(SimulatedDevice("MTi-300", baudrate=115_200), 9_600)
+@pytest.mark.parametrize(
+    ("is_silent", "error"),
+    [
+        (True, "^nothing was heard on sim:MTi-300 at 9600 baud; check that the device is powered"),
+        (
+            False,
+            r"^bytes arrive on sim:MTi-300, but no message \([1-9][0-9]* at 9600 baud\); the baud rate is"
+            " probably another one than 9600",
+        ),
+    ],
+)
+def test_a_wrong_baud_rate_is_reported(is_silent: bool, error: str) -> None:
+    sim = AlteredDevice("MTi-300", baudrate=115_200)
+    if is_silent:
+        sim.alter = lambda _: b""
+    with pytest.raises(XbusTimeout, match=error) as caught:
+        connect(sim, 9_600)
     assert caught.value.command is None
     assert caught.value.waited > 0
 
@@ -168,11 +163,11 @@ def test_the_acknowledged_rates_are_kept(product: str, outputs: Any, acknowledge
 
 
 def test_strings_are_switched_off_first() -> None:
-    device, link = opened("MTi-300")
+    device, sim = opened("MTi-300")
     device.commands.set_string_output_type(StringType.PSONCMS)
     with device.configure() as cfg:
         cfg.set_output_configuration({"acceleration": 100})
-    sent = [frame[2] for frame in link.written]
+    sent = [frame[2] for frame in sim.written]
     assert sent[-2:] == [0x8E, 0xC0]
     assert device.commands.req_string_output_type().types == 0
 
@@ -195,26 +190,26 @@ def test_strings_are_switched_off_first() -> None:
     ],
 )
 def test_invalid_outputs_are_rejected(outputs: Any, error: str) -> None:
-    device, link = opened("MTi-630")
+    device, sim = opened("MTi-630")
     with device.configure() as cfg:
-        link.written.clear()
+        sim.written.clear()
         with pytest.raises(ValueError, match=error):
             cfg.set_output_configuration(outputs)
-        assert link.written == []
+        assert sim.written == []
 
 
 HIGH_RATE = {"acceleration_hr": 2000, "rate_of_turn_hr": 1600}
 
 
 def test_too_much_output_is_rejected_with_a_sufficient_baud_rate() -> None:
-    device, link = opened("MTi-630")
+    device, sim = opened("MTi-630")
     with device.configure() as cfg:
-        link.written.clear()
+        sim.written.clear()
         with pytest.raises(
             ValueError, match="115,200 baud carry 11,520; use at least 921,600 baud"
         ):
             cfg.set_output_configuration(HIGH_RATE)
-        assert link.written == []
+        assert sim.written == []
         cfg.set_output_configuration(HIGH_RATE, check_baudrate=False)
 
 
@@ -325,6 +320,72 @@ def test_a_silent_device_raises() -> None:
     assert (caught.value.command, caught.value.waited) == (None, 2)
 
 
+#: A sample that looks as if the answer to GoToConfig were in it.
+TREACHEROUS = encode_frame(0x36, b"\x99\x90\x0c" + encode_frame(0x31) + bytes(7))
+
+
+@pytest.mark.parametrize("seconds", [0.05, 0.3, 3.0])
+@pytest.mark.parametrize("cut", [1, 4, 13, len(TREACHEROUS) - 1])
+def test_silence_inside_a_frame_loses_nothing(seconds: float, cut: int) -> None:
+    """The rest of a frame may come at any time."""
+    device, _ = opened()
+    device.set_output_configuration({})
+    device.go_to_measurement()
+    before = device.stats
+    push, clock = device.link.acquisition.push, device.link.clock
+    push(TREACHEROUS[:cut], clock())
+    device.listen(seconds)
+    assert device.stats.unread_samples == 0
+    push(TREACHEROUS[cut:], clock())
+    sample, after = device.read_sample(0), device.stats
+    assert (sample.frame, sample.arrival) == (TREACHEROUS, clock())
+    assert after.samples - before.samples == 1
+    assert after.messages == before.messages
+    lost = (after.skipped_bytes, after.checksum_errors, after.lost_samples, after.dropped_samples)
+    assert (*lost, after.unread_samples) == (0, 0, 0, 0, 0)
+
+
+class Heard:
+    """Counts the messages from the device, by MID."""
+
+    def __init__(self) -> None:
+        self.mids: list[int] = []
+        self.damaged = 0
+
+    def sent(self, data: bytes) -> None:
+        pass
+
+    def received(self, item: _core.ScannedFrame | _core.ScannedDamage) -> None:
+        if isinstance(item, _core.ScannedDamage):
+            self.damaged += item.length
+        else:
+            self.mids.append(item.mid)
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.05, 0.3, 3.0])
+def test_a_command_is_answered_behind_half_a_frame(seconds: float) -> None:
+    """The answer comes in time and once, although the frame may still turn out to be longer."""
+    device, _ = opened()
+    heard = Heard()
+    device.trace(heard)
+    half = encode_frame(0x36, bytes(200))[:50]
+    device.link.acquisition.push(half, device.link.clock())
+    device.listen(seconds)
+    began, before, notices = device.link.clock(), device.stats.messages, list(device.notices)
+    assert device.commands.req_did() == device.commands.req_did()
+    assert device.link.clock() - began < 0.5
+    assert heard.mids == [MessageId.DeviceID] * 2
+    assert device.stats.messages == before, "the answers are not decided yet"
+    # What follows shows that the half is damage. The answers behind it are not handed out again.
+    device.link.acquisition.push(TREACHEROUS * 20, device.link.clock())
+    assert device.read_sample(0).frame == TREACHEROUS
+    device.listen(0)
+    assert heard.mids == [MessageId.DeviceID] * 2
+    assert heard.damaged == device.stats.skipped_bytes == len(half)
+    assert device.stats.messages == before + 2
+    assert list(device.notices) == notices
+
+
 # Faults during every command
 
 REQUESTS = [
@@ -354,11 +415,11 @@ def value_for(name: str, device: Device) -> Any:
     return device.command(f"Req{name[3:]}").value
 
 
-def identified(**settings: Any) -> tuple[Device, Meddler]:
-    device, link = opened("MTi-680G", **settings)
+def identified(**settings: Any) -> tuple[Device, AlteredDevice]:
+    device, sim = opened("MTi-680G", **settings)
     with device.configure():
         pass
-    return device, link
+    return device, sim
 
 
 def works_again(device: Device) -> None:
@@ -370,102 +431,102 @@ def works_again(device: Device) -> None:
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
 def test_no_answer(row: xbus.protocol.tables.MessageRow) -> None:
-    device, link = identified()
+    device, sim = identified()
     value = value_for(row.name, device)
-    link.meddle = lambda _: b""
+    sim.alter = lambda _: b""
     with pytest.raises(XbusTimeout, match=row.name) as caught:
         device.command(row.name, value)
     assert caught.value.command == row.name
-    link.meddle = lambda data: data
+    sim.alter = lambda data: data
     works_again(device)
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
 def test_ctrl_c(row: xbus.protocol.tables.MessageRow) -> None:
-    device, link = identified()
+    device, sim = identified()
     value = value_for(row.name, device)
 
     def interrupt(_: bytes) -> bytes:
-        link.meddle = lambda data: data
+        sim.alter = lambda data: data
         raise KeyboardInterrupt
 
-    link.meddle = interrupt
+    sim.alter = interrupt
     with pytest.raises(KeyboardInterrupt):
         device.command(row.name, value)
     works_again(device)
 
 
 def test_ctrl_c_inside_configure_restores_the_state() -> None:
-    device, link = opened(state=State.MEASUREMENT)
+    device, sim = opened(state=State.MEASUREMENT)
 
     def interrupt(data: bytes) -> bytes:
-        if link.written[-1][2] == MessageId.ReqOptionFlags:
+        if sim.written[-1][2] == MessageId.ReqOptionFlags:
             raise KeyboardInterrupt
         return data
 
-    link.meddle = interrupt
+    sim.alter = interrupt
     with pytest.raises(KeyboardInterrupt), device.configure():
         device.commands.req_option_flags()
-    assert device.state == link.device.state == State.MEASUREMENT
+    assert device.state == sim.state == State.MEASUREMENT
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
 def test_an_unplugged_device_raises(row: xbus.protocol.tables.MessageRow) -> None:
-    device, link = identified()
+    device, sim = identified()
     value = value_for(row.name, device)
 
     def pull(_: bytes) -> bytes:
-        link.device.unplug()
-        raise ConnectionResetError("unplugged")
+        sim.unplug()
+        return b""
 
-    link.meddle = pull
+    sim.alter = pull
     with pytest.raises(Disconnected, match=f"was lost during {row.name}:") as caught:
         device.command(row.name, value)
     assert caught.value.command == row.name
     assert device.state == State.UNKNOWN
-    link.meddle = lambda data: data
+    sim.alter = lambda data: data
     with pytest.raises(Disconnected):
         device.commands.req_did()
-    link.device.plug()
+    sim.plug()
     works_again(device)
 
 
 @pytest.mark.parametrize("row", REQUESTS, ids=lambda row: row.name)
 def test_error_replies(row: xbus.protocol.tables.MessageRow) -> None:
-    device, link = identified()
+    device, sim = identified()
     value = value_for(row.name, device)
-    link.meddle = lambda data: encode_frame(0x42, b"\x21") if data else b""
+    sim.alter = lambda data: encode_frame(0x42, b"\x21") if data else b""
     with pytest.raises(DeviceError, match=row.name) as caught:
         device.command(row.name, value)
     assert (caught.value.code, caught.value.command) == (0x21, row.name)
-    link.meddle = lambda data: data
+    sim.alter = lambda data: data
     works_again(device)
 
 
 @pytest.mark.parametrize("row", MEASURED, ids=lambda row: row.name)
 def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> None:
-    device, link = identified()
+    device, sim = identified()
     value = value_for(row.name, device)
     rows = [reply for reply in MESSAGES.values() if reply.mid == row.reply]
     wrong = next(n for n in range(300) if not any(n in (row.lengths or ()) for row in rows))
     assert row.reply is not None
     frame = encode_frame(row.reply, bytes(wrong))
-    link.meddle = lambda data: frame if data else b""
+    sim.alter = lambda data: frame if data else b""
     with pytest.raises(DecodeError, match=row.name) as caught:
         device.command(row.name, value)
     assert caught.value.command == row.name
-    link.meddle = lambda data: data
+    sim.alter = lambda data: data
     works_again(device)
 
 
 @pytest.mark.parametrize("row", MEASURED, ids=lambda row: row.name)
 def test_garbage_before_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
     """A header that claims too many bytes delays the reply at most until the device is silent."""
-    device, link = identified()
+    device, sim = identified()
     value = value_for(row.name, device)
-    link.meddle = lambda data: b"\x00\xfa\xff\x36\x80\xfa\xfa" + data if data else b""
+    sim.alter = lambda data: b"\x00\xfa\xff\x36\x80\xfa\xfa" + data if data else b""
     device.command(row.name, value)
-    link.meddle = lambda data: data
+    sim.alter = lambda data: data
     works_again(device)
 
 
@@ -487,20 +548,20 @@ def test_set_baudrate_follows_the_device(product: str) -> None:
 
 
 def test_unsupported_baud_rates_are_rejected() -> None:
-    device, link = opened("MTi-300")
+    device, sim = opened("MTi-300")
     with device.configure() as cfg:
-        link.written.clear()
+        sim.written.clear()
         with pytest.raises(ValueError, match="does not support 4000000 baud"):
             cfg.set_baudrate(4_000_000)
         with pytest.raises(ValueError, match="no device talks at 12,345 baud"):
             cfg.set_baudrate(12_345)
-        assert link.written == []
+        assert sim.written == []
 
 
 def test_reset_to_config() -> None:
-    device, link = opened()
+    device, sim = opened()
     device.reset(config=True)
-    assert device.state == link.device.state == State.CONFIG
+    assert device.state == sim.state == State.CONFIG
 
 
 def test_restore_communication() -> None:

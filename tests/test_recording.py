@@ -99,10 +99,12 @@ def test_the_file_holds_every_received_byte(tmp_path: Path, how: str) -> None:
     path = tmp_path / "log.mtb"
     with measuring(how) as (device, sent):
         with device.record(path) as recording:
+            device.discard()
             read = sum(len(next(device.blocks(samples=500))) for _ in range(3))
         assert recording.files == [str(path)]
         assert not recording.is_active
-        assert device.stats.dropped_bytes == 0
+        stats = device.stats
+        assert (stats.dropped_samples, stats.dropped_messages) == (0, 0)
     _, body = parted(path)
     assert recording.bytes == len(body)
     assert body.startswith(xbus.encode_frame(0x11)), "it begins while the device waits for it"
@@ -207,8 +209,10 @@ def test_only_one_recording_at_a_time(tmp_path: Path) -> None:
                 device.record(tmp_path / "two.mtb")
             assert recording.is_active
             assert device.state == State.MEASUREMENT
+            device.discard()
             next(device.blocks(samples=10))
         with device.record(tmp_path / "two.mtb"):
+            device.discard()
             next(device.blocks(samples=10))
     assert len(xbus.read_log(tmp_path / "one.mtb")) >= 10
     assert len(xbus.read_log(tmp_path / "two.mtb")) >= 10
@@ -219,8 +223,22 @@ def test_recording_needs_no_reader(tmp_path: Path) -> None:
     with measuring("pty") as (device, sent):
         with device.record(tmp_path / "log.mtb", flush=0.01) as recording:
             wait_until(lambda: recording.bytes > 30_000)
-        assert device.stats.unread_samples < 100, "they wait as bytes, which costs less"
+        stats = device.stats
+        assert stats.unread_samples > 30_000 // 40, "they wait for a reader"
+        assert (stats.dropped_samples, stats.dropped_messages) == (0, 0)
     assert parted(tmp_path / "log.mtb")[1] in sent
+
+
+def test_a_recording_leaves_the_unread_samples(tmp_path: Path) -> None:
+    with xbus.connect("sim:MTi-630") as device:
+        device.listen(1)
+        before = device.stats
+        assert before.unread_samples == before.samples > 90
+        with device.record(tmp_path / "log.mtb"):
+            assert device.stats.unread_samples >= before.unread_samples
+            counters = [device.read_sample()["packet_counter"] for _ in range(before.samples)]
+            assert np.unique(np.diff(counters)).tolist() == [1]
+        assert device.stats.dropped_samples == device.stats.outdated == 0
 
 
 def test_closing_the_device_ends_the_recording(tmp_path: Path) -> None:
@@ -279,6 +297,7 @@ def test_files_that_cannot_be_created(tmp_path: Path) -> None:
             with pytest.raises(error):
                 device.record(tmp_path / name)
         assert device.state == State.MEASUREMENT
+        device.discard()
         with device.record(tmp_path / "log.mtb"):
             next(device.blocks(samples=10))
     assert len(xbus.read_log(tmp_path / "log.mtb")) >= 10

@@ -25,6 +25,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import xbus
+from conftest import AlteredDevice
 from streams import frame
 from xbus import Device, DeviceError, Scanner, SimulatedDevice, StateError, XbusTimeout, connect
 from xbus.device import Sample
@@ -41,8 +42,6 @@ from xbus.rtk import (
 from xbus.rtk.forward import MAX_UNANSWERED
 from xbus.rtk.rtcm import rtcm_frames
 from xbus.sim import serving
-from xbus.sim.link import SimLink
-from xbus.wire.link import Received
 
 
 def rtcm(payload: bytes) -> bytes:
@@ -65,39 +64,32 @@ FALSE_START = bytes.fromhex("D30040")
 JUNK = [NMEA, UBX, DAMAGED, FALSE_START, b"noise", b"\x00" * 40, frame(0x30)]
 
 
-class Meddler(SimLink):
-    """A link that records what is sent, and drops or replaces received messages."""
-
-    def __init__(self, device: SimulatedDevice) -> None:
-        super().__init__(device)
-        self.written: list[bytes] = []
-        self.instead: list[bytes | None] = []
-
-    def write(self, data: bytes) -> None:
-        self.written.append(data)
-        super().write(data)
-
-    def read(self, timeout: float) -> Received:
-        data = super().read(timeout).data
-        ack = frame(MessageId.ForwardGnssDataAck)
-        if self.instead and ack in data and (other := self.instead.pop(0)) is not None:
-            data = data.replace(ack, other)
-        return Received.at(data, self.clock())
-
-
-def opened(product: str = "MTi-680G", **options: Any) -> tuple[Device, Meddler]:
-    link = Meddler(SimulatedDevice(product, **options))
-    device = Device(link)
+def opened(product: str = "MTi-680G", **options: Any) -> tuple[Device, AlteredDevice]:
+    sim = AlteredDevice(product, **options)
+    device = connect(sim)
     with device.configure():
         pass
-    link.written.clear()
-    return device, link
+    sim.written.clear()
+    return device, sim
 
 
-def payloads(link: Meddler) -> list[bytes]:
+def replace_answers(sim: AlteredDevice, *answers: bytes | None) -> None:
+    """Makes the host receive other bytes instead of the next answers to ForwardGnssData; None changes nothing."""
+    instead = list(answers)
+    ack = frame(MessageId.ForwardGnssDataAck)
+
+    def alter(data: bytes) -> bytes:
+        if instead and ack in data and (other := instead.pop(0)) is not None:
+            return data.replace(ack, other)
+        return data
+
+    sim.alter = alter
+
+
+def payloads(sim: AlteredDevice) -> list[bytes]:
     """Returns the payloads that the receiver was sent."""
     scanner = Scanner()
-    found = [*scanner.feed(b"".join(link.written)), *scanner.close()]
+    found = [*scanner.feed(b"".join(sim.written)), *scanner.close()]
     assert {message.name for message in found if isinstance(message, xbus.Message)} <= {
         "ForwardGnssData"
     }
@@ -142,10 +134,10 @@ def test_chunks_are_read_only_when_needed() -> None:
 
 
 def test_only_rtcm_reaches_the_receiver() -> None:
-    device, link = opened()
+    device, sim = opened()
     mixed = [frame for piece in JUNK for frame in (piece, *FRAMES)]
     forwarder = device.forward_gnss([*mixed, b"\x00" * 100])
-    assert payloads(link) == FRAMES * len(JUNK)
+    assert payloads(sim) == FRAMES * len(JUNK)
     assert forwarder.messages == len(FRAMES) * len(JUNK)
     assert forwarder.bytes == sum(map(len, FRAMES)) * len(JUNK)
     assert forwarder.unanswered == 0
@@ -181,7 +173,8 @@ def test_the_status_changes_from_none_to_float_to_fixed_and_back() -> None:
 
 def test_no_sample_is_lost_while_forwarding() -> None:
     device, _ = opened()
-    before = device.lost_samples
+    device.discard()
+    before = device.stats
     counters: list[int] = []
 
     def corrections() -> Iterator[bytes]:
@@ -193,14 +186,15 @@ def test_no_sample_is_lost_while_forwarding() -> None:
     device.forward_gnss(corrections())
     counters += [device.read_sample()["packet_counter"] for _ in range(50)]
     assert counters == list(range(counters[0], counters[0] + len(counters)))
-    assert device.lost_samples == before
+    after = device.stats
+    assert (after.lost_samples, after.dropped_samples) == (before.lost_samples, 0)
 
 
 def test_products_without_rtk_are_rejected() -> None:
-    device, link = opened("MTi-670")
+    device, sim = opened("MTi-670")
     with pytest.raises(StateError, match=r"the MTi-670 does not support ForwardGnssData.*MTi-680G"):
         device.forward_gnss(FRAMES)
-    assert link.written == []
+    assert sim.written == []
 
 
 def test_config_state_is_rejected() -> None:
@@ -210,23 +204,23 @@ def test_config_state_is_rejected() -> None:
 
 
 def test_error_messages_of_the_device_are_raised() -> None:
-    device, link = opened()
-    link.instead = [None, frame(MessageId.Error, b"\x21")]
+    device, sim = opened()
+    replace_answers(sim, None, frame(MessageId.Error, b"\x21"))
     forwarder = Forwarder(device)
     with pytest.raises(DeviceError) as caught:
         forwarder.forward(FRAMES)
     assert (caught.value.code, caught.value.command) == (33, "ForwardGnssData")
     forwarder.forward([LONG])
-    assert payloads(link) == FRAMES
+    assert payloads(sim) == FRAMES
 
 
 def test_lost_answers_are_counted_and_silence_is_raised() -> None:
-    device, link = opened()
-    link.instead = [*[b""] * (MAX_UNANSWERED - 1), None, *[b""] * (MAX_UNANSWERED - 1)]
+    device, sim = opened()
+    replace_answers(sim, *[b""] * (MAX_UNANSWERED - 1), None, *[b""] * (MAX_UNANSWERED - 1))
     forwarder = device.forward_gnss([STATION] * (2 * MAX_UNANSWERED))
     assert forwarder.messages == 2 * MAX_UNANSWERED
     assert forwarder.unanswered == 2 * (MAX_UNANSWERED - 1)
-    link.instead = [b""] * MAX_UNANSWERED
+    replace_answers(sim, *[b""] * MAX_UNANSWERED)
     with pytest.raises(XbusTimeout):
         forwarder.forward([STATION] * MAX_UNANSWERED)
 
@@ -632,12 +626,12 @@ def test_endless_junk_counts_as_silence(
 
 
 def test_from_a_caster_to_a_device(local: LocalCaster) -> None:
-    device, link = opened()
+    device, sim = opened()
     local.sends = FRAMES
     with Caster(local.address, "BASE") as caster:
         chunks = (received for received, _ in zip(caster, range(5), strict=False))
         assert device.forward_gnss(chunks).messages == 5
-    assert set(payloads(link)) <= set(FRAMES)
+    assert set(payloads(sim)) <= set(FRAMES)
 
 
 def test_close_ends_a_read_in_another_thread(local: LocalCaster) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import sys
 import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
@@ -46,7 +47,6 @@ from xbus.protocol.products import support
 from xbus.protocol.tables import PRODUCTS
 from xbus.protocol.values import SYNC_OUT_FUNCTIONS
 from xbus.sim.link import SimLink
-from xbus.wire.link import Received
 
 FLAG = OptionFlag.ENABLE_IN_RUN_COMPASS_CALIBRATION
 
@@ -548,36 +548,38 @@ def test_the_line_of_each_key(text: str, lines: dict[str, list[int]]) -> None:
 # Interrupted
 
 
-class Cutter(SimLink):
-    """A link that loses everything from the message with this number on."""
+class CutOff(SimulatedDevice):
+    """A device that can no longer be reached from the message with this number on."""
 
-    def __init__(self, device: SimulatedDevice, last: int) -> None:
-        super().__init__(device)
+    def __init__(self, product: int, last: int) -> None:
+        super().__init__(product)
         self.left = last
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, baudrate: int | None = None) -> None:
         self.left -= 1
         if self.left >= 0:
-            super().write(data)
+            super().write(data, baudrate)
 
-    def read(self, timeout: float) -> Received:
-        received = super().read(timeout)
-        return received if self.left >= 0 else Received.at(b"", self.clock())
+    def read(self, baudrate: int | None = None) -> bytes:
+        data = super().read(baudrate)
+        return data if self.left >= 0 else b""
 
 
 def cuts(product: int) -> Iterator[tuple[SimulatedDevice, ApplyError | XbusTimeout | None]]:
     """The same settings applied again and again, the link cut after one message more each time."""
     wanted = changed(product)
     for last in count():
-        sim = SimulatedDevice(product)
-        device = Device(Cutter(sim, last))
+        sim = CutOff(product, last)
+        device = Device(SimLink(sim))
         try:
             device.apply(wanted)
         except (ApplyError, XbusTimeout) as error:
+            sim.left = sys.maxsize
             yield sim, error
             if not (isinstance(error, ApplyError) or device.session.state == State.UNKNOWN):
                 continue
         else:
+            sim.left = sys.maxsize
             yield sim, None
             return
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from xbus import Device, Faults, SimulatedDevice, connect
-from xbus.device import channel
+from xbus.sim.link import SimLink
 
 OUTPUTS = {"packet_counter": None, "acceleration": 100, "magnetic_field": 50, "status_word": None}
 
@@ -32,8 +32,11 @@ def test_what_is_counted() -> None:
         after.lost_samples,
         after.skipped_bytes,
         after.checksum_errors,
-        after.dropped_bytes,
-    ) == (0, 0, 0, 0)
+        after.dropped_samples,
+        after.dropped_strings,
+        after.dropped_messages,
+        after.unread_samples,
+    ) == (0, 0, 0, 0, 0, 0, after.samples - before.samples - 1000)
     assert after.rates["acceleration"] == pytest.approx(100, rel=0.01)
     assert after.rates["magnetic_field"] == pytest.approx(50, rel=0.01)
     assert (after.overruns, after.errors, after.last_error) == (None, 0, None)
@@ -49,17 +52,19 @@ def test_damage_is_counted() -> None:
     assert 0 < stats.gaps <= stats.lost_samples
 
 
-def test_unread_samples_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The oldest go, and are counted."""
-    monkeypatch.setattr(channel, "MAX_UNREAD_SAMPLES", 100)
-    device = measuring()
+def test_unread_samples_are_counted() -> None:
+    """The oldest are dropped, and counted."""
+    device = Device(SimLink(SimulatedDevice("MTi-630"), bound=100 * 16))
+    with device.configure({"packet_counter": None, "status_word": None, "temperature": 100}):
+        pass
     first = device.read_sample()["packet_counter"]
-    device._channel.wait_for(lambda: False, 5)
+    device.listen(5)
     stats = device.stats
-    assert stats.unread_samples == 100
+    assert stats.unread_samples * 17 <= stats.queued_bytes <= 1600
     assert device.read_sample()["packet_counter"] - first == 1 + stats.dropped_samples
-    assert stats.dropped_samples == device.lost_samples - device._outdated
-    assert stats.dropped_samples == pytest.approx(400, abs=3)
+    assert stats.dropped_samples > 400
+    assert stats.dropped_samples + stats.unread_samples + stats.outdated + 1 == stats.samples
+    assert (stats.lost_samples, stats.gaps, stats.dropped_messages) == (0, 0, 0)
 
 
 def test_device_errors_are_counted() -> None:

@@ -23,13 +23,13 @@ from xbus import (
     XbusTimeout,
     connect,
 )
-from xbus.device import channel as channel_module
 from xbus.device.string_output import frequency_of, period_and_skip_factor, plan_strings
 from xbus.protocol import State, StringOutput
 from xbus.protocol.products import find_product, support
 from xbus.protocol.strings import STRING_FIELDS
 from xbus.protocol.tables import PRODUCTS
 from xbus.sim import Replay, serving
+from xbus.sim.link import SimLink
 from xbus.sim.sensors import Sensors, Ticks
 from xbus.sim.trajectories import trajectory
 
@@ -182,7 +182,7 @@ def test_every_string_of_every_product(product: int) -> None:
         assert string.arrival is not None
     assert device.session.skipped == device.stats.skipped_bytes == 0
     assert set(device.stats.strings) == {str(kind.name) for kind in types}
-    assert not device._channel.samples
+    assert device.stats.unread_samples == 0
     with device.configure() as cfg:
         cfg.set_output_configuration({"packet_counter": None, "acceleration": 100})
         assert not cfg.commands.req_string_output_type().types
@@ -310,7 +310,8 @@ def test_time_steps_do_not_change_the_strings() -> None:
 def test_strings_on_demand(product: str) -> None:
     """Skip factor FFFF, and ReqData (Table 19)."""
     device = sending(product, ["HCMTW", "GPZDA"], None)
-    assert not device._channel.wait_for(lambda: bool(device._channel.strings), 3.0)
+    with pytest.raises(XbusTimeout, match=r"no string from sim:MTi-.* within 3 s"):
+        device.read_string(3.0)
     first = device.link.clock()
     for _ in range(5):
         device.commands.req_data()
@@ -318,7 +319,8 @@ def test_strings_on_demand(product: str) -> None:
         clock = device.read_string()
         assert device.link.clock() - first < 1.0
     assert clock.type is StringType.GPZDA
-    assert not device._channel.wait_for(lambda: bool(device._channel.strings), 1.0)
+    with pytest.raises(XbusTimeout, match=r"no string from sim:MTi-.* within 1 s"):
+        device.read_string(1.0)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -368,18 +370,29 @@ def test_waiting_for_the_wrong_kind_of_output_raises() -> None:
     with pytest.raises(XbusTimeout, match=r"no string from sim:MTi-3 within 0\.5 s"):
         connect("sim:MTi-3").read_string(0.5)
     with device.configure():
-        for _ in device._channel.strings.copy():
+        for _ in range(device.link.acquisition.waiting.strings):
             device.read_string()
         with pytest.raises(StateError, match="the device is in Config State"):
             device.read_string()
 
 
-def test_unread_strings_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(channel_module, "MAX_UNREAD_STRINGS", 10)
-    device = sending("MTi-300", ["HEHDT"], 100)
-    device._channel.wait_for(lambda: device.lost_strings >= 25, 5.0)
-    assert device.lost_strings >= 25
-    assert len(device._channel.strings) == 10
+def test_unread_strings_are_counted() -> None:
+    """The oldest are dropped, and counted."""
+    virtual = SimulatedDevice("MTi-300")
+    with Device(SimLink(virtual, bound=1600)) as device:
+        with device.configure() as cfg:
+            cfg.set_strings(["GPZDA"], 100, check_baudrate=False)
+        first = device.read_string()
+        device.listen(5.0)
+        sent, stats = device.stats.strings["GPZDA"], device.stats
+        waiting = device.link.acquisition.waiting.strings
+        assert waiting == 1600 // len(first.data) > 1
+        assert stats.queued_bytes == waiting * len(first.data)
+        assert stats.dropped_strings == sent - 1 - waiting > 400
+        assert (stats.dropped_samples, stats.dropped_messages) == (0, 0)
+        clock = device.read_string().values["time"]
+        passed = (clock - first.values["time"]).total_seconds()
+        assert passed == pytest.approx((1 + stats.dropped_strings) / 100, abs=0.011)
 
 
 def mixed(seconds: float) -> bytes:
