@@ -240,6 +240,7 @@ def test_a_reader_waits_while_another_thread_configures(device: Device) -> None:
     done.set()
     assert reader.join().error is None
     with pytest.raises(xbus.StateError, match="Config State"), device.configure():
+        device.discard()
         device.read_sample()
 
 
