@@ -548,8 +548,11 @@ class Device:
         return sample
 
     def __iter__(self) -> Iterator[Sample]:
+        channel = self._channel
         while True:
-            yield self.read_sample()
+            while (sample := channel.take_sample()) is None:
+                channel.wait_for_samples(1, SAMPLE_TIMEOUT)
+            yield sample
 
     async def __aiter__(self) -> AsyncIterator[Sample]:
         channel = self._channel

@@ -74,9 +74,11 @@ class Sample(Mapping[EntryKey, Any]):
     @classmethod
     def of(cls, received: _core.ReceivedSample) -> Sample:
         """Returns a sample that an acquisition has received."""
-        sample = cls(received.payload, received.bid, received.offset)
+        sample = cls.__new__(cls)  # every attribute is set once: there may be thousands a second
+        sample.payload, sample.bid, sample.offset = received.payload, received.bid, received.offset
         sample.time, sample.leads = received.time, received.leads
         sample.arrival, sample.host_time = received.arrival, received.host_time
+        sample._known_layout = None
         return sample
 
     @property
