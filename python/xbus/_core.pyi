@@ -85,7 +85,7 @@ def encode_frame(bid: int, mid: int, payload: bytes) -> bytes:
     """
 
 def encode_packet(
-    name: str,
+    quantity: str,
     precision: str | None,
     coordinates: str | None,
     numbers: npt.NDArray[Any],
@@ -93,7 +93,7 @@ def encode_packet(
     """Returns the packet of a quantity.
 
     Args:
-        name: Name of the quantity.
+        quantity: Its name.
         precision: Name of a `Precision`; None for Float32, and for quantities of integers.
         coordinates: Name of a `Coordinates`; None for ENU, and for quantities without coordinates.
         numbers: A float32, float64, int64 or uint64 array ``(k,)``, in the order of the wire.
