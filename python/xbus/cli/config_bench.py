@@ -11,8 +11,8 @@ import click
 from xbus.cli.connection import connect_device
 from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_table
-from xbus.describe.formatting import format_count
 from xbus.errors import XbusError
+from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.device import Settings

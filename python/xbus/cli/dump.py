@@ -16,7 +16,7 @@ from xbus.cli.connection import open_port, port_lost
 from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
 from xbus.cli.printing import find_name, is_terminal, print_line
 from xbus.cli.progress import Progress
-from xbus.describe.formatting import format_count
+from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.cli.dump_lines import DumpFormatter

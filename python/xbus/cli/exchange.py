@@ -10,10 +10,10 @@ from typing import Any
 import click
 
 from xbus.cli.printing import print_line
-from xbus.describe.formatting import format_count
 from xbus.describe.json_value import payload_value
 from xbus.describe.text import Notice, describe_message, message_dict, read_notice
 from xbus.device import Device
+from xbus.formatting import format_count
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import State

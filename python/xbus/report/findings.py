@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from xbus.describe.formatting import describe_damage, describe_losses, format_count
+from xbus.formatting import describe_damage, describe_losses, format_count
 from xbus.protocol.tables import QUANTITIES
 from xbus.report.data import ReportData, Series
 

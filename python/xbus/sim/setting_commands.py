@@ -50,7 +50,7 @@ from xbus.sim.board import Board
 from xbus.sim.memory import factory_settings
 from xbus.sim.sync import SyncInputs
 
-__all__ = ["SETTING_COMMANDS", "Handler", "Refused", "reply_with", "require"]
+__all__ = ["SETTING_COMMANDS", "Refused", "reply_with", "require"]
 
 Handler: TypeAlias = Callable[[Board, Any], bytes]
 
