@@ -24,6 +24,7 @@ from test_cli_sim import simulated
 from xbus import DataId, MessageId, encode_frame, encode_packet
 from xbus.cli import dump as command
 from xbus.cli.dump_lines import KEPT, DumpFormatter
+from xbus.protocol.products import DEFAULT_BAUDRATE
 from xbus.sim.link import SimLink
 from xbus.wire.link import Received
 
@@ -500,6 +501,10 @@ def test_silence_ends_an_incomplete_frame(monkeypatch: pytest.MonkeyPatch) -> No
         ["5", "Error"],
         ["11", "damage"],
     ]
+
+
+def test_help_names_the_default_baudrate() -> None:
+    assert f"Default: {DEFAULT_BAUDRATE}, the rate" in run("dump", "--help").stdout
 
 
 def test_a_port_is_dumped_at_its_baud_rate_until_ctrl_c() -> None:

@@ -27,8 +27,6 @@ __all__ = ["dump"]
 BLOCK = 1 << 18
 #: Interval to check whether a file has grown, in seconds.
 INTERVAL = 0.1
-#: Default bits per second: the rate of a new device. Trying other rates would send requests.
-BAUDRATE = 115_200
 
 
 def _mids(
@@ -70,7 +68,7 @@ def _mid(value: str) -> int | str:
     "--baudrate",
     type=click.IntRange(1, 4_000_000),
     metavar="RATE",
-    help=f"Bits per second of PORT. Default: {BAUDRATE}.",
+    help="Bits per second of PORT. Default: 115200, the rate of a new device.",
 )
 @click.option("--no-hex", is_flag=True, help="Omit the frame in hex.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
@@ -93,6 +91,7 @@ def dump(
     pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. Nothing is sent to the device.
     """
     from xbus.cli.dump_lines import DumpFormatter
+    from xbus.protocol.products import DEFAULT_BAUDRATE
 
     def new_formatter() -> DumpFormatter:
         return DumpFormatter(wanted, strings=strings, with_hex=not no_hex, as_json=as_json)
@@ -106,7 +105,8 @@ def dump(
         raise click.UsageError(f"{label(file)} is not a port and has no --baudrate")
     formatter = new_formatter()
     if is_port:
-        _listen(file, baudrate or BAUDRATE, formatter)
+        # Trying other rates would send requests.
+        _listen(file, baudrate or DEFAULT_BAUDRATE, formatter)
         return
     # A progress bar would mix with lines on the terminal.
     quiet = follow or is_terminal()
