@@ -11,7 +11,7 @@ import click
 
 from xbus.cli.printing import print_line
 from xbus.describe.json_value import payload_value
-from xbus.describe.text import Notice, describe_message, message_dict, read_notice
+from xbus.describe.text import ResultCode, describe_message, message_dict, read_result_code
 from xbus.device import Device
 from xbus.formatting import format_count
 from xbus.protocol.ids import MessageId
@@ -53,7 +53,7 @@ class Exchange:
         self._link, self._session = device.link, device.session
         self.name, self.is_line = self._link.name, self._link.is_line
         self.acquisition = self._link.acquisition
-        self.error: Notice | None = None
+        self.error: ResultCode | None = None
         self._json = as_json
         self._scanner = Scanner()
         self._command = ""
@@ -135,7 +135,7 @@ class Exchange:
                 self._streams = True
             else:
                 if item.mid == MessageId.Error:
-                    self.error = read_notice(item)
+                    self.error = read_result_code(item)
                 frame = encode_frame(item.mid, item.payload, bid=item.bid)
                 self._print("<", item._replace(name=self._name(item)), frame)
 
