@@ -8,17 +8,18 @@ use crate::packet::record_size;
 use crate::scan::Reason;
 use crate::table::{self, Content, Field, Kind, MessageField, Payload, Products};
 
-/// A row as a dict: fields that keep their names, and values with other names.
+/// A row as a dict: fields and variables under their names, and values under other names.
 macro_rules! row {
-    ($py:ident, $row:ident { $($field:ident),+ } $(, $name:literal: $value:expr)* $(,)?) => {{
+    ($py:ident, $row:ident { $($field:ident),+ } $(, $variable:ident)* $(, $name:literal: $value:expr)* $(,)?) => {{
         let row = PyDict::new($py);
         $(row.set_item(stringify!($field), $row.$field)?;)+
+        $(row.set_item(stringify!($variable), $variable)?;)*
         $(row.set_item($name, $value)?;)*
         Ok(row)
     }};
 }
 
-fn numbers(products: Products) -> Vec<u16> {
+fn numbers_of(products: Products) -> Vec<u16> {
     products.iter().map(|product| product.number).collect()
 }
 
@@ -36,7 +37,7 @@ fn message_fields<'py>(py: Python<'py>, fields: &[MessageField]) -> PyResult<Vec
             Content::RestText(most) => ("text", most, true),
             Content::RestBytes(most) => ("bytes", most, true),
         };
-        row!(py, field { name, unit, note }, "type": kind, "repeat": repeat, "rest": rest)
+        row!(py, field { name, unit, note }, repeat, rest, "type": kind)
     };
     fields.iter().map(row).collect()
 }
@@ -45,7 +46,7 @@ fn message_fields<'py>(py: Python<'py>, fields: &[MessageField]) -> PyResult<Vec
 #[pyfunction]
 pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
     let row = |quantity: &table::Quantity| {
-        let (kind, count, size, head, entry): (_, _, _, &[Field], &[Field]) = match quantity.kind {
+        let (kind, numbers, size, head, entry): (_, _, _, &[Field], &[Field]) = match quantity.kind {
             Kind::Real(n) => ("real", n, None, &[], &[]),
             Kind::Fixed(wire, n) => (wire.numpy(), n, Some(n * wire.size()), &[], &[]),
             Kind::Id => ("id", 1, None, &[], &[]),
@@ -55,11 +56,9 @@ pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row!(
             py,
             quantity { id, name, manual, group, components, unit, is_matrix, clock, has_flags, source },
+            kind, numbers, size,
             "coordinates": quantity.rotates,
-            "products": numbers(quantity.products),
-            "kind": kind,
-            "numbers": count,
-            "size": size,
+            "products": numbers_of(quantity.products),
             "fields": fields(py, head)?,
             "entry": fields(py, entry)?,
         )
@@ -82,16 +81,12 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         row!(
             py,
             message { mid, name, direction, restarts, reply, status },
+            kind, least, most, filled, zeros,
             "states": message.states.names(),
             "payload": message.description(),
             "lengths": (!lengths.is_empty()).then_some(lengths),
-            "kind": kind,
             "forms": forms.iter().map(|form| message_fields(py, form)).collect::<PyResult<Vec<_>>>()?,
-            "least": least,
-            "most": most,
-            "filled": filled,
-            "zeros": zeros,
-            "products": numbers(message.products),
+            "products": numbers_of(message.products),
         )
     };
     table::MESSAGES.iter().map(row).collect()
