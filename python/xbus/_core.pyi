@@ -48,7 +48,6 @@ __all__ = [
     "result_codes",
     "status_flags",
     "strings",
-    "time_stamp",
 ]
 
 __version__: str
@@ -164,9 +163,6 @@ def device_of(bid: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 def frame_size(head: bytes) -> int | None:
     """Bytes of the frame that begins with these, checksum included; None if the header is incomplete."""
-
-def time_stamp(payload: bytes) -> float | None:
-    """The fine time of a sample as the device sent it, in seconds; it wraps. None without one."""
 
 def is_sample(payload: bytes) -> bool:
     """Whether an MTData2 payload has packets, and they fill it."""

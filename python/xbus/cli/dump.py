@@ -83,8 +83,8 @@ def dump(
 ) -> None:
     """Prints one line per message, as text and in hex.
 
-    A line has the byte offset of the frame, the time in seconds on the device clock (as sent; it wraps), the
-    name, the content, and the frame. Precision and coordinates are in parentheses unless they are Float32 and
+    A line has the byte offset of the frame, the time in seconds on the device clock (unwrapped), the name,
+    the content, and the frame. Precision and coordinates are in parentheses unless they are Float32 and
     ENU. Strings and damage have separate lines.
 
     FILE can be a pipe, or - for standard input. With --follow it can also be a PORT: a serial port, a

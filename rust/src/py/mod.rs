@@ -23,7 +23,7 @@ mod _core {
     #[pymodule_export]
     use super::arrow::ArrowStream;
     #[pymodule_export]
-    use super::clock::{SampleClock, device_of, is_sample, time_stamp};
+    use super::clock::{SampleClock, device_of, is_sample};
     #[pymodule_export]
     use super::codec::{
         EncodedFrames, Packet, RequestScanner, ScannedFrame, ScannedString, Scanner, configuration, encode_frame,
