@@ -441,7 +441,7 @@ class Log(ByQuantity[Column]):
             format_count(len(self.keys()), "quantity", "quantities"),
             format_count(stats.strings, "string") if stats.strings else None,
             describe_losses(stats.lost_samples, stats.gaps, has_counter=True)
-            if stats.gaps
+            if stats.lost_samples
             else None,
             describe_damage(stats.skipped_bytes, len(self.damage)) if stats.skipped_bytes else None,
             self.product_code,
