@@ -98,18 +98,7 @@ def cycle(root: Path, package: str) -> list[str]:
     return []
 
 
-#: Packages that still have a cycle.
-CYCLIC = {"device": pytest.mark.xfail(reason="Device and the modules of its methods", strict=True)}
-
-
-@pytest.mark.parametrize(
-    "package",
-    [
-        pytest.param(name, marks=CYCLIC.get(name, ()))
-        for name in layers()
-        if (PACKAGE / name).is_dir()
-    ],
-)
+@pytest.mark.parametrize("package", [name for name in layers() if (PACKAGE / name).is_dir()])
 def test_modules_of_a_package_do_not_import_each_other(package: str) -> None:
     assert not cycle(PACKAGE, package)
 
