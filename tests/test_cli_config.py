@@ -215,6 +215,18 @@ def test_one_of_several_devices_refuses(
     assert "not applied: location_id" in other["problem"]
 
 
+def test_a_port_is_given_once(tmp_path: Path, file: Callable[[str], str]) -> None:
+    port, link = tmp_path / "port", tmp_path / "link"
+    link.symlink_to(port)
+    for ports, problem in (
+        (("a", "b", "a"), "a is given twice"),
+        ((str(port), str(link)), f"{port} and {link} are the same port"),
+    ):
+        result = run("config", "apply", *ports, file("location_id = 7"))
+        assert (result.exit_code, result.stdout) == (2, "")
+        assert result.stderr.endswith(f"{problem}; give each port once\n")
+
+
 def test_every_wrong_line_is_named(file: Callable[[str], str]) -> None:
     name = file('location = 1\nlocation_id = "x"\nerror_mode = 1\ntransmit_delay = []\n')
     result = run("config", "apply", "/dev/no-such-port", name)

@@ -23,7 +23,8 @@ def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert re.fullmatch(r"recorded:   [0-9,]+ bytes in 1 s", lines[2])
     assert "acceleration_hr, m/s2" in lines
     assert sum("█" in line and "▁" in line for line in lines) == 6
-    assert max(map(len, lines[1:-2])) <= 80
+    # Paths can have any length.
+    assert max(len(line) for line in lines[1:-2] if str(tmp_path) not in line) <= 80
     files = [tmp_path / "new" / name for name in ("demo.mtb", "demo.parquet")]
     assert lines[-2:] == [f"wrote {file}" for file in files]
     log = xbus.read_log(files[0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pty
 import random
@@ -25,6 +26,7 @@ from test_cli_sim import simulated
 from xbus import DataId, MessageId, SimulatedDevice, encode_frame, encode_packet
 from xbus.cli import dump as command
 from xbus.cli.dump_lines import KEPT, DumpFormatter
+from xbus.protocol.products import DEFAULT_BAUDRATE
 from xbus.sim.link import SimLink
 
 
@@ -290,14 +292,28 @@ def test_any_message_of_a_device_has_a_description(seed: int) -> None:
 
 
 def test_time_equals_that_of_the_log() -> None:
-    """The times equal those of a log unless they wrap; a coarse time gives the manual's big time stamp."""
+    """Times are unwrapped; a coarse time gives the manual's big time stamp."""
     for path in (FIELD, str(shared("captures/mtig710-5/raw.bin"))):
         log = xbus.read_log(path)
         times = [item["time_s"] for item in dumped("--mid", "MTData2", path)]
-        wrap = 0 if path != FIELD else 2**32 / 10_000
-        assert times == pytest.approx(
-            [item % wrap if wrap else item for item in log.time], abs=1e-9
-        )
+        assert times == log.time.tolist()
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_every_sample_has_the_time_of_the_log(seed: int) -> None:
+    data = b"".join(random_frames(random.Random(seed), 30))
+    log = xbus.read_log(data)
+    shown = [json.loads(line) for line in lines_of(data, as_json=True)]
+    times = {item["offset"]: item["time_s"] for item in shown if "packets" in item}
+    expected = [None if math.isnan(time) else time for time in log.time.tolist()]
+    assert [times[offset] for offset in log.offset.tolist()] == expected
+
+
+def test_time_does_not_wrap() -> None:
+    samples = (fine(2**32 - 1), fine(0))
+    first, second = lines_of(b"".join(encode_frame(MessageId.MTData2, item) for item in samples))
+    assert "  429496.7295  MTData2" in first
+    assert "  429496.7296  MTData2" in second
 
 
 def test_stamps() -> None:
@@ -306,7 +322,9 @@ def test_stamps() -> None:
 
     assert line(fine(12_345)).startswith("         0        1.2345  MTData2  ")
     assert line(fine(12_345), coarse(7)).startswith("         0        7.2345  MTData2  ")
-    for item in (counter(1), coarse(7), trigger(5)):
+    assert line(coarse(7)).startswith("         0        7.0000  MTData2  ")
+    assert line(trigger(5_000)).startswith("         0        0.0050  MTData2  ")
+    for item in (counter(1), b""):
         assert line(item).startswith("         0                MTData2  ")
 
 
@@ -514,6 +532,10 @@ def test_an_incomplete_frame_waits_for_its_rest(
             "xbus: sim:MTi-3 is gone: sim:MTi-3 was unplugged; check the cable",
         ],
     )
+
+
+def test_help_names_the_default_baudrate() -> None:
+    assert f"Default: {DEFAULT_BAUDRATE}, the rate" in run("dump", "--help").stdout
 
 
 def test_a_port_is_dumped_at_its_baud_rate_until_ctrl_c() -> None:

@@ -418,3 +418,33 @@ def test_many_steps() -> None:
         clock.update(0.0, (boot * 100 + 50) * 10**9)
     assert len(clock.steps) == 100
     assert clock.fits > 250
+
+
+@pytest.mark.parametrize(
+    ("device_time", "arrival", "leads"),
+    [
+        ("1", 5, True),
+        (1.0, "5", True),
+        (1.0, 5.5, True),
+        (1.0, 5, "no"),
+        (["1"], [5], True),
+        (np.array([1.0]), np.array(["5"]), True),
+        (np.array([1.0]), np.array([5.5]), True),
+        (np.array([1.0]), np.array([5]), "no"),
+        (None, 5, True),
+        ([None], [5], True),
+    ],
+)
+def test_wrong_types_are_refused(device_time: Any, arrival: Any, leads: Any) -> None:
+    clock = HostClock()
+    with pytest.raises(TypeError):
+        clock.update(device_time, arrival, leads)
+    assert clock.fits == 0
+
+
+def test_text_is_not_a_device_time() -> None:
+    clock = HostClock()
+    clock.update(1.0, 5)
+    for wrong in ("1", ["1"], None):
+        with pytest.raises(TypeError):
+            clock.host_time(wrong)  # type: ignore[call-overload]

@@ -1515,31 +1515,31 @@ def test_firmware_of_any_length(payload: str) -> None:
 # ---------------------------------------------------------------------------------------------
 
 PRINTED = """\
-<Log 1040 samples, 9.99 s, 15 quantities, MTi-680G-8A1G6>
-  packet_counter      1040  104.5 Hz
-  sample_time_fine    1040  104.5 Hz  0.1 ms
-  utc_time            1040  104.5 Hz
-  quaternion          1000  100.0 Hz  Float32, ENU
-  euler_angles        1000  100.0 Hz  Float32, ENU, deg
-  acceleration        1000  100.0 Hz  Float32, m/s2
-  rate_of_turn        1000  100.0 Hz  Float32, rad/s
-  magnetic_field      1000  100.0 Hz  Float32, a.u.
-  lat_lon             1000  100.0 Hz  Fp1632, deg
-  altitude_ellipsoid  1000  100.0 Hz  Fp1632, m
-  velocity_xyz        1000  100.0 Hz  Fp1632, ENU, m/s
-  status_word         1000  100.0 Hz
-  baro_pressure        100   10.0 Hz  Pa
-  temperature           10    1.0 Hz  Float32, degC
-  gnss_pvt_data         40    4.0 Hz"""
+<Log 1,040 samples, 9.99 s, 15 quantities, MTi-680G-8A1G6>
+  packet_counter      1,040  104.5 Hz
+  sample_time_fine    1,040  104.5 Hz  0.1 ms
+  utc_time            1,040  104.5 Hz
+  quaternion          1,000  100.0 Hz  Float32, ENU
+  euler_angles        1,000  100.0 Hz  Float32, ENU, deg
+  acceleration        1,000  100.0 Hz  Float32, m/s2
+  rate_of_turn        1,000  100.0 Hz  Float32, rad/s
+  magnetic_field      1,000  100.0 Hz  Float32, a.u.
+  lat_lon             1,000  100.0 Hz  Fp1632, deg
+  altitude_ellipsoid  1,000  100.0 Hz  Fp1632, m
+  velocity_xyz        1,000  100.0 Hz  Fp1632, ENU, m/s
+  status_word         1,000  100.0 Hz
+  baro_pressure         100   10.0 Hz  Pa
+  temperature            10    1.0 Hz  Float32, degC
+  gnss_pvt_data          40    4.0 Hz"""
 
 
 def test_repr() -> None:
     """The repr has the device, counts, duration, rates and losses."""
     assert repr(xbus.read_log(OWN_CAPTURES / "walk.mtb")) == PRINTED
     first = repr(xbus.read_log(OWN_CAPTURES / "field.mtb")).splitlines()[0]
-    assert "1016 samples, 9.99 s, 15 quantities" in first
+    assert "1,016 samples, 9.99 s, 15 quantities" in first
     assert "23 samples lost in 12 gaps" in first
-    assert "1816 bytes skipped in 12 places" in first
+    assert "1,816 bytes of damage in 12 places" in first
     assert repr(xbus.read_log(b"")) == "<Log 0 samples, 0 quantities>"
     assert "quaternion NED" in repr(xbus.read_log(MIXED))
 

@@ -55,7 +55,6 @@ __all__ = [
     "result_codes",
     "status_flags",
     "strings",
-    "time_stamp",
 ]
 
 __version__: str
@@ -92,7 +91,7 @@ def encode_frame(bid: int, mid: int, payload: bytes) -> bytes:
     """
 
 def encode_packet(
-    name: str,
+    quantity: str,
     precision: str | None,
     coordinates: str | None,
     numbers: npt.NDArray[Any],
@@ -100,7 +99,7 @@ def encode_packet(
     """Returns the packet of a quantity.
 
     Args:
-        name: Name of the quantity.
+        quantity: Its name.
         precision: Name of a `Precision`; None for Float32, and for quantities of integers.
         coordinates: Name of a `Coordinates`; None for ENU, and for quantities without coordinates.
         numbers: A float32, float64, int64 or uint64 array ``(k,)``, in the order of the wire.
@@ -184,9 +183,6 @@ def device_of(bid: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 
 def frame_size(head: bytes) -> int | None:
     """Bytes of the frame that begins with these, checksum included; None if the header is incomplete."""
-
-def time_stamp(payload: bytes) -> float | None:
-    """The fine time of a sample as the device sent it, in seconds; it wraps. None without one."""
 
 def is_sample(payload: bytes) -> bool:
     """Whether an MTData2 payload has packets, and they fill it."""

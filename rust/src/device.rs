@@ -41,6 +41,7 @@ pub fn wrap_of_product(code: &str) -> Option<u64> {
 ///
 /// Eight bytes with bit 31 set in neither half come from devices that fill the second half with something else; then
 /// only the first four count.
+#[cfg_attr(feature = "python", pyo3::pyfunction)]
 #[must_use]
 pub fn device_id(payload: &[u8]) -> Option<u64> {
     match payload.len() {
@@ -54,6 +55,7 @@ pub fn device_id(payload: &[u8]) -> Option<u64> {
 }
 
 /// The text of a ProductCode message: 20 bytes, padded with spaces.
+#[cfg_attr(feature = "python", pyo3::pyfunction)]
 #[must_use]
 pub fn product_code(payload: &[u8]) -> Option<String> {
     let code: String =

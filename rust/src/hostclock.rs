@@ -77,6 +77,7 @@ impl Reason {
 /// A step of one of the clocks, at which a new fit began.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "python", pyo3::pyclass(module = "xbus._core", name = "ClockStep", frozen, get_all))]
 pub struct Step {
     /// Device time of the first sample after it, in seconds.
     pub time: f64,

@@ -99,6 +99,17 @@ pub struct Reading {
     pub form: Form,
 }
 
+impl Reading {
+    /// Precision of real numbers; `None` for others.
+    #[must_use]
+    pub const fn precision(&self) -> Option<Precision> {
+        match self.form {
+            Form::Real(precision, _) => Some(precision),
+            _ => None,
+        }
+    }
+}
+
 /// Bytes of one record.
 #[must_use]
 pub const fn record_size(fields: &[Field]) -> usize {

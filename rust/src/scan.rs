@@ -55,6 +55,7 @@ impl Reason {
 /// A stretch of bytes that is neither frame nor string.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "python", pyo3::pyclass(module = "xbus._core", name = "ScannedDamage", frozen, get_all))]
 pub struct Damage {
     /// Where it begins in the input.
     pub offset: u64,

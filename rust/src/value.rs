@@ -10,6 +10,7 @@ use crate::table::{self, Field, Kind, Quantity, Wire};
 
 /// One number of a packet.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "python", derive(pyo3::IntoPyObject))]
 pub enum Number {
     /// An integer of at most 32 bits.
     Integer(i64),
@@ -242,11 +243,7 @@ fn write_fixed(data: &mut Vec<u8>, name: &'static str, wire: Wire, number: Numbe
 /// # Errors
 /// Those of [`write_packet`].
 pub fn write_as(payload: &mut Vec<u8>, reading: &Reading, numbers: &[Number]) -> Result<(), EncodeError> {
-    let precision = match reading.form {
-        Form::Real(precision, _) => Some(precision),
-        _ => None,
-    };
-    write_packet(payload, reading.quantity, precision, reading.coordinates, numbers)
+    write_packet(payload, reading.quantity, reading.precision(), reading.coordinates, numbers)
 }
 
 /// The frames of `count` MTData2 messages with the same packets, joined, and where each frame ends.

@@ -13,7 +13,7 @@ from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import label
 from xbus.cli.printing import print_json, print_line
-from xbus.describe.formatting import format_count
+from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.device import Applied, ApplyError, Change, Device, Settings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -11,8 +12,8 @@ import click
 from xbus.cli.connection import connect_device
 from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_table
-from xbus.describe.formatting import format_count
 from xbus.errors import XbusError
+from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.device import Settings
@@ -36,7 +37,9 @@ def apply_to_all(
 
     Raises:
         Failure: At least one device does not have the settings.
+        UsageError: Two ports are the same one.
     """
+    _check_distinct(ports)
     rows = []
     for port in ports:
         if sys.stderr is not None and sys.stderr.isatty():
@@ -52,6 +55,18 @@ def apply_to_all(
     if failed:
         devices = format_count(len(rows), "device")
         raise Failure(f"{len(failed)} of {devices} do not have the settings: {', '.join(failed)}")
+
+
+def _check_distinct(ports: Sequence[str]) -> None:
+    known: dict[str, str] = {}
+    for port in ports:
+        # A symbolic link, such as those in /dev/serial/by-id, is a second name of a port.
+        path = os.path.normcase(os.path.realpath(port))
+        if path in known:
+            both = f"{known[path]} and {port} are the same port"
+            problem = f"{port} is given twice" if known[path] == port else both
+            raise click.UsageError(f"{problem}; give each port once")
+        known[path] = port
 
 
 def _apply(

@@ -14,7 +14,7 @@ from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
-from xbus.describe.formatting import format_count
+from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.log.log import Log

@@ -16,7 +16,7 @@ from xbus.cli.connection import open_port, port_lost
 from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
 from xbus.cli.printing import find_name, is_terminal, print_line
 from xbus.cli.progress import Progress
-from xbus.describe.formatting import format_count
+from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.cli.dump_lines import DumpFormatter
@@ -29,8 +29,6 @@ BLOCK = 1 << 18
 INTERVAL = 0.1
 #: Interval to report bytes of a port that belong to no message, in seconds.
 NOISE_INTERVAL = 1.0
-#: Default bits per second: the rate of a new device. Trying other rates would send requests.
-BAUDRATE = 115_200
 
 
 def _mids(
@@ -72,7 +70,7 @@ def _mid(value: str) -> int | str:
     "--baudrate",
     type=click.IntRange(1, 4_000_000),
     metavar="RATE",
-    help=f"Bits per second of PORT. Default: {BAUDRATE}.",
+    help="Bits per second of PORT. Default: 115200, the rate of a new device.",
 )
 @click.option("--no-hex", is_flag=True, help="Omit the frame in hex.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
@@ -87,14 +85,15 @@ def dump(
 ) -> None:
     """Prints one line per message, as text and in hex.
 
-    A line has the byte offset of the frame, the time in seconds on the device clock (as sent; it wraps), the
-    name, the content, and the frame. Precision and coordinates are in parentheses unless they are Float32 and
+    A line has the byte offset of the frame, the time in seconds on the device clock (unwrapped), the name,
+    the content, and the frame. Precision and coordinates are in parentheses unless they are Float32 and
     ENU. Strings and damage have separate lines.
 
     FILE can be a pipe, or - for standard input. With --follow it can also be a PORT: a serial port, a
     pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. Nothing is sent to the device.
     """
     from xbus.cli.dump_lines import DumpFormatter
+    from xbus.protocol.products import DEFAULT_BAUDRATE
 
     def new_formatter() -> DumpFormatter:
         return DumpFormatter(wanted, strings=strings, with_hex=not no_hex, as_json=as_json)
@@ -108,7 +107,8 @@ def dump(
         raise click.UsageError(f"{label(file)} is not a port and has no --baudrate")
     formatter = new_formatter()
     if is_port:
-        _listen(file, baudrate or BAUDRATE, formatter)
+        # Trying other rates would send requests.
+        _listen(file, baudrate or DEFAULT_BAUDRATE, formatter)
         return
     # A progress bar would mix with lines on the terminal.
     quiet = follow or is_terminal()

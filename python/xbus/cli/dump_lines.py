@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -45,6 +46,7 @@ class DumpFormatter:
     ) -> None:
         # The same limit as in `read_log`, with the same result.
         self._scanner = Scanner(LONGEST, strings=strings)
+        self._clock = _core.SampleClock()
         self._wanted = frozenset(wanted)
         self._hex = with_hex
         self._json = as_json
@@ -82,10 +84,20 @@ class DumpFormatter:
                 if not self._wanted:
                     lines.append(_string(item, with_hex=self._hex, as_json=self._json))
                 continue
+            time = self._time(item)
             if not self._wanted or item.mid in self._wanted or item.name in self._wanted:
                 frame = self._frame(item) if self._hex else None
-                lines.append(_json(item, frame) if self._json else _text(item, frame))
+                lines.append(_json(item, time, frame) if self._json else _text(item, time, frame))
         return lines
+
+    def _time(self, message: Message) -> float | None:
+        """Returns the time of a sample, as `Log.time`; None if it has none, and for other messages."""
+        if message.mid == MessageId.MTData2:
+            seconds, _ = self._clock.sample(message.bid, message.payload)
+            return None if math.isnan(seconds) else seconds
+        # It may name the device, or start a new run.
+        self._clock.message(message.bid, message.mid, message.payload)
+        return None
 
     def _frame(self, message: Message) -> bytes:
         """Returns the received bytes of a message; of one from `add`, the frame with the same content."""
@@ -110,13 +122,10 @@ def _string(string: String, *, with_hex: bool, as_json: bool) -> str:
     return f"{line}  | {string.data.hex(' ').upper()}" if with_hex else line
 
 
-def _text(message: Message, frame: bytes | None) -> str:
-    stamp = ""
+def _text(message: Message, time: float | None, frame: bytes | None) -> str:
+    stamp = "" if time is None else f"{time:.4f}"
     if message.mid == MessageId.MTData2:
-        packets = _core.packets(message.payload)
-        if (at := _core.time_stamp(message.payload)) is not None:
-            stamp = f"{at:.4f}"
-        parts = [describe_packet(packet) for packet in packets]
+        parts = [describe_packet(packet) for packet in _core.packets(message.payload)]
         if not _core.is_sample(message.payload):
             parts.append("malformed: the packets do not fill the message")
         text = "; ".join(parts)
@@ -128,12 +137,12 @@ def _text(message: Message, frame: bytes | None) -> str:
     return line if frame is None else f"{line}  | {frame.hex(' ').upper()}"
 
 
-def _json(message: Message, frame: bytes | None) -> str:
+def _json(message: Message, time: float | None, frame: bytes | None) -> str:
     facts: dict[str, Any] = {"offset": message.offset}
     if message.mid == MessageId.MTData2:
         packets = _core.packets(message.payload)
         facts |= {"bid": message.bid, "mid": message.mid, "name": message.name}
-        facts["time_s"] = _core.time_stamp(message.payload)
+        facts["time_s"] = time
         facts["malformed"] = not _core.is_sample(message.payload)
         facts["packets"] = [packet_dict(packet) for packet in packets]
     else:

@@ -11,10 +11,10 @@ import click
 
 from xbus import _core
 from xbus.cli.printing import print_line
-from xbus.describe.formatting import format_count
 from xbus.describe.json_value import payload_value
-from xbus.describe.text import Notice, describe_message, message_dict, read_notice
+from xbus.describe.text import ResultCode, describe_message, message_dict, read_result_code
 from xbus.device import Device
+from xbus.formatting import format_count
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import State
@@ -50,7 +50,7 @@ class Exchange:
 
     def __init__(self, device: Device, *, as_json: bool) -> None:
         self._device = device
-        self.error: Notice | None = None
+        self.error: ResultCode | None = None
         self._json = as_json
         self._command = ""
         # In a stream of samples the first and the last bytes can be parts of a frame.
@@ -71,7 +71,7 @@ class Exchange:
         found = named_item(item)
         if isinstance(found, Message):
             if found.mid == MessageId.Error:
-                self.error = read_notice(found)
+                self.error = read_result_code(found)
             frame = encode_frame(found.mid, found.payload, bid=found.bid)
             self._print("<", found._replace(name=self._name(found)), frame)
         elif found.offset or not self._streams:

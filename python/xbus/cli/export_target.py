@@ -13,7 +13,7 @@ import click
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import STDIN, label
-from xbus.describe.formatting import describe_damage, describe_losses, format_count
+from xbus.formatting import describe_damage, describe_losses, format_count
 
 if TYPE_CHECKING:
     from xbus.describe.log_summary import LogSummary

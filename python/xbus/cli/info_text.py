@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator
 from xbus.cli.printing import align, bold
 from xbus.describe.log_summary import Event, LogSummary
 from xbus.describe.log_text import log_rows, quantity_rows
-from xbus.describe.text import Notice
+from xbus.describe.text import ResultCode
 
 __all__ = ["info_text"]
 
@@ -67,14 +67,14 @@ def _damage(summary: LogSummary) -> Iterator[str]:
 
 def _events(summary: LogSummary) -> Iterator[str]:
     """Yields each kind of event once, with its first time and its number."""
-    kinds: dict[tuple[str, Notice], list[Event]] = {}
+    kinds: dict[tuple[str, ResultCode], list[Event]] = {}
     for event in summary.events:
-        kinds.setdefault((event.name, event.notice), []).append(event)
-    for (name, notice), events in list(kinds.items())[:MAX_ROWS]:
+        kinds.setdefault((event.name, event.result), []).append(event)
+    for (name, result), events in list(kinds.items())[:MAX_ROWS]:
         time = events[0].time
         when = "at the start" if time is None else f"after {_format_time(summary, time)} s"
         times = f", {len(events):,} times" if len(events) > 1 else ""
-        yield from textwrap.wrap(f"{when}{times}: {name} {notice}", WIDTH, subsequent_indent="  ")
+        yield from textwrap.wrap(f"{when}{times}: {name} {result}", WIDTH, subsequent_indent="  ")
     yield from _rest(len(kinds), "more kinds")
 
 

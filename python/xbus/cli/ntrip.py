@@ -14,8 +14,8 @@ import click
 from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_line, print_table
-from xbus.describe.formatting import format_count
 from xbus.errors import XbusTimeout
+from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.device import Device

@@ -17,8 +17,8 @@ from xbus.cli.config import apply_settings, read_settings
 from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import label
-from xbus.describe.formatting import describe_losses, format_count, format_size
 from xbus.errors import StateError, XbusError
+from xbus.formatting import describe_losses, format_count, format_size
 
 if TYPE_CHECKING:
     from xbus.device import Device

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.describe.text import Notice, device_name, finite, read_notice, recording_date
+from xbus.describe.text import ResultCode, device_name, finite, read_result_code, recording_date
 from xbus.log.column import Column
 from xbus.log.identity import Identity
 from xbus.log.log import DAMAGE, Log, steady_time
@@ -45,14 +45,14 @@ class Event(NamedTuple):
         sample: Index of the next sample.
         time: Time of the previous sample with a time stamp, in seconds on the device clock, or None.
         name: ``"Error"`` or ``"Warning"``.
-        notice: Its code and text.
+        result: Its code and text.
     """
 
     offset: int
     sample: int
     time: float | None
     name: str
-    notice: Notice
+    result: ResultCode
 
 
 class Span:
@@ -248,8 +248,8 @@ class LogSummary:
         for message in events:
             row = latest[message.sample - part.first_sample]
             time = self._last_time if row < 0 else float(steady[row])
-            notice = read_notice(message)
-            self.events.append(Event(message.offset, message.sample, time, message.name, notice))
+            result = read_result_code(message)
+            self.events.append(Event(message.offset, message.sample, time, message.name, result))
 
     def _add_gaps(self, part: Log) -> None:
         gaps = part.gaps
@@ -299,7 +299,7 @@ class LogSummary:
                     "sample": event.sample,
                     "time_s": event.time,
                     "name": event.name,
-                    **event.notice._asdict(),
+                    **event.result._asdict(),
                 }
                 for event in self.events
             ],

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from xbus.describe.formatting import describe_damage, describe_losses
 from xbus.describe.log_summary import LogSummary
 from xbus.describe.text import device_name, finite, printable, recording_date
+from xbus.formatting import describe_damage, describe_losses
 
 __all__ = ["format_utc", "log_rows", "quantity_rows"]
 

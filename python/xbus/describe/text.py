@@ -22,14 +22,14 @@ from xbus.protocol.values import Output
 from xbus.wire.message import Message
 
 __all__ = [
-    "Notice",
+    "ResultCode",
     "describe_message",
     "describe_packet",
     "device_name",
     "finite",
     "message_dict",
     "packet_dict",
-    "read_notice",
+    "read_result_code",
     "recording_date",
     "value_text",
 ]
@@ -41,11 +41,11 @@ DIGITS = {"Float32": "%.7g", "Fp1220": "%.9g", "Fp1632": "%.12g", "Float64": "%.
 # Messages
 
 
-class Notice(NamedTuple):
-    """An Error or Warning message.
+class ResultCode(NamedTuple):
+    """The result code of an Error or Warning message, and its meaning.
 
     Attributes:
-        code: Its number; None if the payload is too short for one.
+        code: The number; None if the payload is too short for one.
         text: Meaning of the number, and text that the device adds.
         detail: The bytes after the code of an error, in hex; None without any.
     """
@@ -59,23 +59,23 @@ class Notice(NamedTuple):
         return f"{code}{self.text}" + (f" (detail {self.detail})" if self.detail else "")
 
 
-def read_notice(message: Message) -> Notice:
-    """Returns code and text of an Error or Warning message."""
+def read_result_code(message: Message) -> ResultCode:
+    """Returns the result code of an Error or Warning message."""
     wide = 4 if message.name == "Warning" else 1
     if len(message.payload) < wide:
-        return Notice(None, "without a code", None)
+        return ResultCode(None, "without a code", None)
     code, rest = int.from_bytes(message.payload[:wide], "big"), message.payload[wide:]
     text = RESULT_CODES.get(code, "a code that xbus does not know")
     if message.name == "Warning":
         words = printable(rest)
-        return Notice(code, f"{text} ({words})" if words else text, None)
-    return Notice(code, text, rest.hex(" ").upper() or None)
+        return ResultCode(code, f"{text} ({words})" if words else text, None)
+    return ResultCode(code, text, rest.hex(" ").upper() or None)
 
 
 def describe_message(message: Message) -> str:
     """Returns the content of a message in one line; empty if the message has no known content."""
     if message.name in ("Error", "Warning"):
-        return str(read_notice(message))
+        return str(read_result_code(message))
     identity = Identity().updated([message])
     parts = []
     if identity.configuration is not None:
@@ -96,7 +96,7 @@ def message_dict(message: Message) -> dict[str, Any]:
     """Returns a message as plain values for JSON."""
     head = {"bid": message.bid, "mid": message.mid, "name": message.name}
     if message.name in ("Error", "Warning"):
-        return head | read_notice(message)._asdict()
+        return head | read_result_code(message)._asdict()
     return head | {"text": describe_message(message)}
 
 

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
+from xbus.device.configurable import Configurable
 from xbus.errors import XbusTimeout
 from xbus.protocol.values import PortProtocol, baud_code
-
-if TYPE_CHECKING:
-    from xbus.device.device import Device
 
 __all__ = ["change_baudrate"]
 
 
-def change_baudrate(device: Device, baudrate: int) -> None:
+def change_baudrate(device: Configurable, baudrate: int) -> None:
     """Sets the baud rate of a device in Config State, resets it, and follows; see `Device.set_baudrate`."""
     code = baud_code(baudrate)
     device.session.validate("SetBaudrate", code)

@@ -14,6 +14,7 @@ from xbus.log import export
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.flags import Flags
+from xbus.log.rendering import html_table
 from xbus.protocol.tables import QUANTITIES, Field, Quantity
 
 if TYPE_CHECKING:
@@ -22,6 +23,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 __all__ = ["Column"]
+
+#: Rows that a notebook shows.
+SHOWN = 6
 
 
 class Column:
@@ -287,14 +291,21 @@ class Column:
         return _unpickled, (self._host_times.for_column(self._part.only(self._core)),)
 
     def __repr__(self) -> str:
-        from xbus.log.rendering import column_text
-
-        return column_text(self)
+        dtype = "struct" if self.dtype.names else self.dtype
+        form = f", {self._format}" if self._format else ""
+        return f"<Column {self.name}: {self.shape} {dtype}{form}>"
 
     def _repr_html_(self) -> str:
-        from xbus.log.rendering import column_html
+        values = self.values[:SHOWN]
+        numbers = values.tolist() if self.dtype.names else values.reshape(len(values), -1).tolist()
+        times = [f"{time:.4f}" for time in self.time[:SHOWN]]
+        rows = [(time, *map(str, row)) for time, row in zip(times, numbers, strict=True)]
+        head = ("time", *(self.fields or (self.name,)))
+        return html_table(repr(self), head, rows, more=max(0, len(self) - SHOWN))
 
-        return column_html(self)
+    @property
+    def _format(self) -> str:
+        return ", ".join(filter(None, [self.precision, self.coordinates, self.unit]))
 
 
 def _unpickled(host_times: HostTimes) -> Column:

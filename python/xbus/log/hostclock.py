@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import overload
+from typing import Any, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,8 @@ import numpy.typing as npt
 from xbus import _core
 
 __all__ = ["HostClock", "Step"]
+
+N = TypeVar("N", np.float64, np.int64, np.bool_)
 
 
 @dataclass(frozen=True)
@@ -79,10 +81,7 @@ class HostClock:
         leads: bool | npt.NDArray[np.bool_] = ...,
     ) -> npt.NDArray[np.float64]: ...
     def update(
-        self,
-        device_time: float | npt.NDArray[np.float64],
-        arrival_ns: int | npt.NDArray[np.int64],
-        leads: bool | npt.NDArray[np.bool_] = True,
+        self, device_time: Any, arrival_ns: Any, leads: Any = True
     ) -> float | npt.NDArray[np.float64]:
         """Adds samples in the order of their arrival, and returns their host times.
 
@@ -96,28 +95,31 @@ class HostClock:
             Host times in seconds since 1970, ``(n,)``. NaN if the device time is NaN, before the first
             leading sample, and for a sample that does not lead and is more than a second away from those
             that do.
+
+        Raises:
+            TypeError: A device time is not a number, an arrival is not an integer, or ``leads`` is not a
+                bool.
         """
         if np.ndim(device_time) == 0:
-            return self._core.update(float(device_time), int(arrival_ns), bool(leads))
-        time = np.ascontiguousarray(device_time, np.float64)
-        arrival = np.ascontiguousarray(np.broadcast_to(arrival_ns, time.shape), np.int64)
-        leading = np.ascontiguousarray(np.broadcast_to(leads, time.shape), np.bool_)
+            return self._core.update(device_time, arrival_ns, leads)
+        time = _array(device_time, np.float64)
+        arrival = _array(np.broadcast_to(arrival_ns, time.shape), np.int64)
+        leading = _array(np.broadcast_to(leads, time.shape), np.bool_)
         return self._core.update_many(time, arrival, leading)
 
     @overload
     def host_time(self, device_time: float) -> float: ...
     @overload
     def host_time(self, device_time: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...
-    def host_time(
-        self, device_time: float | npt.NDArray[np.float64]
-    ) -> float | npt.NDArray[np.float64]:
+    def host_time(self, device_time: Any) -> float | npt.NDArray[np.float64]:
         """Returns the host times of any device times by the current fit; NaN before the first sample.
 
         Within the last second these are the host times that `update` returned.
         """
-        time = np.atleast_1d(np.asarray(device_time, np.float64))
-        host = self._core.host_time(np.ascontiguousarray(time))
-        return float(host[0]) if np.ndim(device_time) == 0 else host
+        if np.ndim(device_time) == 0:
+            # The sum is a float of any real number, and text has none.
+            return float(self._core.host_time(_array([device_time + 0.0], np.float64))[0])
+        return self._core.host_time(_array(device_time, np.float64))
 
     @property
     def offset(self) -> float:
@@ -160,3 +162,8 @@ class HostClock:
             f"<HostClock drift {self.drift:.2f} ppm, arrivals {self.residual * 1e3:.1f} ms late on average"
             f"{steps}>"
         )
+
+
+def _array(values: npt.ArrayLike, dtype: type[N]) -> npt.NDArray[N]:
+    """Returns a contiguous array; raises TypeError instead of parsing text or truncating numbers."""
+    return np.ascontiguousarray(np.asarray(values).astype(dtype, casting="same_kind"))

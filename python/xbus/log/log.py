@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.formatting import describe_damage, describe_losses, format_count
 from xbus.log import export
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
@@ -18,6 +19,7 @@ from xbus.log.column import Column
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.messages import Messages, Unknown
+from xbus.log.rendering import html_table, text_table
 from xbus.log.source import QuantityFilter
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
@@ -425,14 +427,38 @@ class Log(ByQuantity[Column]):
         return _unpickled, (self._core, self._filter, self._earlier, self._host_times)
 
     def __repr__(self) -> str:
-        from xbus.log.rendering import log_text
-
-        return log_text(self)
+        return text_table(f"<Log {self._summary()}>", self._quantity_rows(), "<>><")
 
     def _repr_html_(self) -> str:
-        from xbus.log.rendering import log_html
+        head = ("quantity", "rows", "rate", "")
+        return html_table(f"Log: {self._summary()}", head, self._quantity_rows())
 
-        return log_html(self)
+    def _summary(self) -> str:
+        stats = self.stats
+        parts = [
+            format_count(len(self), "sample"),
+            f"{self.duration:.2f} s" if np.isfinite(self.duration) else None,
+            format_count(len(self.keys()), "quantity", "quantities"),
+            format_count(stats.strings, "string") if stats.strings else None,
+            describe_losses(stats.lost_samples, stats.gaps, has_counter=True)
+            if stats.lost_samples
+            else None,
+            describe_damage(stats.skipped_bytes, len(self.damage)) if stats.skipped_bytes else None,
+            self.product_code,
+            self.times_fault,
+        ]
+        return ", ".join(filter(None, parts))
+
+    def _quantity_rows(self) -> list[tuple[str, str, str, str]]:
+        return [
+            (
+                key if isinstance(key, str) else " ".join(key),
+                f"{len(column):,}",
+                f"{column.rate:,.1f} Hz" if np.isfinite(column.rate) else "",
+                column._format,
+            )
+            for key, column in self.items()
+        ]
 
 
 def _unpickled(

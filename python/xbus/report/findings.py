@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from xbus.describe.formatting import describe_damage, describe_losses, format_count
+from xbus.formatting import describe_damage, describe_losses, format_count
 from xbus.protocol.tables import QUANTITIES
 from xbus.report.data import ReportData, Series
 
@@ -74,7 +74,7 @@ def _events(data: ReportData) -> Iterator[Finding]:
         events = [event for event in data.summary.events if event.name == name]
         if events:
             number = format_count(len(events), name.lower())
-            text = f"{number} from the device; the first: {events[0].notice}"
+            text = f"{number} from the device; the first: {events[0].result}"
             yield Finding(True, text, "events")
     if data.restarts or data.axis.restarts:
         times = format_count(max(data.restarts, data.axis.restarts), "time")

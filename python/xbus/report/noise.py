@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from xbus.describe.formatting import format_count
+from xbus.formatting import format_count
 from xbus.report import figures
 from xbus.report.allan import PARTS, at_one_second, flicker_floor
 from xbus.report.blocks import Block, Heading, Paragraph, Plot, Table

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from xbus._core import __version__
-from xbus.describe.formatting import format_count
 from xbus.describe.log_text import format_utc, log_rows
+from xbus.formatting import format_count
 from xbus.report import html
 from xbus.report.blocks import Plot
 from xbus.report.data import ReportData

@@ -184,7 +184,7 @@ def _damage(data: ReportData) -> Iterator[Block]:
 def _events(data: ReportData) -> Iterator[Block]:
     events = list(zip(data.summary.events, data.events, strict=True))
     rows = [
-        (_format_time(data, x), f"{event.offset:,}", event.name, str(event.notice))
+        (_format_time(data, x), f"{event.offset:,}", event.name, str(event.result))
         for event, x in events[:MAX_ROWS]
     ]
     head = ("after, s", "byte", "", "text")

@@ -6,14 +6,18 @@ and lengths are checked before.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from xbus.protocol.messages import encode
+from xbus.protocol.ids import MessageId
+from xbus.protocol.messages import decode, encode
+from xbus.protocol.tables import MESSAGES, MessageRow
 from xbus.protocol.values import (
     Alignment,
     AlignmentRotation,
+    DeviceErrorInfo,
     ErrorCode,
     IccCommand,
     IccReply,
@@ -21,12 +25,13 @@ from xbus.protocol.values import (
     State,
     UtcTime,
 )
-from xbus.sim.setting_commands import SETTING_COMMANDS, Handler, Refused, reply_with, require
+from xbus.sim.framing import Request
+from xbus.sim.setting_commands import SETTING_COMMANDS, Refused, reply_with, require
+from xbus.sim.unit import Unit
 
-if TYPE_CHECKING:
-    from xbus.sim.unit import Unit
+__all__ = ["COMMANDS", "answer"]
 
-__all__ = ["COMMANDS"]
+Handler: TypeAlias = Callable[[Unit, Any], bytes]
 
 #: The unit of AdjustUTCTime, in ns.
 UTC_TICK = 100_000
@@ -73,8 +78,8 @@ def _reset_orientation(unit: Unit, code: ResetCode | int) -> bytes:
     if unit.measurement is not None:
         require(code != ResetCode.HEADING or unit.product.kind != "GNSS/INS")
         unit.measurement.reset_orientation(ResetCode(code))
-    elif unit.reset_rotations is not None:
-        rot_sensor, rot_local = unit.reset_rotations
+    elif unit.rotations is not None:
+        rot_sensor, rot_local = unit.rotations
         unit.memory.change(
             rot_sensor=AlignmentRotation(Alignment.ROT_SENSOR, rot_sensor),
             rot_local=AlignmentRotation(Alignment.ROT_LOCAL, rot_local),
@@ -155,3 +160,57 @@ COMMANDS: dict[str, Handler] = {
     "ForwardGnssData": _forward_gnss_data,
     **SETTING_COMMANDS,
 }
+
+#: Requests by MID.
+_REQUESTS: dict[int, list[MessageRow]] = {}
+for _row in MESSAGES.values():
+    if _row.direction == "to device":
+        _REQUESTS.setdefault(_row.mid, []).append(_row)
+
+
+def answer(unit: Unit, request: Request) -> tuple[int, bytes] | None:
+    """Handles a request; returns MID and payload of the reply, or None without a reply."""
+    try:
+        row = _request_row(unit, request)
+        if row is None:
+            return None
+        # The payload of an empty message is ignored: the vendor's software sends ReqConfiguration with
+        # two bytes, and GoToConfig with thirty, which complete a frame that the device may wait for.
+        payload = b"" if row.lengths == (0,) else request.payload
+        try:
+            value = decode(row.name, payload)
+        except ValueError:
+            raise Refused(ErrorCode.PARAMETER) from None
+        reply = COMMANDS[row.name](unit, value)
+    except Refused as refused:
+        return MessageId.Error, encode("Error", DeviceErrorInfo(refused.code))
+    return None if row.reply is None else (row.reply, reply)
+
+
+def _request_row(unit: Unit, request: Request) -> MessageRow | None:
+    """Returns the row of a request in the table of messages; None for a request to ignore."""
+    known = _REQUESTS.get(request.mid, ())
+    rows = [row for row in known if row.name in unit.support.messages]
+    if not rows:
+        raise Refused(ErrorCode.MESSAGE)
+    # All messages with one MID are valid in the same states. The manual has no error code for a wrong
+    # state; "message sent is invalid" is the closest.
+    if unit.state not in rows[0].states and not _is_always_accepted(unit, request.mid):
+        if request.mid == MessageId.WakeUpAck:
+            return None  # too late, and without a reply
+        raise Refused(ErrorCode.MESSAGE)
+    length = len(request.payload)
+    for row in rows:
+        if row.lengths is None or length in row.lengths:
+            return row
+    if len(rows) == 1 and rows[0].lengths == (0,):
+        return rows[0]
+    # MT Manager sends 65 bytes: the text, spaces, and further bytes.
+    if rows[-1].name == "SetFilterProfileModern":
+        return rows[-1]
+    raise Refused(ErrorCode.PARAMETER)
+
+
+def _is_always_accepted(unit: Unit, mid: int) -> bool:
+    """Returns whether a message is valid in WakeUp too: a host that missed WakeUp repeats GoToConfig."""
+    return unit.state is State.WAKEUP and mid == MessageId.GoToConfig

@@ -30,7 +30,9 @@ from xbus.protocol.values import (
     SyncLine,
     baud_code,
 )
+from xbus.sim.board import World
 from xbus.sim.clock import SECOND, Clock
+from xbus.sim.commands import answer
 from xbus.sim.faults import Faults
 from xbus.sim.framing import Framer, Request
 from xbus.sim.line import Line
@@ -39,7 +41,7 @@ from xbus.sim.motion import Trajectory
 from xbus.sim.replay import Replay
 from xbus.sim.sensors import UTC
 from xbus.sim.trajectories import trajectory as find_trajectory
-from xbus.sim.unit import Unit, World
+from xbus.sim.unit import Unit
 
 __all__ = ["SimulatedDevice"]
 
@@ -388,7 +390,7 @@ class SimulatedDevice:
         bid = self._unit.replies_as(request.bid)
         if bid is None or self._is_restarting or self._is_booting:
             return
-        if (reply := self._unit.answer(request)) is not None:
+        if (reply := answer(self._unit, request)) is not None:
             self._send(_core.encode_frame(bid, *reply))
         if self._is_restarting:
             # The reply leaves at the old rate before the restart.

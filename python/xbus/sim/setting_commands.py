@@ -1,6 +1,6 @@
 """The requests that read and write the settings of a virtual device.
 
-A handler gets the device and the value of the request, and returns the payload of the reply. States, products
+A handler gets the board and the value of the request, and returns the payload of the reply. States, products
 and lengths are checked before.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 from xbus.protocol.messages import encode
 from xbus.protocol.products import BASE, HEADING
@@ -46,15 +46,13 @@ from xbus.protocol.values import (
     SyncSetting,
     baudrate,
 )
+from xbus.sim.board import Board
 from xbus.sim.memory import factory_settings
 from xbus.sim.sync import SyncInputs
 
-if TYPE_CHECKING:
-    from xbus.sim.unit import Unit
+__all__ = ["SETTING_COMMANDS", "Refused", "reply_with", "require"]
 
-__all__ = ["SETTING_COMMANDS", "Handler", "Refused", "reply_with", "require"]
-
-Handler: TypeAlias = "Callable[[Unit, Any], bytes]"
+Handler: TypeAlias = Callable[[Board, Any], bytes]
 
 #: Slots in AvailableFilterProfiles; those after the last profile are empty (Table 29).
 PROFILE_SLOTS = 5
@@ -84,9 +82,9 @@ def require(is_valid: object, code: ErrorCode = ErrorCode.PARAMETER) -> None:
         raise Refused(code)
 
 
-def reply_with(reply: str, read: Callable[[Unit], Any]) -> Handler:
+def reply_with(reply: str, read: Callable[[Board], Any]) -> Handler:
     """Returns a handler whose reply carries the value that ``read`` returns."""
-    return lambda unit, _: encode(reply, read(unit))
+    return lambda board, _: encode(reply, read(board))
 
 
 def _is_within(flags: int, mask: int) -> bool:
@@ -97,137 +95,137 @@ def _is_within(flags: int, mask: int) -> bool:
 # Settings with special rules
 
 
-def _set_baudrate(unit: Unit, code: int) -> bytes:
-    require(baudrate(code) in unit.support.baudrates, ErrorCode.BAUDRATE)
-    changed = unit.settings.with_baud_code(code)
-    unit.memory.change(baud_code=changed.baud_code, port_config=changed.port_config)
+def _set_baudrate(board: Board, code: int) -> bytes:
+    require(baudrate(code) in board.support.baudrates, ErrorCode.BAUDRATE)
+    changed = board.settings.with_baud_code(code)
+    board.memory.change(baud_code=changed.baud_code, port_config=changed.port_config)
     return b""
 
 
-def _set_option_flags(unit: Unit, flags: OptionFlags) -> bytes:
-    require(_is_within(flags.set, unit.support.option_flags))
-    kept = int(unit.settings.option_flags) & ~int(flags.clear)
-    unit.memory.change(option_flags=OptionFlag(kept | flags.set))
+def _set_option_flags(board: Board, flags: OptionFlags) -> bytes:
+    require(_is_within(flags.set, board.support.option_flags))
+    kept = int(board.settings.option_flags) & ~int(flags.clear)
+    board.memory.change(option_flags=OptionFlag(kept | flags.set))
     return b""
 
 
-def _set_output_configuration(unit: Unit, outputs: tuple[Output, ...]) -> bytes:
+def _set_output_configuration(board: Board, outputs: tuple[Output, ...]) -> bytes:
     effective = []
     for output in outputs:
-        acknowledged = unit.support.acknowledged(output)
+        acknowledged = board.support.acknowledged(output)
         has_coordinates = output.data_id & NO_COORDINATES != NO_COORDINATES
         if acknowledged is not None and has_coordinates:
             effective.append(acknowledged)
         else:
-            require(not unit.strict_outputs)
-    unit.memory.change(output_configuration=tuple(effective))
+            require(not board.strict_outputs)
+    board.memory.change(output_configuration=tuple(effective))
     return encode("SetOutputConfigurationAck", effective)
 
 
-def _set_string_output_type(unit: Unit, strings: StringOutput) -> bytes:
-    require(_is_within(strings.types, unit.support.string_types))
-    if unit.support.strings_have_rate:
+def _set_string_output_type(board: Board, strings: StringOutput) -> bytes:
+    require(_is_within(strings.types, board.support.string_types))
+    if board.support.strings_have_rate:
         # The form with two bytes and no rate is accepted too: the manual uses it to disable strings, and
         # does not limit it to some products.
         strings = StringOutput(strings.types, strings.frequency or 0)
-        require(not strings.types or 1 <= (strings.frequency or 0) <= unit.support.base_rate)
+        require(not strings.types or 1 <= (strings.frequency or 0) <= board.support.base_rate)
     else:
         require(strings.frequency is None)
-    unit.memory.change(string_output_type=strings)
+    board.memory.change(string_output_type=strings)
     return b""
 
 
-def _set_period(unit: Unit, period: int) -> bytes:
+def _set_period(board: Board, period: int) -> bytes:
     slowest = PERIODS[-1]
     if period > slowest:
         # Rates below 100 Hz skip samples.
         require(period % slowest == 0, ErrorCode.PERIOD)
-        unit.memory.change(period=slowest, output_skip_factor=period // slowest - 1)
+        board.memory.change(period=slowest, output_skip_factor=period // slowest - 1)
     else:
         require(period in PERIODS, ErrorCode.PERIOD)
-        unit.memory.change(period=period)
+        board.memory.change(period=period)
     return b""
 
 
-def _set_sync_settings(unit: Unit, settings: tuple[SyncSetting, ...]) -> bytes:
+def _set_sync_settings(board: Board, settings: tuple[SyncSetting, ...]) -> bytes:
     enabled = tuple(takewhile(lambda setting: setting.polarity != Polarity.DISABLED, settings))
     for setting in enabled:
         function = setting.function
         require(isinstance(function, SyncFunction) and isinstance(setting.polarity, Polarity))
-        require(setting.line in unit.support.sync.get(SyncFunction(function), ()))
+        require(setting.line in board.support.sync.get(SyncFunction(function), ()))
         require(
             setting.offset in (PULSE_OFFSETS if function in SYNC_OUT_FUNCTIONS else SYNC_DELAYS)
         )
-    unit.memory.change(sync_settings=enabled)
-    unit.sync_inputs = SyncInputs(enabled)
+    board.memory.change(sync_settings=enabled)
+    board.sync_inputs = SyncInputs(enabled)
     return b""
 
 
-def _read_alignment_rotation(unit: Unit, rotation: Alignment | int) -> bytes:
+def _read_alignment_rotation(board: Board, rotation: Alignment | int) -> bytes:
     require(isinstance(rotation, Alignment))
     setting = ROTATIONS[Alignment(rotation)]
-    return encode("ReqAlignmentRotationAck", getattr(unit.settings, setting))
+    return encode("ReqAlignmentRotationAck", getattr(board.settings, setting))
 
 
-def _set_alignment_rotation(unit: Unit, rotation: AlignmentRotation) -> bytes:
+def _set_alignment_rotation(board: Board, rotation: AlignmentRotation) -> bytes:
     require(rotation.parameter in ROTATIONS)
     require(0 < math.hypot(*rotation.quaternion) < math.inf)
-    unit.memory.change(**{ROTATIONS[Alignment(rotation.parameter)]: rotation})  # type: ignore[arg-type]
+    board.memory.change(**{ROTATIONS[Alignment(rotation.parameter)]: rotation})  # type: ignore[arg-type]
     # The rotations of an earlier orientation reset are obsolete.
-    unit.reset_rotations = None
+    board.rotations = None
     return b""
 
 
-def _set_port_config(unit: Unit, ports: tuple[PortConfig, ...]) -> bytes:
-    for port, default in zip(ports, unit.support.port_config, strict=True):
+def _set_port_config(board: Board, ports: tuple[PortConfig, ...]) -> bytes:
+    for port, default in zip(ports, board.support.port_config, strict=True):
         is_missing = default.protocol == PortProtocol.NONE
         require(isinstance(port.protocol, PortProtocol) and not (is_missing and int(port)))
     for port in ports:
         is_used = port.protocol != PortProtocol.NONE
-        require(not is_used or port.baudrate in unit.support.baudrates, ErrorCode.BAUDRATE)
-    unit.memory.change(port_config=ports)
+        require(not is_used or port.baudrate in board.support.baudrates, ErrorCode.BAUDRATE)
+    board.memory.change(port_config=ports)
     return b""
 
 
-def _read_available_filter_profiles(unit: Unit, _: None) -> bytes:
-    profiles = list(unit.support.filter_profiles)
+def _read_available_filter_profiles(board: Board, _: None) -> bytes:
+    profiles = list(board.support.filter_profiles)
     empty = [AvailableProfile(0, 0, "")] * (PROFILE_SLOTS - len(profiles))
     return encode("AvailableFilterProfiles", profiles + empty)
 
 
-def _read_filter_profile(unit: Unit, _: None) -> bytes:
-    current = unit.settings.filter_profile
+def _read_filter_profile(board: Board, _: None) -> bytes:
+    current = board.settings.filter_profile
     if isinstance(current, str):
         return encode("ReqFilterProfileAckModern", current)
-    row = next(profile for profile in unit.support.filter_profiles if profile.type == current)
+    row = next(profile for profile in board.support.filter_profiles if profile.type == current)
     return encode("ReqFilterProfileAck", FilterProfile(row.version, row.type))
 
 
-def _set_filter_profile(unit: Unit, number: int) -> bytes:
-    require(number in (profile.type for profile in unit.support.filter_profiles))
-    unit.memory.change(filter_profile=number)
+def _set_filter_profile(board: Board, number: int) -> bytes:
+    require(number in (profile.type for profile in board.support.filter_profiles))
+    board.memory.change(filter_profile=number)
     return b""
 
 
-def _set_filter_profile_names(unit: Unit, text: str) -> bytes:
-    types = {profile.label: profile.type for profile in unit.support.filter_profiles}
+def _set_filter_profile_names(board: Board, text: str) -> bytes:
+    types = {profile.label: profile.type for profile in board.support.filter_profiles}
     names = text.split("/")
     require(all(name in types for name in names))
     chosen = [types[name] for name in names]
     require(chosen.count(BASE) <= 1 and chosen.count(HEADING) <= 1)
-    unit.memory.change(filter_profile=text)
+    board.memory.change(filter_profile=text)
     return b""
 
 
-def _set_initial_heading(unit: Unit, heading: float) -> bytes:
+def _set_initial_heading(board: Board, heading: float) -> bytes:
     require(-180 <= heading <= 180)
-    unit.memory.change(initial_heading=heading)
+    board.memory.change(initial_heading=heading)
     return b""
 
 
-def _restore_factory_settings(unit: Unit, _: None) -> bytes:
-    unit.memory.overwrite(factory_settings(unit.support))
-    unit.sync_inputs = SyncInputs(unit.settings.sync_settings)
+def _restore_factory_settings(board: Board, _: None) -> bytes:
+    board.memory.overwrite(factory_settings(board.support))
+    board.sync_inputs = SyncInputs(board.settings.sync_settings)
     return b""
 
 
@@ -285,16 +283,16 @@ class _Setting(NamedTuple):
         """Returns the handler of the ``Req`` message."""
         acknowledgement = f"Req{self.message}Ack"
         reply = acknowledgement if acknowledgement in MESSAGES else self.message
-        return reply_with(reply, lambda unit: getattr(unit.settings, self.name))
+        return reply_with(reply, lambda board: getattr(board.settings, self.name))
 
     def writer(self) -> Handler:
         """Returns the handler of the ``Set`` message. The reply carries the value if its layout does."""
         reply = f"Set{self.message}Ack"
         has_value = MESSAGES[reply].kind != "empty"
 
-        def write(unit: Unit, value: Any) -> bytes:
+        def write(board: Board, value: Any) -> bytes:
             require(self.is_valid(value), self.code)
-            unit.memory.change(**{self.name: value})
+            board.memory.change(**{self.name: value})
             return encode(reply, value if has_value else None)
 
         return write
@@ -316,26 +314,26 @@ _SETTINGS = (
 
 #: The handlers by name of the message in `xbus.protocol.tables.MESSAGES`.
 SETTING_COMMANDS: dict[str, Handler] = {
-    "ReqBaudrate": reply_with("ReqBaudrateAck", lambda unit: unit.settings.host_baud_code),
+    "ReqBaudrate": reply_with("ReqBaudrateAck", lambda board: board.settings.host_baud_code),
     "SetBaudrate": _set_baudrate,
-    "ReqOptionFlags": reply_with("ReqOptionFlagsAck", lambda unit: unit.settings.option_flags),
+    "ReqOptionFlags": reply_with("ReqOptionFlagsAck", lambda board: board.settings.option_flags),
     "SetOptionFlags": _set_option_flags,
     "RestoreFactoryDef": _restore_factory_settings,
-    "ReqSyncSettings": reply_with("ReqSyncSettingsAck", lambda unit: unit.settings.sync_settings),
+    "ReqSyncSettings": reply_with("ReqSyncSettingsAck", lambda board: board.settings.sync_settings),
     "SetSyncSettings": _set_sync_settings,
     "ReqOutputConfiguration": reply_with(
-        "ReqOutputConfigurationAck", lambda unit: unit.settings.output_configuration
+        "ReqOutputConfigurationAck", lambda board: board.settings.output_configuration
     ),
     "SetOutputConfiguration": _set_output_configuration,
     "ReqStringOutputType": reply_with(
-        "ReqStringOutputTypeAck", lambda unit: unit.settings.string_output_type
+        "ReqStringOutputTypeAck", lambda board: board.settings.string_output_type
     ),
     "SetStringOutputType": _set_string_output_type,
-    "ReqPeriod": reply_with("ReqPeriodAck", lambda unit: unit.settings.period),
+    "ReqPeriod": reply_with("ReqPeriodAck", lambda board: board.settings.period),
     "SetPeriod": _set_period,
     "ReqAlignmentRotation": _read_alignment_rotation,
     "SetAlignmentRotation": _set_alignment_rotation,
-    "ReqPortConfig": reply_with("PortConfig", lambda unit: unit.settings.port_config),
+    "ReqPortConfig": reply_with("PortConfig", lambda board: board.settings.port_config),
     "SetPortConfig": _set_port_config,
     "ReqAvailableFilterProfiles": _read_available_filter_profiles,
     "ReqFilterProfile": _read_filter_profile,

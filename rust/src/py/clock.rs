@@ -5,7 +5,7 @@ use pyo3::IntoPyObjectExt;
 use pyo3::prelude::*;
 
 use super::array::hand_over;
-use crate::clock::{Change, Clock, Clocks, Stamps};
+use crate::clock::{Change, Clocks, Stamps};
 use crate::frame;
 use crate::packet::is_well_formed;
 
@@ -26,12 +26,6 @@ pub fn device_of<'py>(py: Python<'py>, bid: Bids<'py>) -> PyResult<Bound<'py, Py
             Ok(hand_over(py, devices).into_any())
         }
     }
-}
-
-#[pyfunction]
-pub fn time_stamp(payload: &[u8]) -> Option<f64> {
-    let stamps = Stamps::read(payload);
-    stamps.fine.map(|_| Clock::default().sample(stamps).seconds)
 }
 
 #[pyfunction]

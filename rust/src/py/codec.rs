@@ -7,13 +7,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use super::array::hand_over;
-use super::convert::{quantity, variant};
-use crate::device;
+use crate::device::Configuration;
 use crate::frame::{Frame, Header};
 use crate::input::PushBuffer;
-use crate::packet::{Coordinates, Form, Precision};
+use crate::packet::{Coordinates, Form, Precision, Reading};
 use crate::requests::Requests;
-use crate::scan::{self, Item};
+use crate::scan::{self, Damage, Item};
+use crate::table::Quantity;
 use crate::value::{self, Number};
 
 #[pyfunction]
@@ -22,18 +22,16 @@ pub fn encode_frame<'py>(py: Python<'py>, bid: u8, mid: u8, payload: &[u8]) -> P
 }
 
 #[pyfunction]
-#[pyo3(signature = (name, precision, coordinates, numbers))]
+#[pyo3(signature = (quantity, precision, coordinates, numbers))]
 pub fn encode_packet<'py>(
     py: Python<'py>,
-    name: &str,
-    precision: Option<&str>,
-    coordinates: Option<&str>,
+    quantity: &'static Quantity,
+    precision: Option<Precision>,
+    coordinates: Option<Coordinates>,
     numbers: &Bound<'py, PyAny>,
 ) -> PyResult<Bound<'py, PyBytes>> {
-    let precision = precision.map(|wanted| variant(&Precision::ALL, Precision::name, wanted)).transpose()?;
-    let coordinates = coordinates.map(|wanted| variant(&Coordinates::ALL, Coordinates::name, wanted)).transpose()?;
     let mut packet = vec![];
-    value::write_packet(&mut packet, quantity(name)?, precision, coordinates, &numbers_of(numbers)?)?;
+    value::write_packet(&mut packet, quantity, precision, coordinates, &numbers_of(numbers)?)?;
     Ok(PyBytes::new(py, &packet))
 }
 
@@ -78,33 +76,25 @@ fn numbers_of(array: &Bound<'_, PyAny>) -> PyResult<Vec<Number>> {
 pub struct Packet {
     data_id: u16,
     name: Option<&'static str>,
-    precision: Option<&'static str>,
-    coordinates: Option<&'static str>,
+    precision: Option<Precision>,
+    coordinates: Option<Coordinates>,
     numbers: Py<PyAny>,
 }
 
 #[pyfunction]
 pub fn packets(py: Python<'_>, payload: &[u8]) -> PyResult<Vec<Packet>> {
     let packet = |packet: crate::packet::Packet<'_>| {
-        let data_id = packet.id;
-        let Some(reading) = packet.reading() else {
-            let numbers = PyBytes::new(py, packet.data).into_py_any(py)?;
-            return Ok(Packet { data_id, name: None, precision: None, coordinates: None, numbers });
+        let reading = packet.reading();
+        let numbers = match &reading {
+            Some(reading) => value::numbers(reading, packet.data).into_py_any(py),
+            None => PyBytes::new(py, packet.data).into_py_any(py),
         };
-        let precision = match reading.form {
-            Form::Real(precision, _) => Some(precision.name()),
-            _ => None,
-        };
-        let numbers = value::numbers(&reading, packet.data)
-            .into_iter()
-            .map(|number| object_of_number(py, number))
-            .collect::<PyResult<Vec<_>>>()?;
         Ok(Packet {
-            data_id,
-            name: Some(reading.quantity.name),
-            precision,
-            coordinates: reading.coordinates.map(Coordinates::name),
-            numbers: numbers.into_py_any(py)?,
+            data_id: packet.id,
+            name: reading.map(|reading| reading.quantity.name),
+            precision: reading.as_ref().and_then(Reading::precision),
+            coordinates: reading.and_then(|reading| reading.coordinates),
+            numbers: numbers?,
         })
     };
     crate::packet::packets(payload).map_while(Result::ok).map(packet).collect()
@@ -126,49 +116,28 @@ pub fn packet_numbers<'py>(py: Python<'py>, data_id: u16, data: &[u8]) -> PyResu
     let Some(reading) = (crate::packet::Packet { id: data_id, at: 0, data }).reading() else {
         return Err(PyValueError::new_err(format!("0x{data_id:04X} does not have {} bytes", data.len())));
     };
-    let numbers = value::numbers(&reading, data).into_iter();
+    let numbers = value::numbers(&reading, data);
     match reading.form {
-        Form::Real(_, 1) | Form::Fixed(..) | Form::Struct(_) | Form::List(..) => {
-            numbers.map(|number| object_of_number(py, number)).collect::<PyResult<Vec<_>>>()?.into_bound_py_any(py)
-        }
+        Form::Real(_, 1) | Form::Fixed(..) | Form::Struct(_) | Form::List(..) => numbers.into_bound_py_any(py),
         Form::Real(Precision::Float32, _) => {
             let single = |number| if let Number::Single(value) = number { Some(value) } else { None };
-            Ok(PyArray1::from_iter(py, numbers.filter_map(single)).into_any())
+            Ok(PyArray1::from_iter(py, numbers.into_iter().filter_map(single)).into_any())
         }
         Form::Real(..) => {
             let double = |number| if let Number::Double(value) = number { Some(value) } else { None };
-            Ok(PyArray1::from_iter(py, numbers.filter_map(double)).into_any())
+            Ok(PyArray1::from_iter(py, numbers.into_iter().filter_map(double)).into_any())
         }
-    }
-}
-
-fn object_of_number(py: Python<'_>, number: Number) -> PyResult<Py<PyAny>> {
-    match number {
-        Number::Integer(value) => value.into_py_any(py),
-        Number::Wide(value) => value.into_py_any(py),
-        Number::Single(value) => value.into_py_any(py),
-        Number::Double(value) => value.into_py_any(py),
     }
 }
 
 #[pyfunction]
-pub fn configuration(payload: &[u8]) -> Option<device::Configuration> {
-    device::Configuration::read(payload)
+pub fn configuration(payload: &[u8]) -> Option<Configuration> {
+    Configuration::read(payload)
 }
 
 #[pyfunction]
 pub fn frame_size(head: &[u8]) -> Option<usize> {
     Header::read(head).map(|header| header.frame())
-}
-
-#[pyfunction]
-pub fn device_id(payload: &[u8]) -> Option<u64> {
-    device::device_id(payload)
-}
-
-#[pyfunction]
-pub fn product_code(payload: &[u8]) -> Option<String> {
-    device::product_code(payload)
 }
 
 /// Finds the frames and strings of an input that is pushed in pieces.
@@ -188,28 +157,12 @@ impl Scanner {
         Self { scanner, buffer: PushBuffer::default() }
     }
 
-    fn feed<'py>(&mut self, py: Python<'py>, data: &[u8], last: bool) -> PyResult<Vec<Bound<'py, PyAny>>> {
+    fn feed(&mut self, py: Python<'_>, data: &[u8], last: bool) -> Vec<Scanned> {
         self.buffer.push(data);
-        let items = self.scanner.items(self.buffer.window(last));
-        let items = items.into_iter().map(|item| object_of(py, item)).collect();
+        let items =
+            self.scanner.items(self.buffer.window(last)).into_iter().map(|item| Scanned::of(py, item)).collect();
         self.buffer.release(self.scanner.at());
         items
-    }
-}
-
-pub fn object_of<'py>(py: Python<'py>, item: Item<'_>) -> PyResult<Bound<'py, PyAny>> {
-    match item {
-        Item::Frame { offset, frame: Frame { bid, mid, payload } } => {
-            let payload = PyBytes::new(py, payload).unbind();
-            ScannedFrame { offset, bid, mid, payload }.into_bound_py_any(py)
-        }
-        Item::String { offset, place, bytes } => {
-            let data = PyBytes::new(py, bytes).unbind();
-            ScannedString { offset, place, data }.into_bound_py_any(py)
-        }
-        Item::Damage(scan::Damage { offset, length, reason }) => {
-            ScannedDamage { offset, length, reason: reason.name() }.into_bound_py_any(py)
-        }
     }
 }
 
@@ -230,11 +183,7 @@ impl RequestScanner {
     fn feed(&mut self, py: Python<'_>, data: &[u8], last: bool) -> Vec<ScannedFrame> {
         self.buffer.push(data);
         let mut requests = Requests::new(self.buffer.window(last), self.limit);
-        let scanned = |(offset, Frame { bid, mid, payload })| {
-            let payload = PyBytes::new(py, payload).unbind();
-            ScannedFrame { offset, bid, mid, payload }
-        };
-        let found = requests.by_ref().map(scanned).collect();
+        let found = requests.by_ref().map(|(offset, frame)| ScannedFrame::of(py, offset, &frame)).collect();
         let done = requests.at();
         self.buffer.release(done);
         found
@@ -243,6 +192,26 @@ impl RequestScanner {
     #[getter]
     fn is_waiting(&self) -> bool {
         !self.buffer.window(false).bytes.is_empty()
+    }
+}
+
+/// What a scanner found.
+#[derive(IntoPyObject)]
+pub enum Scanned {
+    Frame(ScannedFrame),
+    String(ScannedString),
+    Damage(Damage),
+}
+
+impl Scanned {
+    pub fn of(py: Python<'_>, item: Item<'_>) -> Self {
+        match item {
+            Item::Frame { offset, frame } => Self::Frame(ScannedFrame::of(py, offset, &frame)),
+            Item::String { offset, place, bytes } => {
+                Self::String(ScannedString { offset, place, data: PyBytes::new(py, bytes).unbind() })
+            }
+            Item::Damage(damage) => Self::Damage(damage),
+        }
     }
 }
 
@@ -255,18 +224,16 @@ pub struct ScannedFrame {
     payload: Py<PyBytes>,
 }
 
+impl ScannedFrame {
+    fn of(py: Python<'_>, offset: u64, frame: &Frame<'_>) -> Self {
+        Self { offset, bid: frame.bid, mid: frame.mid, payload: PyBytes::new(py, frame.payload).unbind() }
+    }
+}
+
 /// A string that a scanner found.
 #[pyclass(module = "xbus._core", frozen, get_all)]
 pub struct ScannedString {
     offset: u64,
     place: Option<u8>,
     data: Py<PyBytes>,
-}
-
-/// A stretch of bytes that a scanner skipped.
-#[pyclass(module = "xbus._core", frozen, get_all)]
-pub struct ScannedDamage {
-    offset: u64,
-    length: u64,
-    reason: &'static str,
 }

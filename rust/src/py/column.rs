@@ -43,8 +43,8 @@ impl Column {
     }
 
     #[getter]
-    fn coordinates(&self) -> Option<&'static str> {
-        self.column().coordinates().map(Coordinates::name)
+    fn coordinates(&self) -> Option<Coordinates> {
+        self.column().coordinates()
     }
 
     #[getter]
@@ -53,8 +53,8 @@ impl Column {
     }
 
     #[getter]
-    fn precision(&self) -> Option<&'static str> {
-        self.column().precision().map(Precision::name)
+    fn precision(&self) -> Option<Precision> {
+        self.column().precision()
     }
 
     #[getter]

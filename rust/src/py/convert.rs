@@ -1,14 +1,17 @@
 //! Names and errors, from and to Python.
 
+use std::convert::Infallible;
 use std::io;
 use std::path::PathBuf;
 
 use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyString;
 
 use crate::error::{EncodeError, Fault, HostTimesError, ReadError, StateError};
-use crate::packet::Coordinates;
-use crate::table::{self, Quantity};
+use crate::packet::{Coordinates, Precision};
+use crate::table::{self, Class, ClockRole, Direction, Quantity, Series, Wire};
+use crate::{hostclock, scan};
 
 pyo3::import_exception!(xbus.errors, DecodeError);
 
@@ -27,23 +30,17 @@ impl From<ReadError> for PyErr {
     }
 }
 
-impl From<EncodeError> for PyErr {
-    fn from(error: EncodeError) -> Self {
-        PyValueError::new_err(error.to_string())
-    }
+macro_rules! value_errors {
+    ($($error:ty),+) => {$(
+        impl From<$error> for PyErr {
+            fn from(error: $error) -> Self {
+                PyValueError::new_err(error.to_string())
+            }
+        }
+    )+};
 }
 
-impl From<HostTimesError> for PyErr {
-    fn from(error: HostTimesError) -> Self {
-        PyValueError::new_err(error.to_string())
-    }
-}
-
-impl From<StateError> for PyErr {
-    fn from(error: StateError) -> Self {
-        PyValueError::new_err(error.to_string())
-    }
-}
+value_errors!(EncodeError, HostTimesError, StateError);
 
 /// An error of the system as the exception that Python would raise: with its number and, if there is one, the file.
 pub fn os_error(error: &io::Error, path: Option<PathBuf>) -> PyErr {
@@ -53,28 +50,58 @@ pub fn os_error(error: &io::Error, path: Option<PathBuf>) -> PyErr {
     PyOSError::new_err((number, text, path.map(PathBuf::into_os_string)))
 }
 
-/// The quantity of this name.
-pub fn quantity(name: &str) -> PyResult<&'static Quantity> {
-    table::quantity_named(name)
-        .ok_or_else(|| PyValueError::new_err(format!("no quantity is called {name:?}; xbus quantities lists them")))
+/// Enums become their names in Python.
+macro_rules! to_names {
+    ($($name:path, of $enum:ty;)+) => {$(
+        impl<'py> IntoPyObject<'py> for $enum {
+            type Target = PyString;
+            type Output = Bound<'py, PyString>;
+            type Error = Infallible;
+
+            fn into_pyobject(self, py: Python<'py>) -> Result<Self::Output, Infallible> {
+                $name(self).into_pyobject(py)
+            }
+        }
+    )+};
 }
 
-/// Finds an enum's variant by its name.
-pub fn variant<T: Copy>(all: &[T], name_of: fn(T) -> &'static str, wanted: &str) -> PyResult<T> {
-    all.iter().copied().find(|variant| name_of(*variant) == wanted).ok_or_else(|| {
-        let known: Vec<_> = all.iter().map(|variant| name_of(*variant)).collect();
-        PyValueError::new_err(format!("{wanted:?} is none of {}", known.join(", ")))
-    })
+to_names! {
+    Class::label, of Class;
+    ClockRole::name, of ClockRole;
+    Coordinates::name, of Coordinates;
+    Direction::name, of Direction;
+    Precision::name, of Precision;
+    Series::label, of Series;
+    Wire::numpy, of Wire;
+    hostclock::Reason::text, of hostclock::Reason;
+    scan::Reason::name, of scan::Reason;
 }
 
-/// A quantity to keep: its name, and a coordinate system or None for all of them.
-pub type Wish = (String, Option<String>);
+/// Names from Python become enums.
+macro_rules! from_names {
+    ($($enum:ty),+) => {$(
+        impl FromPyObject<'_, '_> for $enum {
+            type Error = PyErr;
 
-/// The quantities to keep; `None` for all.
-pub fn wanted(wishes: Option<Vec<Wish>>) -> PyResult<Option<crate::log::Wanted>> {
-    let wish = |(name, coordinates): Wish| {
-        let coordinates = coordinates.map(|wanted| variant(&Coordinates::ALL, Coordinates::name, &wanted));
-        Ok((quantity(&name)?, coordinates.transpose()?))
-    };
-    wishes.map(|wishes| wishes.into_iter().map(wish).collect()).transpose()
+            fn extract(name: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+                let name: &str = name.extract()?;
+                Self::ALL.into_iter().find(|variant| variant.name() == name).ok_or_else(|| {
+                    PyValueError::new_err(format!("{name:?} is none of {}", Self::ALL.map(Self::name).join(", ")))
+                })
+            }
+        }
+    )+};
+}
+
+from_names!(Coordinates, Precision);
+
+/// The quantity of a name.
+impl FromPyObject<'_, '_> for &'static Quantity {
+    type Error = PyErr;
+
+    fn extract(name: Borrowed<'_, '_, PyAny>) -> PyResult<Self> {
+        let name: &str = name.extract()?;
+        table::quantity_named(name)
+            .ok_or_else(|| PyValueError::new_err(format!("no quantity is called {name:?}; xbus quantities lists them")))
+    }
 }

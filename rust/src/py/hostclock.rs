@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyType};
 
 use super::array::{Array, hand_over};
-use crate::hostclock;
+use crate::hostclock::{self, Step};
 use crate::state;
 
 /// Maps device time to host time.
@@ -80,17 +80,7 @@ impl HostClock {
     }
 
     #[getter]
-    fn steps(&self) -> Vec<ClockStep> {
-        let step =
-            |step: &hostclock::Step| ClockStep { time: step.time, arrival: step.arrival, reason: step.reason.text() };
-        self.0.steps().map(step).collect()
+    fn steps(&self) -> Vec<Step> {
+        self.0.steps().copied().collect()
     }
-}
-
-/// A step of one of the clocks.
-#[pyclass(module = "xbus._core", frozen, get_all)]
-pub struct ClockStep {
-    time: f64,
-    arrival: i64,
-    reason: &'static str,
 }

@@ -6,15 +6,16 @@ use std::time::{Duration, Instant};
 use numpy::PyArray1;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
+use pyo3::types::{PyBytes, PyList};
 
 use super::array::hand_over;
-use super::codec::object_of;
-use super::convert::{Wish, os_error, wanted};
+use super::codec::Scanned;
+use super::convert::os_error;
 use super::hostclock::HostClock;
 use super::log::Part;
 use crate::frame::Frame;
 use crate::live::{self, Item, Need, QUEUE, Recording, Report, Stats, Text};
+use crate::log::Wanted;
 use crate::scan;
 
 // The signatures below show this number.
@@ -57,7 +58,7 @@ pub struct Block {
 /// Events that were taken.
 #[pyclass(module = "xbus._core", frozen, get_all)]
 pub struct Events {
-    items: Vec<Option<Py<PyAny>>>,
+    items: Py<PyList>,
     added: u64,
 }
 
@@ -193,8 +194,8 @@ impl Acquisition {
     #[pyo3(signature = (*, early=false))]
     fn take_events(&self, py: Python<'_>, early: bool) -> PyResult<Events> {
         let (events, added) = self.0.take_events(early);
-        let object = |event: &live::Event| event.item().map(|item| Ok(object_of(py, item)?.unbind())).transpose();
-        Ok(Events { items: events.iter().map(object).collect::<PyResult<_>>()?, added })
+        let scanned = events.iter().map(|event| event.item().map(|item| Scanned::of(py, item)));
+        Ok(Events { items: PyList::new(py, scanned)?.unbind(), added })
     }
 
     fn mark_data(&self) {
@@ -202,8 +203,8 @@ impl Acquisition {
     }
 
     #[pyo3(signature = (wanted=None))]
-    fn block_decoder(&self, wanted: Option<Vec<Wish>>) -> PyResult<BlockDecoder> {
-        Ok(BlockDecoder(live::BlockDecoder::new(self::wanted(wanted)?, self.0.epoch())))
+    fn block_decoder(&self, wanted: Option<Wanted>) -> BlockDecoder {
+        BlockDecoder(live::BlockDecoder::new(wanted, self.0.epoch()))
     }
 
     #[pyo3(signature = (decoder, samples=None))]
@@ -225,9 +226,8 @@ impl Acquisition {
         }))
     }
 
-    fn take_all(&self, py: Python<'_>) -> PyResult<Option<Vec<Py<PyAny>>>> {
-        let Some(items) = self.0.take_all() else { return Ok(None) };
-        let object = |item: &Item| {
+    fn take_all(&self, py: Python<'_>) -> Option<Vec<Scanned>> {
+        let scanned = |item: &Item| {
             let item = match item {
                 Item::Sample(sample, frame) => {
                     Some(scan::Item::Frame { offset: sample.offset, frame: Frame::of(frame) })
@@ -237,9 +237,9 @@ impl Acquisition {
                 }
                 Item::Event(event) => event.item(),
             };
-            item.map(|item| Ok(object_of(py, item)?.unbind()))
+            item.map(|item| Scanned::of(py, item))
         };
-        items.iter().filter_map(object).collect::<PyResult<_>>().map(Some)
+        Some(self.0.take_all()?.iter().filter_map(scanned).collect())
     }
 
     fn clear_data(&self) -> usize {

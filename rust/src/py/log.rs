@@ -9,10 +9,9 @@ use pyo3::types::{IntoPyDict, PyBytes, PyType};
 use super::Row;
 use super::array::{Array, hand_over, hand_over_signed, lend};
 use super::column::Column;
-use super::convert::{Wish, wanted};
 use super::source::Source;
 use crate::clock::Clocks;
-use crate::log::{self, Options, TimedPart, Times};
+use crate::log::{self, Options, TimedPart, Times, Wanted};
 use crate::scan::Window;
 use crate::state;
 
@@ -35,12 +34,12 @@ impl Reader {
         source: &Bound<'_, PyAny>,
         limit: usize,
         strict: bool,
-        wanted: Option<Vec<Wish>>,
+        wanted: Option<Wanted>,
         strings: u32,
         part_bytes: Option<u64>,
         fast: bool,
     ) -> PyResult<Self> {
-        let options = Options { limit, strict, strings, wanted: self::wanted(wanted)?, fast };
+        let options = Options { limit, strict, strings, wanted, fast };
         let (source, total) = Source::open(source)?;
         let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
         Ok(Self { reader: log::Reader::new(options, part_bytes), clocks: Clocks::default(), source, total })

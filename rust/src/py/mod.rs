@@ -1,5 +1,6 @@
 //! The extension module `xbus._core`. Every function converts its arguments, releases the GIL, calls the core and hands
-//! over the result. `_core.pyi` documents what Python sees.
+//! over the result. What needs no conversion is exported where the core declares it. `_core.pyi` documents what Python
+//! sees.
 
 mod array;
 mod arrow;
@@ -22,25 +23,30 @@ mod _core {
     #[pymodule_export]
     use super::arrow::ArrowStream;
     #[pymodule_export]
-    use super::clock::{SampleClock, device_of, is_sample, time_stamp};
+    use super::clock::{SampleClock, device_of, is_sample};
     #[pymodule_export]
     use super::codec::{
-        EncodedFrames, Packet, RequestScanner, ScannedDamage, ScannedFrame, ScannedString, Scanner, configuration,
-        device_id, encode_frame, encode_packet, encode_samples, frame_size, packet_headers, packet_numbers, packets,
-        product_code,
+        EncodedFrames, Packet, RequestScanner, ScannedFrame, ScannedString, Scanner, configuration, encode_frame,
+        encode_packet, encode_samples, frame_size, packet_headers, packet_numbers, packets,
     };
     #[pymodule_export]
     use super::column::Column;
     #[pymodule_export]
-    use super::hostclock::{ClockStep, HostClock};
+    use super::hostclock::HostClock;
     #[pymodule_export]
     use super::live::{Acquisition, Block, BlockDecoder, Cancel, Events, ReceivedSample, ReceivedString, Waiting};
     #[pymodule_export]
     use super::log::{DamageArrays, GapArrays, MessageArrays, Part, Reader, RestartArrays, StringArrays};
     #[pymodule_export]
-    use super::tables::{
-        damage_reasons, message_name, messages, products, quantities, result_codes, status_flags, strings,
-    };
+    use super::tables::{damage_reasons, messages, products, quantities, result_codes, status_flags, strings};
+    #[pymodule_export]
+    use crate::device::{device_id, product_code};
+    #[pymodule_export]
+    use crate::hostclock::Step;
+    #[pymodule_export]
+    use crate::scan::Damage;
+    #[pymodule_export]
+    use crate::table::message_name;
 
     /// The version is written in Cargo.toml only.
     #[pymodule_init]

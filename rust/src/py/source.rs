@@ -24,7 +24,7 @@ impl Source {
             let length = array.readonly().as_slice()?.len();
             return Ok((Self::Array(array.clone().unbind()), Some(length as u64)));
         }
-        let Ok(path) = source.extract::<PathBuf>() else { return Ok((Self::stream(PyInput::of(source)), None)) };
+        let Ok(path) = source.extract::<PathBuf>() else { return Ok((Self::stream(PyInput::of(source, false)), None)) };
         match fs::metadata(&path) {
             Ok(metadata) if metadata.is_file() => {
                 let file = File::open(&path).map_err(|error| os_error(&error, Some(path)))?;
@@ -33,7 +33,7 @@ impl Source {
             // Python's own file reacts to Ctrl-C while it waits for a pipe or a device, and names the path in its errors.
             _ => {
                 let file = source.py().import("io")?.call_method1("open", (path, "rb", 0))?;
-                Ok((Self::stream(Opened(PyInput::of(&file))), None))
+                Ok((Self::stream(PyInput::of(&file, true)), None))
             }
         }
     }
@@ -44,18 +44,22 @@ impl Source {
 }
 
 /// A Python object with a method `read`.
-struct PyInput(Py<PyAny>);
+struct PyInput {
+    object: Py<PyAny>,
+    /// Whether it is closed at the end: a file that was opened here.
+    is_owned: bool,
+}
 
 impl PyInput {
-    fn of(object: &Bound<'_, PyAny>) -> Self {
-        Self(object.clone().unbind())
+    fn of(object: &Bound<'_, PyAny>, is_owned: bool) -> Self {
+        Self { object: object.clone().unbind(), is_owned }
     }
 }
 
 impl Read for PyInput {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         Python::attach(|py| {
-            let data = self.0.bind(py).call_method1("read", (buffer.len(),))?;
+            let data = self.object.bind(py).call_method1("read", (buffer.len(),))?;
             let bytes: &[u8] = data
                 .extract()
                 .map_err(|_| PyTypeError::new_err("read() must return bytes; open the file in binary mode"))?;
@@ -69,18 +73,11 @@ impl Read for PyInput {
     }
 }
 
-/// A Python file that was opened here.
-struct Opened(PyInput);
-
-impl Read for Opened {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        self.0.read(buffer)
-    }
-}
-
-impl Drop for Opened {
+impl Drop for PyInput {
     fn drop(&mut self) {
-        // A file that was only read has nothing to report when it is closed.
-        let _ = Python::try_attach(|py| self.0.0.bind(py).call_method0("close").is_ok());
+        if self.is_owned {
+            // A file that was only read has nothing to report when it is closed.
+            let _ = Python::try_attach(|py| self.object.bind(py).call_method0("close").is_ok());
+        }
     }
 }

@@ -6,24 +6,30 @@ use pyo3::types::PyDict;
 use super::Row;
 use crate::packet::record_size;
 use crate::scan::Reason;
-use crate::table::{self, ClockRole, Content, Direction, Field, Kind, MessageField, Payload};
+use crate::table::{self, Content, Field, Kind, MessageField, Payload, Products};
+
+/// A row as a dict: fields and variables under their names, and values under other names.
+macro_rules! row {
+    ($py:ident, $row:ident { $($field:ident),+ } $(, $variable:ident)* $(, $name:literal: $value:expr)* $(,)?) => {{
+        let row = PyDict::new($py);
+        $(row.set_item(stringify!($field), $row.$field)?;)+
+        $(row.set_item(stringify!($variable), $variable)?;)*
+        $(row.set_item($name, $value)?;)*
+        Ok(row)
+    }};
+}
+
+fn numbers_of(products: Products) -> Vec<u16> {
+    products.iter().map(|product| product.number).collect()
+}
 
 fn fields<'py>(py: Python<'py>, fields: &[Field]) -> PyResult<Vec<Row<'py>>> {
-    let row = |field: &Field| {
-        let row = PyDict::new(py);
-        row.set_item("name", field.name)?;
-        row.set_item("type", field.wire.numpy())?;
-        row.set_item("scale", field.scale)?;
-        row.set_item("unit", field.unit)?;
-        row.set_item("missing", field.missing)?;
-        Ok(row)
-    };
-    fields.iter().map(row).collect()
+    fields.iter().map(|field| row!(py, field { name, scale, unit, missing }, "type": field.wire)).collect()
 }
 
 fn message_fields<'py>(py: Python<'py>, fields: &[MessageField]) -> PyResult<Vec<Row<'py>>> {
     let row = |field: &MessageField| {
-        let (kind, count, rest) = match field.content {
+        let (kind, repeat, rest) = match field.content {
             Content::Numbers(wire, count) => (wire.numpy(), count, false),
             Content::Double => ("f8", 1, false),
             Content::Text(size) => ("text", size, false),
@@ -31,14 +37,7 @@ fn message_fields<'py>(py: Python<'py>, fields: &[MessageField]) -> PyResult<Vec
             Content::RestText(most) => ("text", most, true),
             Content::RestBytes(most) => ("bytes", most, true),
         };
-        let row = PyDict::new(py);
-        row.set_item("name", field.name)?;
-        row.set_item("type", kind)?;
-        row.set_item("repeat", count)?;
-        row.set_item("rest", rest)?;
-        row.set_item("unit", field.unit)?;
-        row.set_item("note", field.note)?;
-        Ok(row)
+        row!(py, field { name, unit, note }, repeat, rest, "type": kind)
     };
     fields.iter().map(row).collect()
 }
@@ -47,32 +46,22 @@ fn message_fields<'py>(py: Python<'py>, fields: &[MessageField]) -> PyResult<Vec
 #[pyfunction]
 pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
     let row = |quantity: &table::Quantity| {
-        let row = PyDict::new(py);
-        row.set_item("id", quantity.id)?;
-        row.set_item("name", quantity.name)?;
-        row.set_item("manual", quantity.manual)?;
-        row.set_item("group", quantity.group)?;
-        row.set_item("components", quantity.components.to_vec())?;
-        row.set_item("unit", quantity.unit)?;
-        row.set_item("is_matrix", quantity.is_matrix)?;
-        row.set_item("coordinates", quantity.rotates)?;
-        row.set_item("clock", quantity.clock.map(ClockRole::name))?;
-        row.set_item("has_flags", quantity.has_flags)?;
-        row.set_item("products", quantity.products.iter().map(|product| product.number).collect::<Vec<_>>())?;
-        row.set_item("source", quantity.source)?;
-        let (kind, count, size, head, entry) = match quantity.kind {
-            Kind::Real(n) => ("real", n, None, vec![], vec![]),
-            Kind::Fixed(wire, n) => (wire.numpy(), n, Some(n * wire.size()), vec![], vec![]),
-            Kind::Id => ("id", 1, None, vec![], vec![]),
-            Kind::Struct(head) => ("struct", 1, Some(record_size(head)), fields(py, head)?, vec![]),
-            Kind::List(head, entry) => ("list", 1, None, fields(py, head)?, fields(py, entry)?),
+        let (kind, numbers, size, head, entry): (_, _, _, &[Field], &[Field]) = match quantity.kind {
+            Kind::Real(n) => ("real", n, None, &[], &[]),
+            Kind::Fixed(wire, n) => (wire.numpy(), n, Some(n * wire.size()), &[], &[]),
+            Kind::Id => ("id", 1, None, &[], &[]),
+            Kind::Struct(head) => ("struct", 1, Some(record_size(head)), head, &[]),
+            Kind::List(head, entry) => ("list", 1, None, head, entry),
         };
-        row.set_item("kind", kind)?;
-        row.set_item("numbers", count)?;
-        row.set_item("size", size)?;
-        row.set_item("fields", head)?;
-        row.set_item("entry", entry)?;
-        Ok(row)
+        row!(
+            py,
+            quantity { id, name, manual, group, components, unit, is_matrix, clock, has_flags, source },
+            kind, numbers, size,
+            "coordinates": quantity.rotates,
+            "products": numbers_of(quantity.products),
+            "fields": fields(py, head)?,
+            "entry": fields(py, entry)?,
+        )
     };
     table::QUANTITIES.iter().map(row).collect()
 }
@@ -81,24 +70,7 @@ pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
 #[pyfunction]
 pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
     let row = |message: &table::Message| {
-        let row = PyDict::new(py);
-        row.set_item("mid", message.mid)?;
-        row.set_item("name", message.name)?;
-        let direction = match message.direction {
-            Direction::ToDevice => "to device",
-            Direction::ToHost => "to host",
-            Direction::Both => "both",
-        };
-        row.set_item("direction", direction)?;
-        let states = [
-            (message.states.wakeup, "wakeup"),
-            (message.states.config, "config"),
-            (message.states.measurement, "measurement"),
-        ];
-        row.set_item("states", states.iter().filter(|state| state.0).map(|state| state.1).collect::<Vec<_>>())?;
-        row.set_item("payload", message.description())?;
         let lengths: Vec<usize> = message.lengths().iter().collect();
-        row.set_item("lengths", (!lengths.is_empty()).then_some(lengths))?;
         let (kind, forms, least, most, filled, zeros): (_, &[&[MessageField]], _, _, _, _) = match message.payload {
             Payload::Empty => ("empty", &[], 0, 0, false, false),
             Payload::Bytes(..) => ("bytes", &[], 0, 0, false, false),
@@ -106,18 +78,16 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
             Payload::Record(forms) => ("record", forms, 1, 1, false, false),
             Payload::List { entry, least, most, zeros } => ("list", &[entry], least, most, false, zeros),
         };
-        row.set_item("kind", kind)?;
-        let forms: Vec<_> = forms.iter().map(|form| message_fields(py, form)).collect::<PyResult<_>>()?;
-        row.set_item("forms", forms)?;
-        row.set_item("least", least)?;
-        row.set_item("most", most)?;
-        row.set_item("filled", filled)?;
-        row.set_item("zeros", zeros)?;
-        row.set_item("restarts", message.restarts)?;
-        row.set_item("reply", message.reply)?;
-        row.set_item("products", message.products.iter().map(|product| product.number).collect::<Vec<_>>())?;
-        row.set_item("status", message.status)?;
-        Ok(row)
+        row!(
+            py,
+            message { mid, name, direction, restarts, reply, status },
+            kind, least, most, filled, zeros,
+            "states": message.states.names(),
+            "payload": message.description(),
+            "lengths": (!lengths.is_empty()).then_some(lengths),
+            "forms": forms.iter().map(|form| message_fields(py, form)).collect::<PyResult<Vec<_>>>()?,
+            "products": numbers_of(message.products),
+        )
     };
     table::MESSAGES.iter().map(row).collect()
 }
@@ -126,15 +96,14 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
 #[pyfunction]
 pub fn products(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
     let row = |product: &table::Product| {
-        let row = PyDict::new(py);
-        row.set_item("number", product.number)?;
-        row.set_item("name", product.name)?;
-        row.set_item("title", product.title)?;
-        row.set_item("series", product.series.label())?;
-        row.set_item("kind", product.class.label())?;
-        row.set_item("id_size", product.series.id_size())?;
-        row.set_item("fine_wrap", product.series.fine_wrap())?;
-        Ok(row)
+        let series = product.series;
+        row!(
+            py,
+            product { number, name, title, series },
+            "kind": product.class,
+            "id_size": series.id_size(),
+            "fine_wrap": series.fine_wrap(),
+        )
     };
     table::PRODUCTS.iter().map(row).collect()
 }
@@ -142,15 +111,7 @@ pub fn products(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
 /// The bits of the status word.
 #[pyfunction]
 pub fn status_flags(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
-    let row = |flag: &table::StatusFlag| {
-        let row = PyDict::new(py);
-        row.set_item("name", flag.name)?;
-        row.set_item("bit", flag.bit)?;
-        row.set_item("width", flag.width)?;
-        row.set_item("meaning", flag.meaning)?;
-        Ok(row)
-    };
-    table::STATUS_FLAGS.iter().map(row).collect()
+    table::STATUS_FLAGS.iter().map(|flag| row!(py, flag { name, bit, width, meaning })).collect()
 }
 
 /// The string outputs, in the order of their bits: name, and how it begins.
@@ -167,12 +128,6 @@ pub fn result_codes() -> Vec<(u32, &'static str)> {
 
 /// Why bytes were refused, in the order of their numbers.
 #[pyfunction]
-pub fn damage_reasons() -> Vec<&'static str> {
-    Reason::ALL.map(Reason::name).to_vec()
-}
-
-/// The manual's name of a message with a payload of this length, if it has one.
-#[pyfunction]
-pub fn message_name(mid: u8, length: usize) -> Option<&'static str> {
-    table::message_name(mid, length)
+pub fn damage_reasons() -> [Reason; Reason::ALL.len()] {
+    Reason::ALL
 }

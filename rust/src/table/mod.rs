@@ -187,6 +187,18 @@ pub enum Direction {
     Both,
 }
 
+impl Direction {
+    /// The name in Python: `"to device"`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::ToDevice => "to device",
+            Self::ToHost => "to host",
+            Self::Both => "both",
+        }
+    }
+}
+
 /// The device states in which a message is valid (section 4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct States {
@@ -196,6 +208,15 @@ pub struct States {
     pub config: bool,
     /// Measurement State.
     pub measurement: bool,
+}
+
+impl States {
+    /// The names in Python: `["config", "measurement"]`.
+    #[must_use]
+    pub fn names(self) -> Vec<&'static str> {
+        let states = [(self.wakeup, "wakeup"), (self.config, "config"), (self.measurement, "measurement")];
+        states.into_iter().filter_map(|(is_valid, name)| is_valid.then_some(name)).collect()
+    }
 }
 
 /// One message: a row of the manual's section 5.3. A MID that both requests and sets, or whose reply comes with and
@@ -295,11 +316,12 @@ pub fn messages(mid: u8) -> impl Iterator<Item = &'static Message> {
 
 /// The name of a message. Where a MID has several rows, a row that has payloads of this length goes before one that has
 /// not; of these, an empty payload belongs to the row that carries nothing, and any other to one that carries something.
+#[cfg_attr(feature = "python", pyo3::pyfunction)]
 #[must_use]
-pub fn message_name(mid: u8, payload_length: usize) -> Option<&'static str> {
+pub fn message_name(mid: u8, length: usize) -> Option<&'static str> {
     let unlike = |message: &&Message| {
         let carries_nothing = message.payload == Payload::Empty;
-        (!message.own_lengths().allow(payload_length), carries_nothing != (payload_length == 0))
+        (!message.own_lengths().allow(length), carries_nothing != (length == 0))
     };
     messages(mid).min_by_key(unlike).map(|message| message.name)
 }

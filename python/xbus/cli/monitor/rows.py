@@ -7,7 +7,7 @@ from typing import NamedTuple
 from xbus.cli.monitor.attitude import Attitude
 from xbus.cli.monitor.model import Model, QuantityState
 from xbus.cli.monitor.values import format_rate, format_unit, format_value, set_flags
-from xbus.describe.formatting import describe_losses, format_count, format_size
+from xbus.formatting import describe_losses, format_count, format_size
 from xbus.protocol.values import State
 
 __all__ = [

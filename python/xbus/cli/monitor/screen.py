@@ -38,7 +38,7 @@ from xbus.cli.monitor.rows import (
     value_rows,
 )
 from xbus.cli.monitor.values import format_unit
-from xbus.describe.formatting import format_size
+from xbus.formatting import format_size
 from xbus.protocol.values import State
 
 __all__ = ["Screen", "ViewState", "visible_rows"]

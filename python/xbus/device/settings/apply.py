@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from xbus.device.configurable import Configurable
 from xbus.device.settings.model import Change, Settings
 from xbus.device.settings.plan import Plan, command_of, read_setting
 from xbus.errors import DeviceError, XbusError
-
-if TYPE_CHECKING:
-    from xbus.device.device import Device
 
 __all__ = ["Applied", "ApplyError", "apply_plan"]
 
@@ -79,7 +76,7 @@ class Applied:
         return any(change.name in ("port_config", "can_config") for change in self.changes)
 
 
-def apply_plan(device: Device, plan: Plan) -> Applied:
+def apply_plan(device: Configurable, plan: Plan) -> Applied:
     """Makes the changes of a plan on a device that is in Config State; see `Device.apply`.
 
     Args:

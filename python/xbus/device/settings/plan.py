@@ -5,9 +5,10 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from xbus.device.checks import check
+from xbus.device.configurable import Configurable
 from xbus.device.filter_profile import filter_profile_command, filter_profile_label
 from xbus.device.output_configuration import check_outputs_fit
 from xbus.device.settings.model import Change, Settings
@@ -17,9 +18,6 @@ from xbus.device.string_output import StringPlan, check_strings_fit, frequency_o
 from xbus.errors import DeviceError
 from xbus.protocol import values as v
 from xbus.protocol.products import Support, find_product
-
-if TYPE_CHECKING:
-    from xbus.device.device import Device
 
 __all__ = ["Plan", "command_of", "plan_settings", "read_setting", "read_settings"]
 
@@ -56,7 +54,7 @@ class Plan(NamedTuple):
 # Reading
 
 
-def read_settings(device: Device) -> Settings:
+def read_settings(device: Configurable) -> Settings:
     """Returns all settings of a device that is in Config State; see `Device.settings`."""
     support = device.support
     product = support.product.name if support else device.product_code
@@ -76,7 +74,7 @@ def _is_readable(support: Support, name: str) -> bool:
     return f"Req{SETTINGS[name].message}" in support.messages
 
 
-def read_setting(device: Device, name: str) -> Any:
+def read_setting(device: Configurable, name: str) -> Any:
     """Returns a setting of a device; None if its firmware does not know the request."""
     try:
         if name in ROTATIONS:
@@ -97,7 +95,7 @@ def read_setting(device: Device, name: str) -> Any:
 
 
 def plan_settings(
-    device: Device, settings: Settings, *, check_baudrate: bool = True, force: bool = False
+    device: Configurable, settings: Settings, *, check_baudrate: bool = True, force: bool = False
 ) -> Plan:
     """Returns what has to change on a device that is in Config State. Nothing is changed.
 
@@ -217,7 +215,7 @@ def _check_product(before: Settings, settings: Settings) -> Iterable[str]:
         yield f"{place}the settings are for {given}, and the product of the device is {device}"
 
 
-def _check(device: Device, change: Change, settings: Settings) -> None:
+def _check(device: Configurable, change: Change, settings: Settings) -> None:
     """Checks that the product can have a setting.
 
     Raises:
@@ -267,7 +265,9 @@ def _check_strings_off(before: Settings, settings: Settings) -> Iterable[str]:
         )
 
 
-def _check_line(device: Device, before: Settings, after: Settings, settings: Settings) -> None:
+def _check_line(
+    device: Configurable, before: Settings, after: Settings, settings: Settings
+) -> None:
     """Checks that the line carries what the device would send, at the rate that its port will have.
 
     Raises:

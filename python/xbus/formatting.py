@@ -5,13 +5,18 @@ from __future__ import annotations
 __all__ = ["describe_damage", "describe_losses", "format_count", "format_size"]
 
 
-def format_count(number: int, noun: str) -> str:
+def format_count(number: int, noun: str, plural: str | None = None) -> str:
     """Returns a number and a noun, in the plural unless the number is one.
+
+    Args:
+        number: The number.
+        noun: The noun in the singular.
+        plural: Its plural; None if it ends with an additional s.
 
     >>> format_count(1, "gap"), format_count(1200, "sample")
     ('1 gap', '1,200 samples')
     """
-    return f"{number:,} {noun}" + ("" if number == 1 else "s")
+    return f"{number:,} {noun if number == 1 else plural or noun + 's'}"
 
 
 def format_size(number: int) -> str:
