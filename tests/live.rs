@@ -148,15 +148,20 @@ fn full_queues_drop_the_oldest_and_count_them() {
     assert!(acquisition.take_sample().is_none());
     assert_eq!(acquisition.stats(0).dropped.samples, 27);
 
+    let short = frame(MTDATA2, &[0xF0, 0x10, 0]); // a packet of an unlisted quantity, without data
+    acquisition.push(&short.repeat(8), None);
+    assert_eq!((acquisition.waiting().samples, acquisition.waiting().dropped_samples), (4 * SAMPLE / 16, 29));
+    assert_eq!(acquisition.clear_data(), 6);
+
     let _ = acquisition.take_events(false);
     let acks: Vec<_> = (0..20).flat_map(|_| frame(CONFIG_ACK, &[])).collect();
     acquisition.push(&acks, None);
     let dropped = acquisition.stats(0).dropped;
     let events = acquisition.take_events(false).0;
-    assert_eq!((events.len(), dropped.messages), (4 * SAMPLE / 16, 14), "short entries take room too");
+    assert_eq!((events.len(), dropped.messages), (4 * SAMPLE / 16, 14), "short entries take room, too");
 
     (0..9).for_each(|_| assert!(acquisition.push(STRING, None)));
-    assert_eq!(acquisition.stats(0).dropped, Dropped { samples: 27, strings: 3, messages: 14 });
+    assert_eq!(acquisition.stats(0).dropped, Dropped { samples: 29, strings: 3, messages: 14 });
     assert_eq!(std::iter::from_fn(|| acquisition.take_string()).count(), 6);
     assert_eq!(acquisition.stats(0).queued, 0);
 }

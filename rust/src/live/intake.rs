@@ -201,3 +201,25 @@ impl Intake {
         self.bid == MASTER || bid == MASTER || device_of(bid) == device_of(self.bid)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn early_messages_are_forgotten_when_their_bytes_are_decided() {
+        let frame = |mid, payload: &[u8]| Frame { bid: MASTER, mid, payload }.encode().unwrap();
+        let (mut intake, mut lanes) = (Intake::new(MASTER, 0), Lanes::new(1000));
+        // A sample with a packet of an unlisted quantity that holds a message.
+        let inside = frame(table::ERROR, &[0]);
+        let sample = frame(table::MTDATA2, &[&[0xF0, 0x10, 100][..], &inside, &[0; 94]].concat());
+        for piece in [&sample[..50], &sample[50..80]] {
+            intake.feed(piece, 0, &mut lanes, None);
+            intake.early_messages();
+            assert_eq!(intake.early.len(), 1);
+        }
+        intake.feed(&sample[80..], 0, &mut lanes, None);
+        assert!(intake.early.is_empty() && intake.pieces.is_empty() && intake.undecided.window(false).bytes.is_empty());
+        assert_eq!((intake.counts().samples, intake.counts().messages), (1, 0));
+    }
+}
