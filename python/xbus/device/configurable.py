@@ -19,8 +19,11 @@ class Configurable(Protocol):
     """A device that answers commands: `Device`, whose documentation describes the members."""
 
     commands: Commands
-    product_code: str | None
     output_configuration: tuple[Output, ...] | None
+
+    @property
+    def product_code(self) -> str | None:
+        """Product code; None until the identity is read."""
 
     @property
     def link(self) -> Link:
