@@ -60,7 +60,7 @@ impl Device {
             let data = match quantity.clock {
                 Some(ClockRole::Counter) if !random.once_in(30) => self.counter.to_be_bytes().to_vec(),
                 Some(ClockRole::Fine) if !random.once_in(10) => fine.to_be_bytes().to_vec(),
-                Some(ClockRole::Coarse) if self.bid % 2 == 0 => self.coarse.to_be_bytes().to_vec(),
+                Some(ClockRole::Coarse) if self.bid.is_multiple_of(2) => self.coarse.to_be_bytes().to_vec(),
                 Some(ClockRole::Trigger) if random.once_in(30) => [&[1, 1][..], &fine.to_be_bytes(), &[0, 0]].concat(),
                 Some(ClockRole::Receiver) if random.once_in(60) => {
                     vec![0; size(quantity, Precision::Float32, 0, false)]
@@ -276,15 +276,15 @@ impl Taken {
         }
         assert!(rest.is_empty());
         self.strings.extend(strings.iter().cloned());
-        let decoded = decoder.decode(block);
-        self.host_times.extend(decoded.host_times);
-        self.string_times.extend(decoded.string_times);
-        let times = decoded.part.times();
+        let columns = decoder.decode(block);
+        self.host_times.extend(columns.host_times);
+        self.string_times.extend(columns.string_times);
+        let times = columns.part.times();
         self.log.join(Log {
             times: times.time.iter().map(|time| Bits(time.to_bits())).collect(),
             counters: times.counter.clone(),
             gaps: times.gaps.clone(),
-            ..Log::of(&decoded.part.part, &mut Clocks::default())
+            ..Log::of(&columns.part.part, &mut Clocks::default())
         });
     }
 }
@@ -332,8 +332,8 @@ fn samples_equal_the_log(stream: &[u8], random: &mut Random) {
         assert_eq!(bits(sample.host_time), bits(host_time));
     }
     let offsets: Vec<_> = taken.samples.iter().map(|(sample, _)| sample.offset.cast_signed()).collect();
-    let bids: Vec<_> = taken.samples.iter().map(|(sample, _)| sample.bid).collect();
-    assert_eq!((&offsets, &bids), (&log.offsets, &log.bids));
+    let senders: Vec<_> = taken.samples.iter().map(|(sample, _)| sample.bid).collect();
+    assert_eq!((&offsets, &senders), (&log.offsets, &log.bids));
     assert_eq!(times, log.times);
     assert_eq!(counters, log.counters);
     assert_eq!(gaps, log.gaps);

@@ -18,6 +18,7 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,8 +28,9 @@ from hypothesis import strategies as st
 
 import streams
 import xbus
-from conftest import damaged_streams, read
-from xbus._core import Acquisition, Received
+from conftest import counter, damaged_streams, read
+from streams import packet
+from xbus._core import Acquisition, Cancel, ScannedDamage, ScannedFrame, ScannedString
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals")
 
@@ -72,19 +74,18 @@ def hold_the_lock_while(process: subprocess.Popen[bytes]) -> None:
         digits += digits // 2
 
 
-def take(acquisition: Acquisition, size: int) -> bytes:
-    """Returns this number of contiguous bytes."""
-    data = b""
-    while len(data) < size:
-        taken = acquisition.read(LONG)
-        assert taken is not None
-        assert taken.data, "nothing came"
-        assert taken.offset == len(data)
-        assert taken.ends[-1] == len(taken.data)
-        assert np.all(np.diff(taken.ends) > 0)
-        assert np.all(np.diff(taken.arrivals) >= 0)
-        data += taken.data
-    return data
+def take(acquisition: Acquisition, count: int) -> bytes:
+    """Returns the frames of this number of samples, which are adjacent in the stream."""
+    deadline, frames, arrival = time.monotonic() + LONG, b"", 0.0
+    for _ in range(count):
+        while (sample := acquisition.take_sample()) is None:
+            assert time.monotonic() < deadline
+            assert acquisition.wait(LONG, samples=1)
+        assert sample.offset == len(frames)
+        assert sample.arrival >= arrival
+        arrival = sample.arrival
+        frames += xbus.encode_frame(0x36, sample.payload, bid=sample.bid)
+    return frames
 
 
 def test_nothing_is_lost_while_python_holds_its_lock(pty: tuple[int, str], tmp_path: Path) -> None:
@@ -95,18 +96,19 @@ def test_nothing_is_lost_while_python_holds_its_lock(pty: tuple[int, str], tmp_p
         acquisition.record(tmp_path / "log.mtb", head=streams.frame(0x0D))
         process = send(ours, data)
         hold_the_lock_while(process)
-        queued = acquisition.stats()["queued_bytes"]
-        assert queued > len(data) - PTY, "it came while no other thread could run"
-        assert take(acquisition, len(data)) == data
+        waiting = acquisition.waiting.samples
+        assert waiting * 27 > len(data) - PTY, "it came while no other thread could run"
+        assert take(acquisition, 60_000) == data
         report = acquisition.stop_recording()
         acquisition.close()
-    stats = acquisition.stats()
-    counted = [
-        stats[name] for name in ("bytes", "samples", "skipped_bytes", "dropped_bytes", "gaps")
-    ]
-    assert counted == [len(data), 60_000, 0, 0, 0]
-    assert stats["quantities"][0x1060] == 60_000
-    assert stats["quantities"][0x4040] + stats["quantities"][0x8040] == 60_000
+    stats = acquisition.stats(time.monotonic())
+    counts = stats["counts"]
+    assert [counts[name] for name in ("bytes", "frames", "samples")] == [len(data), 60_000, 60_000]
+    assert (counts["skipped_bytes"], counts["losses"]) == (0, {"samples": 0, "gaps": 0})
+    assert counts["quantities"][0x1060] == 60_000
+    assert counts["quantities"][0x4040] + counts["quantities"][0x8040] == 60_000
+    assert stats["dropped"] == {"samples": 0, "strings": 0, "messages": 0}
+    assert (stats["queued"], stats["unread"]) == (0, 0)
     assert stats["overruns"] is None
     assert report == {
         "files": [tmp_path / "log.mtb"],
@@ -162,43 +164,165 @@ def test_times(tmp_path: Path) -> None:
 
 def test_arrivals_use_the_monotonic_clock() -> None:
     acquisition = Acquisition(None)
+    data = streams.ahrs(2)
     before = time.monotonic_ns()
-    acquisition.push(b"one")
-    acquisition.push(b"and two")
+    acquisition.push(data[:100])
+    acquisition.push(data[100:])
     after = time.monotonic_ns()
-    taken = acquisition.read(0)
-    assert taken is not None
-    assert (taken.offset, taken.data, taken.ends.tolist()) == (0, b"oneand two", [3, 10])
-    assert before <= taken.arrivals[0] <= taken.arrivals[1] <= after
-    assert acquisition.stats()["last_arrival"] == taken.arrivals[1]
+    one, other = acquisition.take_sample(), acquisition.take_sample()
+    assert one is not None
+    assert other is not None
+    assert before / 1e9 <= one.arrival <= other.arrival <= after / 1e9
+    assert before <= acquisition.stats(after / 1e9)["last_arrival"] <= after
+    assert acquisition.waiting.last_sample == acquisition.waiting.last_arrival == other.arrival
 
 
-def test_a_full_queue_drops_the_oldest() -> None:
-    acquisition = Acquisition(None, bound=1000)
-    for byte in range(100):
-        acquisition.push(bytes([byte]) * 100)
-    taken = acquisition.read(0)
-    assert taken is not None
-    assert taken.offset == 9000
-    assert taken.data == b"".join(bytes([byte]) * 100 for byte in range(90, 100))
-    stats = acquisition.stats()
-    assert (stats["dropped_bytes"], stats["most_queued_bytes"], stats["queued_bytes"]) == (
-        9000,
-        1000,
-        0,
+def test_a_sample_arrives_with_its_last_byte() -> None:
+    acquisition = Acquisition(None, epoch=5_000_000_000)
+    data = streams.ahrs(3)
+    for at, byte in enumerate(data):
+        acquisition.push(bytes([byte]), at / 1000)
+    arrivals = []
+    while (sample := acquisition.take_sample()) is not None:
+        arrivals.append(sample.arrival)
+    assert arrivals == [0.087, 0.175, 0.263]
+    assert acquisition.epoch == 5_000_000_000
+    assert acquisition.waiting.last_arrival == 0.263
+
+
+def test_arrivals_never_decrease() -> None:
+    acquisition = Acquisition(None)
+    for arrival in (2.0, 1.0, 3.0):
+        acquisition.push(streams.ahrs(1), arrival)
+    samples = [acquisition.take_sample() for _ in range(3)]
+    assert [sample.arrival for sample in samples if sample is not None] == [2.0, 2.0, 3.0]
+
+
+def numbered(count: int) -> list[bytes]:
+    """Returns samples of 16 bytes."""
+    return [streams.mtdata2(counter(at), packet(0x9990, bytes(3))) for at in range(count)]
+
+
+def test_full_lanes_drop_the_oldest() -> None:
+    acquisition = Acquisition(None, bound=160)
+    string = xbus.encode_string("HCMTW", {"temperature": 25.0})
+    for at, sample in enumerate(numbered(100)):
+        acquisition.push(sample + string + streams.frame(0x3E, bytes([at]) * 9))
+    stats, waiting = acquisition.stats(0.0), acquisition.waiting
+    kept = {"samples": waiting.samples, "strings": waiting.strings}
+    assert kept == {"samples": 10, "strings": 160 // len(string)}
+    assert stats["dropped"]["samples"] == waiting.dropped_samples == 90
+    assert stats["dropped"]["strings"] == 100 - kept["strings"]
+    samples = []
+    while (taken := acquisition.take_sample()) is not None:
+        samples.append(xbus.Sample(taken.payload)["packet_counter"])
+    assert samples == list(range(90, 100))
+    messages = [item for item in acquisition.take_events().items if item is not None]
+    assert [item.payload[0] for item in messages if isinstance(item, ScannedFrame)] == list(
+        range(100 - len(messages), 100)
     )
+    assert stats["dropped"]["messages"] == 100 - len(messages)
+    assert len(messages) == 5, "a mark of data before each is an entry, too"
+    counts = stats["counts"]
+    assert (counts["samples"], counts["messages"], counts["strings"]) == (100, 100, {"HCMTW": 100})
+    assert acquisition.stats(0.0)["dropped"] == stats["dropped"]
 
 
-def wait_for(acquisition: Acquisition, event: Callable[[], object]) -> object:
-    """Returns what a waiting thread reads while something happens."""
-    came: list[object] = []
-    reader = threading.Thread(target=lambda: came.append(acquisition.read(LONG)))
+def test_a_lane_keeps_its_newest_entry_of_any_size() -> None:
+    acquisition = Acquisition(None, bound=1)
+    acquisition.push(streams.ahrs(3))
+    sample = acquisition.take_sample()
+    assert sample is not None
+    assert sample.offset == 176
+    assert acquisition.take_sample() is None
+
+
+def test_what_is_cleared_is_not_dropped() -> None:
+    acquisition = Acquisition(None)
+    acquisition.push(streams.ahrs(3) + xbus.encode_string("HEHDT", {"heading": 1.0}))
+    assert acquisition.clear_data() == 4
+    assert acquisition.clear_data() == 0
+    stats = acquisition.stats(0.0)
+    assert stats["dropped"] == {"samples": 0, "strings": 0, "messages": 0}
+    assert (stats["queued"], stats["unread"], stats["counts"]["samples"]) == (0, 0, 3)
+    assert acquisition.take_sample() is acquisition.take_string() is None
+
+
+def test_half_a_frame_waits() -> None:
+    """A message inside it is found early, once, and does not change what the whole is."""
+    inner = streams.frame(0x31)
+    sample = streams.frame(0x36, packet(0x9990, inner + bytes(7)))
+    acquisition = Acquisition(None)
+    acquisition.push(sample[:13], 1.0)
+    assert acquisition.take_events().items == []
+    (early,) = acquisition.take_events(early=True).items
+    assert isinstance(early, ScannedFrame)
+    assert (early.mid, early.offset) == (0x31, sample.index(inner))
+    assert acquisition.take_events(early=True).items == []
+    assert acquisition.take_sample() is None
+    acquisition.push(sample[13:], 9.0)
+    whole = acquisition.take_sample()
+    assert whole is not None
+    assert (xbus.encode_frame(0x36, whole.payload), whole.arrival) == (sample, 9.0)
+    assert acquisition.take_events(early=True).items == [None]
+    counts = acquisition.stats(9.0)["counts"]
+    assert (counts["messages"], counts["samples"], counts["skipped_bytes"]) == (0, 1, 0)
+
+
+def test_an_interrupted_frame_is_damage() -> None:
+    acquisition = Acquisition(None)
+    data = streams.ahrs(2)
+    acquisition.push(data[:50])
+    acquisition.interrupt()
+    acquisition.push(data[88:])
+    (damage, mark) = acquisition.take_events().items
+    assert isinstance(damage, ScannedDamage)
+    assert (damage.offset, damage.length, mark) == (0, 50, None)
+    sample = acquisition.take_sample()
+    assert sample is not None
+    assert sample.offset == 50
+
+
+def test_everything_in_order() -> None:
+    acquisition = Acquisition(None)
+    string = xbus.encode_string("HEHDT", {"heading": 1.0})
+    pieces = [streams.ahrs(1), b"??", streams.frame(0x3E), string, streams.ahrs(1)]
+    acquisition.push(b"".join(pieces))
+    items = acquisition.take_all()
+    assert items is not None
+    kinds = [ScannedFrame, ScannedDamage, ScannedFrame, ScannedString, ScannedFrame]
+    assert [type(item) for item in items] == kinds
+    assert [item.offset for item in items] == [0, 88, 90, 95, 95 + len(string)]
+    assert acquisition.take_all() == []
+    assert acquisition.waiting.events_added > 0
+    acquisition.end("over")
+    assert acquisition.take_all() is None
+
+
+def test_frames_of_another_device_are_only_counted() -> None:
+    acquisition = Acquisition(None, bid=2)
+    for bid in (1, 2, 3, 0xFF):
+        acquisition.push(streams.mtdata2(counter(bid), bid=bid) + streams.frame(0x3E, bid=bid))
+    samples = [acquisition.take_sample() for _ in range(3)]
+    assert [None if sample is None else sample.bid for sample in samples] == [2, 0xFF, None]
+    messages = [
+        item.bid for item in acquisition.take_events().items if isinstance(item, ScannedFrame)
+    ]
+    assert (messages, acquisition.bid) == ([2, 0xFF], 2)
+    counts = acquisition.stats(0.0)["counts"]
+    assert (counts["samples"], counts["messages"]) == (4, 4)
+
+
+def wait_for(acquisition: Acquisition, event: Callable[[], object], **need: Any) -> object:
+    """Returns what a waiting thread returns while something happens."""
+    ended: list[object] = []
+    waiter = threading.Thread(target=lambda: ended.append(acquisition.wait(LONG, **need)))
     began = time.monotonic()
-    reader.start()
+    waiter.start()
     event()
-    reader.join()
+    waiter.join()
     assert time.monotonic() < began + LONG / 2
-    return came[0]
+    return ended[0]
 
 
 def test_a_fork_does_not_affect_the_threads(pty: tuple[int, str], tmp_path: Path) -> None:
@@ -213,10 +337,11 @@ def test_a_fork_does_not_affect_the_threads(pty: tuple[int, str], tmp_path: Path
             del acquisition
             os._exit(0)
         assert os.waitpid(child, 0) == (child, 0)
-        os.write(ours, b"still here")
-        assert take(acquisition, 10) == b"still here"
+        data = streams.ahrs(10)
+        os.write(ours, data)
+        assert take(acquisition, 10) == data
         acquisition.close()
-    assert (tmp_path / "log.mtb").read_bytes() == b"still here"
+    assert (tmp_path / "log.mtb").read_bytes() == data
 
 
 @given(damaged_streams(), st.integers(1, 300))
@@ -225,17 +350,19 @@ def test_statistics_match_a_log(data: bytes, size: int) -> None:
     for at in range(0, len(data), size):
         acquisition.push(data[at : at + size])
     acquisition.end("the stream was used up")
-    stats = acquisition.stats()
+    counts = acquisition.stats(time.monotonic())["counts"]
     log = read(data, limit=8185)
-    for name, count in vars(log.stats).items():
-        assert (sum(stats[name].values()) if name == "strings" else stats[name]) == count, name
-    assert stats["strings"] == log.strings.counts
+    assert counts["strings"] == log.strings.counts
+    assert counts["losses"] == {"samples": log.stats.lost_samples, "gaps": log.stats.gaps}
+    for name in vars(log.stats).keys() - {"strings", "lost_samples", "gaps"}:
+        assert counts[name] == getattr(log.stats, name), name
+    assert sum(counts["strings"].values()) == log.stats.strings
     packets = Counter[int]()
     for key in log:
         packets[log[key].data_id & 0xFFF0] += len(log[key])
     for data_id, unknown in log.unknown.items():
         packets[data_id & 0xFFF0] += len(unknown)
-    assert stats["quantities"] == packets
+    assert counts["quantities"] == packets
 
 
 def without_string_messages(logs: list[bytes]) -> list[bytes]:
@@ -256,45 +383,114 @@ def without_string_messages(logs: list[bytes]) -> list[bytes]:
     return bodies
 
 
-@given(damaged_streams(), st.integers(1, 300), st.integers(0, 100), st.integers(1, 2000))
+@given(
+    damaged_streams(), st.integers(1, 300), st.integers(0, 100), st.integers(1, 2000), st.booleans()
+)
 def test_recordings_hold_every_byte_in_whole_frames(
-    data: bytes, size: int, skipped: int, rotate: int
+    data: bytes, size: int, skipped: int, rotate: int, ends: bool
 ) -> None:
-    """For any input and any rotation the joined files are the input, from a frame on."""
+    """For any input and any rotation the joined files are the input, from a frame on.
+
+    A recording that is stopped ends with the last decided byte; with the stream, it ends with the last byte.
+    """
     with tempfile.TemporaryDirectory() as folder:
         acquisition = Acquisition(None)
         acquisition.push(data[:skipped])
+        before = acquisition.stats(0.0)["counts"]["frames"]
         acquisition.record(Path(folder, "log.mtb"), rotate_bytes=rotate, flush=0, times=False)
         for at in range(skipped, len(data), size):
             acquisition.push(data[at : at + size])
+        if ends:
+            acquisition.end("over")
+        frames = acquisition.stats(0.0)["counts"]["frames"] - before
         report = acquisition.stop_recording()
         assert report is not None
-        assert report["error"] is None
+        assert (report["error"], report["frames"]) == (None, frames)
+        acquisition.push(data)
+        acquisition.end("over")
         logs = without_string_messages([Path(item).read_bytes() for item in report["files"]])
     joined = b"".join(logs)
     assert len(joined) == report["bytes"]
-    assert data.endswith(joined)
-    assert len(joined) >= len(data) - skipped
-    frames = sum(read(log, limit=8185).stats.frames for log in logs)
-    assert frames >= read(joined, limit=8185).stats.frames
+    if ends:
+        assert data.endswith(joined)
+        assert len(joined) >= len(data) - skipped
+    else:
+        assert joined in data
+        # The rest is one incomplete frame or string, which may look like several.
+        rest = data[data.rindex(joined) + len(joined) :]
+        assert len(rest) <= 8192
+        found = read(joined + rest, limit=8185).stats
+        assert found.frames >= frames
+    found_frames = sum(read(log, limit=8185).stats.frames for log in logs)
+    assert found_frames >= read(joined, limit=8185).stats.frames
+    assert found_frames >= frames
 
 
-def test_a_wait_ends_when_bytes_come(pty: tuple[int, str]) -> None:
+def test_a_recording_that_is_stopped_ends_with_a_whole_frame(tmp_path: Path) -> None:
+    data = streams.ahrs(3)
+    acquisition = Acquisition(None)
+    acquisition.push(data[:44])
+    acquisition.record(tmp_path / "one.mtb")
+    acquisition.push(data[44:200])
+    assert acquisition.stop_recording() is not None
+    acquisition.record(tmp_path / "two.mtb")
+    acquisition.push(data[200:260])
+    acquisition.end("over")
+    report = acquisition.stop_recording()
+    assert report is not None
+    assert (report["bytes"], report["frames"]) == (260 - 176, 0)
+    assert (tmp_path / "one.mtb").read_bytes() == data[:176]
+    assert (tmp_path / "two.mtb").read_bytes() == data[176:260]
+
+
+def test_a_wait_ends_when_samples_arrive(pty: tuple[int, str]) -> None:
     ours, name = pty
+    data = streams.ahrs(2)
     with serial.Serial(name, timeout=0) as port:
         acquisition = Acquisition(port.fileno())
-        came = wait_for(acquisition, lambda: os.write(ours, b"x"))
-        assert isinstance(came, Received)
-        assert (came.offset, came.data) == (0, b"x")
+        assert not acquisition.wait(0.01, samples=1)
+        assert wait_for(acquisition, lambda: os.write(ours, data), samples=2) is True
+        assert acquisition.waiting.samples == 2
         acquisition.close()
+
+
+def test_a_wait_is_for_one_kind() -> None:
+    """It ends with the first of what it is for, and with nothing else."""
+    acquisition = Acquisition(None)
+    string = xbus.encode_string("HEHDT", {"heading": 1.0})
+    seen = acquisition.take_events().added
+    assert not acquisition.wait(0, samples=1, strings=True, events=seen)
+    acquisition.push(string)
+    assert acquisition.wait(0, strings=True)
+    assert not acquisition.wait(0.01, samples=1)
+    assert acquisition.wait(0, events=seen), "a mark that data has come"
+    seen = acquisition.take_events().added
+    acquisition.push(string)
+    assert not acquisition.wait(0, events=seen), "the next string is no event"
+    acquisition.push(streams.frame(0x3E))
+    assert acquisition.wait(0, events=seen)
+    assert not acquisition.wait(0)
+    assert acquisition.waiting.strings == 2
 
 
 def test_a_wait_ends_on_close(pty: tuple[int, str]) -> None:
     _, name = pty
     with serial.Serial(name, timeout=0) as port:
         acquisition = Acquisition(port.fileno())
-        assert wait_for(acquisition, acquisition.close) is None
+        assert wait_for(acquisition, acquisition.close) is True
         assert acquisition.ended == "it was closed"
+
+
+def test_a_wait_ends_when_it_is_cancelled() -> None:
+    acquisition, cancel = Acquisition(None), Cancel()
+    assert not cancel.is_set
+    assert (
+        wait_for(acquisition, lambda: acquisition.cancel(cancel), samples=1, cancel=cancel) is True
+    )
+    assert cancel.is_set
+    assert acquisition.ended is None
+    assert acquisition.wait(LONG, samples=1, cancel=cancel)
+    assert not acquisition.wait(0, samples=1, cancel=Cancel())
 
 
 def test_a_wait_ends_when_the_port_is_gone() -> None:
@@ -303,42 +499,59 @@ def test_a_wait_ends_when_the_port_is_gone() -> None:
     with serial.Serial(os.ttyname(theirs), timeout=0) as port:
         os.close(theirs)
         acquisition = Acquisition(port.fileno())
-        assert wait_for(acquisition, lambda: os.close(ours)) is None
+        assert wait_for(acquisition, lambda: os.close(ours), samples=1) is True
         assert acquisition.ended == "the port is gone: unplugged, or closed on the other side"
 
 
-def test_queued_bytes_can_be_read_after_the_end() -> None:
+def test_what_waits_can_be_taken_after_the_end() -> None:
     acquisition = Acquisition(None)
-    acquisition.push(b"the last")
+    data = streams.ahrs(2)
+    acquisition.push(data[:100])
     acquisition.end("the pump failed")
     acquisition.end("for another reason")
-    assert not acquisition.push(b"too late")
-    taken = acquisition.read()
-    assert taken is not None
-    assert taken.data == b"the last"
-    assert acquisition.read() is None
+    assert not acquisition.push(data)
+    sample = acquisition.take_sample()
+    assert sample is not None
+    assert xbus.encode_frame(0x36, sample.payload) == data[:88]
+    (_, damage) = acquisition.take_events().items
+    assert isinstance(damage, ScannedDamage)
+    assert (damage.offset, damage.length) == (88, 12)
+    assert acquisition.take_sample() is None
+    assert acquisition.take_all() is None
     assert acquisition.ended == "the pump failed"
+    assert acquisition.wait(LONG, samples=5), "no more will come"
+    acquisition.resume()
+    with pytest.raises(RuntimeError, match="the stream has not ended"):
+        acquisition.resume()
+    assert acquisition.push(data[:88])
+    again = acquisition.take_sample()
+    assert again is not None
+    assert again.offset == 100
 
 
 def test_time_outs() -> None:
     acquisition = Acquisition(None)
-    taken = acquisition.read(0.01)
-    assert taken is not None
-    assert taken.data == b""
-    assert len(taken.ends) == len(taken.arrivals) == 0
-    acquisition.push(b"abc")
-    taken = acquisition.read(0.01, least=4)
-    assert taken is not None
-    assert taken.data == b"abc", "what there is when the time is up"
-    with pytest.raises(ValueError, match="timeout must be a number of seconds, not -1"):
-        acquisition.read(-1.0)
+    began = time.monotonic()
+    assert not acquisition.wait(0.05, samples=1)
+    acquisition.push(streams.ahrs(1))
+    assert not acquisition.wait(0.05, samples=2)
+    assert 0.1 <= time.monotonic() - began < LONG / 2
+    for timeout in (-1.0, float("nan")):
+        with pytest.raises(ValueError, match="timeout must be a number of seconds, not"):
+            acquisition.wait(timeout)
+
+
+def test_a_wait_for_more_than_fits_ends_when_the_lane_is_full() -> None:
+    acquisition = Acquisition(None, bound=880)
+    assert wait_for(acquisition, lambda: acquisition.push(streams.ahrs(11)), samples=100) is True
+    assert acquisition.waiting.samples == 10
 
 
 def test_another_port_can_follow(tmp_path: Path) -> None:
     acquisition = Acquisition(None)
     acquisition.record(tmp_path / "log.mtb")
     data = streams.ahrs(10)
-    for _ in range(3):
+    for turn in range(3):
         theirs, ours = os.pipe()
         if acquisition.ended is None:
             acquisition.end("not yet a port")
@@ -348,11 +561,14 @@ def test_another_port_can_follow(tmp_path: Path) -> None:
         os.close(theirs)
         os.write(ours, data)
         os.close(ours)
-        taken = acquisition.read(LONG)
-        assert taken is not None
-        assert taken.data == data
-        assert acquisition.read(LONG) is None
-    assert acquisition.stats()["samples"] == 30
+        assert acquisition.wait(LONG, samples=10)
+        samples = [acquisition.take_sample() for _ in range(10)]
+        offsets = [sample.offset for sample in samples if sample is not None]
+        assert offsets == [880 * turn + 88 * at for at in range(10)]
+        assert acquisition.wait(LONG, samples=1)
+        assert acquisition.take_sample() is None
+        assert acquisition.ended is not None
+    assert acquisition.stats(0.0)["counts"]["samples"] == 30
     acquisition.close()
     assert (tmp_path / "log.mtb").read_bytes() == data * 3
     report = acquisition.recording
@@ -397,7 +613,7 @@ from xbus._core import Acquisition
 acquisition = Acquisition(0)
 acquisition.record(sys.argv[1], flush=0.01)
 print("ready", flush=True)
-acquisition.read(least=1 << 30)
+acquisition.wait(1000, samples=1 << 30)
 """
 
 
@@ -455,7 +671,7 @@ from xbus._core import Acquisition
 acquisition = Acquisition(0)
 try:
     print("ready", flush=True)
-    acquisition.read()
+    acquisition.wait(1000, samples=1)
 except KeyboardInterrupt:
     print("heard", flush=True)
 """
@@ -476,7 +692,7 @@ def test_the_reader_uses_little_cpu_time(pty: tuple[int, str]) -> None:
     with serial.Serial(name, timeout=0) as port:
         acquisition = Acquisition(port.fileno())
         before = resource.getrusage(resource.RUSAGE_SELF)
-        acquisition.read(0.3)
+        acquisition.wait(0.3, samples=1)
         after = resource.getrusage(resource.RUSAGE_SELF)
         acquisition.close()
     assert after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime < 0.15

@@ -74,7 +74,7 @@ def opened(product: str = "MTi-680G", **options: Any) -> tuple[Device, AlteredDe
 
 
 def replace_answers(sim: AlteredDevice, *answers: bytes | None) -> None:
-    """Makes the host receive other bytes instead of the next answers to ForwardGnssData; None changes nothing."""
+    """Replaces the next answers to ForwardGnssData; None leaves one as it is."""
     instead = list(answers)
     ack = frame(MessageId.ForwardGnssDataAck)
 
