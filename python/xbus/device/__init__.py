@@ -1,9 +1,9 @@
 """Devices: connections, commands, settings, live data and recordings."""
 
 from xbus.device.commands import Commands
-from xbus.device.connection import connect, restore_communication
 from xbus.device.device import Device
 from xbus.device.events import Notice, Refusal, Reply, SessionEvent
+from xbus.device.opening import connect, restore_communication
 from xbus.device.ports import Port, find_ports
 from xbus.device.recording import Recording
 from xbus.device.sample import Sample

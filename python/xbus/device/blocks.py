@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from xbus import _core
 from xbus.device.channel import Channel
+from xbus.device.reader import Reader
 from xbus.log.arrivals import HostTimes
 from xbus.log.hostclock import HostClock
 from xbus.log.log import Log
@@ -21,6 +22,7 @@ class Blocks:
     def __init__(
         self,
         channel: Channel,
+        reader: Reader,
         *,
         seconds: float | None,
         samples: int | None,
@@ -33,7 +35,8 @@ class Blocks:
             raise ValueError(
                 f"the length of a block must be positive, not {seconds or samples or 0}"
             )
-        self._channel, self._seconds, self._samples = channel, seconds, samples
+        self._channel, self._reader = channel, reader
+        self._seconds, self._samples = seconds, samples
         self._timeout = timeout
         self._filter = quantity_filter(quantities)
         self._decoder = channel.link.acquisition.block_decoder(self._filter)
@@ -52,20 +55,19 @@ class Blocks:
 
     async def __anext__(self) -> Log:
         while True:
-            await self._channel.wait_async(self._wait)
+            await self._reader.wait_async(self._wait)
             # The samples are taken after the wait: one that is cancelled leaves them unread.
             if (block := self._take()) is not None:
                 return block
 
     def _wait(self, cancel: _core.Cancel | None = None) -> None:
         """Waits until the next block is complete."""
-        channel = self._channel
         if self._seconds is None:
-            channel.wait_for_samples(self._samples or 1, self._timeout, cancel)
+            self._reader.wait_for_samples(self._samples or 1, self._timeout, cancel)
             return
         # What had arrived before the port was lost is a block, too.
-        channel.wait_for(self._has_last_data, self._seconds, cancel=cancel)
-        channel.wait_for_strings(self._timeout, samples=True, cancel=cancel)
+        self._channel.wait_for(self._has_last_data, self._seconds, cancel=cancel)
+        self._reader.wait_for_strings(self._timeout, samples=True, cancel=cancel)
 
     def _has_last_data(self) -> bool:
         acquisition = self._channel.link.acquisition

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import math
-import os
 import threading
-import weakref
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NoReturn, Protocol
+from typing import Any, Protocol
 
 from xbus import _core
+from xbus.device.connection import Connection, abandon_in_fork
 from xbus.device.events import Notice, Refusal, Reply
-from xbus.device.sample import Sample
 from xbus.device.session import PROBE, Session
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
@@ -25,7 +21,6 @@ from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import BITS_PER_BYTE, State
 from xbus.wire.codec import encode_frame, message_of
 from xbus.wire.link import Link
-from xbus.wire.strings import String, type_at
 
 __all__ = ["Channel", "Trace"]
 
@@ -57,8 +52,6 @@ SILENCE_SECONDS = 0.1
 REOPEN_INTERVAL = 0.1
 #: Messages about the device that a recording should start with.
 HEARD_MESSAGES = (*IDENTITY_MESSAGES, MessageId.ReqStringOutputTypeAck)
-#: Maximum number of threads that wait for an event loop, for one device.
-ASYNC_WAITS = 16
 
 
 class Trace(Protocol):
@@ -72,7 +65,7 @@ class Trace(Protocol):
 
 
 class Channel:
-    """Sends the commands of a session over a link, and waits for answers and data.
+    """Sends the commands of a session over a link, and waits for answers.
 
     Several threads may use a channel. Samples and strings stay in the queues of the link until they are read,
     so a reader does not delay a command, nor a command a reader.
@@ -86,6 +79,8 @@ class Channel:
         heard: The last frame of each message about the device, by MID.
         outdated: Number of samples and strings removed unread because new settings took effect.
         trace: Follows the messages, or None.
+        connection: Opens, checks and closes the link.
+        seen: Number of events that were ever handled.
     """
 
     def __init__(self, link: Link, *, listen: bool = False, reconnect: bool = False) -> None:
@@ -102,34 +97,61 @@ class Channel:
         if link.trouble is not None:
             self.notices.append(Notice("Port", link.trouble, b"", self.session.bid, None))
         self._reconnects = reconnect
-        #: When the port was lost, and the state of the device then; None once it is back.
+        self._is_reconnecting = False
+        #: When the port was lost, and the state of the device then; None once the device is back.
         self._lost: tuple[float, State] | None = None
-        self._is_disconnected = self._is_reconnecting = False
-        self._is_closed = self._is_abandoned = False
-        #: Number of times that the port was lost.
-        self._losses = 0
         self._answers: deque[Reply | Refusal] = deque()
-        #: Number of events that were ever handled.
-        self._seen = 0
+        self.seen = 0
         #: Number of messages, and first samples or strings after one.
         self._heard = 0
         #: Whether settings have changed since the last measurement began.
         self._has_new_settings = False
-        self._executor: ThreadPoolExecutor | None = None
         self._make_locks()
-        _CHANNELS.add(self)
+        self.connection = Connection(link, self._note_loss)
+        abandon_in_fork(self)
 
     def _make_locks(self) -> None:
         self._handling = threading.RLock()
         self._commanding = threading.RLock()
         self._reconnecting = threading.RLock()
 
-    def _abandon_in_fork(self) -> None:
-        """Ends the channel in a forked process, in which its threads do not run and its locks may be held."""
+    def abandon(self) -> None:
+        """Ends the channel in a forked process, in which no thread runs and locks may be held forever."""
         self._make_locks()
-        self._is_closed = self._is_abandoned = True
-        self._executor = None
-        self.link.abandon()
+        self.connection.abandon()
+
+    def _note_loss(self) -> None:
+        """Handles what arrived before the port was lost; what the state is after that is not known."""
+        self.handle_events()
+        if self._lost is None:
+            self._lost = self.link.clock(), self.session.state
+        self.forget_state()
+
+    def send(self, data: bytes, command: str) -> None:
+        """Sends bytes.
+
+        Raises:
+            Disconnected: The port is gone, or was closed.
+            StateError: The port was opened only to listen.
+        """
+        if self.is_listening:
+            what = f"{command} was not sent: {self.link.name} was opened only to listen"
+            raise StateError(what, command, self.state)
+        self._open(command)
+        if self.trace is not None:
+            self.trace.sent(data)
+        self.connection.write(data, command)
+
+    def _open(self, command: str | None) -> int:
+        """Opens the port again if it was lost. Returns how often that has happened.
+
+        Raises:
+            Disconnected: The port cannot be opened, or was closed.
+        """
+        losses = self.connection.open(command)
+        if not self._is_reconnecting:
+            self._lost = None
+        return losses
 
     # Events
 
@@ -149,7 +171,7 @@ class Channel:
             events = self.link.acquisition.take_events(early=early)
             for item in events.items:
                 self._handle(item)
-            self._seen = events.added
+            self.seen = events.added
             return events.added
 
     def _handle(self, item: _core.ScannedFrame | _core.ScannedDamage | None) -> None:
@@ -191,6 +213,12 @@ class Channel:
         finally:
             self._configurer = before
 
+    @property
+    def sends_no_data(self) -> bool:
+        """Whether the device is in Config State, and not only until another thread is done."""
+        is_waiting = self._configurer not in (None, threading.get_ident())
+        return self.session.state == State.CONFIG and not is_waiting
+
     # Waiting
 
     def wait_for(
@@ -229,11 +257,11 @@ class Channel:
                 return False
             try:
                 losses = self._open(command) if losses is None else losses
-                self._check_connection(losses, command)
+                self.connection.check(losses, command)
                 self.link.wait(left, samples=samples, strings=strings, events=seen, cancel=cancel)
             except Disconnected:
                 losses = None
-                if self._is_closed:
+                if self.connection.is_closed:
                     raise
                 if self._reconnects and command is None:
                     self._reconnect(cancel)
@@ -243,109 +271,24 @@ class Channel:
                 else:
                     raise
 
-    async def wait_async(self, wait: Callable[[_core.Cancel], object]) -> None:
-        """Waits in a thread. A cancellation ends the wait at once."""
-        if self._executor is None:
-            self._executor = ThreadPoolExecutor(ASYNC_WAITS, thread_name_prefix="xbus-wait")
-        cancel = _core.Cancel()
-        try:
-            await asyncio.get_running_loop().run_in_executor(self._executor, wait, cancel)
-        finally:
-            self.link.acquisition.cancel(cancel)
-
-    # The connection
-
-    def send(self, data: bytes, command: str) -> None:
-        """Sends bytes.
-
-        Raises:
-            Disconnected: The port is gone, or was closed.
-            StateError: The port was opened only to listen.
-        """
-        if self.is_listening:
-            raise StateError(
-                f"{command} was not sent: {self.link.name} was opened only to listen",
-                command,
-                self.state,
-            )
-        self._open(command)
-        try:
-            self.link.write(data)
-        except OSError as error:
-            self._disconnect(error, command)
-        if self.trace is not None:
-            self.trace.sent(data)
-
-    def close(self) -> None:
-        """Closes the link, and ends all waits with Disconnected."""
-        self._is_closed = True
-        self.link.close()
-        if self._executor is not None:
-            self._executor.shutdown(wait=False)
-
-    def _open(self, command: str | None) -> int:
-        """Opens the port again if it was lost. Returns how often that has happened.
-
-        Raises:
-            Disconnected: The port cannot be opened, or was closed.
-        """
-        if self._is_closed:
-            self._refuse_closed(command)
-        with self._handling:
-            if self._is_disconnected:
-                try:
-                    self.link.reopen()
-                except OSError as error:
-                    self._disconnect(error, command)
-                self._is_disconnected = False
-                if not self._is_reconnecting:
-                    self._lost = None
-            return self._losses
-
-    def _check_connection(self, losses: int, command: str | None) -> None:
-        """Raises Disconnected if the port was lost or closed since `_open` returned this number."""
-        if self._is_closed:
-            self._refuse_closed(command)
-        ended = self.link.acquisition.ended
-        if ended is not None or losses != self._losses:
-            self._disconnect(ConnectionResetError(ended or "another thread lost it"), command)
-
-    def _refuse_closed(self, command: str | None) -> NoReturn:
-        what = "belongs to the parent process" if self._is_abandoned else "was closed"
-        raise Disconnected(f"{self.link.name} {what}; connect() opens it again", command)
-
-    def _disconnect(self, error: OSError, command: str | None) -> NoReturn:
-        with self._handling:
-            self.handle_events()
-            if not self._is_disconnected:
-                self._losses += 1
-                if self._lost is None:
-                    self._lost = self.link.clock(), self.session.state
-                self.forget_state()
-                self._is_disconnected = True
-        what = f"during {command}" if command else "while listening"
-        raise Disconnected(
-            f"{self.link.name} was lost {what}: {error}; check the cable; the next command opens the port"
-            " again",
-            command,
-        ) from error
-
     def _reconnect(self, cancel: _core.Cancel | None) -> None:
         """Waits until the device is back, and restores the state that it had."""
         with self._reconnecting:
-            while self._is_disconnected or self._lost is not None:
-                if self._is_closed:
-                    self._refuse_closed(None)
+            while self.connection.is_lost or self._lost is not None:
                 if self.try_reconnect() or (cancel is not None and cancel.is_set):
                     return
 
     def try_reconnect(self) -> bool:
-        """Tries once to reach the device and to restore the state that it had. Returns whether it is back."""
-        ended = self.link.acquisition.ended
-        if ended is not None and not self._is_disconnected:
+        """Tries once to reach the device and to restore the state that it had. Returns whether it is back.
+
+        Raises:
+            Disconnected: The port was closed.
+        """
+        self.connection.refuse_closed(None)
+        if not self.connection.is_lost:
             # A program that does not read, such as a recording, has seen the end.
             with contextlib.suppress(Disconnected):
-                self._disconnect(ConnectionResetError(ended), None)
+                self.connection.check(self.connection.losses, None)
         lost_at, state = self._lost or (self.link.clock(), self.session.state)
         known_id = self.identity.device_id
         self.link.pause(REOPEN_INTERVAL)
@@ -438,7 +381,7 @@ class Channel:
 
     def _answer(self, name: str, timeout: float) -> Reply | Refusal | None:
         """Returns the answer to the pending command, or None if there is none in time."""
-        until, losses = self.link.clock() + timeout, self._losses
+        until, losses = self.link.clock() + timeout, self.connection.losses
         while True:
             now = self.link.clock()
             arrived = self.link.acquisition.waiting.last_arrival
@@ -450,7 +393,7 @@ class Channel:
                     return answer
             if now >= until:
                 return None
-            self._check_connection(losses, name)
+            self.connection.check(losses, name)
             self.link.wait(min(until - now, SILENCE_SECONDS), events=seen)
 
     # The state
@@ -506,126 +449,6 @@ class Channel:
         self.link.acquisition.mark_data()
         self.wait_for(lambda: self.session.state != State.UNKNOWN or self._heard > before, seconds)
 
-    # Data
-
-    def take_sample(self) -> Sample | None:
-        """Removes the oldest unread sample and returns it; None if all are read."""
-        received = self.link.acquisition.take_sample()
-        return None if received is None else Sample.of(received)
-
-    def take_string(self) -> String | None:
-        """Removes the oldest unread string and returns it; None if all are read."""
-        received = self.link.acquisition.take_string()
-        if received is None:
-            return None
-        kind = type_at(received.place)
-        return String(kind, received.data, received.offset, arrival=received.arrival)
-
-    def wait_for_samples(
-        self, count: int, timeout: float, cancel: _core.Cancel | None = None
-    ) -> None:
-        """Waits until some samples are unread.
-
-        Args:
-            count: How many.
-            timeout: Seconds to wait for each.
-            cancel: Ends the wait.
-
-        Raises:
-            StateError: The device is in Config State, in which it sends no samples.
-            ValueError: So many samples do not fit into the queue.
-            XbusTimeout: No sample came in time.
-        """
-        acquisition = self.link.acquisition
-        began, dropped = self.link.clock(), self._dropped_samples()
-        if self.session.state == State.MEASUREMENT and acquisition.ended is None:
-            # Nearly always samples come, and nothing else. The rest of this method costs more than a sample.
-            self.link.wait(timeout, samples=count, events=self._seen, cancel=cancel)
-            if acquisition.waiting.samples >= count:
-                return
-
-        def is_over() -> bool:
-            return (
-                acquisition.waiting.samples >= count
-                or self._sends_no_data()
-                or (count > 1 and self._dropped_samples() > dropped)
-            )
-
-        while True:
-            arrived = max(began, acquisition.waiting.last_sample or began)
-            left = max(0.0, arrived + timeout - self.link.clock())
-            if self.wait_for(is_over, left, samples=count, cancel=cancel):
-                break
-            if cancel is not None and cancel.is_set:
-                return
-            if (acquisition.waiting.last_sample or began) <= arrived:
-                self._refuse_silence("sample", timeout)
-        if acquisition.waiting.samples >= count:
-            return
-        if self._sends_no_data():
-            self._refuse_config("read_sample")
-        raise ValueError(
-            f"{count} samples do not fit into the queue of {self.link.name}; make blocks shorter, or"
-            " increase queue_seconds of connect()"
-        )
-
-    def _dropped_samples(self) -> int:
-        return self.link.acquisition.waiting.dropped_samples
-
-    def wait_for_strings(
-        self, timeout: float, *, samples: bool = False, cancel: _core.Cancel | None = None
-    ) -> None:
-        """Waits until a string is unread.
-
-        Args:
-            timeout: Seconds to wait.
-            samples: Whether an unread sample also ends the wait.
-            cancel: Ends the wait.
-
-        Raises:
-            StateError: The device is in Config State, in which it sends no strings.
-            XbusTimeout: No string came in time.
-        """
-
-        def has_data() -> bool:
-            waiting = self.link.acquisition.waiting
-            return bool(waiting.strings or (samples and waiting.samples))
-
-        if not self.wait_for(
-            lambda: has_data() or self._sends_no_data(),
-            timeout,
-            samples=1 if samples else None,
-            strings=True,
-            cancel=cancel,
-        ):
-            if cancel is None or not cancel.is_set:
-                self._refuse_silence("data" if samples else "string", timeout)
-        elif not has_data():
-            self._refuse_config("read_string")
-
-    def _sends_no_data(self) -> bool:
-        """Returns whether the device is in Config State, and not only until another thread is done."""
-        is_waiting = self._configurer not in (None, threading.get_ident())
-        return self.session.state == State.CONFIG and not is_waiting
-
-    def _refuse_silence(self, what: str, timeout: float) -> NoReturn:
-        waiting = self.link.acquisition.waiting
-        advice = ""
-        if what == "sample" and waiting.strings:
-            advice = "; the device sends strings, which read_string() returns"
-        elif what == "string" and waiting.samples:
-            advice = "; the device sends samples, which read_sample() returns"
-        raise XbusTimeout(
-            f"no {what} from {self.link.name} within {timeout:g} s{advice}", None, timeout
-        )
-
-    def _refuse_config(self, command: str) -> NoReturn:
-        raise StateError(
-            "the device is in Config State and sends no data; go_to_measurement() starts it",
-            command,
-            self.session.state,
-        )
-
 
 def _nothing_heard(port: str, received: dict[int, int]) -> str:
     """Returns the message about a port on which nothing was heard.
@@ -646,16 +469,3 @@ def _nothing_heard(port: str, received: dict[int, int]) -> str:
         f"bytes arrive on {port}, but no message ({counts}); the baud rate is probably another one than"
         f" {rates}, or this is not an MTi; xbus restore recovers a device that answers at no baud rate"
     )
-
-
-#: The channels of this process.
-_CHANNELS: weakref.WeakSet[Channel] = weakref.WeakSet()
-
-
-def _abandon_channels() -> None:
-    for channel in list(_CHANNELS):
-        channel._abandon_in_fork()
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_abandon_channels)

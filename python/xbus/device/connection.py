@@ -1,129 +1,134 @@
-"""Opening the port of a device."""
+"""A link that is lost, opened again and closed while several threads use it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+import os
+import threading
+import weakref
+from collections.abc import Callable
+from typing import NoReturn, Protocol
 
-import serial
+from xbus.errors import Disconnected
+from xbus.wire.link import Link
 
-from xbus.device.device import Device
-from xbus.device.link import open_link
-from xbus.device.ports import find_ports
-from xbus.protocol.products import DEFAULT_BAUDRATE
-from xbus.protocol.values import StringType
-from xbus.wire.strings import mask_of
-
-if TYPE_CHECKING:
-    from xbus.sim.device import SimulatedDevice
-
-__all__ = ["connect", "restore_communication"]
-
-#: Baud rates in the order in which the vendor's software tries them.
-BAUDRATES = (115_200, 2_000_000, 921_600, 460_800, 230_400, 57_600, 38_400, 19_200, 9_600)
-#: Bytes per second at 4 Mbaud, the highest rate.
-MAX_BYTES_PER_SECOND = 400_000
-#: Maximum length of the queue in seconds at that rate, which takes a gigabyte.
-MAX_QUEUE_SECONDS = 2500
+__all__ = ["Connection", "abandon_in_fork"]
 
 
-def connect(
-    port: str | serial.SerialBase | SimulatedDevice | None = None,
-    baudrate: int | None = None,
-    *,
-    bid: int = 0xFF,
-    listen: bool = False,
-    reconnect: bool = False,
-    queue_seconds: float = 60.0,
-    strings: Iterable[StringType | str] = (),
-) -> Device:
-    """Opens the port of a device, and finds out its state without changing it.
-
-    Listens first, and sends a request only if nothing is heard.
+class Connection:
+    """Notices that a link is gone, and opens it again.
 
     Args:
-        port: Name of a serial port, a pyserial URL (``socket://host:port``, ``rfc2217://...``), a
-            pyserial object, a `SimulatedDevice`, or ``"sim:MTi-630"`` for one, also with options:
-            ``"sim:MTi-630?noise=1&seed=2"``. None: the one port of this machine with the USB
-            identifiers of Xsens.
-        baudrate: Bits per second. None: tries the rates that devices use, one after the other.
-        bid: Bus identifier of the device; 0xFF and 1 are the same device.
-        listen: Whether nothing may ever be sent: for a line that is only tapped, or a device that another
-            program has configured. Commands then raise `StateError`. With `baudrate`, a silent device is no
-            error: it may be switched on later.
-        reconnect: Whether to wait for a device that is unplugged while its samples are read, and to bring it
-            back into Measurement State; `Device.notices` then has the gap. The device is recognised by its
-            identifier, if that has been read. Otherwise `Disconnected` is raised at once.
-        queue_seconds: Seconds for which a program may read nothing and lose nothing, at 4 Mbaud; longer at a
-            lower rate. Older data is dropped and counted.
-        strings: Strings that only their length distinguishes from noise, to be found from the start:
-            ``["EM1000"]``. All others are always found; so is EM1000 after the device was asked for its
-            strings.
+        link: The link.
+        on_loss: Called when the link is lost, before `Disconnected` is raised.
 
-    Returns:
-        The open device, which is also a context manager that closes the port.
-
-    Raises:
-        XbusTimeout: Nothing was heard.
-        OSError: The port cannot be opened.
-        ValueError: No port was given, and none or several have the USB identifiers of Xsens; or no string
-            type has a given name.
-
-    >>> import xbus
-    >>> xbus.connect("sim:MTi-680G")
-    <Device sim:MTi-680G at 115200 baud, product not read yet, measurement>
+    Attributes:
+        is_lost: Whether the port is gone.
+        losses: How often it was lost.
+        is_closed: Whether the program has closed it.
     """
-    if not 0 < queue_seconds <= MAX_QUEUE_SECONDS:
-        raise ValueError(
-            f"queue_seconds must be from 0 to {MAX_QUEUE_SECONDS}, not {queue_seconds}"
-        )
-    bound, mask = int(queue_seconds * MAX_BYTES_PER_SECOND), mask_of(strings)
-    port = _only_port() if port is None else port
-    link = open_link(port, baudrate or DEFAULT_BAUDRATE, bid=bid, bound=bound, strings=mask)
-    device = Device(link, listen=listen, reconnect=reconnect)
-    rates = BAUDRATES if link.is_line else (link.baudrate,)
-    if listen and baudrate:
-        return device
-    try:
-        device.find_baudrate((baudrate,) if baudrate else rates, restart=True)
-    except BaseException:
-        device.close()
-        raise
-    return device
+
+    def __init__(self, link: Link, on_loss: Callable[[], None]) -> None:
+        self._link = link
+        self._on_loss = on_loss
+        self.is_lost = self.is_closed = self._is_abandoned = False
+        self.losses = 0
+        self._lock = threading.RLock()
+
+    def open(self, command: str | None) -> int:
+        """Opens the port again if it was lost. Returns how often that has happened, for `check`.
+
+        Args:
+            command: The command that needs it, for error messages.
+
+        Raises:
+            Disconnected: The port cannot be opened, or was closed.
+        """
+        self.refuse_closed(command)
+        with self._lock:
+            if self.is_lost:
+                try:
+                    self._link.reopen()
+                except OSError as error:
+                    self._lose(error, command)
+                self.is_lost = False
+            return self.losses
+
+    def check(self, losses: int, command: str | None) -> None:
+        """Checks that the port was neither lost nor closed since `open` returned a number.
+
+        Raises:
+            Disconnected: It was.
+        """
+        self.refuse_closed(command)
+        if losses != self.losses:  # another thread has noticed, and may have opened it again
+            self._raise(ConnectionResetError("the port was gone meanwhile"), command)
+        if (reason := self._link.acquisition.ended) is not None:
+            self._lose(ConnectionResetError(reason), command)
+
+    def write(self, data: bytes, command: str) -> None:
+        """Sends bytes.
+
+        Raises:
+            Disconnected: The port is gone.
+        """
+        try:
+            self._link.write(data)
+        except OSError as error:
+            self._lose(error, command)
+
+    def close(self) -> None:
+        """Closes the link. All that wait for it get `Disconnected`."""
+        self.is_closed = True
+        self._link.close()
+
+    def abandon(self) -> None:
+        """Gives up the link in a forked process: it belongs to the parent."""
+        self._lock = threading.RLock()
+        self.is_closed = self._is_abandoned = True
+        self._link.abandon()
+
+    def refuse_closed(self, command: str | None) -> None:
+        """Raises Disconnected if the link was closed."""
+        if self.is_closed:
+            what = "belongs to the parent process" if self._is_abandoned else "was closed"
+            raise Disconnected(f"{self._link.name} {what}; connect() opens it again", command)
+
+    def _lose(self, error: OSError, command: str | None) -> NoReturn:
+        with self._lock:
+            if not self.is_lost:
+                self.is_lost = True
+                self.losses += 1
+                self._on_loss()
+        self._raise(error, command)
+
+    def _raise(self, error: OSError, command: str | None) -> NoReturn:
+        what = f"during {command}" if command else "while listening"
+        raise Disconnected(
+            f"{self._link.name} was lost {what}: {error}; check the cable; the next command opens the port"
+            " again",
+            command,
+        ) from error
 
 
-def restore_communication(
-    port: str | serial.SerialBase | SimulatedDevice, timeout: float = 30.0, *, bid: int = 0xFF
-) -> Device:
-    """Opens the port of a device that does not answer, and recovers it: see `Device.restore_communication`.
+class Abandonable(Protocol):
+    """What a forked process gives up."""
 
-    Args:
-        port: As for `connect`.
-        timeout: Seconds in which the device must be powered off and on.
-        bid: As for `connect`.
-
-    Returns:
-        The open device, in Config State.
-
-    Raises:
-        XbusTimeout: No device woke up.
-        OSError: The port cannot be opened.
-    """
-    device = Device(open_link(port, DEFAULT_BAUDRATE, bid=bid))
-    try:
-        device.restore_communication(timeout)
-    except BaseException:
-        device.close()
-        raise
-    return device
+    def abandon(self) -> None:
+        """Gives up what belongs to the parent process."""
 
 
-def _only_port() -> str:
-    ports = find_ports()
-    likely = [port.device for port in ports if port.likely]
-    if len(likely) == 1:
-        return likely[0]
-    count = "several ports have" if likely else "no port has"
-    names = [repr(name) for name in likely or [port.device for port in ports]]
-    choices = " or ".join([*names, "'sim:MTi-630' (a virtual device)"])
-    raise ValueError(f"{count} the USB identifiers of Xsens; pass {choices}")
+_ABANDONED_IN_FORK: weakref.WeakSet[Abandonable] = weakref.WeakSet()
+
+
+def abandon_in_fork(owner: Abandonable) -> None:
+    """Makes forked processes call ``owner.abandon()``, as long as it exists."""
+    _ABANDONED_IN_FORK.add(owner)
+
+
+def _abandon_all() -> None:
+    for owner in list(_ABANDONED_IN_FORK):
+        owner.abandon()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_abandon_all)

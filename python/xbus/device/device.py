@@ -21,6 +21,7 @@ from xbus.device.output_configuration import (
     check_outputs_fit,
     parse_output_configuration,
 )
+from xbus.device.reader import Reader
 from xbus.device.recording import Recording, heard_head, recording_head
 from xbus.device.sample import Sample
 from xbus.device.session import Session
@@ -71,6 +72,7 @@ class Device:
 
     def __init__(self, link: Link, *, listen: bool = False, reconnect: bool = False) -> None:
         self._channel = Channel(link, listen=listen, reconnect=reconnect)
+        self._reader = Reader(self._channel)
         self.commands = Commands(self._channel)
         self.hardware_version: HardwareVersion | None = None
         self.output_configuration: tuple[Output, ...] | None = None
@@ -157,7 +159,8 @@ class Device:
 
     def close(self) -> None:
         """Closes the port, and ends all waits with Disconnected. The device stays in its state."""
-        self._channel.close()
+        self._channel.connection.close()
+        self._reader.close()
 
     def __enter__(self) -> Device:
         return self
@@ -543,23 +546,23 @@ class Device:
             XbusTimeout: No sample came.
             Disconnected: The port is gone, and all samples from before are read.
         """
-        while (sample := self._channel.take_sample()) is None:
-            self._channel.wait_for_samples(1, timeout)
+        while (sample := self._reader.take_sample()) is None:
+            self._reader.wait_for_samples(1, timeout)
         return sample
 
     def __iter__(self) -> Iterator[Sample]:
-        channel = self._channel
+        reader = self._reader
         while True:
-            while (sample := channel.take_sample()) is None:
-                channel.wait_for_samples(1, SAMPLE_TIMEOUT)
+            while (sample := reader.take_sample()) is None:
+                reader.wait_for_samples(1, SAMPLE_TIMEOUT)
             yield sample
 
     async def __aiter__(self) -> AsyncIterator[Sample]:
-        channel = self._channel
-        wait = partial(channel.wait_for_samples, 1, SAMPLE_TIMEOUT)
+        reader = self._reader
+        wait = partial(reader.wait_for_samples, 1, SAMPLE_TIMEOUT)
         for number in count(1):
-            while (sample := channel.take_sample()) is None:
-                await channel.wait_async(wait)
+            while (sample := reader.take_sample()) is None:
+                await reader.wait_async(wait)
             yield sample
             if number % SAMPLES_PER_TURN == 0:
                 await asyncio.sleep(0)
@@ -584,8 +587,8 @@ class Device:
         >>> device.read_string()
         <String $HCMTW,25.0,C*1F>
         """
-        while (string := self._channel.take_string()) is None:
-            self._channel.wait_for_strings(timeout)
+        while (string := self._reader.take_string()) is None:
+            self._reader.wait_for_strings(timeout)
         return string
 
     def blocks(
@@ -621,6 +624,7 @@ class Device:
         """
         return Blocks(
             self._channel,
+            self._reader,
             seconds=seconds,
             samples=samples,
             quantities=quantities,

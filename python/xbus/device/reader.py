@@ -1,0 +1,161 @@
+"""Reads what a device measures: takes samples and strings, and waits for them."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import NoReturn
+
+from xbus import _core
+from xbus.device.channel import Channel
+from xbus.device.sample import Sample
+from xbus.errors import StateError, XbusTimeout
+from xbus.protocol.values import State
+from xbus.wire.strings import String, type_at
+
+__all__ = ["Reader"]
+
+#: Maximum number of threads that wait for an event loop, for one device.
+ASYNC_WAITS = 16
+
+
+class Reader:
+    """Takes samples and strings from the queues of a channel's link. Any number of threads may read.
+
+    Args:
+        channel: The channel.
+    """
+
+    def __init__(self, channel: Channel) -> None:
+        self._channel = channel
+        self._executor: ThreadPoolExecutor | None = None
+
+    @property
+    def _acquisition(self) -> _core.Acquisition:
+        return self._channel.link.acquisition
+
+    def take_sample(self) -> Sample | None:
+        """Removes the oldest unread sample and returns it; None if all are read."""
+        received = self._acquisition.take_sample()
+        return None if received is None else Sample.of(received)
+
+    def take_string(self) -> String | None:
+        """Removes the oldest unread string and returns it; None if all are read."""
+        received = self._acquisition.take_string()
+        if received is None:
+            return None
+        kind = type_at(received.place)
+        return String(kind, received.data, received.offset, arrival=received.arrival)
+
+    def wait_for_samples(
+        self, count: int, timeout: float, cancel: _core.Cancel | None = None
+    ) -> None:
+        """Waits until some samples are unread.
+
+        Args:
+            count: How many.
+            timeout: Seconds to wait for each.
+            cancel: Ends the wait.
+
+        Raises:
+            StateError: The device is in Config State, in which it sends no samples.
+            ValueError: So many samples do not fit into the queue.
+            XbusTimeout: No sample came in time.
+        """
+        channel, acquisition = self._channel, self._acquisition
+        began, dropped = channel.link.clock(), acquisition.waiting.dropped_samples
+        if channel.session.state == State.MEASUREMENT and acquisition.ended is None:
+            # Nearly always samples come, and nothing else. The rest of this method costs more than a sample.
+            channel.link.wait(timeout, samples=count, events=channel.seen, cancel=cancel)
+            if acquisition.waiting.samples >= count:
+                return
+
+        def is_over() -> bool:
+            return (
+                acquisition.waiting.samples >= count
+                or channel.sends_no_data
+                or (count > 1 and acquisition.waiting.dropped_samples > dropped)
+            )
+
+        while True:
+            arrived = max(began, acquisition.waiting.last_sample or began)
+            left = max(0.0, arrived + timeout - channel.link.clock())
+            if channel.wait_for(is_over, left, samples=count, cancel=cancel):
+                break
+            if cancel is not None and cancel.is_set:
+                return
+            if (acquisition.waiting.last_sample or began) <= arrived:
+                self._refuse_silence("sample", timeout)
+        if acquisition.waiting.samples >= count:
+            return
+        if channel.sends_no_data:
+            self._refuse_config("read_sample")
+        raise ValueError(
+            f"{count} samples do not fit into the queue of {channel.link.name}; make blocks shorter, or"
+            " increase queue_seconds of connect()"
+        )
+
+    def wait_for_strings(
+        self, timeout: float, *, samples: bool = False, cancel: _core.Cancel | None = None
+    ) -> None:
+        """Waits until a string is unread.
+
+        Args:
+            timeout: Seconds to wait.
+            samples: Whether an unread sample also ends the wait.
+            cancel: Ends the wait.
+
+        Raises:
+            StateError: The device is in Config State, in which it sends no strings.
+            XbusTimeout: No string came in time.
+        """
+
+        def has_data() -> bool:
+            waiting = self._acquisition.waiting
+            return bool(waiting.strings or (samples and waiting.samples))
+
+        channel = self._channel
+        if not channel.wait_for(
+            lambda: has_data() or channel.sends_no_data,
+            timeout,
+            samples=1 if samples else None,
+            strings=True,
+            cancel=cancel,
+        ):
+            if cancel is None or not cancel.is_set:
+                self._refuse_silence("data" if samples else "string", timeout)
+        elif not has_data():
+            self._refuse_config("read_string")
+
+    def _refuse_silence(self, what: str, timeout: float) -> NoReturn:
+        waiting = self._acquisition.waiting
+        advice = ""
+        if what == "sample" and waiting.strings:
+            advice = "; the device sends strings, which read_string() returns"
+        elif what == "string" and waiting.samples:
+            advice = "; the device sends samples, which read_sample() returns"
+        text = f"no {what} from {self._channel.link.name} within {timeout:g} s{advice}"
+        raise XbusTimeout(text, None, timeout)
+
+    def _refuse_config(self, command: str) -> NoReturn:
+        raise StateError(
+            "the device is in Config State and sends no data; go_to_measurement() starts it",
+            command,
+            self._channel.session.state,
+        )
+
+    async def wait_async(self, wait: Callable[[_core.Cancel], object]) -> None:
+        """Waits in a thread. A cancellation ends the wait at once."""
+        if self._executor is None:
+            self._executor = ThreadPoolExecutor(ASYNC_WAITS, thread_name_prefix="xbus-wait")
+        cancel = _core.Cancel()
+        try:
+            await asyncio.get_running_loop().run_in_executor(self._executor, wait, cancel)
+        finally:
+            self._acquisition.cancel(cancel)
+
+    def close(self) -> None:
+        """Lets the threads that wait for event loops end. The connection must be closed before."""
+        if self._executor is not None:
+            self._executor.shutdown(wait=False)
