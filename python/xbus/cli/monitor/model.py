@@ -10,7 +10,6 @@ from typing import Any
 from xbus.cli.monitor.attitude import ORIENTATIONS, Attitude, attitude_of
 from xbus.log.column import Column
 from xbus.log.log import Log
-from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import RECEIVER
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
@@ -21,8 +20,6 @@ __all__ = ["Counts", "Model", "MonitorEvent", "QuantityState", "RecordingState"]
 RATE_SPAN = 5.0
 #: A quantity has stopped after this many periods without a packet, and at least this many seconds.
 STOPPED_PERIODS, STOPPED_SECONDS = 3.0, 1.5
-#: Quantities that update a `Fix`.
-FIX_QUANTITIES = ("status_word", "gnss_pvt_data", "lat_lon", "altitude_ellipsoid")
 #: Number of events to keep.
 MAX_EVENTS = 100
 
@@ -224,7 +221,7 @@ class Model:
             quantity.update(len(packets), now, math.nan)
         self._add_strings(block, now)
         self._update_attitude(updated, now)
-        self._update_fix(block)
+        self.fix.update_from_block(block)
 
     def _add_strings(self, block: Log, now: float) -> None:
         for string in block.strings:
@@ -257,11 +254,3 @@ class Model:
             quantity = updated[name]
             attitude = attitude_of(name, quantity.coordinates, quantity.value)
             self.last_attitude = None if attitude is None else (attitude, now)
-
-    def _update_fix(self, block: Log) -> None:
-        latest: dict[EntryKey, Any] = {
-            name: block[name].values[-1] for name in FIX_QUANTITIES if name in block
-        }
-        if (pvt := latest.get("gnss_pvt_data")) is not None:
-            latest["gnss_pvt_data"] = dict(zip(pvt.dtype.names, pvt.item(), strict=True))
-        self.fix.update(latest)
