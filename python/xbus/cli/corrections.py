@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from xbus.cli.failure import Failure
-from xbus.describe.formatting import format_count
 from xbus.errors import DeviceError, Disconnected, StateError, XbusError, XbusTimeout
+from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.device import Device

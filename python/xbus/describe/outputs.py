@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import MESSAGES
 
-__all__ = ["describe_outputs", "describe_rates", "output_mids", "undecoded_output"]
+__all__ = ["describe_outputs", "describe_rates", "output_mids", "output_name", "undecoded_output"]
 
 #: Maximum number of quantities in a sentence.
 MAX_NAMED = 6
@@ -28,6 +28,15 @@ def output_mids(mids: Iterable[int]) -> list[int]:
     return [mid for mid in mids if mid == MessageId.MTData or mid not in _LISTED_MIDS]
 
 
+def output_name(mid: int) -> str:
+    """Returns the name of a message of `output_mids`.
+
+    >>> output_name(0x32), output_name(0x08)
+    ('MTData (0x32)', '0x08')
+    """
+    return "MTData (0x32)" if mid == MessageId.MTData else f"0x{mid:02X}"
+
+
 def undecoded_output(mid: int) -> str:
     """Returns what a message of `output_mids` is.
 
@@ -35,8 +44,8 @@ def undecoded_output(mid: int) -> str:
     'MTData (0x32), the legacy output, which xbus records but does not decode'
     """
     if mid == MessageId.MTData:
-        return "MTData (0x32), the legacy output, which xbus records but does not decode"
-    return f"message 0x{mid:02X}, which the manual does not list"
+        return f"{output_name(mid)}, the legacy output, which xbus records but does not decode"
+    return f"message {output_name(mid)}, which the manual does not list"
 
 
 def describe_rates(rates: Mapping[str, float]) -> str:

@@ -14,7 +14,6 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NoReturn, Protocol
 
 from xbus import _core
-from xbus.describe.formatting import format_count
 from xbus.describe.outputs import describe_outputs, output_mids, undecoded_output
 from xbus.device.events import Notice, Refusal, Reply
 from xbus.device.sample import Sample
@@ -22,6 +21,7 @@ from xbus.device.session import PROBE, Session
 from xbus.device.silence import nothing_heard
 from xbus.device.stats import live_stats
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
+from xbus.formatting import format_count
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.protocol.ids import MessageId
 from xbus.protocol.products import product_of_code, support

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from xbus.describe.formatting import format_count
+from xbus.formatting import format_count
 
 __all__ = ["nothing_heard"]
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from xbus.cli.monitor.attitude import ORIENTATIONS, Attitude, attitude_of
+from xbus.describe.outputs import output_mids, output_name, undecoded_output
 from xbus.log.column import Column
 from xbus.log.log import Log
 from xbus.protocol.tables import RECEIVER
@@ -151,6 +153,7 @@ class Model:
         device: Product code of the device, once known.
         state: State of the device; None for a recording.
         is_lost: Whether the port is gone.
+        is_listening: Whether nothing is ever sent.
         baudrate: Baud rate of the port; None for a recording or if unknown.
         now: Seconds on the clock of the source.
         begin: When the monitor started, on the same clock.
@@ -161,12 +164,14 @@ class Model:
         counts: Totals.
         events: The latest events.
         recording: The current recording.
+        corrections: What was forwarded from a caster, in words; None without one.
     """
 
     name: str
     device: str | None = None
     state: State | None = None
     is_lost: bool = False
+    is_listening: bool = False
     baudrate: int | None = None
     now: float = 0.0
     begin: float = 0.0
@@ -177,6 +182,7 @@ class Model:
     counts: Counts = field(default_factory=Counts)
     events: deque[MonitorEvent] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     recording: RecordingState | None = None
+    corrections: str | None = None
 
     @property
     def elapsed(self) -> float:
@@ -222,6 +228,22 @@ class Model:
         self._add_strings(block, now)
         self._update_attitude(updated, now)
         self.fix.update_from_block(block)
+
+    def add_undecoded(self, counts: Mapping[int, int]) -> None:
+        """Updates the outputs that are not decoded, such as legacy MTData.
+
+        Args:
+            counts: Totals of messages by message identifier.
+        """
+        for mid in output_mids(counts):
+            name = output_name(mid)
+            quantity = self.quantities.get((name, None))
+            if quantity is None:
+                quantity = self.quantities[name, None] = QuantityState(name)
+                quantity.value = "not decoded"
+                self.add_event(f"the device sends {undecoded_output(mid)}")
+            if new := counts[mid] - quantity.count:
+                quantity.update(new, self.now, math.nan)
 
     def _add_strings(self, block: Log, now: float) -> None:
         for string in block.strings:
