@@ -614,7 +614,7 @@ def test_counts_start_with_the_monitor() -> None:
 
 def test_once() -> None:
     printed = run("monitor", "sim:MTi-680G", "--once", "3").stdout.splitlines()
-    assert printed[0].startswith("sim:MTi-680G  Measurement State  115200 baud  3.")
+    assert printed[0].startswith("sim:MTi-680G  Measurement State  115200 baud  MTi-680G-8A1G6  3.")
     assert printed[1].startswith("heading ")
     head = next(at for at, line in enumerate(printed) if line.startswith("quantity "))
     found = {item.split()[0]: item.split()[1] for item in printed[head + 1 :]}

@@ -205,7 +205,7 @@ def test_a_full_disk(tmp_path: Path) -> None:
 
 
 def test_a_silent_device_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.cli.record.MAX_SILENCE", 0.3)
+    monkeypatch.setattr("xbus.cli.recording_job.MAX_SILENCE", 0.3)
     with serving(SimulatedDevice("MTi-630"), tcp=True) as port:
         with xbus.connect(port) as device, device.configure():
             device.set_output_configuration([])
@@ -217,7 +217,7 @@ def test_a_silent_device_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_a_pause_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.cli.record.MAX_SILENCE", 0.3)
+    monkeypatch.setattr("xbus.cli.recording_job.MAX_SILENCE", 0.3)
     virtual = SimulatedDevice("MTi-630", faults=Faults.parse(["stall=2:1"], 0))
     with serving(virtual, tcp=True) as port:
         result = run("record", port, "-o", str(tmp_path / "log.mtb"), "--duration", "2.5")

@@ -704,11 +704,12 @@ class Acquisition:
 
         Returns:
             ``counts``, a dict with ``bytes``, ``frames``, ``samples``, ``messages``, ``malformed``,
-            ``checksum_errors`` and ``skipped_bytes`` as in `xbus.Stats`; ``losses``, a dict with ``samples``
-            and ``gaps``; ``strings``, strings by name, empty for those that the manual does not list;
-            ``quantities``, packets by data identifier without format bits; ``errors`` and ``warnings``, the
-            number of these messages, and ``last_error``, the last of them in words or None.
-            ``rates``, a dict with ``quantities`` and ``strings`` in Hz, over the last two seconds.
+            ``checksum_errors`` and ``skipped_bytes`` as in `xbus.Stats`; ``mids``, messages by their
+            identifier; ``losses``, a dict with ``samples`` and ``gaps``; ``strings``, strings by name, empty
+            for those that the manual does not list; ``quantities``, packets by data identifier without
+            format bits; ``errors`` and ``warnings``, the number of these messages, and ``last_error``, the
+            last of them in words or None.
+            ``rates``, a dict with ``quantities``, ``strings`` and ``mids`` in Hz, over the last two seconds.
             ``queued``, bytes that wait, and ``unread``, samples that wait; ``dropped``, a dict with the
             ``samples``, ``strings`` and ``messages`` that were dropped unread; ``last_arrival`` in ns, or
             None; ``overruns``, how often the driver or its chip had no room for a byte, None if the system

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from xbus.device import Device
     from xbus.wire.link import Link
 
-__all__ = ["baudrate_option", "connect_device", "open_port", "port_lost"]
+__all__ = ["baudrate_option", "connect_device", "listen_option", "open_port", "port_lost"]
 
 #: The option for the baud rate of a port.
 baudrate_option = click.option(
@@ -24,6 +24,14 @@ baudrate_option = click.option(
     type=click.IntRange(1, 4_000_000),
     metavar="RATE",
     help="Bits per second. Default: try the usual rates.",
+)
+
+#: The option to listen only.
+listen_option = click.option(
+    "--listen",
+    is_flag=True,
+    help="Never send a byte: for a line that is only tapped, or a device that another program has"
+    " configured. With --baudrate, the line may be silent at first.",
 )
 
 #: Remedies for a port that cannot be opened, by error number.
@@ -37,7 +45,12 @@ REMEDIES = {
 
 
 def connect_device(
-    port: str, baudrate: int | None = None, *, bid: int = 0xFF, strings: Sequence[str] = ()
+    port: str,
+    baudrate: int | None = None,
+    *,
+    bid: int = 0xFF,
+    listen: bool = False,
+    strings: Sequence[str] = (),
 ) -> Device:
     """Returns the device on a port; the arguments are those of `xbus.connect`.
 
@@ -49,7 +62,7 @@ def connect_device(
     from xbus.device import connect
 
     with _opening(port):
-        return connect(port, baudrate, bid=bid, strings=strings)
+        return connect(port, baudrate, bid=bid, listen=listen, strings=strings)
 
 
 def open_port(port: str, baudrate: int) -> Link:

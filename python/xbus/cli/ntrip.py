@@ -12,23 +12,17 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xbus.cli.connection import baudrate_option, connect_device
+from xbus.cli.corrections import Corrections, caster_options, check_receiver, new_corrections
 from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_line, print_table
-from xbus.errors import XbusTimeout
-from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.device import Device
-    from xbus.rtk import Caster, Fix, Forwarder
 
 __all__ = ["ntrip"]
 
 #: Columns of the list of mountpoints.
 HEAD = ["mountpoint", "place", "country", "position", "format", "systems", "--gga"]
-#: Time to wait for a sample before the next check for corrections, in seconds.
-SAMPLE_TIMEOUT = 0.05
-#: Maximum time to forward corrections, or to read samples, before the other continues, in seconds.
-MAX_TURN = 0.2
 #: Seconds between two lines of status, and between two updates of the line on a terminal.
 STATUS_INTERVAL, TERMINAL_INTERVAL = 5.0, 0.2
 
@@ -37,40 +31,12 @@ STATUS_INTERVAL, TERMINAL_INTERVAL = 5.0, 0.2
     epilog="Example: xbus ntrip /dev/ttyUSB0 --caster rtk2go.com --mountpoint BASE --gga 10"
 )
 @click.argument("port", required=False)
-@click.option(
-    "--caster",
-    "url",
-    required=True,
-    metavar="HOST[:PORT]",
-    help="The caster. Default port: 2101, with https:// 443.",
-)
-@click.option("--mountpoint", metavar="NAME", help="A stream of the caster.")
+@caster_options(required=True)
 @click.option(
     "--list",
     "as_list",
     is_flag=True,
     help="List the mountpoints of the caster and exit; needs no PORT.",
-)
-@click.option("--user", envvar="XBUS_NTRIP_USER", show_envvar=True, help="User name.")
-@click.option(
-    "--password",
-    envvar="XBUS_NTRIP_PASSWORD",
-    show_envvar=True,
-    help="Password. Other users of this machine can see arguments, but not the environment.",
-)
-@click.option(
-    "--gga",
-    type=click.IntRange(min=1),
-    metavar="S",
-    help="Send the position of the device to the caster every S seconds, as network services require.",
-)
-@click.option(
-    "--ntrip",
-    "version",
-    type=click.Choice(["1", "2"]),
-    default="2",
-    show_default=True,
-    help="Version of the NTRIP protocol.",
 )
 @baudrate_option
 @click.option(
@@ -81,13 +47,13 @@ STATUS_INTERVAL, TERMINAL_INTERVAL = 5.0, 0.2
 )
 def ntrip(
     port: str | None,
-    url: str,
+    caster: str,
     mountpoint: str | None,
-    as_list: bool,
     user: str | None,
     password: str | None,
     gga: int | None,
-    version: str,
+    ntrip: str,
+    as_list: bool,
     baudrate: int | None,
     as_json: bool,
 ) -> None:
@@ -101,46 +67,21 @@ def ntrip(
     device stops for a moment while its settings are read.
     """
     if as_list:
-        _print_mountpoints(url, user, password, as_json=as_json)
+        _print_mountpoints(caster, user, password, as_json=as_json)
         return
     if port is None or mountpoint is None:
         missing = "PORT" if port is None else "--mountpoint"
         raise click.UsageError(f"{missing} is missing; xbus ntrip --list lists the mountpoints")
 
-    from xbus.extras import require
-    from xbus.rtk import Caster, Fix, Forwarder
-
-    require("pygnssutils", "rtk", "to get corrections from a caster")
-    fix = Fix()
-    try:
-        caster = Caster(
-            url,
-            mountpoint,
-            user=user,
-            password=password,
-            gga=gga,
-            position=lambda: fix.position,
-            ntrip=int(version),
-        )
-    except ValueError as error:
-        raise click.UsageError(str(error)) from None
-    with contextlib.suppress(KeyboardInterrupt), connect_device(port, baudrate) as device, caster:
+    corrections = new_corrections(caster, mountpoint, user, password, gga, ntrip)
+    with contextlib.suppress(KeyboardInterrupt), connect_device(port, baudrate) as device:
         _check(device, with_position=gga is not None)
-        forwarder = Forwarder(device)
-        with _StatusDisplay(caster, fix, forwarder, as_json=as_json) as display:
+        with (
+            corrections.forwarding(device),
+            _StatusDisplay(corrections, as_json=as_json) as display,
+        ):
             while True:
-                # Each turn has a limited time, so that a flood of corrections does not delay samples,
-                # or the reverse.
-                until = time.monotonic() + MAX_TURN
-                while time.monotonic() < until and (frame := caster.read()):
-                    forwarder.forward([frame])
-                    display.correction_sent()
-                until = time.monotonic() + MAX_TURN
-                timeout = SAMPLE_TIMEOUT
-                with contextlib.suppress(XbusTimeout):
-                    while time.monotonic() < until:
-                        fix.update(device.read_sample(timeout))
-                        timeout = 0.0
+                corrections.read(device, TERMINAL_INTERVAL)
                 display.update()
 
 
@@ -178,28 +119,21 @@ def _check(device: Device, *, with_position: bool) -> None:
     from xbus.protocol import State
 
     with device.configure():
-        outputs = {output.quantity for output in device.commands.req_output_configuration()}
-    if device.support is not None and "ForwardGnssData" not in device.support.messages:
-        device.command(
-            "ForwardGnssData", b""
-        )  # raises an error that names the products, and sends nothing
+        check_receiver(device, with_position=with_position)
     if device.state == State.CONFIG:
         raise Failure(
             "the device is in Config State and accepts no corrections; start it with xbus send"
             f" {device.link.name} GoToMeasurement"
         )
-    if with_position and not outputs & {"gnss_pvt_data", "lat_lon"}:
-        raise Failure("the device outputs no position for --gga; add gnss_pvt_data to its outputs")
 
 
 class _StatusDisplay:
     """Shows the status: one line that is updated on a terminal, else a line from time to time."""
 
-    def __init__(self, caster: Caster, fix: Fix, forwarder: Forwarder, *, as_json: bool) -> None:
-        self._caster, self._fix, self._forwarder = caster, fix, forwarder
+    def __init__(self, corrections: Corrections, *, as_json: bool) -> None:
+        self._corrections = corrections
         self._json = as_json
         self._terminal = not as_json and sys.stderr is not None and sys.stderr.isatty()
-        self._corrected_at: float | None = None
         # If the caster refuses the connection at once, the error is the only output.
         self._next_at = 0.0 if self._terminal else time.monotonic() + STATUS_INTERVAL
         self._state: tuple[Any, ...] = ()
@@ -211,54 +145,37 @@ class _StatusDisplay:
         if self._terminal:
             click.echo(err=True)
 
-    def correction_sent(self) -> None:
-        """Records that a correction was forwarded."""
-        self._corrected_at = time.monotonic()
-
     def update(self) -> None:
         """Shows the status if it has changed or the interval is over."""
-        state = self._fix.type, self._fix.rtk, self._caster.state
+        fix, caster = self._corrections.fix, self._corrections.caster
+        state = fix.type, fix.rtk, caster.state
         now = time.monotonic()
-        has_changed = state != self._state and self._caster.state not in ("idle", "connecting")
+        has_changed = state != self._state and caster.state not in ("idle", "connecting")
         if now < self._next_at and (self._terminal or not has_changed):
             return
         self._state = state
         self._next_at = now + (TERMINAL_INTERVAL if self._terminal else STATUS_INTERVAL)
-        age = None if self._corrected_at is None else now - self._corrected_at
         if self._json:
-            print_line(json.dumps(self._json_status(age)), flush=True)
-        elif self._terminal:
+            print_line(json.dumps(self._json_status()), flush=True)
+            return
+        text = f"{self._corrections.describe_fix()}, {self._corrections.describe_counts()}"
+        if self._terminal:
             width = shutil.get_terminal_size().columns - 1
-            click.echo(f"\r{self._text(age)[:width]:<{width}}", nl=False, err=True)
+            click.echo(f"\r{text[:width]:<{width}}", nl=False, err=True)
         else:
-            click.echo(self._text(age), err=True)
+            click.echo(text, err=True)
 
-    def _json_status(self, age: float | None) -> dict[str, Any]:
+    def _json_status(self) -> dict[str, Any]:
+        corrections = self._corrections
+        fix, caster, forwarder = corrections.fix, corrections.caster, corrections.forwarder
         return {
-            "fix": self._fix.type,
-            "rtk": self._fix.rtk,
-            "messages": self._forwarder.messages,
-            "bytes": self._forwarder.bytes,
-            "unanswered": self._forwarder.unanswered,
-            "age_s": None if age is None else round(age, 3),
-            "gga": self._caster.gga_sent,
-            "caster": self._caster.state,
-            "problem": self._caster.problem,
+            "fix": fix.type,
+            "rtk": fix.rtk,
+            "messages": forwarder.messages,
+            "bytes": forwarder.bytes,
+            "unanswered": forwarder.unanswered,
+            "age_s": None if corrections.age is None else round(corrections.age, 3),
+            "gga": caster.gga_sent,
+            "caster": caster.state,
+            "problem": caster.problem,
         }
-
-    def _text(self, age: float | None) -> str:
-        fix, forwarder, caster = self._fix, self._forwarder, self._caster
-        parts = [
-            f"fix {fix.type or 'unknown'}",
-            f"RTK {fix.rtk or 'unknown'}",
-            f"{format_count(forwarder.messages, 'message')}, {format_count(forwarder.bytes, 'byte')}",
-        ]
-        if age is not None:
-            parts.append(f"last {age:.1f} s ago")
-        if forwarder.unanswered:
-            parts.append(f"{forwarder.unanswered} unanswered")
-        if caster.gga_sent:
-            parts.append(f"{caster.gga_sent} GGA")
-        if caster.state != "streaming":
-            parts.append(f"caster: {caster.problem or caster.state}")
-        return ", ".join(parts)

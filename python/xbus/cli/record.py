@@ -12,25 +12,24 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from xbus.cli.config import apply_settings, read_settings
-from xbus.cli.connection import baudrate_option, connect_device
+from xbus.cli.connection import baudrate_option, connect_device, listen_option
+from xbus.cli.corrections import caster_options, check_receiver, new_corrections
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import label
-from xbus.errors import StateError, XbusError
-from xbus.formatting import describe_losses, format_count, format_size
+from xbus.cli.recording_job import RecordingJob
+from xbus.errors import Disconnected, StateError, XbusError
+from xbus.formatting import format_size
 
 if TYPE_CHECKING:
     from xbus.device import Device
-    from xbus.device.recording import Recording
-    from xbus.device.stats import LiveStats
 
 __all__ = ["record"]
 
 #: Interval to check a recording, which runs in the background, in seconds.
 CHECK_INTERVAL = 0.2
-#: Silence to report, in seconds; the lowest rate is 1 Hz.
-MAX_SILENCE = 5.0
 #: Units of --rotate.
 BYTES = {"kb": 1_000, "mb": 1_000_000, "gb": 1_000_000_000}
 SECONDS = {"s": 1, "min": 60, "h": 3600}
@@ -119,6 +118,7 @@ def _outputs(
     help="Apply this settings file first, like xbus config apply.",
 )
 @baudrate_option
+@listen_option
 @click.option(
     "--fsync",
     is_flag=True,
@@ -132,6 +132,13 @@ def _outputs(
 @click.option(
     "--no-times", is_flag=True, help="Do not write FILE.times, the arrival times of the bytes."
 )
+@click.option(
+    "--monitor",
+    "with_monitor",
+    is_flag=True,
+    help="Show the screen of xbus monitor meanwhile; q stops the recording.",
+)
+@caster_options(required=False)
 def record(
     port: str,
     out: str,
@@ -141,52 +148,116 @@ def record(
     outputs: dict[Any, int | None],
     config: str | None,
     baudrate: int | None,
+    listen: bool,
     fsync: bool,
     reconnect: bool,
     no_times: bool,
+    with_monitor: bool,
+    **caster: Any,
 ) -> None:
     """Records every byte that a device sends.
 
     Stops on Ctrl-C, SIGTERM or after --duration. The file starts with the device's Configuration, as MT
     Manager's recordings do; the device stops measuring for a moment while it is read. Data is written twice
-    per second, and an interrupted recording can be read.
+    per second, and an interrupted recording can be read. With --listen nothing is sent, and the file starts
+    with what the device has sent of its identity by itself.
+
+    --monitor shows the data on a full screen while it is recorded. --caster forwards RTK corrections to the
+    device like xbus ntrip; if the caster is lost or the device refuses them, this is reported and the
+    recording continues. Both work together.
 
     PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device, which
-    runs faster than real time.
+    runs faster than real time without --monitor.
     """
-    from xbus.protocol import State
-
+    _check_options(listen=listen, with_monitor=with_monitor)
+    corrections = None
+    if caster["caster"] is not None:
+        corrections = new_corrections(**caster, persistent=True)
     settings = None if config is None else read_settings(config)
     path = Path(out)
     if not overwrite and path.is_file() and path.stat().st_size:
         raise Failure(f"{label(out)} exists; choose another name, or add --overwrite")
     if path.is_fifo():
         raise Failure(f"{label(out)} is a pipe; a recording needs a file")
-    with stop_requested() as is_stopping, connect_device(port, baudrate) as device:
-        initial_state = device.state
+    with (
+        stop_requested() as is_stopping,
+        connect_device(port, baudrate, listen=listen) as device,
+        _initial_state_restored(device, listen=listen),
+    ):
         if config is not None and settings is not None:
             apply_settings(device, settings, config)
-        with _configured(device, outputs):
+        with contextlib.nullcontext() if listen else _configured(device, outputs):
+            if corrections is not None:
+                check_receiver(device, with_position=caster["gga"] is not None)
             try:
                 recording = device.record(
                     out, fsync=fsync, times=not no_times, overwrite=overwrite, **rotate
                 )
             except OSError as error:
                 raise cannot(f"write {label(error.filename or out)}", error) from error
-            before = (
-                device.stats
-            )  # no samples arrive in Config State; these counts are not part of the recording
-        try:
-            if device.state != State.MEASUREMENT:
-                device.go_to_measurement()
-            with _RecordingDisplay(device, recording, before) as display:
-                if device.link.trouble is not None:
-                    display.print_note(device.link.trouble)
-                _wait(display, is_stopping, duration or math.inf, reconnect=reconnect)
-        finally:
-            if initial_state == State.CONFIG:
-                with contextlib.suppress(XbusError):
-                    device.go_to_config()
+            # No samples arrive in Config State; these counts are not part of the recording.
+            before = device.stats
+        if not listen:
+            _start_measurement(device)
+        job = RecordingJob(
+            device,
+            recording,
+            before,
+            duration=duration,
+            reconnect=reconnect,
+            is_listening=listen,
+            corrections=corrections,
+        )
+        with contextlib.nullcontext() if corrections is None else corrections.forwarding(device):
+            (_record_with_monitor if with_monitor else _record)(job, is_stopping)
+        click.echo(job.finish(), err=True)
+
+
+def _check_options(*, listen: bool, with_monitor: bool) -> None:
+    """Checks that the options fit each other."""
+    from xbus.cli.monitor.keyboard import has_terminal
+
+    ctx = click.get_current_context()
+    given = {
+        str(param.name): param.opts[-1]
+        for param in ctx.command.params
+        if ctx.get_parameter_source(str(param.name)) == ParameterSource.COMMANDLINE
+    }
+    if listen:
+        for name in ("outputs", "config", "caster"):
+            if name in given:
+                raise click.UsageError(
+                    f"{given[name]} sends messages to the device, and --listen sends nothing"
+                )
+    if "caster" not in given:
+        for name in ("mountpoint", "user", "password", "gga", "ntrip"):
+            if name in given:
+                raise click.UsageError(f"{given[name]} needs --caster")
+    elif "mountpoint" not in given:
+        raise click.UsageError("--mountpoint is missing; xbus ntrip --list lists the mountpoints")
+    if with_monitor and not has_terminal():
+        raise click.UsageError("--monitor needs a terminal for input and output")
+
+
+@contextlib.contextmanager
+def _initial_state_restored(device: Device, *, listen: bool) -> Iterator[None]:
+    """Puts a device back into Config State in which it was found."""
+    from xbus.protocol import State
+
+    initial_state = device.state
+    try:
+        yield
+    finally:
+        if initial_state == State.CONFIG and not listen:
+            with contextlib.suppress(XbusError):
+                device.go_to_config()
+
+
+def _start_measurement(device: Device) -> None:
+    from xbus.protocol import State
+
+    if device.state != State.MEASUREMENT:
+        device.go_to_measurement()
 
 
 @contextlib.contextmanager
@@ -203,139 +274,105 @@ def _configured(device: Device, outputs: dict[Any, int | None]) -> Iterator[None
         yield
 
 
-def _wait(
-    display: _RecordingDisplay, is_stopping: Callable[[], bool], duration: float, *, reconnect: bool
-) -> None:
-    """Checks the recording regularly until it must stop.
+def _record(job: RecordingJob, is_stopping: Callable[[], bool]) -> None:
+    """Records until the end, with one line of status that is updated on a terminal.
 
     Raises:
         Failure: The recording ended early, or the device sends nothing.
     """
-    from xbus.protocol import State
-
-    device, link, recording = display.device, display.device.link, display.recording
-    received_at, size, is_silent = link.clock(), 0, False
-    while not is_stopping() and (left := duration - display.elapsed) > 0:
-        link.pause(min(CHECK_INTERVAL, left))
-        device.discard()  # what is recorded in the background
-        if (reason := link.acquisition.ended) is not None:
-            if not reconnect or not recording.is_active:
-                raise display.failure(f"{link.name}: {reason}")
-            display.print_note(f"{link.name}: {reason}; waiting for the port")
-            while not (is_stopping() or device.try_reconnect() or display.elapsed >= duration):
-                display.update()
-            received_at = link.clock()
-            if device.state != State.UNKNOWN:
-                display.print_note(f"{link.name} is back")
-        stats = display.update()
-        if recording.error is not None:
-            raise display.failure(recording.error)
-        if stats.bytes > size:
-            received_at, size, is_silent = link.clock(), stats.bytes, False
-        elif link.clock() - received_at >= MAX_SILENCE and not is_silent:
-            is_silent = True
-            if _received(stats) == _received(display.before):
-                raise Failure(
-                    f"{link.name} sends nothing: it waits for a trigger, or has no outputs; xbus config dump"
-                    f" {link.name} shows the output configuration"
-                )
-            display.print_note(f"no data for {MAX_SILENCE:g} s; the recording continues")
+    device, link, recording = job.device, job.device.link, job.recording
+    with _StatusLine(job) as line:
+        if link.trouble is not None:
+            line.print_note(link.trouble)
+        while not (is_stopping() or job.is_over):
+            _discard_data(job)
+            if (reason := job.lost_port) is not None:
+                if not job.reconnect or not recording.is_active:
+                    raise job.failure(recording.error or reason)
+                line.print_note(f"{reason}; waiting for the port")
+                is_back = False
+                while not (is_back or is_stopping() or job.is_over):
+                    is_back = device.try_reconnect()
+                    line.update()
+                if is_back:
+                    line.print_note(f"{link.name} is back")
+                job.resume()
+            line.update()
+            job.check(line.print_note)
 
 
-class _RecordingDisplay:
-    """Shows a recording, as one line that is updated on a terminal, and stops it at the end."""
+def _discard_data(job: RecordingJob) -> None:
+    """Waits a moment, and removes the samples and strings, which are recorded in the background."""
+    seconds = min(CHECK_INTERVAL, max(job.left, 0.0))
+    if job.corrections is None:
+        job.device.link.pause(seconds)
+    else:
+        # The port may be gone.
+        with contextlib.suppress(Disconnected):
+            job.corrections.read(job.device, CHECK_INTERVAL)
+    job.device.discard()
 
-    def __init__(self, device: Device, recording: Recording, before: LiveStats) -> None:
-        self.device, self.recording, self.before = device, recording, before
-        self._began = device.link.clock()
+
+def _record_with_monitor(job: RecordingJob, is_stopping: Callable[[], bool]) -> None:
+    """Records until the end, with the screen of the monitor.
+
+    Raises:
+        Failure: The recording ended early, or the device sends nothing.
+    """
+    from xbus.cli.monitor.loop import watch
+    from xbus.cli.monitor.recording_source import RecordingSource
+
+    source = RecordingSource(job)
+    try:
+        watch(source, source.model(), lambda: is_stopping() or job.is_over)
+    except Disconnected as error:
+        raise job.failure(job.recording.error or job.lost_port or str(error)) from error
+
+
+class _StatusLine:
+    """Shows a recording as one line that is updated on a terminal."""
+
+    def __init__(self, job: RecordingJob) -> None:
+        self._job = job
         self._terminal = sys.stderr is not None and sys.stderr.isatty()
-        self._rate, self._measured = 0.0, (self._began, _received(before))
+        self._rate, self._measured = 0.0, (job.device.link.clock(), 0)
 
-    def __enter__(self) -> _RecordingDisplay:
+    def __enter__(self) -> _StatusLine:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+    def __exit__(self, *_: object) -> None:
         if self._terminal:
             self._line("")
-        try:
-            self.recording.stop()
-        except OSError as error:
-            if kind is None:
-                raise self.failure(str(self.recording.error)) from error
-        if kind is None:
-            click.echo(self.summary(), err=True)
 
-    def failure(self, reason: str) -> Failure:
-        """Returns the failure that ended the recording, with a summary of what was written."""
-        with contextlib.suppress(OSError):
-            self.recording.stop()
-        return Failure(f"{reason}; {self.summary()}")
-
-    @property
-    def elapsed(self) -> float:
-        """Seconds since the start, on the clock of the link."""
-        return self.device.link.clock() - self._began
-
-    def print_note(self, text: str) -> None:
+    def print_note(self, text: str, is_bad: bool = True) -> None:  # noqa: ARG002 - as `Report` requires
         """Prints a line above the status line."""
         if self._terminal:
             self._line("")
         click.echo(f"xbus: {text}", err=True)
 
-    def update(self) -> LiveStats:
-        """Updates the status line and returns the totals."""
-        stats, now = self.device.stats, self.device.link.clock()
+    def update(self) -> None:
+        """Updates the line."""
+        job, stats, now = self._job, self._job.device.stats, self._job.device.link.clock()
         then, received = self._measured
         if now - then >= 1:
-            self._rate = (_received(stats) - received) / (now - then)
-            self._measured = now, _received(stats)
-        if self._terminal:
-            minutes, seconds = divmod(int(self.elapsed), 60)
-            things = "samples" if stats.samples > self.before.samples else "strings"
-            self._line(
-                f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
-                f"  {format_size(self.recording.bytes)}  {self._rate:,.0f} {things}/s"
-                f"  {self._lost(stats)}  {format_size(self.recording.queued_bytes)} queued"
-            )
-        return stats
-
-    def summary(self) -> str:
-        """Returns a line about the recording: files, duration, counts and losses."""
-        stats, files = self.device.stats, self.recording.files
-        names = label(files[0]) + (f" to {label(files[-1])}" if len(files) > 1 else "")
-        # The totals of the device continue after the recording has ended.
-        messages = stats.messages - self.before.messages
-        samples = format_count(self.recording.frames - messages, "sample")
-        if strings := sum(stats.strings.values()) - sum(self.before.strings.values()):
-            samples += f", {format_count(strings, 'string')}"
-        written = format_size(self.recording.bytes)
-        return f"{names}: {self.elapsed:,.1f} s, {samples}, {written}; {self._lost(stats)}"
-
-    def _lost(self, stats: LiveStats) -> str:
-        """Returns losses and damage."""
-        before = self.before
-        parts = []
-        lost, gaps = stats.lost_samples - before.lost_samples, stats.gaps - before.gaps
-        if lost:
-            parts.append(describe_losses(lost, gaps, has_counter=True))
-        if skipped := stats.skipped_bytes - before.skipped_bytes:
-            parts.append(f"{format_count(skipped, 'byte')} damaged")
-        if overruns := (stats.overruns or 0) - (before.overruns or 0):
-            parts.append(f"{format_count(overruns, 'overrun')} in the driver")
-        if errors := stats.errors - before.errors:
-            parts.append(
-                f"{format_count(errors, 'error')} from the device, the last: {stats.last_error}"
-            )
-        if parts:
-            return ", ".join(parts)
-        counters = [totals.quantities.get("packet_counter", 0) for totals in (before, stats)]
-        return describe_losses(0, 0, has_counter=counters[0] < counters[1])
+            self._rate = (job.received(stats) - received) / (now - then)
+            self._measured = now, job.received(stats)
+        if not self._terminal:
+            return
+        minutes, seconds = divmod(int(job.elapsed), 60)
+        parts = [
+            f"{minutes // 60}:{minutes % 60:02}:{seconds:02}",
+            format_size(job.recording.bytes),
+            f"{self._rate:,.0f} {job.received_noun(stats)}/s",
+            job.losses(stats),
+        ]
+        if job.corrections is None:
+            parts.append(f"{format_size(job.recording.queued_bytes)} queued")
+        else:
+            rtk = job.corrections.fix.rtk or "unknown"
+            parts.append(f"RTK {rtk}, {job.corrections.describe_counts()}")
+        self._line("  ".join(parts))
 
     def _line(self, text: str) -> None:
         width = shutil.get_terminal_size().columns - 1
         click.echo(f"\r{text[:width]:<{width}}\r", nl=False, err=True)
-
-
-def _received(stats: LiveStats) -> int:
-    """Returns the number of samples and strings."""
-    return stats.samples + sum(stats.strings.values())

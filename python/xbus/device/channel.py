@@ -7,12 +7,15 @@ import math
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, Protocol
+from typing import Any, NoReturn, Protocol
 
 from xbus import _core
+from xbus.describe.outputs import describe_outputs
 from xbus.device.connection import Connection, abandon_in_fork
 from xbus.device.events import Notice, Refusal, Reply
 from xbus.device.session import PROBE, Session
+from xbus.device.silence import nothing_heard
+from xbus.device.stats import live_stats
 from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.protocol.ids import MessageId
@@ -185,7 +188,8 @@ class Channel:
         if isinstance(item, _core.ScannedFrame) and item.mid in HEARD_MESSAGES:
             self._hear(item)
         if isinstance(event, Notice):
-            self.notices.append(event)
+            if event.mid != MessageId.MTData:  # an output, which would replace all notices
+                self.notices.append(event)
         elif isinstance(event, Reply | Refusal):
             self._answers.append(event)
 
@@ -351,16 +355,23 @@ class Channel:
             finally:
                 self._abandon()  # also after Ctrl-C, or no other command could be sent
         else:
-            waited = timeout * tries
-            raise XbusTimeout(
-                f"no answer to {name} from {self.link.name} within {waited:g} s; check that the device is"
-                f" powered and uses {self.link.baudrate} baud",
-                name,
-                waited,
-            )
+            self._refuse_no_answer(name, timeout * tries)
         if isinstance(answer, Refusal):
             raise answer.error
         return answer
+
+    def _refuse_no_answer(self, command: str, waited: float) -> NoReturn:
+        port = self.link.name
+        text = f"no answer to {command} from {port} within {waited:g} s"
+        if command == "GoToConfig" and (outputs := self._outputs()):
+            raise XbusTimeout(
+                f"{text}, but the device sends {outputs}; check the line to the device, or restart it with"
+                f" xbus reset {port}; xbus record --listen and xbus monitor --listen need no answer",
+                command,
+                waited,
+            )
+        rate = f" and uses {self.link.baudrate} baud" if self.link.is_line else ""
+        raise XbusTimeout(f"{text}; check that the device is powered{rate}", command, waited)
 
     def _abandon(self) -> None:
         with self._handling:
@@ -438,34 +449,24 @@ class Channel:
             if self.find_state():
                 return
             received[rate] = self._received_bytes() - before
-        raise XbusTimeout(_nothing_heard(self.link.name, received), None, self.link.clock() - start)
+        text = nothing_heard(
+            self.link.name,
+            received,
+            is_line=self.link.is_line,
+            is_listening=self.is_listening,
+        )
+        raise XbusTimeout(text, None, self.link.clock() - start)
 
     def _received_bytes(self) -> int:
         return int(self.link.acquisition.stats(self.link.clock())["counts"]["bytes"])
+
+    def _outputs(self) -> str:
+        """Returns what the device sends now, in words; an empty string if that is nothing."""
+        stats = live_stats(self.link.acquisition.stats(self.link.clock()), self.outdated)
+        return describe_outputs(stats.rates, stats.message_rates)
 
     def _listen(self, seconds: float) -> None:
         """Waits until a message, sample or string comes, or the state is known."""
         before = self._heard
         self.link.acquisition.mark_data()
         self.wait_for(lambda: self.session.state != State.UNKNOWN or self._heard > before, seconds)
-
-
-def _nothing_heard(port: str, received: dict[int, int]) -> str:
-    """Returns the message about a port on which nothing was heard.
-
-    Args:
-        port: Its name.
-        received: Number of bytes received at each baud rate that was tried.
-    """
-    rates = ", ".join(map(str, received))
-    if not any(received.values()):
-        return (
-            f"nothing was heard on {port} at {rates} baud; check that the device is powered and connected,"
-            " and that no other program, such as ModemManager, uses the port; xbus restore recovers a"
-            " device that answers at no baud rate"
-        )
-    counts = ", ".join(f"{count} at {rate} baud" for rate, count in received.items() if count)
-    return (
-        f"bytes arrive on {port}, but no message ({counts}); the baud rate is probably another one than"
-        f" {rates}, or this is not an MTi; xbus restore recovers a device that answers at no baud rate"
-    )

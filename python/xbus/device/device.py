@@ -84,6 +84,11 @@ class Device:
         """The port, or what else carries the bytes."""
         return self._channel.link
 
+    @property
+    def is_listening(self) -> bool:
+        """Whether the port was opened only to listen, so that nothing is ever sent."""
+        return self._channel.is_listening
+
     def trace(self, trace: Trace | None) -> None:
         """Makes an object follow the messages between host and device; None ends that."""
         self._channel.trace = trace

@@ -8,9 +8,12 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NoReturn
 
 from xbus import _core
+from xbus.describe.outputs import output_mids, undecoded_output
 from xbus.device.channel import Channel
 from xbus.device.sample import Sample
+from xbus.device.stats import live_stats
 from xbus.errors import StateError, XbusTimeout
+from xbus.formatting import format_count
 from xbus.protocol.values import State
 from xbus.wire.strings import String, type_at
 
@@ -129,13 +132,21 @@ class Reader:
             self._refuse_config("read_string")
 
     def _refuse_silence(self, what: str, timeout: float) -> NoReturn:
-        waiting = self._acquisition.waiting
+        link, waiting = self._channel.link, self._acquisition.waiting
+        now = link.clock()
+        stats = live_stats(self._acquisition.stats(now), self._channel.outdated)
         advice = ""
         if what == "sample" and waiting.strings:
             advice = "; the device sends strings, which read_string() returns"
         elif what == "string" and waiting.samples:
             advice = "; the device sends samples, which read_sample() returns"
-        text = f"no {what} from {self._channel.link.name} within {timeout:g} s{advice}"
+        elif waiting.last_arrival is not None and now - waiting.last_arrival <= timeout:
+            if mids := output_mids(stats.message_counts):
+                advice = f"; the device sends {', '.join(map(undecoded_output, mids))}"
+            elif stats.skipped_bytes:
+                count = format_count(stats.skipped_bytes, "byte")
+                advice = f"; {count} without a message arrived: the baud rate may have changed"
+        text = f"no {what} from {link.name} within {timeout:g} s{advice}"
         raise XbusTimeout(text, None, timeout)
 
     def _refuse_config(self, command: str) -> NoReturn:

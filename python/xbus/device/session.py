@@ -199,11 +199,13 @@ class Session:
             sample = Sample(item.payload, item.bid, item.offset)
             sample.time, sample.leads = self._clock.sample(item.bid, item.payload)
             return sample
+        if item.mid == MessageId.MTData:
+            self.handle_data()
         self._clock.message(item.bid, item.mid, item.payload)
         return self._message(item.offset, item.bid, item.mid, item.payload)
 
     def handle_data(self) -> None:
-        """Takes note of a sample or string: a device whose state is not known is in Measurement State."""
+        """Takes note of an output: a device whose state is not known is in Measurement State."""
         if self.state in (State.UNKNOWN, State.WAKEUP):
             self.state = State.MEASUREMENT
 

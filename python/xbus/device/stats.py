@@ -27,6 +27,7 @@ class LiveStats:
         frames: Frames in them.
         samples: MTData2 messages.
         messages: Other messages.
+        message_counts: Number of these by message identifier.
         malformed: MTData2 messages whose packets do not fill them.
         lost_samples: Samples missing by the packet counter.
         gaps: Places where samples are missing.
@@ -36,6 +37,7 @@ class LiveStats:
         strings: Number of strings by name; the name is empty for strings that are not in the manual.
         rates: Rates in Hz of quantities and strings by name, over the last two seconds; empty in the first
             half second.
+        message_rates: Rates in Hz of other messages by message identifier, likewise.
         unread_samples: Samples that wait to be read.
         dropped_samples: Samples dropped unread because newer ones filled the queue.
         dropped_strings: Strings dropped unread, likewise.
@@ -52,6 +54,7 @@ class LiveStats:
     frames: int
     samples: int
     messages: int
+    message_counts: dict[int, int]
     malformed: int
     lost_samples: int
     gaps: int
@@ -60,6 +63,7 @@ class LiveStats:
     quantities: dict[str, int]
     strings: dict[str, int]
     rates: dict[str, float]
+    message_rates: dict[int, float]
     unread_samples: int
     dropped_samples: int
     dropped_strings: int
@@ -75,12 +79,14 @@ class LiveStats:
 def live_stats(stats: dict[str, Any], outdated: int) -> LiveStats:
     """Returns the stats from those of `_core.Acquisition.stats`, and the number of outdated samples."""
     counts, rates, dropped = stats["counts"], stats["rates"], stats["dropped"]
-    losses = counts.pop("losses")
+    losses, message_counts = counts.pop("losses"), counts.pop("mids")
     return LiveStats(
         **counts | {"quantities": by_name(counts["quantities"])},
+        message_counts=message_counts,
         lost_samples=losses["samples"],
         gaps=losses["gaps"],
         rates=by_name(rates["quantities"]) | rates["strings"],
+        message_rates=rates["mids"],
         unread_samples=stats["unread"],
         dropped_samples=dropped["samples"],
         dropped_strings=dropped["strings"],

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from xbus.log.log import Log
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
 
@@ -46,6 +47,7 @@ class Fix:
     ``altitude_ellipsoid``.
 
     Attributes:
+        QUANTITIES: The quantities that it uses.
         type: ``"none"``, ``"2D"``, ``"3D"``, ... (Table 25), or ``"yes"`` if only the status word reports a
             fix; None before the first report.
         rtk: ``"none"``, ``"float"`` or ``"fixed"``, from bits 27 and 28 of the status word, or else from the
@@ -60,6 +62,8 @@ class Fix:
     >>> fix.type, fix.rtk, round(fix.position.lat, 2)
     ('yes', 'none', 52.24)
     """
+
+    QUANTITIES = ("status_word", "gnss_pvt_data", "lat_lon", "altitude_ellipsoid")
 
     def __init__(self) -> None:
         self.type: str | None = None
@@ -81,6 +85,15 @@ class Fix:
             alt = float(sample.get("altitude_ellipsoid", 0.0))
             if math.isfinite(lat + lon + alt):
                 self.position = Position(lat, lon, alt)
+
+    def update_from_block(self, block: Log) -> None:
+        """Updates the fix from the latest values of a block, such as one of `xbus.Device.blocks`."""
+        latest: dict[EntryKey, Any] = {
+            name: block[name].values[-1] for name in self.QUANTITIES if name in block
+        }
+        if (pvt := latest.get("gnss_pvt_data")) is not None:
+            latest["gnss_pvt_data"] = dict(zip(pvt.dtype.names, pvt.item(), strict=True))
+        self.update(latest)
 
     def _update_from_pvt(self, pvt: Mapping[str, int]) -> None:
         self._has_pvt = True

@@ -20,6 +20,8 @@ pub struct Counts {
     pub samples: u64,
     /// Other messages, malformed ones included.
     pub messages: u64,
+    /// These by their identifier.
+    pub mids: BTreeMap<u8, u64>,
     /// MTData2 messages that are empty or that their packets do not fill.
     pub malformed: u64,
     /// String outputs by name; the name of those that the manual does not list is empty.
@@ -66,6 +68,7 @@ impl Counts {
     pub(super) fn message(&mut self, frame: Frame<'_>) {
         self.frames += 1;
         self.messages += 1;
+        *self.mids.entry(frame.mid).or_default() += 1;
         self.malformed += u64::from(frame.mid == table::MTDATA2);
         match (frame.mid, frame.payload) {
             (table::ERROR, [code, ..]) => {

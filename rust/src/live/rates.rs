@@ -11,7 +11,7 @@ const INTERVAL: i64 = 250_000_000;
 /// Least time over which rates are computed, in ns.
 const LEAST: i64 = 500_000_000;
 
-/// How often quantities and strings arrive, in Hz.
+/// How often quantities, strings and other messages arrive, in Hz.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "python", derive(pyo3::IntoPyObject))]
 pub struct Rates {
@@ -19,6 +19,8 @@ pub struct Rates {
     pub quantities: BTreeMap<u16, f64>,
     /// Strings by name, as in [`Counts`].
     pub strings: BTreeMap<&'static str, f64>,
+    /// Messages that are no samples, by their identifier.
+    pub mids: BTreeMap<u8, f64>,
 }
 
 /// Snapshots of counts, from which rates are computed.
@@ -37,6 +39,7 @@ struct Snapshot {
     time: i64,
     quantities: BTreeMap<u16, u64>,
     strings: BTreeMap<&'static str, u64>,
+    mids: BTreeMap<u8, u64>,
 }
 
 impl Meter {
@@ -53,8 +56,8 @@ impl Meter {
         }
         let is_due = |last: &Snapshot| now.saturating_sub(last.time) >= INTERVAL;
         if self.snapshots.back().is_none_or(is_due) {
-            let (quantities, strings) = (counts.quantities.clone(), counts.strings.clone());
-            self.snapshots.push_back(Snapshot { time: now, quantities, strings });
+            let (quantities, strings, mids) = (counts.quantities.clone(), counts.strings.clone(), counts.mids.clone());
+            self.snapshots.push_back(Snapshot { time: now, quantities, strings, mids });
         }
         while self.snapshots.get(1).is_some_and(|second| now.saturating_sub(second.time) >= WINDOW) {
             self.snapshots.pop_front();
@@ -79,6 +82,7 @@ impl Meter {
         Rates {
             quantities: counts.quantities.iter().map(|(id, n)| (*id, rate(*n, start.quantities.get(id)))).collect(),
             strings: counts.strings.iter().map(|(name, n)| (*name, rate(*n, start.strings.get(name)))).collect(),
+            mids: counts.mids.iter().map(|(mid, n)| (*mid, rate(*n, start.mids.get(mid)))).collect(),
         }
     }
 }

@@ -1,10 +1,10 @@
 //! Recording: every byte to disk, written by a thread, so that a slow disk delays nothing else.
 //!
 //! A file starts with the head that the caller gives (Configuration and the like, so that other programs can open it),
-//! followed by the received bytes, unaltered, from the start of a frame on, to the end of one. They are written at a fixed
-//! interval at least, and what is written is a valid log whatever happens next. If the disk is full or fails, the file is truncated after its
-//! last whole frame, and the recording ends with an error; if the disk is too slow for longer than the queue can hold, the
-//! recording ends with all that was queued, never with a gap.
+//! followed by the received bytes, unaltered, from the start of a frame on, to the end of one or to the end of the stream.
+//! They are written at a fixed interval at least, and what is written is a valid log whatever happens next. If the disk is
+//! full or fails, the file is truncated after its last whole frame, and the recording ends with an error; if the disk is too
+//! slow for longer than the queue can hold, the recording ends with all that was queued, never with a gap.
 //!
 //! # Files
 //!

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.connection import baudrate_option, connect_device, port_lost
+from xbus.cli.connection import baudrate_option, connect_device, listen_option, port_lost
 from xbus.cli.failure import stop_requested
 from xbus.cli.inputs import label, strings_option
 from xbus.cli.printing import print_json, print_line
@@ -26,6 +26,7 @@ __all__ = ["monitor"]
 @click.command(epilog="Example: xbus monitor /dev/ttyUSB0")
 @click.argument("source", metavar="PORT|FILE")
 @baudrate_option
+@listen_option
 @click.option(
     "--speed",
     type=click.FloatRange(min=0, min_open=True),
@@ -43,6 +44,7 @@ __all__ = ["monitor"]
 def monitor(
     source: str,
     baudrate: int | None,
+    listen: bool,
     speed: float | None,
     once: float | None,
     strings: tuple[str, ...],
@@ -52,8 +54,8 @@ def monitor(
 
     The screen shows rates, latest values, attitude, status flags, GNSS fix, losses and damage. Press ? for
     the keys: p pauses, r records, / filters the quantities, q quits. The monitor only listens to a device
-    that sends data, unless a key needs a command, and leaves the device in its initial state. If the port is
-    lost, the monitor waits for it.
+    that sends data, unless a key needs a command, and leaves the device in its initial state; with --listen
+    it never sends a byte. If the port is lost, the monitor waits for it.
 
     PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. FILE is a
     recording, which is replayed at the pace of its time stamps; the screen stays open at the end.
@@ -69,12 +71,14 @@ def monitor(
     is_file = _is_file(source)
     if is_file and baudrate is not None:
         raise click.UsageError(f"{label(source)} is a recording and has no --baudrate")
+    if is_file and listen:
+        raise click.UsageError(f"{label(source)} is a recording; --listen is for a port")
     if not is_file and speed is not None:
         raise click.UsageError("--speed is for a recording; a device sends at its own rate")
     if is_file:
         _monitor_file(source, speed or 1.0, strings, once, as_json=as_json)
     else:
-        _monitor_port(source, baudrate, strings, once, as_json=as_json)
+        _monitor_port(source, baudrate, strings, once, listen=listen, as_json=as_json)
 
 
 def _is_file(name: str) -> bool:
@@ -100,11 +104,17 @@ def _monitor_file(
 
 
 def _monitor_port(
-    port: str, baudrate: int | None, strings: Sequence[str], once: float | None, *, as_json: bool
+    port: str,
+    baudrate: int | None,
+    strings: Sequence[str],
+    once: float | None,
+    *,
+    listen: bool,
+    as_json: bool,
 ) -> None:
     from xbus.cli.monitor.device_source import DeviceSource
 
-    with connect_device(port, baudrate, strings=strings) as device:
+    with connect_device(port, baudrate, listen=listen, strings=strings) as device:
         source = DeviceSource(device, reconnect=once is None)
         model = source.model()
         if once is None:

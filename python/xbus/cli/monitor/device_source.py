@@ -39,11 +39,14 @@ class DeviceSource:
     Args:
         device: The device; `close` restores its present state.
         reconnect: Whether to wait for a lost port instead of raising `Disconnected`.
+        restore: Whether to restore the state of a device whose port was lost, which sends commands.
     """
 
-    def __init__(self, device: Device, *, reconnect: bool) -> None:
+    def __init__(self, device: Device, *, reconnect: bool, restore: bool = False) -> None:
         self._device = device
         self._reconnect = reconnect
+        # A device that was only listened to has no state to restore; its port is opened again.
+        self._restores = restore or device.is_listening
         self._initial_state = device.state
         # The samples of a block have arrived when the loop asks for it, so the timeout is short.
         self._blocks = device.blocks(seconds=STEP, timeout=STEP / 100)
@@ -76,11 +79,9 @@ class DeviceSource:
         """Waits for the next block and adds it to the model."""
         device = self._device
         try:
-            if self._lost_at is not None:
-                device.find_baudrate((device.link.baudrate,))
-                away = device.link.clock() - self._lost_at
-                self._lost_at = None
-                model.add_event(f"the port is back after {away:.0f} s", is_bad=False)
+            if self._lost_at is not None and not self._is_back(model):
+                self._update(model)
+                return
             model.add_block(next(self._blocks), device.link.clock())
         except (StateError, XbusTimeout):
             pass  # in Config State, or silent
@@ -93,8 +94,23 @@ class DeviceSource:
             device.link.pause(STEP)
         self._update(model)
 
+    def _is_back(self, model: Model) -> bool:
+        """Tries to reach a device whose port was lost, and returns whether it is back."""
+        device = self._device
+        if not self._restores:
+            device.find_baudrate((device.link.baudrate,))
+        elif not device.try_reconnect():
+            return False
+        away = device.link.clock() - (self._lost_at or 0.0)
+        self._lost_at = None
+        model.add_event(f"the port is back after {away:.0f} s", is_bad=False)
+        return True
+
     def start_measurement(self, model: Model) -> None:
         """Makes a device in Config State measure."""
+        if self._device.is_listening:
+            model.add_event("no command is sent: the port was opened only to listen (--listen)")
+            return
         if self._device.state != State.CONFIG:
             model.add_event("the device is not in Config State", is_bad=False)
             return
@@ -154,6 +170,7 @@ class DeviceSource:
         model.state = device.state
         model.is_lost = self._lost_at is not None
         model.name = device.link.name
+        model.is_listening = device.is_listening
         model.device = device.product_code and device.product_code.strip()
         self._update_counts(model)
         self._add_notices(model)
@@ -167,6 +184,7 @@ class DeviceSource:
         now = _counts(self._device)
         totals = {name: n - self._initial_counts[name] for name, n in now.items()}
         model.counts = Counts(**totals | {name: now[name] for name in WAITING})
+        model.add_undecoded(self._device.stats.message_counts)
 
     def _add_notices(self, model: Model) -> None:
         # The device keeps a limited number of notices, the latest last: the last one seen may be gone.
@@ -174,6 +192,8 @@ class DeviceSource:
         new = list(takewhile(lambda notice: notice is not self._last_notice, notices))
         self._last_notice = new[0] if new else self._last_notice
         for notice in reversed(new):
+            if notice.name == "Reconnected":
+                continue  # an event already
             if notice.mid is None:
                 model.add_event(str(notice.value))
             elif notice.name in EVENT_MESSAGES:

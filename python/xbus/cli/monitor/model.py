@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from xbus.cli.monitor.attitude import ORIENTATIONS, Attitude, attitude_of
+from xbus.describe.outputs import output_mids, output_name, undecoded_output
 from xbus.log.column import Column
 from xbus.log.log import Log
-from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import RECEIVER
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
@@ -21,8 +22,6 @@ __all__ = ["Counts", "Model", "MonitorEvent", "QuantityState", "RecordingState"]
 RATE_SPAN = 5.0
 #: A quantity has stopped after this many periods without a packet, and at least this many seconds.
 STOPPED_PERIODS, STOPPED_SECONDS = 3.0, 1.5
-#: Quantities that update a `Fix`.
-FIX_QUANTITIES = ("status_word", "gnss_pvt_data", "lat_lon", "altitude_ellipsoid")
 #: Number of events to keep.
 MAX_EVENTS = 100
 
@@ -154,6 +153,7 @@ class Model:
         device: Product code of the device, once known.
         state: State of the device; None for a recording.
         is_lost: Whether the port is gone.
+        is_listening: Whether nothing is ever sent.
         baudrate: Baud rate of the port; None for a recording or if unknown.
         now: Seconds on the clock of the source.
         begin: When the monitor started, on the same clock.
@@ -164,12 +164,14 @@ class Model:
         counts: Totals.
         events: The latest events.
         recording: The current recording.
+        corrections: What was forwarded from a caster, in words; None without one.
     """
 
     name: str
     device: str | None = None
     state: State | None = None
     is_lost: bool = False
+    is_listening: bool = False
     baudrate: int | None = None
     now: float = 0.0
     begin: float = 0.0
@@ -180,6 +182,7 @@ class Model:
     counts: Counts = field(default_factory=Counts)
     events: deque[MonitorEvent] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     recording: RecordingState | None = None
+    corrections: str | None = None
 
     @property
     def elapsed(self) -> float:
@@ -224,7 +227,23 @@ class Model:
             quantity.update(len(packets), now, math.nan)
         self._add_strings(block, now)
         self._update_attitude(updated, now)
-        self._update_fix(block)
+        self.fix.update_from_block(block)
+
+    def add_undecoded(self, counts: Mapping[int, int]) -> None:
+        """Updates the outputs that are not decoded, such as legacy MTData.
+
+        Args:
+            counts: Totals of messages by message identifier.
+        """
+        for mid in output_mids(counts):
+            name = output_name(mid)
+            quantity = self.quantities.get((name, None))
+            if quantity is None:
+                quantity = self.quantities[name, None] = QuantityState(name)
+                quantity.value = "not decoded"
+                self.add_event(f"the device sends {undecoded_output(mid)}")
+            if new := counts[mid] - quantity.count:
+                quantity.update(new, self.now, math.nan)
 
     def _add_strings(self, block: Log, now: float) -> None:
         for string in block.strings:
@@ -257,11 +276,3 @@ class Model:
             quantity = updated[name]
             attitude = attitude_of(name, quantity.coordinates, quantity.value)
             self.last_attitude = None if attitude is None else (attitude, now)
-
-    def _update_fix(self, block: Log) -> None:
-        latest: dict[EntryKey, Any] = {
-            name: block[name].values[-1] for name in FIX_QUANTITIES if name in block
-        }
-        if (pvt := latest.get("gnss_pvt_data")) is not None:
-            latest["gnss_pvt_data"] = dict(zip(pvt.dtype.names, pvt.item(), strict=True))
-        self.fix.update(latest)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
@@ -42,6 +43,8 @@ class ReplaySource:
         self._size, block_bytes = self._measure()
         self._parts = self._read(block_bytes)
         self._pace = ReplayPace()
+        #: Number of messages by message identifier.
+        self._mids: Counter[int] = Counter()
         #: When the next part ends, in seconds since the first sample.
         self._due = 0.0
         self._began = time.monotonic()
@@ -85,6 +88,8 @@ class ReplaySource:
             model.counts.errors += message.name == "Error"
             model.counts.warnings += message.name == "Warning"
             model.add_event(describe_event(message), is_bad=message.name != "WakeUp")
+        self._mids.update(part.messages.mid.tolist())
+        model.add_undecoded(self._mids)
         self._read_next()
         if self.is_over:
             model.progress = 1.0

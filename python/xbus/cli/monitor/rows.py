@@ -90,6 +90,8 @@ def status_rows(model: Model, glyphs: Glyphs) -> list[StatusRow]:
         rows.append(StatusRow("heading", [(f"no attitude for {age:.0f} s", WARNING)]))
     if model.fix.type is not None and _has_receiver(model):
         rows.append(StatusRow("GNSS", _gnss(model)))
+    if model.corrections is not None:
+        rows.append(StatusRow("caster", [(model.corrections, PLAIN)]))
     if (status := model.status) is not None:
         parts = _flags(status, has_filter=model.attitude is not None)
         rows.append(StatusRow("status", parts, " "))
@@ -118,8 +120,8 @@ def device_state(model: Model) -> str:
     if model.state is None:
         return ""
     if model.state == State.UNKNOWN:
-        return "state unknown"
-    return f"{model.state.capitalize()} State"
+        return "state unknown" + (", only listening" if model.is_listening else "")
+    return f"{model.state.capitalize()} State" + (", only listening" if model.is_listening else "")
 
 
 def format_elapsed(seconds: float) -> str:

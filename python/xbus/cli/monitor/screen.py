@@ -175,7 +175,7 @@ def _keys(model: Model, view: ViewState) -> Text:
     if view.shows_help:
         return _text(("any key: back", DIM))
     spans: list[Span] = []
-    if model.state == State.CONFIG:
+    if model.state == State.CONFIG and not model.is_listening:
         spans.append(("m starts measurement  ", WARNING))
     if view.filter_text:
         spans.append((f"filter {view.filter_text!r}, Esc shows all  ", HEADING))
