@@ -115,8 +115,8 @@ class SimulatedDevice:
         lost: Number of samples lost because the line was too slow.
 
     Raises:
-        ValueError: The product or trajectory does not exist, the product does not support the baud rate, or no
-            device can have the identifier.
+        ValueError: The product or trajectory does not exist, the product does not support the baud rate, or
+            no device can have the identifier.
 
     Example:
         >>> import xbus
