@@ -277,7 +277,7 @@ REFUSED: list[tuple[str, str, Any, str]] = [
     ("MTi-630", "ResetOrientation", 2, "2 is not one of STORE 0, HEADING 1"),
     ("MTi-630", "SetCanConfig", xbus.protocol.CanConfig(0x55), "no CAN baud rate has the code 85"),
     ("MTi-630", "SetPortConfig", [PortConfig(1, 0x55)] * 3, "does not support code 85 baud"),
-    ("MTi-300", "SetLatLonAlt", LatLonAlt(0, 0, float("inf")), "alt must be a number of metres"),
+    ("MTi-300", "SetLatLonAlt", LatLonAlt(0, 0, float("inf")), "alt cannot be inf: it must be a finite"),
     ("MTi-300", "SetAlignmentRotation", AlignmentRotation(2, (1, 0, 0, 0)), "2 is not one of ROT_SENSOR 0"),
     ("MTi-300", "SetUTCTime", xbus.protocol.UtcTime(0, 2026, 2, 29, 0, 0, 0), "there is no 2026-02-29"),
     ("MTi-300", "SetTransmitDelay", 100, "from 590 to 65535"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 import sys
 import tomllib
 from collections.abc import Iterator
@@ -217,13 +218,77 @@ def test_a_setting_has_the_precision_of_its_message(numbers: list[float]) -> Non
     assert Settings.from_toml(settings.to_toml()) == settings
 
 
-def test_a_tuple_that_no_message_holds_is_named() -> None:
-    settings = Settings(gnss_lever_arm=(1e40, 0.0, 0.0))  # type: ignore[arg-type]
-    with (
-        connect("sim:MTi-680G") as device,
-        pytest.raises(ValueError, match=r"x cannot be 1e\+40"),
-    ):
-        device.apply(settings)
+#: Values of the wrong type or size, and the error.
+WRONG: list[tuple[str, Any, str]] = [
+    ("product", 630, "product: 630 is not text"),
+    ("output_configuration", 5, "output_configuration: 5 is not a list"),
+    ("output_configuration", [5], "output_configuration: data_id cannot be None"),
+    ("output_configuration", {"acceleration": "fast"}, "a rate is a whole number of Hz, not 'fast'"),
+    ("output_configuration", {"acceleration": 1.5}, "a rate is a whole number of Hz, not 1.5"),
+    ("output_configuration", {"x": 1}, "output_configuration: no quantity is called 'x'"),
+    ("output_configuration", {None: 1}, "output_configuration: a key is a name"),
+    ("filter_profile", True, "filter_profile: true is not a name or a number"),
+    ("filter_profile", [39], "filter_profile: [39] is not a name or a number"),
+    ("option_flags", 5.5, "option_flags: flags cannot be 5.5"),
+    ("option_flags", -1, "option_flags: flags cannot be -1"),
+    ("rot_sensor", (1, 0, 0), "rot_sensor: quaternion cannot be (1, 0, 0): it must be 4 finite"),
+    ("rot_local", (1, 0, 0, 1e40), "rot_local: quaternion cannot be"),
+    ("sync_settings", [5], "sync_settings: function cannot be None"),
+    ("location_id", "7", "location_id: location_id cannot be '7'"),
+    ("location_id", True, "location_id: location_id cannot be True"),
+    ("string_output_type", 5, "string_output_type: types cannot be None"),
+    ("lat_lon_alt", (1, 2), "lat_lon_alt: (1, 2) does not have the fields lat, lon, alt"),
+    ("gnss_lever_arm", (1e40, 0.0, 0.0), "gnss_lever_arm: x cannot be 1e+40"),
+    ("gnss_lever_arm", (0.0, float("nan"), 0.0), "gnss_lever_arm: y cannot be nan"),
+    ("gnss_platform", "sea", "gnss_platform: platform cannot be 'sea'"),
+    ("can_config", 5, "can_config: 5 is not a CanConfig"),
+    ("port_config", [5], "port_config: 5 is not a PortConfig"),
+    ("baudrate", "fast", 'baudrate: "fast" is not a whole number'),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "value", "says"), WRONG)
+def test_a_wrong_value_is_refused_when_it_is_given(name: str, value: Any, says: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(says)) as caught:
+        Settings(**{name: value})
+    assert str(caught.value).startswith(f"{name}: ")
+
+
+def test_outputs_as_rates_by_quantity() -> None:
+    rates: Any = {"packet_counter": None, ("quaternion", "NED"): 100}
+    settings = Settings(output_configuration=rates)
+    assert settings.output_configuration == (Output(0x1020), Output(0x2014, 100))
+    assert connect("sim:MTi-630").apply(settings).changes[0].after == settings.output_configuration
+
+
+ANY = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text()
+    | st.binary()
+    | st.builds(Output, st.integers(), st.floats())
+    | st.builds(GnssLeverArm, st.floats(), st.floats(), st.text())
+    | st.builds(CanConfig, st.integers(), st.text()),
+    lambda item: st.lists(item, max_size=4) | st.dictionaries(st.text(), item, max_size=2)
+    | st.tuples(item, item, item),
+    max_leaves=6,
+)  # fmt: skip
+
+
+@given(ANY)
+@pytest.mark.parametrize("name", ["product", *SETTINGS])
+def test_a_value_of_any_type_is_refused_or_can_be_written(name: str, value: Any) -> None:
+    settings, problem = None, ""
+    try:
+        settings = Settings(**{name: value})
+    except ValueError as error:
+        problem = str(error)
+    if settings is None:
+        assert problem.startswith(f"{name}: ")
+    elif "\\ud" not in repr(value):  # a lone surrogate
+        assert Settings.from_toml(settings.to_toml()) == settings
 
 
 def test_a_profile_in_whichever_case_or_by_number() -> None:

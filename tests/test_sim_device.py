@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import tracemalloc
 from collections.abc import Iterable
 from dataclasses import replace
@@ -69,7 +70,9 @@ GNSS_NUMBERS = {product.number for product in PRODUCTS.values() if product.kind 
 
 
 def frame(name: str, value: Any = None, **options: Any) -> bytes:
-    return encode_frame(MESSAGES[name].mid, encode(name, value), **options)
+    # Bytes are a payload, of a value that the layout of the message does not write.
+    payload = value if isinstance(value, bytes) else encode(name, value)
+    return encode_frame(MESSAGES[name].mid, payload, **options)
 
 
 def messages(data: bytes) -> list[Message]:
@@ -239,11 +242,11 @@ REFUSED: list[tuple[str, str, Any, int]] = [
     ("MTi-300", "ReqAlignmentRotation", 2, PARAMETER),
     ("MTi-300", "SetAlignmentRotation", AlignmentRotation(2, (1, 0, 0, 0)), PARAMETER),
     ("MTi-300", "SetAlignmentRotation", AlignmentRotation(0, (0, 0, 0, 0)), PARAMETER),
-    ("MTi-300", "SetAlignmentRotation", AlignmentRotation(0, (np.nan, 0, 0, 0)), PARAMETER),
+    ("MTi-300", "SetAlignmentRotation", struct.pack(">B4f", 0, np.nan, 0, 0, 0), PARAMETER),
     ("MTi-300", "SetLatLonAlt", LatLonAlt(90.1, 0, 0), PARAMETER),
     ("MTi-300", "SetLatLonAlt", LatLonAlt(0, -180.1, 0), PARAMETER),
-    ("MTi-300", "SetLatLonAlt", LatLonAlt(0, 0, np.inf), PARAMETER),
-    ("MTi-300", "SetLatLonAlt", LatLonAlt(np.nan, 0, 0), PARAMETER),
+    ("MTi-300", "SetLatLonAlt", struct.pack(">3d", 0, 0, np.inf), PARAMETER),
+    ("MTi-300", "SetLatLonAlt", struct.pack(">3d", np.nan, 0, 0), PARAMETER),
     ("MTi-300", "SetUTCTime", UtcTime(0, 1998, 12, 31, 0, 0, 0), PARAMETER),
     ("MTi-300", "SetUTCTime", UtcTime(0, 2026, 2, 29, 0, 0, 0), PARAMETER),
     ("MTi-300", "SetUTCTime", UtcTime(0, 2026, 2, 28, 24, 0, 0), PARAMETER),
@@ -275,7 +278,7 @@ REFUSED: list[tuple[str, str, Any, int]] = [
     ("MTi-630", "SetCanConfig", CanConfig(0x77), BAUDRATE),
     ("MTi-630", "SetCanOutputConfig", [CanOutput(0x99, False, 1, 100)], PARAMETER),
     ("MTi-680G", "SetInitialHeading", 180.1, PARAMETER),
-    ("MTi-680G", "SetGnssLeverArm", GnssLeverArm(np.inf, 0, 0), PARAMETER),
+    ("MTi-680G", "SetGnssLeverArm", struct.pack(">3f", np.inf, 0, 0), PARAMETER),
 ]
 
 
@@ -285,6 +288,11 @@ def test_a_refused_value_changes_nothing(product: str, name: str, value: Any, co
     before = device.settings
     assert ask(device, name, value) == f"error {code}"
     assert device.settings == before
+
+
+def test_an_identifier_that_no_device_can_have() -> None:
+    with pytest.raises(ValueError, match="0x100000000 is not a device identifier"):
+        SimulatedDevice("MTi-630", device_id=1 << 32)
 
 
 def test_too_many_outputs_are_refused() -> None:

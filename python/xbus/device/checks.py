@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable
 from datetime import date
 from enum import IntEnum
@@ -71,8 +70,6 @@ def _within(name: str, numbers: range, unit: str = "") -> Callable[[float], None
 
 
 def _check_position(position: LatLonAlt) -> None:
-    if not math.isfinite(position.alt):
-        raise ValueError(f"alt must be a number of metres, not {position.alt}")
     _between("lat", -90, 90, " degrees")(position.lat)
     _between("lon", -180, 180, " degrees")(position.lon)
 

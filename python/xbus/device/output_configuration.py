@@ -60,9 +60,9 @@ def parse_output_configuration(configuration: OutputConfiguration) -> tuple[Outp
     return outputs
 
 
-def _checked_rate(key: Key, rate: float) -> int:
-    if rate != int(rate) or not 0 <= rate <= EVERY:
-        raise ValueError(f"{key!r}: a rate is a whole number of Hz, not {rate}")
+def _checked_rate(key: Key, rate: Any) -> int:
+    if isinstance(rate, bool) or rate not in range(EVERY + 1):
+        raise ValueError(f"{key!r}: a rate is a whole number of Hz, not {rate!r}")
     return int(rate)
 
 

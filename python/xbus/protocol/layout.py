@@ -6,9 +6,11 @@ All numbers are big-endian (section 5.1.1).
 
 from __future__ import annotations
 
+import contextlib
 import inspect
+import math
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from dataclasses import field as attribute
 from enum import IntEnum, IntFlag
@@ -141,17 +143,27 @@ class FieldLayout:
 
     def encode(self, value: Any) -> bytes:
         """Returns the bytes of a value. Raises ValueError, with the name of the field, if it does not fit."""
-        try:
-            if not self._is_text:
-                return self._wire.pack(*(value if self.field.repeat > 1 else (value,)))
-            data = value.encode("ascii") if self.kind is str else value
-            if len(data) <= self.field.repeat and self.field.rest:
-                return bytes(data)
-            if len(data) <= self.field.repeat:
-                return self._wire.pack(data.ljust(self.size) if self.kind is str else data)
-        except (struct.error, OverflowError, TypeError, AttributeError, UnicodeError):
-            pass
+        with contextlib.suppress(
+            struct.error, OverflowError, TypeError, AttributeError, ValueError
+        ):
+            if self._is_text:
+                data = value.encode("ascii") if self.kind is str else value
+                if len(data) <= self.field.repeat and self.field.rest:
+                    return bytes(data)
+                if len(data) <= self.field.repeat:
+                    return self._wire.pack(data.ljust(self.size) if self.kind is str else data)
+            else:
+                numbers = value if self.field.repeat > 1 else (value,)
+                if all(map(self._is_valid, numbers)):
+                    return self._wire.pack(*numbers)
         raise ValueError(f"{self.name} cannot be {value!r}: it must be {self._range()}")
+
+    def _is_valid(self, number: Any) -> bool:
+        """Returns whether a number has the type of the field; `struct` takes NaN, and bools as numbers."""
+        if self.kind is bool:
+            return number in (0, 1)
+        is_finite = self.kind is not float or math.isfinite(number)
+        return is_finite and not isinstance(number, bool)
 
     def decode(self, data: bytes) -> Any:
         """Returns the value of as many bytes as the field has."""
@@ -201,10 +213,12 @@ class FieldLayout:
             return f"at most {self.field.repeat} bytes"
         if self.kind is str:
             return f"ASCII of at most {self.field.repeat} characters"
+        if self.kind is bool:
+            return "true or false"
         if self.field.repeat > 1:
-            return f"{self.field.repeat} numbers that its format holds"
+            return f"{self.field.repeat} finite numbers that its format holds"
         if self.kind is float:
-            return "a number that its format holds"
+            return "a finite number that its format holds"
         bits = 8 * self.size
         least = -(1 << bits - 1) if self.field.type.startswith("i") else 0
         return f"an integer from {least} to {least + (1 << bits) - 1}"
@@ -316,6 +330,8 @@ def repeated(entry: Layout, row: MessageRow) -> Layout:
     size = sum(FieldLayout(field).size for field in row.forms[0])
 
     def encode(values: Any) -> bytes:
+        if not isinstance(values, Iterable):
+            raise ValueError(f"{values!r} is not a list")  # noqa: TRY004 - every misfit is a ValueError
         values = tuple(values)
         if len(values) > row.most:
             raise ValueError(f"there are {len(values)} entries, and the message holds {row.most}")

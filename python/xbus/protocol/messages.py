@@ -60,6 +60,11 @@ _TYPE_OF = {name: kind for kind, names in _TYPES for name in names.split()}
 # Payloads whose values are more than their fields
 
 
+def _check_type(value: Any, kind: type) -> None:
+    if not isinstance(value, kind):
+        raise ValueError(f"{value!r} is not a {kind.__name__}")  # noqa: TRY004 - every misfit is a ValueError
+
+
 def _device_id(row: MessageRow) -> Layout:
     layout = layout_of(row)
     wide, narrow = (Form([FieldLayout(field) for field in form]) for form in row.forms)
@@ -67,7 +72,12 @@ def _device_id(row: MessageRow) -> Layout:
     def encode(number: Any) -> bytes:
         # Identifiers from the 600-series on have bit 31 set, and eight bytes.
         is_wide = isinstance(number, int) and number >> 31
-        return (wide if is_wide else narrow).encode({"device_id": number})
+        payload = (wide if is_wide else narrow).encode({"device_id": number})
+        if is_wide and _core.device_id(payload) != number:
+            raise ValueError(
+                f"device_id cannot be 0x{number:X}: beyond four bytes, bit 31 must be set"
+            )
+        return payload
 
     def decode(payload: bytes) -> int:
         # Some firmware leaves other bytes in the second half.
@@ -101,12 +111,13 @@ def _sync_settings(row: MessageRow) -> Layout:
     unsigned = record([row.forms[0]], v.SyncSetting)
     signed = record([(*others, offset._replace(type="i2"))], v.SyncSetting)
 
-    def by_function(function: int) -> Layout:
-        return signed if function in v.SYNC_OUT_FUNCTIONS else unsigned
+    def by_function(function: Any) -> Layout:
+        is_signed = isinstance(function, int) and function in v.SYNC_OUT_FUNCTIONS
+        return signed if is_signed else unsigned
 
     entry = replace(
         unsigned,
-        encode=lambda setting: by_function(setting.function).encode(setting),
+        encode=lambda setting: by_function(getattr(setting, "function", None)).encode(setting),
         decode=lambda payload: by_function(payload[0]).decode(payload),
     )
     return repeated(entry, row)
@@ -119,7 +130,12 @@ def _word(row: MessageRow, kind: type[v.PortConfig | v.CanConfig]) -> Layout:
     parts = [
         FieldLayout(row.forms[0][0]._replace(name=name), kinds.get(name, int)) for name in names
     ]
-    word = mapped(record(row.forms, int), kind.from_word, int)
+
+    def to_word(value: Any) -> int:
+        _check_type(value, kind)
+        return int(value)
+
+    word = mapped(record(row.forms, int), kind.from_word, to_word)
     word = replace(word, fields={part.name: part.read for part in parts}, make=kind)
     return repeated(word, row) if row.kind == "list" else word
 
@@ -134,6 +150,7 @@ def _icc_reply(row: MessageRow) -> Layout:
         return v.IccReply(fields.command, result, fields.active)
 
     def to_fields(reply: v.IccReply) -> SimpleNamespace:
+        _check_type(reply, v.IccReply)
         result = {} if reply.result is None else reply.result._asdict()
         return SimpleNamespace(command=reply.command, active=reply.active, **result)
 
@@ -145,12 +162,16 @@ def _configuration(row: MessageRow) -> Layout:
     wire = Form([FieldLayout(field) for field in form])
 
     def encode(value: Configuration) -> bytes:
-        if not 0 <= value.device_id < 1 << 64:
-            raise ValueError(f"device_id cannot be {value.device_id}: it must fit eight bytes")
+        _check_type(value, Configuration)
         # The halves of an identifier of eight bytes are in the opposite order of the DeviceID message. They
         # occupy fields that only devices with four bytes use.
         low, high = value.device_id & 0xFFFF_FFFF, value.device_id >> 32
         wide = value.device_id >> 31
+        # Without bit 31 in the low half, the identifier would be taken for one of four bytes.
+        if not 0 <= value.device_id < 1 << 64 or (wide and not wide & 1):
+            raise ValueError(
+                f"device_id cannot be 0x{value.device_id:X}: it must fit eight bytes with bit 31 set, or four"
+            )
         major, minor, revision, *_ = value.firmware
         filter_major, filter_minor = value.filter_version
         return wire.encode(

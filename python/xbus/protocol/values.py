@@ -447,9 +447,18 @@ class PortProtocol(IntEnum):
 
 def _bits(name: str, value: int, mask: int) -> int:
     """Returns the value if it fits its bits; raises ValueError otherwise."""
-    if value & ~mask:
-        raise ValueError(f"{name} cannot be {value!r}: it must lie within the bits 0x{mask:X}")
-    return value
+    if not isinstance(value, int) or isinstance(value, bool) or value & ~mask:
+        raise ValueError(
+            f"{name} cannot be {value!r}: it must be an integer within the bits 0x{mask:X}"
+        )
+    return int(value)
+
+
+def _bit(name: str, value: bool) -> bool:
+    """Returns the value if it is a bit; raises ValueError otherwise."""
+    if not isinstance(value, int) or value not in (0, 1):
+        raise ValueError(f"{name} cannot be {value!r}: it must be true or false")
+    return bool(value)
 
 
 @dataclass(frozen=True)
@@ -480,10 +489,10 @@ class PortConfig:
         return baudrate(self.baud_code)
 
     def __int__(self) -> int:
-        flags = (self.flow_control, self.two_stop_bits, self.parity, self.parity_even)
+        flags = ("flow_control", "two_stop_bits", "parity", "parity_even")
         return (
             _bits("baud_code", self.baud_code, 0xFF)
-            | sum(bool(flag) << bit for bit, flag in enumerate(flags, 8))
+            | sum(_bit(flag, getattr(self, flag)) << bit for bit, flag in enumerate(flags, 8))
             | _bits("protocol", self.protocol, 0xF) << 16
             | _bits("reserved", self.reserved, 0xFFF0_F000)
         )
@@ -574,7 +583,7 @@ class CanConfig:
     def __int__(self) -> int:
         return (
             _bits("baud_code", self.baud_code, 0xFF)
-            | bool(self.enabled) << 8
+            | _bit("enabled", self.enabled) << 8
             | _bits("reserved", self.reserved, 0xFFFF_FE00)
         )
 

@@ -115,7 +115,8 @@ class SimulatedDevice:
         lost: Number of samples lost because the line was too slow.
 
     Raises:
-        ValueError: The product or trajectory does not exist, or the product does not support the baud rate.
+        ValueError: The product or trajectory does not exist, the product does not support the baud rate, or
+            no device can have the identifier.
 
     Example:
         >>> import xbus
@@ -175,6 +176,10 @@ class SimulatedDevice:
             firmware=firmware,
             hardware=hardware,
         )
+        if (wide := identity.device_id >> 31) and not wide & 1:
+            raise ValueError(
+                f"0x{identity.device_id:X} is not a device identifier: beyond four bytes, bit 31 must be set"
+            )
         self.sent = self.lost = 0
         self._frame_timeout_at = 0
         self._lock = threading.RLock()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -27,9 +26,13 @@ class Settings:
     Values are rounded to the precision of their message, float32 for most real numbers, so they equal what
     a device returns. The initial heading is not a setting here, because it cannot be read.
 
+    Raises:
+        ValueError: A value does not fit the message of its setting.
+
     Attributes:
         product: Name of the product.
-        output_configuration: Outputs, with the rates in effect.
+        output_configuration: Outputs, with the rates in effect; also given as rates in Hz by quantity, as
+            `Device.set_output_configuration` takes them.
         filter_profile: Name, on the 600-series names joined by ``/``; a number if it has no name.
         option_flags: The flags that are set.
         rot_sensor: q0, q1, q2, q3.
@@ -85,12 +88,14 @@ class Settings:
     lines: Mapping[str, Sequence[int]] = field(default_factory=dict, compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.product, str | None):
+            raise ValueError(f"product: {self.product!r} is not text")  # noqa: TRY004 - as for the settings
         for name in SETTINGS:
             if (value := getattr(self, name)) is not None:
-                # A value that does not fit its message is reported when it is applied.
-                with contextlib.suppress(ValueError, TypeError):
-                    object.__setattr__(self, name, value := with_fields(name, value))
-                    object.__setattr__(self, name, value_on_wire(name, value))
+                try:
+                    object.__setattr__(self, name, value_on_wire(name, with_fields(name, value)))
+                except (TypeError, ValueError) as error:  # TypeError: a key that is no quantity
+                    raise ValueError(f"{name}: {error}") from None
 
     def to_toml(self) -> str:
         """Returns the settings as TOML, with the names of the manual and a comment above each setting.

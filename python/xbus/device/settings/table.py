@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+from xbus.device.output_configuration import parse_output_configuration
 from xbus.device.settings import converters
 from xbus.device.settings.converters import Converter
 from xbus.device.settings.toml import format_value
@@ -140,16 +142,25 @@ _WITHOUT_LAYOUT = ("filter_profile", "baudrate")
 def with_fields(name: str, value: Any) -> Any:
     """Returns the value of a setting as a record of named fields, if it is a plain tuple of them.
 
+    Rates by quantity are returned as outputs.
+
     Raises:
-        TypeError: The tuple has more or fewer values than the record has fields.
+        ValueError: The tuple has more or fewer values than the record has fields, or a quantity or rate is
+            not valid.
 
     >>> with_fields("gnss_lever_arm", (0.1, 0.25, 1))
     GnssLeverArm(x=0.1, y=0.25, z=1)
     """
+    if name == "output_configuration" and isinstance(value, Mapping):
+        return parse_output_configuration(value)
     if type(value) is not tuple or name in ROTATIONS or name in _WITHOUT_LAYOUT:
         return value
     layout = _layout(name)
-    return value if layout.several else layout.make(*value)
+    if layout.several:
+        return value
+    if len(value) != len(layout.fields):
+        raise ValueError(f"{value!r} does not have the fields {', '.join(layout.fields)}")
+    return layout.make(*value)
 
 
 def value_on_wire(name: str, value: Any) -> Any:
@@ -164,7 +175,7 @@ def value_on_wire(name: str, value: Any) -> Any:
     GnssLeverArm(x=0.10000000149011612, y=0.25, z=1.0)
     """
     if name in _WITHOUT_LAYOUT:  # not rounded
-        return value
+        return SETTINGS[name].converter.read(value)
     layout = _layout(name)
     if name in ROTATIONS:
         rotation = v.AlignmentRotation(ROTATIONS[name], value)
