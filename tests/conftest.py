@@ -32,7 +32,8 @@ import streams
 import xbus
 from reference import Reference
 from streams import packet
-from xbus import Column, Log, SimulatedDevice, _core, connect
+from xbus import Column, Log, MessageId, SimulatedDevice, _core, connect
+from xbus.protocol import encode
 
 settings.register_profile(
     "default", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
@@ -293,6 +294,46 @@ def sound_streams(draw: st.DrawFn, most: int = 60) -> bytes:
 def damaged_streams(draw: st.DrawFn, most: int = 60) -> bytes:
     """Draws the same, with up to eight changes."""
     return edited(draw(sound_streams(most)), draw(st.lists(edits(), max_size=8)))
+
+
+#: Fine times near the two wraps of the products, one day and 32 bits, and in between.
+FINE_TIMES = st.one_of(
+    *(
+        st.integers(max(0, at - 200), min(at + 200, 2**32 - 1))
+        for at in (0, 432_000_000, 864_000_000, 2**31, 2**32 - 1)
+    )
+)
+STAMPS = st.builds(
+    lambda *packets: b"".join(packets),
+    st.just(b"") | st.integers(0, 0xFFFF).map(counter),
+    st.just(b"") | FINE_TIMES.map(fine),
+    st.just(b"") | st.integers(0, 2**32 - 1).map(coarse) | st.integers(86_390, 86_410).map(coarse),
+    st.just(b"") | st.integers(0, 2**32 - 1).map(trigger),
+    st.just(b"") | st.just(bytes.fromhex("7020 08 00000000 00000000")),
+)
+#: What devices send: samples, messages that name the device, and messages that start a new run.
+MESSAGES_OF_DEVICES = st.sampled_from(
+    [(MessageId.DeviceID, encode("DeviceID", number)) for number in (0x0370_03F8, 0x8000_5BF5)]
+    + [(MessageId.ProductCode, encode("ProductCode", "MTi-30-2A5G4"))]
+    + [(mid, b"") for mid in (MessageId.WakeUp, MessageId.GoToMeasurementAck, MessageId.ResetAck)]
+)
+SENT = st.tuples(
+    st.sampled_from([0xFF, 1, 2]),
+    st.one_of(*[STAMPS.map(lambda payload: (MessageId.MTData2, payload))] * 4, MESSAGES_OF_DEVICES),
+)
+
+
+@st.composite
+def clock_streams(draw: st.DrawFn) -> bytes:
+    """Draws samples with time stamps of every kind, of several devices, which restart and are named."""
+    sent = draw(st.lists(SENT, max_size=40))
+    return b"".join(xbus.encode_frame(mid, payload, bid=bid) for bid, (mid, payload) in sent)
+
+
+@st.composite
+def damaged_clock_streams(draw: st.DrawFn) -> bytes:
+    """Draws the same, with up to eight changes."""
+    return edited(draw(clock_streams()), draw(st.lists(edits(), max_size=8)))
 
 
 # ---------------------------------------------------------------------------------------------

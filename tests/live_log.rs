@@ -238,6 +238,9 @@ fn items_equal_the_scan(stream: &[u8], random: &mut Random) {
     let stats = log.stats;
     assert_eq!((counts.bytes, counts.frames, counts.samples), (stats.bytes, stats.frames, stats.samples));
     assert_eq!((counts.messages, counts.malformed), (stats.messages, stats.malformed));
+    let mut mids = BTreeMap::new();
+    log.messages.iter().for_each(|message| *mids.entry(message.mid).or_default() += 1);
+    assert_eq!(counts.mids, mids);
     assert_eq!((counts.strings.values().sum::<u64>(), counts.skipped_bytes), (stats.strings, stats.skipped_bytes));
     assert_eq!(counts.losses, log.losses());
 }

@@ -207,7 +207,7 @@ def test_full_lanes_drop_the_oldest() -> None:
     acquisition = Acquisition(None, bound=160)
     string = xbus.encode_string("HCMTW", {"temperature": 25.0})
     for at, sample in enumerate(numbered(100)):
-        acquisition.push(sample + string + streams.frame(0x3E, bytes([at]) * 9))
+        acquisition.push(sample + string + streams.frame(0x43, bytes([at]) * 9))
     stats, waiting = acquisition.stats(0.0), acquisition.waiting
     kept = {"samples": waiting.samples, "strings": waiting.strings}
     assert kept == {"samples": 10, "strings": 160 // len(string)}
@@ -245,7 +245,8 @@ def test_what_is_cleared_is_not_dropped() -> None:
     stats = acquisition.stats(0.0)
     assert stats["dropped"] == {"samples": 0, "strings": 0, "messages": 0}
     assert (stats["queued"], stats["unread"], stats["counts"]["samples"]) == (0, 0, 3)
-    assert acquisition.take_sample() is acquisition.take_string() is None
+    assert acquisition.take_sample() is None
+    assert acquisition.take_string() is None
 
 
 def test_half_a_frame_waits() -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any, TypeAlias
 
 import numpy as np
 import pytest
@@ -11,18 +13,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import xbus
-from conftest import coarse, counter, exchanges, fine, shared, trigger
+from conftest import clock_streams, exchanges, shared
 from xbus import (
     DecodeError,
     DeviceError,
-    MessageId,
     Sample,
     Session,
     StateError,
+    _core,
     encode_frame,
     encode_sample,
 )
-from xbus.device.events import Notice, Refusal, Reply
+from xbus.device.channel import Channel
+from xbus.device.events import Notice, Refusal, Reply, SessionEvent
 from xbus.protocol import (
     Alignment,
     AlignmentRotation,
@@ -42,10 +45,10 @@ from xbus.protocol import (
     State,
     StringOutput,
     StringType,
-    encode,
 )
 from xbus.protocol.products import support
 from xbus.protocol.tables import MESSAGES, QUANTITIES
+from xbus.wire.codec import LONGEST_LIVE
 
 REQUESTS = [row for row in MESSAGES.values() if row.direction == "to device"]
 ANSWERED = [row for row in REQUESTS if row.reply is not None]
@@ -59,11 +62,82 @@ EXCHANGES = exchanges()
 SAMPLE = encode_sample({"packet_counter": 7, "acceleration": [0, 0, 9.81]})
 
 
-def session(state: State = State.CONFIG, product: str | None = None, bid: int = 0xFF) -> Session:
-    host = Session(bid=bid)
+class SessionOfItems(Session):
+    """A session of a program that scans the stream itself: `handle` has all that arrives."""
+
+    def __init__(self, *, bid: int = 0xFF) -> None:
+        super().__init__(bid=bid)
+        self._own = _core.Scanner(LONGEST_LIVE, 0)
+
+    def receive(self, data: bytes) -> list[SessionEvent]:
+        return self._handled(self._own.feed(data, last=False))
+
+    def quiet(self) -> list[SessionEvent]:
+        return self._handled(self._own.feed(b"", last=True))
+
+    def _handled(self, items: list[_core.ScannedItem]) -> list[SessionEvent]:
+        return [event for item in items if (event := self.handle(item)) is not None]
+
+
+class SessionOfChannel(Session):
+    """A session behind a channel: `handle` has the messages, and the samples wait in the acquisition."""
+
+    def __init__(self, *, bid: int = 0xFF) -> None:
+        super().__init__(bid=bid)
+        self._acquisition = _core.Acquisition(None, bid=bid, epoch=0)
+        link: Any = SimpleNamespace(acquisition=self._acquisition, trouble=None)
+        self._channel = Channel(link)
+        self._channel.session = self
+        self._found: list[tuple[int, SessionEvent]] = []
+
+    def handle(self, item: _core.ScannedItem) -> SessionEvent | None:
+        event = super().handle(item)
+        if event is not None:
+            self._found.append((item.offset, event))
+        return event
+
+    def receive(self, data: bytes) -> list[SessionEvent]:
+        self._acquisition.push(data, 0.0)
+        return self._events_in_order()
+
+    def quiet(self) -> list[SessionEvent]:
+        self._acquisition.interrupt()
+        return self._events_in_order()
+
+    def _events_in_order(self) -> list[SessionEvent]:
+        self._channel.handle_events()
+        found, self._found = self._found, []
+        while (sample := self._channel.take_sample()) is not None:
+            found.append((sample.offset, sample))
+        return [event for _, event in sorted(found, key=lambda item: item[0])]
+
+
+#: What hands the received bytes to a session.
+ENTRIES = [Session, SessionOfItems, SessionOfChannel]
+
+
+def idle_session(state: State = State.CONFIG, product: str | None = None) -> Session:
+    """Returns a session that receives nothing."""
+    return prepared(Session(), state, product)
+
+
+def prepared(host: Session, state: State, product: str | None) -> Session:
     host.state = state
     host.identify(None if product is None else support(product))
     return host
+
+
+NewSession: TypeAlias = Callable[..., Session]
+
+
+@pytest.fixture(params=ENTRIES)
+def session(request: pytest.FixtureRequest) -> NewSession:
+    """Makes sessions with one of the entry points."""
+
+    def new(state: State = State.CONFIG, product: str | None = None, bid: int = 0xFF) -> Session:
+        return prepared(request.param(bid=bid), state, product)
+
+    return new
 
 
 def value_for(name: str) -> Any:
@@ -95,7 +169,7 @@ FILLED_UP = "FA FF 64 41"
 
 
 @pytest.mark.parametrize("product", EXCHANGES)
-def test_published_exchanges(product: str) -> None:
+def test_published_exchanges(session: NewSession, product: str) -> None:
     """The session sends the same bytes, and accepts replies in any pieces and with samples in between."""
     host = session(State.CONFIG, product)
     lines = EXCHANGES[product]
@@ -154,7 +228,9 @@ ANSWERS: list[tuple[str, Any, str, str, Any]] = [
 
 
 @pytest.mark.parametrize(("command", "value", "sent", "came", "expected"), ANSWERS)
-def test_answers(command: str, value: Any, sent: str, came: str, expected: Any) -> None:
+def test_answers(
+    session: NewSession, command: str, value: Any, sent: str, came: str, expected: Any
+) -> None:
     answer = bytes.fromhex(came)
     for cut in range(len(answer)):
         host = session(State.CONFIG if "config" in MESSAGES[command].states else State.MEASUREMENT)
@@ -170,7 +246,7 @@ def test_answers(command: str, value: Any, sent: str, came: str, expected: Any) 
 def test_commands_are_sent_only_in_their_states(
     row: xbus.protocol.tables.MessageRow, state: State
 ) -> None:
-    host = session(state)
+    host = idle_session(state)
     allowed = state in row.states or row.name in ("GoToConfig", "Reset")
     allowed |= (state, row.name) == (State.UNKNOWN, "ReqDID")
     if allowed:
@@ -199,13 +275,15 @@ CHANGES = [
 
 
 @pytest.mark.parametrize(("before", "comes", "after"), CHANGES)
-def test_received_messages_change_the_state(before: State, comes: bytes, after: State) -> None:
+def test_received_messages_change_the_state(
+    session: NewSession, before: State, comes: bytes, after: State
+) -> None:
     host = session(before)
     host.receive(comes)
     assert host.state == after
 
 
-def test_wake_up_is_answered_once_and_leads_to_config() -> None:
+def test_wake_up_is_answered_once_and_leads_to_config(session: NewSession) -> None:
     host = session(State.UNKNOWN)
     assert host.receive(encode_frame(0x3E)) == [Notice("WakeUp", None, b"", 0xFF, 0x3E)]
     assert host.request("WakeUpAck") == bytes.fromhex("FA FF 3F 00 C2")
@@ -216,7 +294,7 @@ def test_wake_up_is_answered_once_and_leads_to_config() -> None:
     ("came", "state"),
     [("FA FF 01 04 03 60 08 A6 EB", State.CONFIG), ("FA FF 42 01 04 BA", State.MEASUREMENT)],
 )
-def test_the_reply_to_req_did_shows_the_state(came: str, state: State) -> None:
+def test_the_reply_to_req_did_shows_the_state(session: NewSession, came: str, state: State) -> None:
     host = session(State.UNKNOWN)
     host.request("ReqDID")
     host.receive(bytes.fromhex(came))
@@ -225,6 +303,7 @@ def test_the_reply_to_req_did_shows_the_state(came: str, state: State) -> None:
 
 @pytest.mark.parametrize("row", ANSWERED, ids=lambda host: host.name)
 def test_an_abandoned_command_leaves_a_correct_state(
+    session: NewSession,
     row: xbus.protocol.tables.MessageRow,
 ) -> None:
     state = State(row.states[0])
@@ -239,7 +318,7 @@ def test_an_abandoned_command_leaves_a_correct_state(
 
 
 def test_one_command_at_a_time() -> None:
-    host = session()
+    host = idle_session()
     host.request("ReqDID")
     with pytest.raises(StateError, match="ReqDID is not answered yet"):
         host.request("ReqFWRev")
@@ -251,7 +330,7 @@ def test_one_command_at_a_time() -> None:
 def test_unknown_commands_are_rejected() -> None:
     for name in ("DeviceID", "MTData2", "SetNothing"):
         with pytest.raises(ValueError, match="there is no command"):
-            session().request(name)
+            idle_session().request(name)
 
 
 # product, command, value, error message
@@ -291,7 +370,7 @@ REFUSED: list[tuple[str, str, Any, str]] = [
 def test_unsupported_commands_are_not_sent(
     product: str, command: str, value: Any, error: str
 ) -> None:
-    host = session(State(MESSAGES[command].states[-1]), product)
+    host = idle_session(State(MESSAGES[command].states[-1]), product)
     with pytest.raises(ValueError, match=error):
         host.request(command, value)
     assert host.pending is None
@@ -301,7 +380,7 @@ def test_unsupported_commands_are_not_sent(
 
 
 @pytest.mark.parametrize("row", ANSWERED, ids=lambda host: host.name)
-def test_an_error_is_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
+def test_an_error_is_the_answer(session: NewSession, row: xbus.protocol.tables.MessageRow) -> None:
     host = session(State(row.states[0]))
     host.request(row.name, value_for(row.name))
     (refusal,) = host.receive(SAMPLE + encode_frame(0x42, b"\x21"))[1:]
@@ -313,7 +392,9 @@ def test_an_error_is_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
 
 
 @pytest.mark.parametrize("row", KNOWN, ids=lambda row: row.name)
-def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> None:
+def test_an_answer_of_the_wrong_length(
+    session: NewSession, row: xbus.protocol.tables.MessageRow
+) -> None:
     rows = [reply for reply in MESSAGES.values() if reply.mid == row.reply]
     assert row.reply is not None
     wrong = next(n for n in range(300) if not any(n in (row.lengths or ()) for row in rows))
@@ -329,7 +410,9 @@ def test_an_answer_of_the_wrong_length(row: xbus.protocol.tables.MessageRow) -> 
 
 
 @pytest.mark.parametrize("row", KNOWN, ids=lambda row: row.name)
-def test_garbage_does_not_hide_the_answer(row: xbus.protocol.tables.MessageRow) -> None:
+def test_garbage_does_not_hide_the_answer(
+    session: NewSession, row: xbus.protocol.tables.MessageRow
+) -> None:
     assert row.reply is not None
     length = min(next(reply.lengths or () for reply in MESSAGES.values() if reply.mid == row.reply))
     answer = encode_frame(row.reply, b"M" * length)
@@ -341,7 +424,7 @@ def test_garbage_does_not_hide_the_answer(row: xbus.protocol.tables.MessageRow) 
     assert host.pending is None
 
 
-def test_stream_errors_do_not_answer_a_command() -> None:
+def test_stream_errors_do_not_answer_a_command(session: NewSession) -> None:
     host = session(State.MEASUREMENT)
     host.request("SetNoRotation", 3)
     (notice,) = host.receive(bytes.fromhex("FA FF 42 01 29 95"))
@@ -350,7 +433,7 @@ def test_stream_errors_do_not_answer_a_command() -> None:
 
 
 @pytest.mark.parametrize("name", ["ReqBaudrate", "ReqLatLonAlt", "ReqLocationID", "ReqUTCTime"])
-def test_an_empty_answer_to_a_request_is_none(name: str) -> None:
+def test_an_empty_answer_to_a_request_is_none(session: NewSession, name: str) -> None:
     host = session()
     host.request(name)
     (refusal,) = host.receive(encode_frame(MESSAGES[name].reply or 0))
@@ -361,7 +444,7 @@ def test_an_empty_answer_to_a_request_is_none(name: str) -> None:
 @pytest.mark.parametrize(
     "name", ["ReqOutputConfiguration", "ReqSyncSettings", "ReqCanOutputConfig"]
 )
-def test_an_empty_list_is_a_list(name: str) -> None:
+def test_an_empty_list_is_a_list(session: NewSession, name: str) -> None:
     host = session()
     host.request(name)
     (reply,) = host.receive(encode_frame(MESSAGES[name].reply or 0))
@@ -369,7 +452,7 @@ def test_an_empty_list_is_a_list(name: str) -> None:
     assert reply.value == ()
 
 
-def test_an_error_without_a_code() -> None:
+def test_an_error_without_a_code(session: NewSession) -> None:
     host = session()
     host.request("ReqDID")
     (refusal,) = host.receive(encode_frame(0x42) + SAMPLE)[:1]
@@ -377,7 +460,7 @@ def test_an_error_without_a_code() -> None:
     assert isinstance(refusal.error, DecodeError)
 
 
-def test_code_40_keeps_its_four_bytes() -> None:
+def test_code_40_keeps_its_four_bytes(session: NewSession) -> None:
     host = session()
     host.request("ReqDID")
     (refusal,) = host.receive(encode_frame(0x42, bytes.fromhex("28 00000008")))
@@ -401,7 +484,7 @@ BUS = [
 
 
 @pytest.mark.parametrize(("bid", "sender", "heard"), BUS)
-def test_bus_identifiers(bid: int, sender: int, heard: bool) -> None:
+def test_bus_identifiers(session: NewSession, bid: int, sender: int, heard: bool) -> None:
     host = session(bid=bid)
     assert host.request("ReqDID")[1] == bid
     events = host.receive(encode_frame(0x01, bytes.fromhex("036008A6"), bid=sender))
@@ -431,7 +514,7 @@ def test_the_session_sends_the_published_host_frames() -> None:
         if name == "SetFilterProfileModern" and len(payload) == 2:
             name = "SetFilterProfile"
         value = xbus.protocol.decode(name, payload)
-        host = session(State(MESSAGES[name].states[0]))
+        host = idle_session(State(MESSAGES[name].states[0]))
         assert host.request(name, value) == raw, line
         count += 1
     assert count > 30
@@ -441,40 +524,14 @@ def test_the_session_sends_the_published_host_frames() -> None:
 # Times of samples
 # ---------------------------------------------------------------------------------------------
 
-#: Fine times near the two wraps of the products, one day and 32 bits, and in between.
-FINE_TIMES = st.one_of(
-    *(
-        st.integers(max(0, at - 200), min(at + 200, 2**32 - 1))
-        for at in (0, 432_000_000, 864_000_000, 2**31, 2**32 - 1)
-    )
-)
-STAMPS = st.builds(
-    lambda *packets: b"".join(packets),
-    st.just(b"") | st.integers(0, 0xFFFF).map(counter),
-    st.just(b"") | FINE_TIMES.map(fine),
-    st.just(b"") | st.integers(0, 2**32 - 1).map(coarse) | st.integers(86_390, 86_410).map(coarse),
-    st.just(b"") | st.integers(0, 2**32 - 1).map(trigger),
-    st.just(b"") | st.just(bytes.fromhex("7020 08 00000000 00000000")),
-)
-#: What devices send: samples, messages that name the device, and messages that start a new run.
-MESSAGES_OF_DEVICES = st.sampled_from(
-    [(MessageId.DeviceID, encode("DeviceID", number)) for number in (0x0370_03F8, 0x8000_5BF5)]
-    + [(MessageId.ProductCode, encode("ProductCode", "MTi-30-2A5G4"))]
-    + [(mid, b"") for mid in (MessageId.WakeUp, MessageId.GoToMeasurementAck, MessageId.ResetAck)]
-)
-SENT = st.tuples(
-    st.sampled_from([0xFF, 1, 2]),
-    st.one_of(*[STAMPS.map(lambda payload: (MessageId.MTData2, payload))] * 4, MESSAGES_OF_DEVICES),
-)
 
-
-@given(st.lists(SENT, max_size=40), st.lists(st.integers(1, 60), min_size=1))
+@pytest.mark.parametrize("entry", ENTRIES)
+@given(data=clock_streams(), cuts=st.lists(st.integers(1, 60), min_size=1))
 def test_live_samples_have_the_times_of_a_log(
-    sent: list[tuple[int, tuple[int, bytes]]], cuts: list[int]
+    entry: type[Session], data: bytes, cuts: list[int]
 ) -> None:
     """The clock is the same: wraps, coarse times, triggers, the GNSS receiver, restarts, several devices."""
-    data = b"".join(encode_frame(mid, payload, bid=bid) for bid, (mid, payload) in sent)
-    live, samples, at = Session(), [], 0
+    live, samples, at = entry(), [], 0
     for size in itertools.cycle(cuts):
         samples += [item for item in live.receive(data[at : at + size]) if isinstance(item, Sample)]
         at += size

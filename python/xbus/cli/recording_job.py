@@ -125,24 +125,24 @@ class RecordingJob:
             and not self._has_no_output
         ):
             self._has_no_output = True
-            arrivals = ", ".join(self._arrivals(last, stats))
-            report(
-                f"no sample for {MAX_SILENCE:g} s, but {arrivals}; the recording continues", True
-            )
+            what = ", ".join(self._arrivals(last, stats))
+            if output_mids(stats.message_counts) and not self._is_listening:
+                what += "; --output or --config sets outputs that replace it"
+            report(f"no sample for {MAX_SILENCE:g} s, but {what}; the recording continues", True)
 
     def _arrivals(self, before: LiveStats, stats: LiveStats) -> Iterator[str]:
-        """Yields what has arrived, other than samples and strings, with remedies."""
+        """Yields what has arrived, other than samples and strings."""
         counts = {
             mid: count - before.message_counts.get(mid, 0)
             for mid, count in stats.message_counts.items()
         }
         mids = [mid for mid, count in counts.items() if count]
-        for mid in output_mids(mids):
-            yield f"{format_count(counts[mid], 'message')}: {undecoded_output(mid)}"
-        if output_mids(mids) and not self._is_listening:
-            yield "which --output or --config replaces"
-        if others := sum(counts.values()) - sum(counts[mid] for mid in output_mids(mids)):
-            yield format_count(others, "other message")
+        outputs = output_mids(mids)
+        for mid in outputs:
+            what = undecoded_output(mid).removeprefix("message ")
+            yield f"{format_count(counts[mid], 'message')} {what}"
+        if mids and not outputs:
+            yield format_count(sum(counts.values()), "other message")
         if skipped := stats.skipped_bytes - before.skipped_bytes:
             advice = ""
             if not mids and self.device.link.is_line:

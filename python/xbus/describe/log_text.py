@@ -7,8 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from xbus.describe.log_summary import LogSummary
+from xbus.describe.outputs import undecoded_output
 from xbus.describe.text import device_name, finite, printable, recording_date
 from xbus.formatting import describe_damage, describe_losses
+from xbus.protocol.ids import MessageId
 
 __all__ = ["format_utc", "log_rows", "quantity_rows"]
 
@@ -35,6 +37,8 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
         yield "malformed", f"{stats.malformed:,}: the packets do not fill the message"
     messages = ", ".join(f"{name} {count:,}" for name, count in summary.messages.items())
     yield "messages", messages or "none but samples"
+    if MessageId.MTData.name in summary.messages:
+        yield "legacy", undecoded_output(MessageId.MTData)
     if summary.strings:
         yield "strings", ", ".join(f"{name} {count:,}" for name, count in summary.strings.items())
 

@@ -109,7 +109,7 @@ class DeviceSource:
     def start_measurement(self, model: Model) -> None:
         """Makes a device in Config State measure."""
         if self._device.is_listening:
-            model.add_event("no command is sent: the port was opened only to listen (--listen)")
+            model.add_event("no command is sent: --listen only listens")
             return
         if self._device.state != State.CONFIG:
             model.add_event("the device is not in Config State", is_bad=False)
