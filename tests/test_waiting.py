@@ -239,9 +239,10 @@ def test_a_reader_waits_while_another_thread_configures(device: Device) -> None:
     device.read_sample()
     done.set()
     assert reader.join().error is None
-    with pytest.raises(xbus.StateError, match="Config State"), device.configure():
-        device.discard()
-        device.read_sample()
+    with device.configure() as cfg:
+        cfg.discard()
+        with pytest.raises(xbus.StateError, match="Config State"):
+            cfg.read_sample()
 
 
 def test_a_recording_leaves_unread_samples(device: Device, tmp_path: Path) -> None:
