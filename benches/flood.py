@@ -3,7 +3,8 @@
     python benches/flood.py [SECONDS]
 
 Another process writes high-rate frames at 400 kB/s, in bursts of 16 ms like a USB-serial adapter. This
-process computes, reads now and then, and records. The bytes read and recorded must be the bytes written.
+process computes, reads now and then, and records. Each sample must be read once, with the values written, and
+the bytes recorded must be the bytes written.
 """
 
 import hashlib
@@ -15,6 +16,7 @@ import time
 import tty
 from pathlib import Path
 
+import numpy as np
 import serial
 
 import xbus
@@ -66,35 +68,55 @@ def main() -> None:
         os.close(slave)
         link.acquisition.record(path)
         writer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, pass_fds=(master,))
-        read = hashlib.sha256()
-        size = 0
+        reader, most_queued = Reader(link), 0
         while writer.poll() is None:
             hold_the_gil(1)
-            size, read = take(link, size, read)
+            most_queued = max(most_queued, link.acquisition.stats(link.clock())["queued"])
+            reader.read()
         assert writer.stdout is not None
         written, samples, digest = writer.stdout.read().split()
-        while size < int(written):
-            size, read = take(link, size, read)
-        stats = link.acquisition.stats()
+        while link.wait(0.5, samples=1):
+            reader.read()
+        stats = link.acquisition.stats(link.clock())
         link.acquisition.stop_recording()
         link.close()
         recorded = path.read_bytes()
-    assert read.hexdigest() == digest, "the bytes read are not the bytes written"
+    assert reader.count == int(samples), f"{reader.count} samples read, {samples} written"
     assert hashlib.sha256(recorded).hexdigest() == digest, (
         "the bytes recorded are not the bytes written"
     )
-    assert stats["samples"] == int(samples), stats
-    assert stats["dropped_bytes"] == stats["lost_samples"] == stats["skipped_bytes"] == 0, stats
+    counts = stats["counts"]
+    assert (counts["bytes"], counts["samples"]) == (int(written), int(samples)), stats
+    assert counts["losses"]["samples"] == counts["skipped_bytes"] == 0, stats
+    assert stats["dropped"]["samples"] == stats["unread"] == 0, stats
     print(
-        f"{size:,} bytes in {seconds:.0f} s ({size / seconds / 1000:.0f} kB/s), {samples} samples:"
-        f" none lost, read or recorded; at most {stats['most_queued_bytes'] / 1000:.0f} kB queued"
+        f"{counts['bytes']:,} bytes in {seconds:.0f} s ({counts['bytes'] / seconds / 1000:.0f} kB/s),"
+        f" {samples} samples: each read once and recorded; at most {most_queued / 1000:.0f} kB queued"
     )
 
 
-def take(link: SerialLink, size: int, digest: "hashlib._Hash") -> tuple[int, "hashlib._Hash"]:
-    data = link.read(0.1).data
-    digest.update(data)
-    return size + len(data), digest
+class Reader:
+    """Reads samples in blocks, and checks that each is the next one.
+
+    Attributes:
+        count: Number of samples.
+    """
+
+    def __init__(self, link: SerialLink) -> None:
+        self._acquisition = link.acquisition
+        self._decoder = link.acquisition.block_decoder()
+        self.count = 0
+
+    def read(self) -> None:
+        """Reads all samples that wait."""
+        block = self._acquisition.take_block(self._decoder)
+        assert block is not None
+        log = xbus.Log(block.part)
+        if len(log):
+            expected = np.arange(self.count, self.count + len(log))
+            assert np.array_equal(log["packet_counter"].values, expected % 65536)
+            assert np.array_equal(log["acceleration_hr"].values[:, 0], expected.astype(np.float32))
+        self.count += len(log)
 
 
 if __name__ == "__main__":

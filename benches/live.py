@@ -41,7 +41,7 @@ def record(seconds: float) -> None:
         log = xbus.read_log(path)
     assert log.stats.lost_samples == 0
     assert abs(len(log) / seconds - SAMPLE_RATE) < SAMPLE_RATE / 20, len(log)
-    print(f"recording alone              {share:6.1%} of a core  (goal: 3 %)")
+    print(f"recording alone              {share:6.1%} of a core  (goal: 0.7 %)")
 
 
 def blocks(seconds: float) -> None:
@@ -56,7 +56,7 @@ def blocks(seconds: float) -> None:
 
         share = processor_share(device, read)
     assert abs(sum(sizes) / seconds - ACCELERATION_RATE) < ACCELERATION_RATE / 20, sum(sizes)
-    print(f"blocks of 0.1 s              {share:6.1%} of a core  (goal: 5 %)")
+    print(f"blocks of 0.1 s              {share:6.1%} of a core  (goal: 1.2 %)")
 
 
 def samples(seconds: float) -> None:
@@ -75,7 +75,7 @@ def samples(seconds: float) -> None:
 
         share = processor_share(device, read)
     assert total > 0
-    print(f"sample by sample             {share:6.1%} of a core  (goal: 25 %)")
+    print(f"sample by sample             {share:6.1%} of a core  (goal: 3 %)")
     ages.sort()
     median, most = 1000 * statistics.median(ages), 1000 * ages[int(0.99 * len(ages))]
     print(f"from the port to the loop    {median:6.2f} ms, 99 % below {most:.2f} ms")
