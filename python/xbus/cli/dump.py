@@ -180,10 +180,13 @@ def _listen(port: str, baudrate: int, formatter: DumpFormatter) -> NoReturn:
                 count = format_count(waiting, "byte")
                 click.echo(f"xbus: {count} without a message so far", err=True)
             link.wait(INTERVAL, samples=1, strings=True, events=seen)
+    except BrokenPipeError:  # the reader of the output has seen enough
+        raise
+    except BaseException:
+        _print_totals(port, baudrate, acquisition.stats(link.clock())["counts"])
+        raise
     finally:
-        counts = acquisition.stats(link.clock())["counts"]
         link.close()
-        _print_totals(port, baudrate, counts)
 
 
 def _print_totals(port: str, baudrate: int, counts: dict[str, Any]) -> None:

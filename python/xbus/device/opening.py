@@ -71,7 +71,7 @@ def connect(
 
     >>> import xbus
     >>> xbus.connect("sim:MTi-680G")
-    <Device sim:MTi-680G at 115200 baud, product not read yet, measurement>
+    <Device sim:MTi-680G at 115200 baud, MTi-680G-8A1G6, measurement>
     """
     if not 0 < queue_seconds <= MAX_QUEUE_SECONDS:
         raise ValueError(
