@@ -205,7 +205,10 @@ def _print_totals(port: str, baudrate: int, counts: dict[str, Any]) -> None:
         parts.append(f"{format_count(counts['skipped_bytes'], 'byte')} damaged")
     text = f"{label(port)}: {', '.join(parts)}"
     if counts["bytes"] and not (counts["frames"] or strings):
-        text += f"; {baudrate} baud is probably not the rate of the device: try --baudrate"
+        text += (
+            f"; {baudrate} baud is probably not the rate of the device: xbus identify {label(port)} finds it,"
+            " and --baudrate sets it"
+        )
     click.echo(f"xbus: {text}", err=True)
 
 

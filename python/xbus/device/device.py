@@ -323,7 +323,10 @@ class Device:
         """
         if not self._channel.wait_for(self._is_waking, timeout, "WakeUpAck", reopen=True):
             raise XbusTimeout(
-                f"no WakeUp from {self.link.name} within {timeout:g} s", "WakeUpAck", timeout
+                f"no WakeUp from {self.link.name} within {timeout:g} s; power the device off and on; if it"
+                f" still does not answer, xbus restore {self.link.name} recovers it",
+                "WakeUpAck",
+                timeout,
             )
         self.command("WakeUpAck")
 
