@@ -105,7 +105,7 @@ def test_the_right_rate_is_found() -> None:
 
 @posix
 def test_no_rate_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.device.connection.BAUDRATES", (115_200, 9600))
+    monkeypatch.setattr("xbus.device.opening.BAUDRATES", (115_200, 9600))
     with at_another_rate() as port, pytest.raises(XbusTimeout) as caught:
         xbus.connect(port)
     assert re.fullmatch(
