@@ -255,12 +255,12 @@ def test_a_device_that_is_silent_after_go_to_config() -> None:
 def test_legacy_output_shows_that_the_device_measures() -> None:
     session = xbus.Session()
     events = session.receive(frame(0x32, bytes(10)) * 3)
-    assert session.state == State.MEASUREMENT
+    before = session.state
     assert {getattr(event, "name", None) for event in events} == {"MTData"}
     session.request("GoToConfig")
     session.receive(frame(0x32, bytes(10)) + frame(0x31))
     session.receive(frame(0x32, bytes(10)) * 3)  # still on their way
-    assert session.state == State.CONFIG
+    assert (before, session.state) == (State.MEASUREMENT, State.CONFIG)
 
 
 @pytest.mark.parametrize(
