@@ -12,9 +12,9 @@ import tempfile
 from pathlib import Path
 
 import pyarrow.parquet as pq
-from common import ahrs_stream, medians
 
 import xbus
+from common import ahrs_stream, medians
 from xbus.log.export import parquet_options
 
 MEBIBYTES = float(sys.argv[1]) if len(sys.argv) > 1 else 256

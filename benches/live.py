@@ -14,9 +14,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from common import seconds_argument, virtual_device
-
 import xbus
+from common import seconds_argument, virtual_device
 
 #: Samples per second, and those with an acceleration.
 SAMPLE_RATE, ACCELERATION_RATE = 3600, 2000

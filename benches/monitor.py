@@ -18,6 +18,7 @@ import termios
 import time
 
 import pyte
+
 from common import processor_seconds, seconds_argument, virtual_device
 
 COLUMNS, LINES = 80, 24

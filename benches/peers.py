@@ -12,9 +12,9 @@ import struct
 from typing import Any
 
 import numpy as np
-from common import ahrs_stream, medians
 
 import xbus
+from common import ahrs_stream, medians
 
 #: The packets of a message: name, data identifier, struct format, numpy type, count of numbers.
 PACKETS = [

@@ -16,9 +16,9 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from common import ratio
 
 import xbus
+from common import ratio
 from xbus import SimulatedDevice
 from xbus.report import write_report
 

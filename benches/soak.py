@@ -19,9 +19,9 @@ from pathlib import Path
 
 import numpy as np
 import serial
-from flood import BURST_PERIOD, BYTE_RATE, sample
 
 import xbus
+from flood import BURST_PERIOD, BYTE_RATE, sample
 from xbus.device.link import SerialLink
 
 #: Fraction of damaged frames.

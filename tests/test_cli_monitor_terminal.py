@@ -94,6 +94,7 @@ def monitoring(
     program: list[str] | None = None,
     code: int = 0,
     env: dict[str, str] | None = None,
+    command: str = "monitor",
 ) -> Iterator[tuple[Seen, subprocess.Popen[bytes]]]:
     """Yields the command on a terminal; the command must restore the terminal."""
     master, slave = pty.openpty()
@@ -105,9 +106,9 @@ def monitoring(
         if key not in ("NO_COLOR", "COLUMNS", "LINES")
     }
     plain |= {"TERM": "xterm", **(env or {})}
-    command = [*(program or PROGRAM), "monitor", *args]
+    line = [*(program or PROGRAM), command, *args]
     seen = Seen(master, *size)
-    with subprocess.Popen(command, env=plain, stdin=slave, stdout=slave, stderr=slave) as child:  # noqa: S603
+    with subprocess.Popen(line, env=plain, stdin=slave, stdout=slave, stderr=slave) as child:  # noqa: S603
         try:
             yield seen, child
             # The slave end is still open, so that its attributes can be read.

@@ -105,7 +105,7 @@ def test_the_right_rate_is_found() -> None:
 
 @posix
 def test_no_rate_is_right(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.device.connection.BAUDRATES", (115_200, 9600))
+    monkeypatch.setattr("xbus.device.opening.BAUDRATES", (115_200, 9600))
     with at_another_rate() as port, pytest.raises(XbusTimeout) as caught:
         xbus.connect(port)
     assert re.fullmatch(
@@ -127,8 +127,8 @@ def test_a_recording_of_a_tapped_line_at_a_wrong_rate(
     assert result.exit_code == 0
     note, last = result.stderr.splitlines()
     assert re.fullmatch(
-        r"xbus: no sample for 0\.5 s, but [\d,]+ bytes without a message \(115200 baud is probably not the"
-        r" rate of the device: leave --baudrate out\); the recording continues",
+        r"xbus: no sample for 0\.5 s, but [\d,]+ bytes without a message; 115200 baud is probably not the"
+        r" rate of the device: leave --baudrate out; the recording continues",
         note,
     )
     assert "0 samples, " in last
@@ -154,7 +154,7 @@ def test_dump_at_a_wrong_rate() -> None:
     assert child.returncode == 130
     assert re.search(
         r"0 samples, 0 other messages, [\d,]+ bytes damaged; 115200 baud is probably not the rate of the"
-        r" device: try --baudrate\n$",
+        r" device: xbus identify \S+ finds it, and --baudrate sets it\n$",
         rest.decode(),
     )
     assert b"Traceback" not in out + rest
@@ -255,12 +255,12 @@ def test_a_device_that_is_silent_after_go_to_config() -> None:
 def test_legacy_output_shows_that_the_device_measures() -> None:
     session = xbus.Session()
     events = session.receive(frame(0x32, bytes(10)) * 3)
-    assert session.state == State.MEASUREMENT
+    before = session.state
     assert {getattr(event, "name", None) for event in events} == {"MTData"}
     session.request("GoToConfig")
     session.receive(frame(0x32, bytes(10)) + frame(0x31))
     session.receive(frame(0x32, bytes(10)) * 3)  # still on their way
-    assert session.state == State.CONFIG
+    assert (before, session.state) == (State.MEASUREMENT, State.CONFIG)
 
 
 @pytest.mark.parametrize(

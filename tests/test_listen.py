@@ -106,6 +106,16 @@ def test_a_silent_line_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert sim.written == []
 
 
+def test_a_silent_connection_is_no_error(tmp_path: Path) -> None:
+    sim = measuring()
+    sim.alter = lambda data: data if sim.time > 2 else b""
+    with serving(sim, tcp=True) as port:
+        result = run("record", port, "-o", str(tmp_path / "log.mtb"), "--listen", "--duration", "2")
+    assert result.exit_code == 0
+    assert len(xbus.read_log(tmp_path / "log.mtb")) > 10
+    assert sim.written == []
+
+
 def test_a_silent_line_without_a_baud_rate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("xbus.device.channel.SLOWEST_SECONDS", 0.02)
     sim = measuring()

@@ -48,7 +48,7 @@ from xbus.protocol import (
 )
 from xbus.protocol.products import support
 from xbus.protocol.tables import MESSAGES, QUANTITIES
-from xbus.wire.codec import LONGEST_LIVE
+from xbus.wire.codec import LONGEST_LIVE, ScannedItem
 
 REQUESTS = [row for row in MESSAGES.values() if row.direction == "to device"]
 ANSWERED = [row for row in REQUESTS if row.reply is not None]
@@ -75,7 +75,7 @@ class SessionOfItems(Session):
     def quiet(self) -> list[SessionEvent]:
         return self._handled(self._own.feed(b"", last=True))
 
-    def _handled(self, items: list[_core.ScannedItem]) -> list[SessionEvent]:
+    def _handled(self, items: list[ScannedItem]) -> list[SessionEvent]:
         return [event for item in items if (event := self.handle(item)) is not None]
 
 
@@ -90,7 +90,7 @@ class SessionOfChannel(Session):
         self._channel.session = self
         self._found: list[tuple[int, SessionEvent]] = []
 
-    def handle(self, item: _core.ScannedItem) -> SessionEvent | None:
+    def handle(self, item: ScannedItem) -> SessionEvent | None:
         event = super().handle(item)
         if event is not None:
             self._found.append((item.offset, event))
@@ -107,8 +107,8 @@ class SessionOfChannel(Session):
     def _events_in_order(self) -> list[SessionEvent]:
         self._channel.handle_events()
         found, self._found = self._found, []
-        while (sample := self._channel.take_sample()) is not None:
-            found.append((sample.offset, sample))
+        while (received := self._acquisition.take_sample()) is not None:
+            found.append((received.offset, Sample.of(received)))
         return [event for _, event in sorted(found, key=lambda item: item[0])]
 
 

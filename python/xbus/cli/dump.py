@@ -20,6 +20,7 @@ from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.cli.dump_lines import DumpFormatter
+    from xbus.wire.link import Link
 
 __all__ = ["dump"]
 
@@ -153,37 +154,44 @@ def _is_terminal(name: str) -> bool:
         os.close(number)
 
 
-def _listen(port: str, baudrate: int, formatter: DumpFormatter) -> NoReturn:
+def _listen(port: str, baudrate: int, formatter: DumpFormatter) -> None:
     """Prints the messages of a port until it is gone, or Ctrl-C; then the totals."""
     link = open_port(port, baudrate)
+    try:
+        _print_messages(link, port, formatter)
+    except BrokenPipeError:  # the reader of the output has seen enough
+        raise
+    except BaseException:
+        _print_totals(port, baudrate, link.acquisition.stats(link.clock())["counts"])
+        raise
+    finally:
+        link.close()
+
+
+def _print_messages(link: Link, port: str, formatter: DumpFormatter) -> NoReturn:
     acquisition = link.acquisition
     dropped, undecided, shown_at = 0, 0, link.clock()
-    try:
-        while True:
-            seen = acquisition.waiting.events_added
-            items = acquisition.take_all()
-            stats = acquisition.stats(link.clock())
-            if items is None:
-                raise port_lost(port, ConnectionResetError(acquisition.ended))
-            if lines := formatter.add(items):
-                print_line("\n".join(lines), flush=True)
-            before, dropped = dropped, sum(stats["dropped"].values())
-            if dropped > before:
-                lost = format_count(dropped - before, "message")
-                click.echo(f"xbus: {lost} lost: the reader of the output is too slow", err=True)
-            # Damage has a line when it ends. Bytes at a wrong baud rate never do.
-            waiting = stats["counts"]["skipped_bytes"] - formatter.damaged_bytes
-            if items:
-                undecided, shown_at = 0, link.clock()
-            elif waiting > undecided and link.clock() - shown_at >= NOISE_INTERVAL:
-                undecided, shown_at = waiting, link.clock()
-                count = format_count(waiting, "byte")
-                click.echo(f"xbus: {count} without a message so far", err=True)
-            link.wait(INTERVAL, samples=1, strings=True, events=seen)
-    finally:
-        counts = acquisition.stats(link.clock())["counts"]
-        link.close()
-        _print_totals(port, baudrate, counts)
+    while True:
+        seen = acquisition.waiting.events_added
+        items = acquisition.take_all()
+        stats = acquisition.stats(link.clock())
+        if items is None:
+            raise port_lost(port, ConnectionResetError(acquisition.ended))
+        if lines := formatter.add(items):
+            print_line("\n".join(lines), flush=True)
+        before, dropped = dropped, sum(stats["dropped"].values())
+        if dropped > before:
+            lost = format_count(dropped - before, "message")
+            click.echo(f"xbus: {lost} lost: the reader of the output is too slow", err=True)
+        # Damage has a line when it ends. Bytes at a wrong baud rate never do.
+        waiting = stats["counts"]["skipped_bytes"] - formatter.damaged_bytes
+        if items:
+            undecided, shown_at = 0, link.clock()
+        elif waiting > undecided and link.clock() - shown_at >= NOISE_INTERVAL:
+            undecided, shown_at = waiting, link.clock()
+            count = format_count(waiting, "byte")
+            click.echo(f"xbus: {count} without a message so far", err=True)
+        link.wait(INTERVAL, samples=1, strings=True, events=seen)
 
 
 def _print_totals(port: str, baudrate: int, counts: dict[str, Any]) -> None:
@@ -197,7 +205,10 @@ def _print_totals(port: str, baudrate: int, counts: dict[str, Any]) -> None:
         parts.append(f"{format_count(counts['skipped_bytes'], 'byte')} damaged")
     text = f"{label(port)}: {', '.join(parts)}"
     if counts["bytes"] and not (counts["frames"] or strings):
-        text += f"; {baudrate} baud is probably not the rate of the device: try --baudrate"
+        text += (
+            f"; {baudrate} baud is probably not the rate of the device: xbus identify {label(port)} finds it,"
+            " and --baudrate sets it"
+        )
     click.echo(f"xbus: {text}", err=True)
 
 

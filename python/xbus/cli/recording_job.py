@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from xbus.cli.failure import Failure
@@ -125,32 +125,33 @@ class RecordingJob:
             and not self._has_no_output
         ):
             self._has_no_output = True
-            what = ", ".join(self._arrivals(last, stats))
-            if output_mids(stats.message_counts) and not self._is_listening:
-                what += "; --output or --config sets outputs that replace it"
+            what = self._describe_arrivals(last, stats)
             report(f"no sample for {MAX_SILENCE:g} s, but {what}; the recording continues", True)
 
-    def _arrivals(self, before: LiveStats, stats: LiveStats) -> Iterator[str]:
-        """Yields what has arrived, other than samples and strings."""
+    def _describe_arrivals(self, before: LiveStats, stats: LiveStats) -> str:
+        """Returns what has arrived, other than samples and strings, and how to change that."""
         counts = {
             mid: count - before.message_counts.get(mid, 0)
             for mid, count in stats.message_counts.items()
         }
         mids = [mid for mid, count in counts.items() if count]
-        outputs = output_mids(mids)
-        for mid in outputs:
-            what = undecoded_output(mid).removeprefix("message ")
-            yield f"{format_count(counts[mid], 'message')} {what}"
-        if mids and not outputs:
-            yield format_count(sum(counts.values()), "other message")
+        parts, advice = [], ""
+        if outputs := output_mids(mids):
+            for mid in outputs:
+                what = undecoded_output(mid).removeprefix("message ")
+                parts.append(f"{format_count(counts[mid], 'message')} {what}")
+            if not self._is_listening:
+                advice = "; --output or --config sets outputs that replace it"
+        elif mids:
+            parts.append(format_count(sum(counts.values()), "other message"))
         if skipped := stats.skipped_bytes - before.skipped_bytes:
-            advice = ""
+            parts.append(f"{format_count(skipped, 'byte')} without a message")
             if not mids and self.device.link.is_line:
                 rate = self.device.link.baudrate
                 advice = (
-                    f" ({rate} baud is probably not the rate of the device: leave --baudrate out)"
+                    f"; {rate} baud is probably not the rate of the device: leave --baudrate out"
                 )
-            yield f"{format_count(skipped, 'byte')} without a message{advice}"
+        return ", ".join(parts or ["incomplete messages"]) + advice
 
     def received(self, stats: LiveStats) -> int:
         """Returns the number of samples, strings and other outputs since the start."""

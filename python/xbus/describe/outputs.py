@@ -51,8 +51,8 @@ def undecoded_output(mid: int) -> str:
 def describe_rates(rates: Mapping[str, float]) -> str:
     """Returns the quantities and strings that arrive, with their rates in Hz.
 
-    >>> describe_rates({"acceleration": 100.0, "temperature": 0.98, "baro_pressure": 0})
-    'acceleration (100 Hz), temperature (1 Hz)'
+    >>> describe_rates({"acceleration": 100.0, "temperature": 0.984, "baro_pressure": 0})
+    'acceleration (100 Hz), temperature (0.984 Hz)'
     """
     active = {name or "other strings": rate for name, rate in rates.items() if rate > 0}
     named = [f"{name} ({rate:.3g} Hz)" for name, rate in list(active.items())[:MAX_NAMED]]

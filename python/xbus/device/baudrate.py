@@ -35,6 +35,7 @@ def change_baudrate(device: Configurable, baudrate: int) -> None:
         except XbusTimeout:
             device.link.baudrate = baudrate
             problem = (
-                f"the device answers neither at {baudrate} nor at {old} baud; power it off and on"
+                f"the device answers neither at {baudrate} nor at {old} baud; power it off and on, or recover"
+                f" it with xbus restore {device.link.name}"
             )
         raise XbusTimeout(problem, "SetBaudrate", timeout.waited) from timeout

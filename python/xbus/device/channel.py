@@ -370,8 +370,10 @@ class Channel:
                 command,
                 waited,
             )
-        rate = f" and uses {self.link.baudrate} baud" if self.link.is_line else ""
-        raise XbusTimeout(f"{text}; check that the device is powered{rate}", command, waited)
+        advice = "check that the device is powered"
+        if self.link.is_line:
+            advice += f" and uses {self.link.baudrate} baud; xbus identify {port} finds its rate"
+        raise XbusTimeout(f"{text}; {advice}", command, waited)
 
     def _abandon(self) -> None:
         with self._handling:

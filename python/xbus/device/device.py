@@ -323,7 +323,10 @@ class Device:
         """
         if not self._channel.wait_for(self._is_waking, timeout, "WakeUpAck", reopen=True):
             raise XbusTimeout(
-                f"no WakeUp from {self.link.name} within {timeout:g} s", "WakeUpAck", timeout
+                f"no WakeUp from {self.link.name} within {timeout:g} s; power the device off and on; if it"
+                f" still does not answer, xbus restore {self.link.name} recovers it",
+                "WakeUpAck",
+                timeout,
             )
         self.command("WakeUpAck")
 
@@ -689,9 +692,9 @@ class Device:
         >>> device = xbus.connect("sim:MTi-630")
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     with device.record(f"{folder}/log.mtb"):
-        ...         block = next(device.blocks(samples=100))
+        ...         device.listen(1)
         ...     log = xbus.read_log(f"{folder}/log.mtb")
-        >>> len(log) >= 100, log.product_code
+        >>> len(log) > 90, log.product_code
         (True, 'MTi-630-8A1G6')
         """
         is_listening = self._channel.is_listening

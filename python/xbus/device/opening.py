@@ -49,8 +49,8 @@ def connect(
         baudrate: Bits per second. None: tries the rates that devices use, one after the other.
         bid: Bus identifier of the device; 0xFF and 1 are the same device.
         listen: Whether nothing may ever be sent: for a line that is only tapped, or a device that another
-            program has configured. Commands then raise `StateError`. With `baudrate`, a silent device is no
-            error: it may be switched on later.
+            program has configured. Commands then raise `StateError`. With `baudrate`, and on a port that has
+            none, a silent device is no error: it may be switched on later.
         reconnect: Whether to wait for a device that is unplugged while its samples are read, and to bring it
             back into Measurement State; `Device.notices` then has the gap. The device is recognised by its
             identifier, if that has been read. Otherwise `Disconnected` is raised at once.
@@ -71,7 +71,7 @@ def connect(
 
     >>> import xbus
     >>> xbus.connect("sim:MTi-680G")
-    <Device sim:MTi-680G at 115200 baud, product not read yet, measurement>
+    <Device sim:MTi-680G at 115200 baud, MTi-680G-8A1G6, measurement>
     """
     if not 0 < queue_seconds <= MAX_QUEUE_SECONDS:
         raise ValueError(
@@ -82,7 +82,7 @@ def connect(
     link = open_link(port, baudrate or DEFAULT_BAUDRATE, bid=bid, bound=bound, strings=mask)
     device = Device(link, listen=listen, reconnect=reconnect)
     rates = BAUDRATES if link.is_line else (link.baudrate,)
-    if listen and baudrate:
+    if listen and (baudrate or not link.is_line):
         return device
     try:
         device.find_baudrate((baudrate,) if baudrate else rates, restart=True)

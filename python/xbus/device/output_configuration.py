@@ -126,7 +126,7 @@ def overload_message(what: str, needed: int, baudrate: int, support: Support) ->
     """Returns that a line does not carry `needed` bytes per second, and which baud rate would."""
     sufficient = [rate for rate in support.baudrates if rate // BITS_PER_BYTE >= needed]
     advice = (
-        f"use at least {min(sufficient):,} baud"
+        f"use at least {min(sufficient):,} baud (xbus baudrate sets it)"
         if sufficient
         else "no baud rate of this product is sufficient"
     )

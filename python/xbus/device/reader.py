@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import NoReturn
@@ -141,9 +142,12 @@ class Reader:
         elif what == "string" and waiting.samples:
             advice = "; the device sends samples, which read_sample() returns"
         elif waiting.last_arrival is not None and now - waiting.last_arrival <= timeout:
-            if mids := output_mids(stats.message_counts):
+            rates = stats.message_rates
+            # No rate is known in the first half second.
+            active = [mid for mid in stats.message_counts if rates.get(mid, math.inf) > 0]
+            if mids := output_mids(active):
                 advice = f"; the device sends {', '.join(map(undecoded_output, mids))}"
-            elif stats.skipped_bytes:
+            elif stats.skipped_bytes and not (active or any(stats.rates.values())):
                 count = format_count(stats.skipped_bytes, "byte")
                 advice = f"; {count} without a message arrived: the baud rate may have changed"
         text = f"no {what} from {link.name} within {timeout:g} s{advice}"

@@ -44,7 +44,7 @@ the device: leave the baud rate out (no --baudrate), and xbus finds it'
         )
     if is_listening:
         advice = "with a baud rate (--baudrate) xbus waits for a device that is silent now"
-        return f"nothing was heard on {where}; {advice if is_line else 'check the connection'}"
+        return f"nothing was heard on {where}; {advice}"
     check = "check that the device is powered and connected, and that no other program, such as ModemManager,"
     find = (
         "; without a baud rate (no --baudrate) xbus tries all that devices use" if one_rate else ""
