@@ -26,7 +26,9 @@ from test_cli_record import FULL, end, in_a_thread
 from test_recording import parted, wait_until
 from test_rtk import FRAMES, LocalCaster, serving_caster
 from xbus import Faults, SimulatedDevice
+from xbus.cli.corrections import Corrections
 from xbus.geometry.earth import ORIGIN
+from xbus.rtk import Fix
 from xbus.sim import PtyServer, serving
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals and signals")
@@ -389,6 +391,38 @@ def test_a_device_that_cannot_use_corrections(
     assert printed.startswith(message)
     assert local.requests == []
     assert not path.exists()
+
+
+class BrokenCaster:
+    """A caster whose library fails."""
+
+    host, state, problem, gga_sent = "caster.example:2101", "idle", None, 0
+
+    def read(self, timeout: float) -> bytes:
+        raise ZeroDivisionError(f"after {timeout}")
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize("persistent", [True, False])
+def test_a_failure_of_the_library_is_reported(persistent: bool) -> None:
+    corrections = Corrections(BrokenCaster(), Fix(), persistent=persistent)
+    device = xbus.connect(rover())
+    news: list[tuple[str, bool]] = []
+
+    def has_news() -> bool:
+        news.extend(corrections.news())
+        return bool(news)
+
+    with corrections.forwarding(device):
+        wait_until(has_news)
+        if persistent:
+            corrections.read(device, 0.1)
+        else:
+            with pytest.raises(ZeroDivisionError):
+                corrections.read(device, 0.1)
+    assert news[0] == ("corrections have ended: ZeroDivisionError('after 0.2')", True)
 
 
 # In Python

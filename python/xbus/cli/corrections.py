@@ -118,6 +118,7 @@ def new_corrections(
     from xbus.rtk import Caster, Fix
 
     require("pygnssutils", "rtk", "to get corrections from a caster")
+    require("pyrtcm", "rtk", "to find RTCM 3 frames")
     fix = Fix()
     try:
         source = Caster(
@@ -170,7 +171,8 @@ class Corrections:
         self.forwarder: Any = None
         self.refused = 0
         self._persistent = persistent
-        self._error: XbusError | None = None
+        self._error: Exception | None = None
+        self._blocks: Any = None
         self._corrected_at: float | None = None
         self._stop = threading.Event()
         self._problems: SimpleQueue[str] = SimpleQueue()
@@ -183,7 +185,6 @@ class Corrections:
         from xbus.rtk import Forwarder
 
         self.forwarder = Forwarder(device)
-        self._blocks: Any = None
         thread = threading.Thread(target=self._run, args=(device,), name="xbus-rtk", daemon=True)
         thread.start()
         try:
@@ -201,33 +202,40 @@ class Corrections:
                 if frame and (_measures(device) or not self._persistent):
                     self.forwarder.forward([frame])
                     self._corrected_at = time.monotonic()
-            except (ImportError, XbusError) as error:
-                if not self._persistent or isinstance(error, ImportError):
-                    self._error = error  # type: ignore[assignment]
+            except XbusError as error:
+                if not self._persistent:
+                    self._error = error
                     return
                 self._handle(error)
+            except Exception as error:  # of the libraries that read from the caster
+                self._error = error
+                self._problems.put(f"corrections have ended: {error!r}")
+                return
 
     def _handle(self, error: XbusError) -> None:
-        """Reports an error, once."""
+        """Reports an error, once, and waits if it is one of the caster."""
+        from xbus.rtk import CasterError
+
         if isinstance(error, Disconnected | StateError):
             return  # the recording reports that the port is lost
         text = str(error)
         self.refused += isinstance(error, DeviceError)
-        is_from_device = isinstance(error, DeviceError | XbusTimeout)
+        is_from_caster = isinstance(error, CasterError)
         if text not in self._reported:
             self._reported.add(text)
-            again = "" if is_from_device else f"; the next attempt follows in {REFUSED_PAUSE:.0f} s"
+            again = f"; the next attempt follows in {REFUSED_PAUSE:.0f} s" if is_from_caster else ""
             self._problems.put(f"corrections: {text}{again}")
-        if not is_from_device:
+        if is_from_caster:
             self._stop.wait(REFUSED_PAUSE)
 
     def read(self, device: Device, seconds: float) -> None:
         """Waits, and updates the fix with the samples that arrive. Other readers must not read meanwhile.
 
         Raises:
-            XbusError: Forwarding has failed, or the port is gone.
+            Disconnected: The port is gone.
+            Exception: Forwarding has failed, and is not persistent.
         """
-        if self._error is not None:
+        if self._error is not None and not self._persistent:
             raise self._error
         if self._blocks is None:
             self._blocks = device.blocks(

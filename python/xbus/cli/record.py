@@ -304,7 +304,7 @@ def _record(job: RecordingJob, is_stopping: Callable[[], bool]) -> None:
 def _discard_data(job: RecordingJob) -> None:
     """Waits a moment, and removes the samples and strings, which are recorded in the background."""
     seconds = min(CHECK_INTERVAL, max(job.left, 0.0))
-    if job.corrections is None:
+    if job.corrections is None or seconds < CHECK_INTERVAL:
         job.device.link.pause(seconds)
     else:
         # The port may be gone.
