@@ -180,6 +180,20 @@ def test_keys_that_need_commands_say_so(tmp_path: Path, monkeypatch: pytest.Monk
     assert xbus.read_log(path).stats.skipped_bytes == 0
 
 
+def test_a_recording_with_the_monitor_sends_nothing(tmp_path: Path) -> None:
+    pytest.importorskip("pyte")
+    from test_cli_monitor_terminal import LEFT, monitoring
+
+    sim, path = measuring(), tmp_path / "log.mtb"
+    args = ["-o", str(path), "--listen", "--monitor"]
+    with serving(sim) as port, monitoring(port, *args, command="record") as (seen, _):
+        seen.wait_for("packet_counter", "only listening", "REC ")
+        seen.press("mq")
+        seen.wait_until(lambda _: LEFT in seen.bytes, "the end")
+    assert sim.written == []
+    assert xbus.read_log(path).stats.skipped_bytes == 0
+
+
 def test_the_monitor_sends_nothing_when_the_port_comes_back(tmp_path: Path) -> None:
     pytest.importorskip("pyte")
     from test_cli_monitor_terminal import monitoring
