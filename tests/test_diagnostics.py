@@ -149,8 +149,8 @@ def test_dump_at_a_wrong_rate() -> None:
     ]
     assert len(numbers) == 2
     assert 0 < numbers[0] < numbers[1]
-    # One line in each second: the device sends about 4.3 kB/s.
-    assert 2000 < numbers[1] - numbers[0] < 9000
+    # At most one line in each second: the device sends about 4.3 kB/s.
+    assert 2000 < numbers[1] - numbers[0]
     assert child.returncode == 130
     assert re.search(
         r"0 samples, 0 other messages, [\d,]+ bytes damaged; 115200 baud is probably not the rate of the"
@@ -162,12 +162,12 @@ def test_dump_at_a_wrong_rate() -> None:
 
 @posix
 def test_dump_prints_totals_at_the_end() -> None:
-    faults = xbus.Faults(unplug=(3.0, None))
-    with (
-        serving(measuring(baudrate=921_600, faults=faults)) as port,
-        start("dump", "--follow", port) as child,
-    ):
-        _, printed = child.communicate(timeout=20)
+    sim = measuring(baudrate=921_600)
+    with serving(sim) as port, start("dump", "--follow", port) as child:
+        assert child.stderr is not None
+        printed = child.stderr.readline()
+        sim.unplug()
+        printed += child.communicate(timeout=20)[1]
     assert child.returncode == 1
     assert " bytes damaged; 115200 baud is probably not the rate of the device" in printed.decode()
     assert (
