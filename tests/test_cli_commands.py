@@ -208,3 +208,19 @@ def test_no_port(command: list[str]) -> None:
     shown = sentence(run(name, "/dev/nowhere", *rest))
     assert shown.startswith("cannot open /dev/nowhere: No such file or directory")
     assert run(name, "sim:MTi-5", *rest).exit_code == 2
+
+
+# quantities
+
+
+def test_quantities_state_their_axes() -> None:
+    rows = {row["name"]: row for row in json.loads(run("quantities", "--json").stdout)}
+    assert rows["acceleration"]["axes"] == "sensor"
+    assert rows["free_acceleration"]["axes"] == rows["velocity_xyz"]["axes"] == "local"
+    assert rows["quaternion"]["axes"] == "sensor to local"
+    assert rows["lat_lon"]["axes"] == "earth"
+    assert rows["temperature"]["axes"] is None
+    assert all(row["axes"] for row in rows.values() if row["coordinates"])
+    head, *lines = run("quantities", "acceleration").stdout.splitlines()
+    at = head.index("axes")
+    assert [line[at:].split()[0] for line in lines] == ["sensor", "local", "sensor"]

@@ -27,7 +27,9 @@ def quantities(text: str, as_json: bool) -> None:
     """Lists the quantities and their data identifiers.
 
     TEXT selects the rows that contain it. The last digit of an identifier is 0 here; a device uses it for
-    precision and coordinates.
+    precision and coordinates. The axes are those of the sensor, those of the local frame (east, north, up
+    unless the coordinates say otherwise), or fixed to the Earth; "sensor to local" is a rotation from the
+    first to the second.
     """
     from xbus.describe.table_text import describe_layout, describe_products
     from xbus.protocol.tables import QUANTITIES
@@ -37,13 +39,14 @@ def quantities(text: str, as_json: bool) -> None:
         about = [
             describe_layout(row),
             row.unit,
+            row.axes or "",
             systems,
             describe_products(row.products),
             row.source,
         ]
         return [f"0x{row.id:04X}", row.name, row.manual, *about]
 
-    head = ["id", "name", "manual", "layout", "unit", "coordinates", "products", "source"]
+    head = ["id", "name", "manual", "layout", "unit", "axes", "coordinates", "products", "source"]
     optional = ["manual", "products", "source"]
     _print_rows(head, QUANTITIES.values(), cells, text, optional, as_json=as_json)
 

@@ -115,6 +115,8 @@ class Quantity(NamedTuple):
         entry: Fields of the entries of a list.
         unit: Unit of the numbers.
         is_matrix: Whether the numbers are a matrix of 3 by 3, column by column.
+        axes: The axes that its numbers refer to: ``"sensor"``, ``"local"``, ``"sensor to local"`` for a
+            rotation between the two, ``"earth"``, or None.
         coordinates: Whether the identifier names a coordinate system.
         clock: Its role in the clock: ``"counter"``, ``"fine"`` or ``"coarse"`` time; ``"trigger"`` or
             ``"receiver"`` if its samples arrive late; or None.
@@ -135,6 +137,7 @@ class Quantity(NamedTuple):
     entry: tuple[Field, ...]
     unit: str
     is_matrix: bool
+    axes: str | None
     coordinates: bool
     clock: str | None
     has_flags: bool

@@ -132,6 +132,32 @@ impl ClockRole {
     }
 }
 
+/// The axes that the numbers of a quantity refer to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Axes {
+    /// Those of the sensor, after its alignment rotation.
+    Sensor,
+    /// Those of the local frame: east, north and up, or as the coordinate bits say.
+    Local,
+    /// A rotation from the axes of the sensor to those of the local frame.
+    SensorToLocal,
+    /// Fixed to the Earth: latitude, longitude and height, ECEF, or the directions in the names of the fields.
+    Earth,
+}
+
+impl Axes {
+    /// The name in Python: `"sensor to local"`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Sensor => "sensor",
+            Self::Local => "local",
+            Self::SensorToLocal => "sensor to local",
+            Self::Earth => "earth",
+        }
+    }
+}
+
 /// One data identifier: a row of the manual's Table 16.
 #[derive(Clone, Copy, Debug)]
 pub struct Quantity {
@@ -151,6 +177,8 @@ pub struct Quantity {
     pub unit: &'static str,
     /// Whether its numbers are a matrix of 3 by 3, column by column.
     pub is_matrix: bool,
+    /// The axes that its numbers refer to; none for numbers without a direction.
+    pub axes: Option<Axes>,
     /// Whether the coordinate bits of the identifier mean something (Table 17, note 11).
     pub rotates: bool,
     /// Its role in the clock, if it has one.

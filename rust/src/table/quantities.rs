@@ -6,9 +6,10 @@
 //! data of other product lines (from C810 to CA40), and two messages of the old MTi-G-700 whose layouts in circulation
 //! disagree about their size or were never checked (8840, 88A0).
 
+use super::Axes::{Earth, Local, Sensor, SensorToLocal};
 use super::ClockRole::{Coarse, Counter, Fine, Receiver, Trigger};
 use super::Wire::{F4, I1, I2, I4, U1, U2, U4, U8};
-use super::{ClockRole, Field, Kind, Products, Quantity, StatusFlag, Wire};
+use super::{Axes, ClockRole, Field, Kind, Products, Quantity, StatusFlag, Wire};
 
 const ALL: Products = Products::ALL;
 /// All that compute an orientation: everything but the IMUs.
@@ -54,57 +55,58 @@ pub const QUANTITIES: &[Quantity] = &[
     // The vendor's code has the identifier but no decoder; the width is that of the name.
     fixed (0x10B0, "packet_counter32",    "PacketCounter32",     U4, ONE, "").from(VENDOR),
 
-    real  (0x2010, "quaternion",          "Quaternion",          QUATERNION, "").rotates().on(ORIENTED),
-    real  (0x2020, "rotation_matrix",     "RotationMatrix",      MATRIX, "").matrix().rotates().on(ORIENTED).from(BYTES),
-    real  (0x2030, "euler_angles",        "EulerAngles",         EULER, "deg").rotates().on(ORIENTED),
+    real  (0x2010, "quaternion",          "Quaternion",          QUATERNION, "").axes(SensorToLocal).rotates().on(ORIENTED),
+    real  (0x2020, "rotation_matrix",     "RotationMatrix",      MATRIX, "")
+           .matrix().axes(SensorToLocal).rotates().on(ORIENTED).from(BYTES),
+    real  (0x2030, "euler_angles",        "EulerAngles",         EULER, "deg").axes(SensorToLocal).rotates().on(ORIENTED),
 
     fixed (0x3010, "baro_pressure",       "BaroPressure",        U4, ONE, "Pa").on(BAROMETER),
 
-    real  (0x4010, "delta_v",             "DeltaV",              XYZ, "m/s").on(ALL),
-    real  (0x4020, "acceleration",        "Acceleration",        XYZ, "m/s2").on(ALL),
+    real  (0x4010, "delta_v",             "DeltaV",              XYZ, "m/s").axes(Sensor).on(ALL),
+    real  (0x4020, "acceleration",        "Acceleration",        XYZ, "m/s2").axes(Sensor).on(ALL),
     // Given in the local frame, and yet the coordinate bits are not defined for it (Table 17, note 11).
-    real  (0x4030, "free_acceleration",   "FreeAcceleration",    XYZ, "m/s2").on(ORIENTED),
-    real  (0x4040, "acceleration_hr",     "AccelerationHR",      XYZ, "m/s2").on(ALL).from("5.3.6, Table 23"),
+    real  (0x4030, "free_acceleration",   "FreeAcceleration",    XYZ, "m/s2").axes(Local).on(ORIENTED),
+    real  (0x4040, "acceleration_hr",     "AccelerationHR",      XYZ, "m/s2").axes(Sensor).on(ALL).from("5.3.6, Table 23"),
 
     record(0x4810, "trigger_in1",         "TriggerIn1",          TRIGGER).on(SERIES_600).clock(Trigger).from(TRIGGER_GUIDE),
     record(0x4820, "trigger_in2",         "TriggerIn2",          TRIGGER).on(SERIES_600).clock(Trigger).from(TRIGGER_GUIDE),
     // An identifier without a decoder there, too; taken to be like the other two.
     record(0x4830, "trigger_in3",         "TriggerIn3",          TRIGGER).on(Products::of(&[680])).clock(Trigger).from(VENDOR),
 
-    real  (0x5010, "altitude_msl",        "AltitudeMsl",         ONE, "m").from(VENDOR),
-    real  (0x5020, "altitude_ellipsoid",  "AltitudeEllipsoid",   ONE, "m").on(GNSS),
-    real  (0x5030, "position_ecef",       "PositionEcef",        XYZ, "m").on(GNSS),
-    real  (0x5040, "lat_lon",             "LatLon",              LAT_LON, "deg").on(GNSS),
+    real  (0x5010, "altitude_msl",        "AltitudeMsl",         ONE, "m").axes(Earth).from(VENDOR),
+    real  (0x5020, "altitude_ellipsoid",  "AltitudeEllipsoid",   ONE, "m").axes(Earth).on(GNSS),
+    real  (0x5030, "position_ecef",       "PositionEcef",        XYZ, "m").axes(Earth).on(GNSS),
+    real  (0x5040, "lat_lon",             "LatLon",              LAT_LON, "deg").axes(Earth).on(GNSS),
 
-    record(0x7010, "gnss_pvt_data",       "GnssPvtData",         PVT).on(GNSS).clock(Receiver).from("5.3.6, Table 25"),
+    record(0x7010, "gnss_pvt_data",       "GnssPvtData",         PVT).axes(Earth).on(GNSS).clock(Receiver).from("5.3.6, Table 25"),
     list  (0x7020, "gnss_sat_info",       "GnssSatInfo",         SAT_INFO, SATELLITE)
            .on(Products::of(&[710, 670, 680])).clock(Receiver).from("5.3.6, Table 26"),
     fixed (0x7030, "gnss_pvt_pulse",      "GnssPvtPulse",        U4, ONE, "0.1 ms").on(Products::of(&[670, 680])),
 
-    real  (0x8020, "rate_of_turn",        "RateOfTurn",          XYZ, "rad/s").on(ALL),
-    real  (0x8030, "delta_q",             "DeltaQ",              QUATERNION, "").on(ALL),
-    real  (0x8040, "rate_of_turn_hr",     "RateOfTurnHR",        XYZ, "rad/s").on(ALL).from("5.3.6, Table 24"),
+    real  (0x8020, "rate_of_turn",        "RateOfTurn",          XYZ, "rad/s").axes(Sensor).on(ALL),
+    real  (0x8030, "delta_q",             "DeltaQ",              QUATERNION, "").axes(Sensor).on(ALL),
+    real  (0x8040, "rate_of_turn_hr",     "RateOfTurnHR",        XYZ, "rad/s").axes(Sensor).on(ALL).from("5.3.6, Table 24"),
 
     record(0x8830, "gps_dop",             "GpsDop",              GPS_DOP).from(OLD_GPS),
     record(0x8880, "gps_time_utc",        "GpsTimeUtc",          GPS_TIME_UTC).from(OLD_GPS),
 
     // In the four raw ones with U2 counts, bit 0 of the identifier means that the counts are signed.
-    record(0xA010, "raw_acc_gyr_mag_temp", "RawAccGyrMagTemp",   RAW).on(SERIES_10_100),
+    record(0xA010, "raw_acc_gyr_mag_temp", "RawAccGyrMagTemp",   RAW).axes(Sensor).on(SERIES_10_100),
     fixed (0xA020, "raw_gyro_temp",       "RawGyroTemp",         I2, XYZ, "1/256 degC").on(SERIES_10_100),
-    fixed (0xA030, "raw_acc",             "RawAcc",              U2, XYZ, "").from(VENDOR),
-    fixed (0xA040, "raw_gyr",             "RawGyr",              U2, XYZ, "").from(VENDOR),
-    fixed (0xA050, "raw_mag",             "RawMag",              U2, XYZ, "").from(VENDOR),
-    real  (0xA060, "raw_delta_q",         "RawDeltaQ",           QUATERNION, "").from(VENDOR),
-    real  (0xA070, "raw_delta_v",         "RawDeltaV",           XYZ, "m/s").from(VENDOR),
-    fixed (0xA090, "raw_float_acc_gyr_mag_temp", "RawFloatAccGyrMagTemp", F4, SENSORS, "").from(VENDOR),
+    fixed (0xA030, "raw_acc",             "RawAcc",              U2, XYZ, "").axes(Sensor).from(VENDOR),
+    fixed (0xA040, "raw_gyr",             "RawGyr",              U2, XYZ, "").axes(Sensor).from(VENDOR),
+    fixed (0xA050, "raw_mag",             "RawMag",              U2, XYZ, "").axes(Sensor).from(VENDOR),
+    real  (0xA060, "raw_delta_q",         "RawDeltaQ",           QUATERNION, "").axes(Sensor).from(VENDOR),
+    real  (0xA070, "raw_delta_v",         "RawDeltaV",           XYZ, "m/s").axes(Sensor).from(VENDOR),
+    fixed (0xA090, "raw_float_acc_gyr_mag_temp", "RawFloatAccGyrMagTemp", F4, SENSORS, "").axes(Sensor).from(VENDOR),
 
     fixed (0xB010, "analog_in1",          "AnalogIn1",           U2, ONE, "").from(VENDOR),
     fixed (0xB020, "analog_in2",          "AnalogIn2",           U2, ONE, "").from(VENDOR),
 
-    real  (0xC020, "magnetic_field",      "MagneticField",       XYZ, "a.u.").on(ALL),
-    real  (0xC030, "magnetic_field_corrected", "MagneticFieldCorrected", XYZ, "a.u.").from(VENDOR),
+    real  (0xC020, "magnetic_field",      "MagneticField",       XYZ, "a.u.").axes(Sensor).on(ALL),
+    real  (0xC030, "magnetic_field_corrected", "MagneticFieldCorrected", XYZ, "a.u.").axes(Sensor).from(VENDOR),
 
-    real  (0xD010, "velocity_xyz",        "VelocityXYZ",         XYZ, "m/s").rotates().on(GNSS).from(BYTES),
+    real  (0xD010, "velocity_xyz",        "VelocityXYZ",         XYZ, "m/s").axes(Local).rotates().on(GNSS).from(BYTES),
 
     fixed (0xE010, "status_byte",         "StatusByte",          U1, ONE, "").flags().on(ALL).from("5.3.6, Table 27"),
     fixed (0xE020, "status_word",         "StatusWord",          U4, ONE, "").flags().on(ALL).from("5.3.6, Table 27"),
@@ -303,6 +305,7 @@ const fn new(id: u16, name: &'static str, manual: &'static str, kind: Kind) -> Q
         components: &[],
         unit: "",
         is_matrix: false,
+        axes: None,
         rotates: false,
         clock: None,
         has_flags: false,
@@ -356,6 +359,10 @@ const fn count(components: &[&str]) -> usize {
 impl Quantity {
     const fn matrix(self) -> Self {
         Self { is_matrix: true, ..self }
+    }
+
+    const fn axes(self, axes: Axes) -> Self {
+        Self { axes: Some(axes), ..self }
     }
 
     const fn rotates(self) -> Self {

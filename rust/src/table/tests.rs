@@ -75,11 +75,12 @@ fn messages_are_those_of_the_specification() {
 fn quantities_are_those_of_the_specification() {
     let mut seen = 0;
     for row in rows(QUANTITIES_SPEC) {
-        let [id, name, bytes, unit, coordinates, on] = row;
+        let [id, name, bytes, unit, axes, coordinates, on] = row;
         let id = u16::from_str_radix(id, 16).unwrap();
         let quantity = quantity(id).unwrap_or_else(|| panic!("{id:04X} {name} is missing"));
         assert_eq!((quantity.id, quantity.manual, quantity.unit), (id, name, unit));
         assert_eq!(size_label(quantity.kind), bytes, "{name}");
+        assert_eq!(quantity.axes.map_or("", Axes::name), axes, "{name}");
         assert_eq!(quantity.rotates, coordinates == "yes", "{name}");
         assert_eq!(quantity.products, products(on), "{name}");
         seen += 1;
