@@ -21,6 +21,7 @@ __all__ = [
     "from_rotation_vector",
     "multiply",
     "rotate",
+    "slerp",
     "to_euler",
     "to_matrix",
 ]
@@ -75,6 +76,29 @@ def continuous(q: FloatArray) -> FloatArray:
     flips = np.sum(q[1:] * q[:-1], axis=-1) < 0
     signs = np.cumprod(np.where(np.concatenate([[False], flips]), -1.0, 1.0))
     return np.asarray(q * signs[:, np.newaxis])
+
+
+def slerp(before: FloatArray, after: FloatArray, weight: npt.ArrayLike) -> FloatArray:
+    """Returns unit quaternions between two: the shorter rotation, about a fixed axis at a constant rate.
+
+    Args:
+        before: Quaternions (..., 4) of any norm; the result of one of zeros is NaN.
+        after: The same.
+        weight: Place between the two, from 0 to 1, ``(...)``.
+
+    >>> import numpy as np
+    >>> slerp(np.array([1.0, 0, 0, 0]), np.array([0.0, 0, 0, 1]), 0.5).round(4).tolist()
+    [0.7071, 0.0, 0.0, 0.7071]
+    """
+    with np.errstate(invalid="ignore"):
+        p, q = (r / np.linalg.norm(r, axis=-1, keepdims=True) for r in (before, after))
+    q = np.where(np.sum(p * q, axis=-1, keepdims=True) < 0, -q, q)
+    # Half of the rotation, from 0 to 90 degrees; precise for small angles, as the arc cosine is not.
+    chord = np.linalg.norm(q - p, axis=-1, keepdims=True)
+    angle = 2 * np.arctan2(chord, np.linalg.norm(q + p, axis=-1, keepdims=True)) / np.pi
+    u = np.asarray(weight, np.float64)[..., np.newaxis]
+    mixed = (1 - u) * np.sinc((1 - u) * angle) * p + u * np.sinc(u * angle) * q
+    return np.asarray(mixed / np.sinc(angle))
 
 
 def from_rotation_vector(vector: FloatArray) -> FloatArray:

@@ -5,6 +5,7 @@ from xbus.log.hostclock import HostClock
 from xbus.log.log import Log
 from xbus.log.messages import Messages, Unknown
 from xbus.log.read import iter_log, read_log
+from xbus.log.resample import Resampled
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
 
@@ -13,6 +14,7 @@ __all__ = [
     "HostClock",
     "Log",
     "Messages",
+    "Resampled",
     "Stats",
     "Strings",
     "Unknown",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +20,13 @@ from xbus.log.hostclock import HostClock
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.messages import Messages, Unknown
 from xbus.log.rendering import html_table, text_table
+from xbus.log.resample import Resampled, check_rate, spans
 from xbus.log.source import QuantityFilter
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
-from xbus.protocol.tables import RECEIVER, UTC_VALID
+from xbus.protocol.tables import MESSAGES, QUANTITIES, RECEIVER, UTC_VALID
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -276,6 +277,68 @@ class Log(ByQuantity[Column]):
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
         return self._stream().__arrow_c_stream__(requested_schema)
+
+    def resample(
+        self,
+        rate: float,
+        quantities: Key | Iterable[Key] | None = None,
+        *,
+        max_gap: float | None = None,
+    ) -> Resampled:
+        """Returns quantities at a constant rate, on common times.
+
+        Numbers are interpolated linearly; quaternions and rotation matrices by the shorter rotation (slerp);
+        angles such as yaw and longitude across their jump at 180 degrees; status and other integers keep the
+        previous value (`Quantity.interpolation` lists the methods). Of ``gnss_pvt_data``, the fields in
+        metres, metres per second and degrees are interpolated; other fields of records keep the previous
+        value. Fields are in the units of `Column.scaled`.
+
+        Values are unknown before the first and after the last row of a quantity, and between two rows that
+        are further apart than `max_gap`. No value depends on two runs or on two devices. The times of a run
+        begin at its first time stamp. There is no filter: if the new rate is lower, motion and vibration
+        faster than half of it appear as slower ones.
+
+        Args:
+            rate: Rows per second.
+            quantities: One key, or several. Default: all quantities with values between samples.
+            max_gap: Longest bridged step between two rows of a quantity, s. Default: 2.5 times its usual
+                step, so that one lost row is bridged.
+
+        Raises:
+            KeyError: The log does not have one of the quantities.
+            ValueError: The rate is not a positive number; the log has no time stamps; or a quantity has no
+                values between samples: counters, time stamps, events, and changes over one sampling period.
+
+        >>> import xbus
+        >>> log = xbus.read_log("tests/captures/walk.mtb")
+        >>> resampled = log.resample(50, quantities=["acceleration", "quaternion"])
+        >>> len(resampled), resampled["quaternion"].shape
+        (500, (500, 4))
+        """
+        check_rate(rate)
+        if max_gap is not None and not max_gap >= 0:
+            raise ValueError(f"max_gap must be a number of seconds, at least 0, not {max_gap!r}")
+        if quantities is None:
+            columns = [column for column in self.values() if QUANTITIES[column.name].interpolation]
+        else:
+            columns = [self[key] for key in self._chosen(quantities)]
+            for column in columns:
+                if QUANTITIES[column.name].interpolation is None:
+                    raise ValueError(
+                        f"{column.name} has no values between samples, so it cannot be resampled; "
+                        f"leave it out, or use log[{column.name!r}]"
+                    )
+        if not np.isfinite(self.time).any():
+            raise ValueError("the log has no time stamps, without which nothing can be resampled")
+        runs = spans(self.bid, self._restarts(), [steady_time(self), self.time])
+        return Resampled(rate, runs, columns, max_gap=max_gap, first_sample=self.first_sample)
+
+    def _restarts(self) -> Iterator[tuple[int, int]]:
+        """Yields the bus identifier of a device that restarts, and the index of the next sample."""
+        mids = [row.mid for row in MESSAGES.values() if row.restarts]
+        for row in np.flatnonzero(np.isin(self.messages.mid, mids)).tolist():
+            message = self.messages[row]
+            yield message.bid, message.sample - self.first_sample
 
     def to_arrow(self, keys: Key | Iterable[Key] | None = None) -> pa.Table:
         """Returns a pyarrow table.

@@ -117,6 +117,9 @@ class Quantity(NamedTuple):
         is_matrix: Whether the numbers are a matrix of 3 by 3, column by column.
         axes: The axes that its numbers refer to: ``"sensor"``, ``"local"``, ``"sensor to local"`` for a
             rotation between the two, ``"earth"``, or None.
+        interpolation: How a value between two samples follows from them: ``"linear"``; ``"angle"``, linear in
+            degrees that wrap; ``"rotation"``, at a constant rate about a fixed axis; ``"previous"``; or None
+            for counters, time stamps, events and changes over one sampling period.
         coordinates: Whether the identifier names a coordinate system.
         clock: Its role in the clock: ``"counter"``, ``"fine"`` or ``"coarse"`` time; ``"trigger"`` or
             ``"receiver"`` if its samples arrive late; or None.
@@ -138,6 +141,7 @@ class Quantity(NamedTuple):
     unit: str
     is_matrix: bool
     axes: str | None
+    interpolation: str | None
     coordinates: bool
     clock: str | None
     has_flags: bool

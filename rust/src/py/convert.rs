@@ -10,7 +10,7 @@ use pyo3::types::PyString;
 
 use crate::error::{EncodeError, Fault, HostTimesError, ReadError, StateError};
 use crate::packet::{Coordinates, Precision};
-use crate::table::{self, Axes, Class, ClockRole, Direction, Quantity, Series, Wire};
+use crate::table::{self, Axes, Class, ClockRole, Direction, Interpolation, Quantity, Series, Wire};
 use crate::{hostclock, scan};
 
 pyo3::import_exception!(xbus.errors, DecodeError);
@@ -69,6 +69,7 @@ to_names! {
     Class::label, of Class;
     Axes::name, of Axes;
     ClockRole::name, of ClockRole;
+    Interpolation::name, of Interpolation;
     Coordinates::name, of Coordinates;
     Direction::name, of Direction;
     Precision::name, of Precision;

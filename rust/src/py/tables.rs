@@ -55,7 +55,7 @@ pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         };
         row!(
             py,
-            quantity { id, name, manual, group, components, unit, is_matrix, axes, clock, has_flags, source },
+            quantity { id, name, manual, group, components, unit, is_matrix, axes, interpolation, clock, has_flags, source },
             kind, numbers, size,
             "coordinates": quantity.rotates,
             "products": numbers_of(quantity.products),

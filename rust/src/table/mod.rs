@@ -158,6 +158,33 @@ impl Axes {
     }
 }
 
+/// How a value between two samples follows from its neighbours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Interpolation {
+    /// In proportion to the time. In a record this holds for fields in metres, metres per second and degrees; the other
+    /// fields keep the previous value.
+    Linear,
+    /// As `Linear`, for degrees that wrap.
+    Angle,
+    /// By a rotation about a fixed axis at a constant rate.
+    Rotation,
+    /// It keeps the previous value.
+    Previous,
+}
+
+impl Interpolation {
+    /// The name in Python: `"linear"`.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Linear => "linear",
+            Self::Angle => "angle",
+            Self::Rotation => "rotation",
+            Self::Previous => "previous",
+        }
+    }
+}
+
 /// One data identifier: a row of the manual's Table 16.
 #[derive(Clone, Copy, Debug)]
 pub struct Quantity {
@@ -179,6 +206,8 @@ pub struct Quantity {
     pub is_matrix: bool,
     /// The axes that its numbers refer to; none for numbers without a direction.
     pub axes: Option<Axes>,
+    /// How values between two samples follow; none for counters, stamps, events and changes over one period.
+    pub interpolation: Option<Interpolation>,
     /// Whether the coordinate bits of the identifier mean something (Table 17, note 11).
     pub rotates: bool,
     /// Its role in the clock, if it has one.

@@ -8,8 +8,9 @@
 
 use super::Axes::{Earth, Local, Sensor, SensorToLocal};
 use super::ClockRole::{Coarse, Counter, Fine, Receiver, Trigger};
+use super::Interpolation::{Angle, Linear, Previous, Rotation};
 use super::Wire::{F4, I1, I2, I4, U1, U2, U4, U8};
-use super::{Axes, ClockRole, Field, Kind, Products, Quantity, StatusFlag, Wire};
+use super::{Axes, ClockRole, Field, Interpolation, Kind, Products, Quantity, StatusFlag, Wire};
 
 const ALL: Products = Products::ALL;
 /// All that compute an orientation: everything but the IMUs.
@@ -42,27 +43,29 @@ pub const QUANTITIES: &[Quantity] = &[
     real  (0x0810, "temperature",         "Temperature",         ONE, "degC").on(ALL),
 
     record(0x1010, "utc_time",            "UtcTime",             UTC_TIME).on(ALL).from("Table 35, device bytes"),
-    fixed (0x1020, "packet_counter",      "PacketCounter",       U2, ONE, "").on(ALL).clock(Counter),
-    fixed (0x1030, "itow",                "Itow",                U4, ONE, "ms").from(VENDOR),
+    fixed (0x1020, "packet_counter",      "PacketCounter",       U2, ONE, "").not_interpolated().on(ALL).clock(Counter),
+    fixed (0x1030, "itow",                "Itow",                U4, ONE, "ms").not_interpolated().from(VENDOR),
     fixed (0x1040, "gnss_age",            "GnssAge",             U1, ONE, "").from(VENDOR),
     fixed (0x1050, "pressure_age",        "PressureAge",         U1, ONE, "").from(VENDOR),
-    fixed (0x1060, "sample_time_fine",    "SampleTimeFine",      U4, ONE, "0.1 ms").on(ALL).clock(Fine),
-    fixed (0x1070, "sample_time_coarse",  "SampleTimeCoarse",    U4, ONE, "s").on(ALL).clock(Coarse),
+    fixed (0x1060, "sample_time_fine",    "SampleTimeFine",      U4, ONE, "0.1 ms").not_interpolated().on(ALL).clock(Fine),
+    fixed (0x1070, "sample_time_coarse",  "SampleTimeCoarse",    U4, ONE, "s").not_interpolated().on(ALL).clock(Coarse),
     record(0x1080, "frame_range",         "FrameRange",          FRAME_RANGE).from(VENDOR),
-    fixed (0x1090, "packet_counter8",     "PacketCounter8",      U1, ONE, "").from(VENDOR),
+    fixed (0x1090, "packet_counter8",     "PacketCounter8",      U1, ONE, "").not_interpolated().from(VENDOR),
     // What a tick is worth is not written down.
-    fixed (0x10A0, "sample_time64",       "SampleTime64",        U8, ONE, "").from(VENDOR),
+    fixed (0x10A0, "sample_time64",       "SampleTime64",        U8, ONE, "").not_interpolated().from(VENDOR),
     // The vendor's code has the identifier but no decoder; the width is that of the name.
-    fixed (0x10B0, "packet_counter32",    "PacketCounter32",     U4, ONE, "").from(VENDOR),
+    fixed (0x10B0, "packet_counter32",    "PacketCounter32",     U4, ONE, "").not_interpolated().from(VENDOR),
 
-    real  (0x2010, "quaternion",          "Quaternion",          QUATERNION, "").axes(SensorToLocal).rotates().on(ORIENTED),
-    real  (0x2020, "rotation_matrix",     "RotationMatrix",      MATRIX, "")
+    real  (0x2010, "quaternion",          "Quaternion",          QUATERNION, "")
+           .interpolated(Rotation).axes(SensorToLocal).rotates().on(ORIENTED),
+    real  (0x2020, "rotation_matrix",     "RotationMatrix",      MATRIX, "").interpolated(Rotation)
            .matrix().axes(SensorToLocal).rotates().on(ORIENTED).from(BYTES),
-    real  (0x2030, "euler_angles",        "EulerAngles",         EULER, "deg").axes(SensorToLocal).rotates().on(ORIENTED),
+    real  (0x2030, "euler_angles",        "EulerAngles",         EULER, "deg")
+           .interpolated(Angle).axes(SensorToLocal).rotates().on(ORIENTED),
 
-    fixed (0x3010, "baro_pressure",       "BaroPressure",        U4, ONE, "Pa").on(BAROMETER),
+    fixed (0x3010, "baro_pressure",       "BaroPressure",        U4, ONE, "Pa").interpolated(Linear).on(BAROMETER),
 
-    real  (0x4010, "delta_v",             "DeltaV",              XYZ, "m/s").axes(Sensor).on(ALL),
+    real  (0x4010, "delta_v",             "DeltaV",              XYZ, "m/s").not_interpolated().axes(Sensor).on(ALL),
     real  (0x4020, "acceleration",        "Acceleration",        XYZ, "m/s2").axes(Sensor).on(ALL),
     // Given in the local frame, and yet the coordinate bits are not defined for it (Table 17, note 11).
     real  (0x4030, "free_acceleration",   "FreeAcceleration",    XYZ, "m/s2").axes(Local).on(ORIENTED),
@@ -76,29 +79,34 @@ pub const QUANTITIES: &[Quantity] = &[
     real  (0x5010, "altitude_msl",        "AltitudeMsl",         ONE, "m").axes(Earth).from(VENDOR),
     real  (0x5020, "altitude_ellipsoid",  "AltitudeEllipsoid",   ONE, "m").axes(Earth).on(GNSS),
     real  (0x5030, "position_ecef",       "PositionEcef",        XYZ, "m").axes(Earth).on(GNSS),
-    real  (0x5040, "lat_lon",             "LatLon",              LAT_LON, "deg").axes(Earth).on(GNSS),
+    real  (0x5040, "lat_lon",             "LatLon",              LAT_LON, "deg").interpolated(Angle).axes(Earth).on(GNSS),
 
-    record(0x7010, "gnss_pvt_data",       "GnssPvtData",         PVT).axes(Earth).on(GNSS).clock(Receiver).from("5.3.6, Table 25"),
+    record(0x7010, "gnss_pvt_data",       "GnssPvtData",         PVT)
+           .interpolated(Linear).axes(Earth).on(GNSS).clock(Receiver).from("5.3.6, Table 25"),
     list  (0x7020, "gnss_sat_info",       "GnssSatInfo",         SAT_INFO, SATELLITE)
            .on(Products::of(&[710, 670, 680])).clock(Receiver).from("5.3.6, Table 26"),
-    fixed (0x7030, "gnss_pvt_pulse",      "GnssPvtPulse",        U4, ONE, "0.1 ms").on(Products::of(&[670, 680])),
+    fixed (0x7030, "gnss_pvt_pulse",      "GnssPvtPulse",        U4, ONE, "0.1 ms")
+           .not_interpolated().on(Products::of(&[670, 680])),
 
     real  (0x8020, "rate_of_turn",        "RateOfTurn",          XYZ, "rad/s").axes(Sensor).on(ALL),
-    real  (0x8030, "delta_q",             "DeltaQ",              QUATERNION, "").axes(Sensor).on(ALL),
+    real  (0x8030, "delta_q",             "DeltaQ",              QUATERNION, "").not_interpolated().axes(Sensor).on(ALL),
     real  (0x8040, "rate_of_turn_hr",     "RateOfTurnHR",        XYZ, "rad/s").axes(Sensor).on(ALL).from("5.3.6, Table 24"),
 
-    record(0x8830, "gps_dop",             "GpsDop",              GPS_DOP).from(OLD_GPS),
+    record(0x8830, "gps_dop",             "GpsDop",              GPS_DOP).interpolated(Previous).from(OLD_GPS),
     record(0x8880, "gps_time_utc",        "GpsTimeUtc",          GPS_TIME_UTC).from(OLD_GPS),
 
     // In the four raw ones with U2 counts, bit 0 of the identifier means that the counts are signed.
-    record(0xA010, "raw_acc_gyr_mag_temp", "RawAccGyrMagTemp",   RAW).axes(Sensor).on(SERIES_10_100),
-    fixed (0xA020, "raw_gyro_temp",       "RawGyroTemp",         I2, XYZ, "1/256 degC").on(SERIES_10_100),
-    fixed (0xA030, "raw_acc",             "RawAcc",              U2, XYZ, "").axes(Sensor).from(VENDOR),
-    fixed (0xA040, "raw_gyr",             "RawGyr",              U2, XYZ, "").axes(Sensor).from(VENDOR),
-    fixed (0xA050, "raw_mag",             "RawMag",              U2, XYZ, "").axes(Sensor).from(VENDOR),
-    real  (0xA060, "raw_delta_q",         "RawDeltaQ",           QUATERNION, "").axes(Sensor).from(VENDOR),
-    real  (0xA070, "raw_delta_v",         "RawDeltaV",           XYZ, "m/s").axes(Sensor).from(VENDOR),
-    fixed (0xA090, "raw_float_acc_gyr_mag_temp", "RawFloatAccGyrMagTemp", F4, SENSORS, "").axes(Sensor).from(VENDOR),
+    record(0xA010, "raw_acc_gyr_mag_temp", "RawAccGyrMagTemp",   RAW).interpolated(Previous).axes(Sensor).on(SERIES_10_100),
+    fixed (0xA020, "raw_gyro_temp",       "RawGyroTemp",         I2, XYZ, "1/256 degC")
+           .interpolated(Linear).on(SERIES_10_100),
+    fixed (0xA030, "raw_acc",             "RawAcc",              U2, XYZ, "").interpolated(Linear).axes(Sensor).from(VENDOR),
+    fixed (0xA040, "raw_gyr",             "RawGyr",              U2, XYZ, "").interpolated(Linear).axes(Sensor).from(VENDOR),
+    fixed (0xA050, "raw_mag",             "RawMag",              U2, XYZ, "").interpolated(Linear).axes(Sensor).from(VENDOR),
+    real  (0xA060, "raw_delta_q",         "RawDeltaQ",           QUATERNION, "")
+           .not_interpolated().axes(Sensor).from(VENDOR),
+    real  (0xA070, "raw_delta_v",         "RawDeltaV",           XYZ, "m/s").not_interpolated().axes(Sensor).from(VENDOR),
+    fixed (0xA090, "raw_float_acc_gyr_mag_temp", "RawFloatAccGyrMagTemp", F4, SENSORS, "")
+           .interpolated(Linear).axes(Sensor).from(VENDOR),
 
     fixed (0xB010, "analog_in1",          "AnalogIn1",           U2, ONE, "").from(VENDOR),
     fixed (0xB020, "analog_in2",          "AnalogIn2",           U2, ONE, "").from(VENDOR),
@@ -111,7 +119,7 @@ pub const QUANTITIES: &[Quantity] = &[
     fixed (0xE010, "status_byte",         "StatusByte",          U1, ONE, "").flags().on(ALL).from("5.3.6, Table 27"),
     fixed (0xE020, "status_word",         "StatusWord",          U4, ONE, "").flags().on(ALL).from("5.3.6, Table 27"),
     fixed (0xE040, "rssi",                "Rssi",                I1, ONE, "dBm").from(VENDOR),
-    new   (0xE080, "device_id",           "DeviceId",            Kind::Id).on(SERIES_10_100),
+    new   (0xE080, "device_id",           "DeviceId",            Kind::Id).interpolated(Previous).on(SERIES_10_100),
     fixed (0xE090, "location_id",         "LocationId",          U2, ONE, "").on(SERIES_10_100),
 ];
 
@@ -306,6 +314,7 @@ const fn new(id: u16, name: &'static str, manual: &'static str, kind: Kind) -> Q
         unit: "",
         is_matrix: false,
         axes: None,
+        interpolation: None,
         rotates: false,
         clock: None,
         has_flags: false,
@@ -322,7 +331,7 @@ const fn real(
     components: &'static [&'static str],
     unit: &'static str,
 ) -> Quantity {
-    Quantity { components, unit, ..new(id, name, manual, Kind::Real(count(components))) }
+    Quantity { components, unit, interpolation: Some(Linear), ..new(id, name, manual, Kind::Real(count(components))) }
 }
 
 /// Numbers of one type.
@@ -334,7 +343,8 @@ const fn fixed(
     components: &'static [&'static str],
     unit: &'static str,
 ) -> Quantity {
-    Quantity { components, unit, ..new(id, name, manual, Kind::Fixed(wire, count(components))) }
+    let kind = Kind::Fixed(wire, count(components));
+    Quantity { components, unit, interpolation: Some(Previous), ..new(id, name, manual, kind) }
 }
 
 const fn record(id: u16, name: &'static str, manual: &'static str, fields: &'static [Field]) -> Quantity {
@@ -363,6 +373,14 @@ impl Quantity {
 
     const fn axes(self, axes: Axes) -> Self {
         Self { axes: Some(axes), ..self }
+    }
+
+    const fn interpolated(self, interpolation: Interpolation) -> Self {
+        Self { interpolation: Some(interpolation), ..self }
+    }
+
+    const fn not_interpolated(self) -> Self {
+        Self { interpolation: None, ..self }
     }
 
     const fn rotates(self) -> Self {
