@@ -20,6 +20,7 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.log.arrays import read_only
+from xbus.log.files import is_plain, local_name
 from xbus.log.hostclock import HostClock
 from xbus.log.source import Source
 from xbus.protocol.tables import LATE, device_of
@@ -168,9 +169,9 @@ def arrivals_of(source: Source) -> Arrivals | None:
     """
     if isinstance(source, Timed):
         return source.arrivals()
-    if not isinstance(source, str | os.PathLike) or (isinstance(source, str) and "://" in source):
+    if not isinstance(source, str | os.PathLike) or not is_plain(os.fsdecode(source)):
         return None
-    path = os.fsdecode(source)
+    path = local_name(os.fsdecode(source))
     side = path + SUFFIX
     try:
         with open(side, "rb") as file:  # noqa: PTH123

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 
+from xbus import _core
 from xbus.errors import DecodeError
 from xbus.log.arrivals import HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
 from xbus.log.log import Log
-from xbus.log.source import Source, open_reader, quantity_filter
+from xbus.log.pieces import pieces_of
+from xbus.log.source import (
+    LONGEST,
+    QuantityFilter,
+    Source,
+    open_source,
+    quantity_filter,
+    size_hint,
+)
 from xbus.protocol.keys import Key
 from xbus.protocol.values import StringType
 from xbus.wire.strings import mask_of
@@ -23,29 +32,37 @@ BLOCK = 64 << 20
 
 
 def read_log(
-    source: Source,
+    source: Source | Sequence[Source],
     *,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
     strings: Iterable[StringType | str] = (),
+    allow_restart: bool = False,
 ) -> Log:
     """Reads a whole log.
 
     Args:
         source: A path, bytes, a uint8 array, a binary file object, or (with the extra ``fsspec``) a URL.
-            Files are read in pieces and not mapped: one that another program truncates simply ends there.
-            Arrays are not copied. A side file ``NAME.times`` with the arrivals of ``NAME`` gives
-            `Log.host_time`.
+            Files are not mapped: one that another program truncates simply ends there. Files whose names
+            end in .gz, .xz, .bz2 or (extra ``zstd``) .zst are decompressed. Arrays are not copied. A side
+            file ``NAME.times`` with the arrivals of ``NAME`` gives `Log.host_time`.
+
+            A list or tuple of these is one recording in pieces, in any order: each must continue another
+            one. The names that the recorder gives (``walk.mtb``, ``walk-0001.mtb``) determine the order;
+            otherwise it is the given one or, if that does not fit, the order of the times.
         strict: Raise at the first damage instead of reporting it in `Log.damage`.
         quantities: Keys of the quantities to keep, or None for all of them.
         strings: String types without checksum and terminator to parse too: ``["EM1000"]``. All other types
             are always parsed; so is EM1000 if a StringOutputType message in the log enables it.
+        allow_restart: Accept that the device restarted between two pieces. This is always accepted if the
+            names say that the recorder started one file after the other.
 
     Raises:
         DecodeError: With ``strict``, at the first damage.
+        ImportError: The extra for a URL or a compressed file is not installed.
         OSError: The file cannot be read.
         TypeError: The source, or a key, is of the wrong type.
-        ValueError: A quantity or string type that does not exist.
+        ValueError: A quantity or string type that does not exist, or pieces of different recordings.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -55,7 +72,8 @@ def read_log(
     ('roll', 'pitch', 'yaw')
     """
     keep = quantity_filter(quantities)
-    reader = open_reader(source, strict=strict, quantities=keep, strings=mask_of(strings))
+    source = _one_source(source, allow_restart)
+    reader = _reader(source, strict=strict, quantities=keep, strings=mask_of(strings))
     arrivals = arrivals_of(source)
     while reader.advance(STEP):
         pass
@@ -64,12 +82,13 @@ def read_log(
 
 
 def iter_log(
-    source: Source,
+    source: Source | Sequence[Source],
     *,
     block_bytes: int = BLOCK,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
     strings: Iterable[StringType | str] = (),
+    allow_restart: bool = False,
 ) -> Iterator[Log]:
     """Reads a log in parts, for logs larger than memory.
 
@@ -82,12 +101,10 @@ def iter_log(
         strict: Raise at the first damage, after the part with the samples before it.
         quantities: As in `read_log`.
         strings: As in `read_log`.
+        allow_restart: As in `read_log`.
 
     Raises:
-        DecodeError: With ``strict``, at the first damage.
-        OSError: The file cannot be read.
-        TypeError: The source, or a key, is of the wrong type.
-        ValueError: A quantity or string type that does not exist, or ``block_bytes`` less than 1.
+        ValueError: ``block_bytes`` less than 1. The other errors are those of `read_log`.
 
     >>> import xbus
     >>> parts = xbus.iter_log("tests/captures/walk.mtb", block_bytes=10_000)
@@ -97,7 +114,8 @@ def iter_log(
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     keep = quantity_filter(quantities)
-    reader = open_reader(
+    source = _one_source(source, allow_restart)
+    reader = _reader(
         source, strict=strict, quantities=keep, strings=mask_of(strings), part_bytes=block_bytes
     )
     arrivals = arrivals_of(source)
@@ -123,3 +141,29 @@ def iter_log(
                 raise fault
 
     return parts()
+
+
+def _one_source(source: Source | Sequence[Source], allow_restart: bool) -> Source:
+    if isinstance(source, list | tuple):
+        return pieces_of(source, allow_restart=allow_restart)
+    return source  # type: ignore[return-value]
+
+
+def _reader(
+    source: Source,
+    *,
+    strict: bool,
+    quantities: QuantityFilter | None,
+    strings: int,
+    part_bytes: int | None = None,
+) -> _core.Reader:
+    """Returns a reader at the start of ``source``, for parts of ``part_bytes``, or for one part."""
+    opened = open_source(source)
+    return _core.Reader(
+        opened,
+        limit=LONGEST,
+        strict=strict,
+        wanted=quantities,
+        strings=strings,
+        part_bytes=size_hint(opened) if part_bytes is None else part_bytes,
+    )

@@ -10,11 +10,10 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from xbus import _core
-from xbus.extras import require
+from xbus.log.files import is_plain, local_name, open_file
 from xbus.protocol.keys import Key, resolve_key
 
-__all__ = ["QuantityFilter", "Readable", "Source", "open_reader", "quantity_filter"]
+__all__ = ["QuantityFilter", "Readable", "Source", "open_source", "quantity_filter", "size_hint"]
 
 #: The quantities to keep: the name of each, and its coordinate system or None for any.
 QuantityFilter = list[tuple[str, str | None]]
@@ -36,32 +35,14 @@ Source = str | os.PathLike[str] | bytes | bytearray | memoryview | npt.NDArray[n
 LONGEST = 0xFFFF
 
 
-def open_reader(
-    source: Source,
-    *,
-    strict: bool = False,
-    quantities: QuantityFilter | None = None,
-    strings: int = 0,
-    part_bytes: int | None = None,
-) -> _core.Reader:
-    """Returns a reader at the start of ``source``, for parts of ``part_bytes``, or for one part."""
-    opened = _opened(source)
-    if part_bytes is None:
-        part_bytes = _size(opened)
-    return _core.Reader(
-        opened,
-        limit=LONGEST,
-        strict=strict,
-        wanted=quantities,
-        strings=strings,
-        part_bytes=part_bytes,
-    )
+def size_hint(opened: object) -> int | None:
+    """Returns the size of a file object if known, so that columns are allocated once.
 
-
-def _size(opened: object) -> int | None:
-    """Returns the size of a file object if known, so that columns are allocated once."""
+    Args:
+        opened: A result of `open_source`. The core knows the size of paths and arrays.
+    """
     if isinstance(opened, str | bytes | np.ndarray):
-        return None  # the core knows
+        return None
     if hint := operator.length_hint(opened):
         return hint
     try:
@@ -90,13 +71,18 @@ def quantity_filter(quantities: Iterable[Key] | None) -> QuantityFilter | None:
     return resolved
 
 
-def _opened(source: Source) -> object:
-    """Returns what the core can read: an array, a path, or an object with a method ``read``."""
-    if isinstance(source, str) and "://" in source:
-        fsspec = require("fsspec", "fsspec", "to read from a URL")
-        return fsspec.open(source, "rb").open()
+def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readable:
+    """Returns what the core can read: an array, a path, or an object with a method ``read``.
+
+    Raises:
+        ImportError: A library for a URL or a compressed file is not installed.
+        OSError: A file cannot be opened.
+        TypeError: The source is of the wrong type.
+    """
     if isinstance(source, str | os.PathLike):
-        return os.fspath(source)
+        path = os.fspath(source)
+        name = os.fsdecode(path)
+        return local_name(name) if is_plain(name) else open_file(name)
     if isinstance(source, Readable):
         return source
     if isinstance(source, np.ndarray):

@@ -1,0 +1,161 @@
+"""Opens files by name: plain or compressed, local or at a URL."""
+
+from __future__ import annotations
+
+import errno
+from typing import Any, BinaryIO, Protocol
+from urllib.parse import urlsplit
+from urllib.request import url2pathname
+
+from xbus.extras import require
+
+__all__ = ["COMPRESSIONS", "is_plain", "is_url", "local_name", "open_file", "suffix_of_compression"]
+
+#: Suffixes of compressed files.
+COMPRESSIONS = (".gz", ".zst", ".xz", ".bz2")
+#: Bytes of compressed input that are read at once.
+CHUNK = 1 << 16
+
+
+def suffix_of_compression(name: str) -> str:
+    """Returns the suffix of a compressed file, such as ``".gz"``; empty for other files."""
+    return next((suffix for suffix in COMPRESSIONS if name.lower().endswith(suffix)), "")
+
+
+def is_url(name: str) -> bool:
+    """Returns whether this is a URL that names no local file."""
+    return "://" in local_name(name)
+
+
+def local_name(name: str) -> str:
+    """Returns the path in a ``file://`` URL; other names unchanged."""
+    if not name.lower().startswith("file://"):
+        return name
+    parts = urlsplit(name)
+    host = "" if parts.netloc in ("", "localhost") else f"//{parts.netloc}"
+    return url2pathname(host + parts.path)
+
+
+def is_plain(name: str) -> bool:
+    """Returns whether this is the path of a file that is not compressed."""
+    return not is_url(name) and not suffix_of_compression(name)
+
+
+def open_file(name: str) -> BinaryIO:
+    """Opens a file to read its content, decompressed if its suffix is one of `COMPRESSIONS`.
+
+    Raises:
+        ImportError: A library for the URL or the compression is not installed.
+        OSError: The file cannot be opened.
+    """
+    path = local_name(name)
+    raw: Any
+    if is_url(path):
+        fsspec = require("fsspec", "fsspec", "to read from a URL")
+        try:
+            raw = fsspec.open(path, "rb").open()
+        except ImportError as error:
+            raise ImportError(
+                f"to read {path}, {error.name or 'a library'} is needed ({error}); for http:// and "
+                'https://: pip install "fsspec[http]"'
+            ) from error
+    else:
+        raw = open(path, "rb", buffering=0)  # noqa: PTH123, SIM115 - the caller closes the file
+    if suffix := suffix_of_compression(path):
+        try:
+            return _Decompressed(_decompressor(raw, suffix), raw, name)  # type: ignore[return-value]
+        except ImportError:
+            raw.close()
+            raise
+    return raw  # type: ignore[no-any-return]
+
+
+def _decompressor(raw: BinaryIO, suffix: str) -> _Reads:
+    # Imported here: `xbus --help` must not wait for these.
+    match suffix:
+        case ".gz":
+            import gzip
+
+            return gzip.GzipFile(fileobj=raw)
+        case ".xz":
+            import lzma
+
+            return lzma.LZMAFile(raw)
+        case ".bz2":
+            import bz2
+
+            return bz2.BZ2File(raw)
+        case _:
+            return _Zstandard(raw)
+
+
+class _Reads(Protocol):
+    """What a decompressor can do."""
+
+    def read(self, size: int = ..., /) -> bytes:
+        """Returns at most ``size`` bytes; none at the end."""
+        ...
+
+
+class _Zstandard:
+    """Decompresses the frames of a Zstandard file. Unlike the library's reader, it detects a missing end."""
+
+    def __init__(self, raw: BinaryIO) -> None:
+        library = require("zstandard", "zstd", "to read .zst files")
+        self._error: type[Exception] = library.ZstdError
+        self._decompressor = library.ZstdDecompressor()
+        self._raw = raw
+        self._frame: Any = None
+        self._decompressed = b""
+
+    def read(self, size: int = -1) -> bytes:
+        """Returns at most ``size`` bytes; none at the end."""
+        while not self._decompressed or size < 0:
+            compressed = self._raw.read(CHUNK)
+            if not compressed:
+                if self._frame is not None:
+                    raise EOFError("the file ends before the compressed data does")
+                break
+            try:
+                self._feed(compressed)
+            except self._error as error:
+                raise EOFError(str(error)) from error
+        size = len(self._decompressed) if size < 0 else size
+        data, self._decompressed = self._decompressed[:size], self._decompressed[size:]
+        return data
+
+    def _feed(self, compressed: bytes) -> None:
+        while compressed:
+            if self._frame is None:
+                self._frame = self._decompressor.decompressobj()
+            self._decompressed += self._frame.decompress(compressed)
+            compressed = b""
+            if self._frame.eof:
+                compressed, self._frame = self._frame.unused_data, None
+
+
+class _Decompressed:
+    """A file as its decompressor reads it, with errors of the decompressor as OSError."""
+
+    def __init__(self, decompressor: _Reads, raw: BinaryIO, name: str) -> None:
+        self._decompressor, self._raw, self._name = decompressor, raw, name
+
+    def read(self, size: int = -1, /) -> bytes:
+        """Returns at most ``size`` bytes; none at the end."""
+        import lzma
+        import zlib
+
+        reason: Exception
+        try:
+            return self._decompressor.read(size)
+        except (EOFError, zlib.error, lzma.LZMAError) as error:
+            reason = error
+        except OSError as error:
+            if error.errno is not None:
+                raise
+            reason = error
+        raise OSError(errno.EILSEQ, f"the compressed data is damaged ({reason})", self._name)
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._raw.close()

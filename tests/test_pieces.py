@@ -1,0 +1,249 @@
+"""Recordings in pieces: `read_log` and `iter_log` of a list."""
+
+from __future__ import annotations
+
+import io
+import random
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import xbus
+from conftest import OWN_CAPTURES, counter, differences, facts, fine
+from streams import mtdata2, packet
+from xbus import MessageId, encode_frame
+from xbus.log.pieces import piece_name, pieces_of
+from xbus.log.source import Source
+
+WALK = OWN_CAPTURES / "walk.mtb"
+FIELD = OWN_CAPTURES / "field.mtb"
+DATA = WALK.read_bytes()
+
+
+def stamped(*times: float, count: int | None = None, bid: int = 255) -> bytes:
+    """Returns samples with these times in s, and packet counters from `count` on."""
+    data = b""
+    for at, time in enumerate(times):
+        packets = fine(round(time * 10_000)) + (b"" if count is None else counter(count + at))
+        data += encode_frame(MessageId.MTData2, packets, bid=bid)
+    return data
+
+
+def device(number: int) -> bytes:
+    return encode_frame(MessageId.DeviceID, number.to_bytes(4, "big"))
+
+
+def saved(folder: Path, **pieces: bytes) -> list[Path]:
+    """Writes files; ``walk_0001`` stands for walk-0001.mtb."""
+    paths = []
+    for name, data in pieces.items():
+        paths.append(folder / f"{name.replace('_', '-')}.mtb")
+        paths[-1].write_bytes(data)
+    return paths
+
+
+@pytest.mark.parametrize(
+    ("name", "recording", "number"),
+    [
+        ("walk.mtb", "walk.mtb", 0),
+        ("walk-0001.mtb", "walk.mtb", 1),
+        ("a/walk-12345.mtb.gz", "a/walk.mtb", 12345),
+        ("walk-001.mtb", "walk-001.mtb", 0),
+        ("walk-2026-0003.mtb", "walk-2026.mtb", 3),
+        ("walk-0001", "walk", 1),
+        ("-0001.mtb", "-0001.mtb", 0),
+    ],
+)
+def test_names(name: str, recording: str, number: int) -> None:
+    assert piece_name(name) == (recording, number)
+
+
+# Any cut, in any order
+
+
+@settings(max_examples=10)
+@given(
+    st.lists(st.integers(0, len(DATA)), min_size=1, max_size=5), st.randoms(use_true_random=False)
+)
+def test_named_pieces_in_any_order_equal_the_whole(
+    tmp_path_factory: pytest.TempPathFactory, cuts: list[int], rng: random.Random
+) -> None:
+    """The names give the order, so a piece may be a part of one frame, or empty."""
+    folder = tmp_path_factory.mktemp("pieces")
+    bounds = [0, *sorted(cuts), len(DATA)]
+    paths = []
+    for at, (start, end) in enumerate(pairwise(bounds)):
+        paths.append(folder / (f"walk-{at:04}.mtb" if at else "walk.mtb"))
+        paths[-1].write_bytes(DATA[start:end])
+    rng.shuffle(paths)
+    assert xbus.read_log(paths) == xbus.read_log(DATA)
+    parts = list(xbus.iter_log([str(path) for path in paths], block_bytes=30_000))
+    assert differences(facts(*parts), facts(xbus.read_log(DATA))) == []
+
+
+@settings(max_examples=10)
+@given(st.lists(st.integers(0, len(DATA)), max_size=5))
+def test_pieces_in_order_equal_the_whole(cuts: list[int]) -> None:
+    pieces = [DATA[start:end] for start, end in pairwise([0, *sorted(cuts), len(DATA)])]
+    assert xbus.read_log(pieces) == xbus.read_log(DATA)
+
+
+@settings(max_examples=10)
+@given(
+    st.lists(st.integers(1, len(DATA) // 2000), min_size=1, max_size=5, unique=True),
+    st.randoms(use_true_random=False),
+)
+def test_pieces_with_samples_in_any_order_equal_the_whole(
+    cuts: list[int], rng: random.Random
+) -> None:
+    """Without names, the times at their starts give the order."""
+    bounds = [0, *(cut * 2000 - 7 for cut in sorted(cuts)), len(DATA)]
+    pieces = [DATA[start:end] for start, end in pairwise(bounds)]
+    rng.shuffle(pieces)
+    assert xbus.read_log(pieces) == xbus.read_log(DATA)
+
+
+def test_every_kind_of_source(tmp_path: Path) -> None:
+    (path,) = saved(tmp_path, first=DATA[:50_000])
+    array = np.frombuffer(DATA[50_000:70_000], np.uint8)
+    pieces: list[Source] = [
+        path,
+        array,
+        memoryview(DATA)[70_000:90_000],
+        io.BytesIO(DATA[90_000:100_000]),
+        bytearray(DATA[100_000:]),
+    ]
+    assert xbus.read_log(pieces) == xbus.read_log(DATA)
+    assert xbus.read_log(tuple(pieces)) == xbus.read_log(DATA)
+
+
+def test_one_piece_and_none() -> None:
+    assert xbus.read_log([DATA]) == xbus.read_log(DATA)
+    with pytest.raises(ValueError, match="at least one piece"):
+        xbus.read_log([])
+
+
+def test_a_stream_is_no_piece() -> None:
+    class Pipe:
+        def read(self, size: int = -1, /) -> bytes:
+            return b""
+
+    with pytest.raises(ValueError, match="a stream cannot be one of several pieces"):
+        xbus.read_log([DATA, Pipe()])
+
+
+# The clock of the device
+
+
+def test_the_clock_may_wrap_between_pieces() -> None:
+    for end in (429_496.7, 86_399.9):
+        log = xbus.read_log([stamped(end - 0.1, end), stamped(0.05, 0.15)])
+        assert log.stats.frames == 4
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "reason"),
+    [
+        (stamped(9, 10), stamped(9.5, 11), "the clock goes back from 10.00 s to 9.50 s"),
+        (stamped(9, 10), stamped(0, 1) + stamped(9, 10), "goes back from 10.00 s to 0.00 s"),
+        (
+            mtdata2(counter(7)),
+            mtdata2(counter(7)),
+            "the packet counter goes back from 7 to 7",
+        ),
+        (device(0x0680_0001) + stamped(1), device(0x0680_0002) + stamped(2), "device 06800002"),
+        (stamped(1, bid=1), stamped(2, bid=2), "it has BID 2, not 1"),
+    ],
+)
+def test_different_recordings(one: bytes, other: bytes, reason: str) -> None:
+    with pytest.raises(ValueError, match=r"piece 2 does not continue piece 1: .*" + reason):
+        xbus.read_log([one, other])
+    with pytest.raises(ValueError, match="does not continue"):
+        next(xbus.iter_log([one, other]))
+
+
+def test_a_gap_between_pieces_is_counted() -> None:
+    log = xbus.read_log([stamped(1.0, 1.01, count=5), stamped(1.05, 1.06, count=10)])
+    assert (log.stats.lost_samples, log.stats.gaps) == (3, 1)
+
+
+# Restarts between pieces
+
+
+def test_a_restart_needs_consecutive_names_or_permission(tmp_path: Path) -> None:
+    one, other = stamped(5.0, 5.01), stamped(0.0, 5.0)
+    with pytest.raises(ValueError, match="allow_restart=True"):
+        xbus.read_log([one, other])
+    assert len(xbus.read_log([one, other], allow_restart=True)) == 4
+    first, second = saved(tmp_path, walk=one, walk_0001=other)
+    assert xbus.read_log([second, first])["sample_time_fine"].values.tolist() == [
+        50_000, 50_100, 0, 50_000,
+    ]  # fmt: skip
+    assert pieces_of([second, first]).notes == [f"the device restarted before {second}"]
+    third = saved(tmp_path, walk_0003=other)[0]
+    with pytest.raises(ValueError, match=r"walk-0003.mtb does not continue .*walk.mtb"):
+        xbus.read_log([first, third])
+
+
+def test_a_piece_of_another_session_is_no_restart(tmp_path: Path) -> None:
+    """The Configuration at the start of a file has the time at which the recording started."""
+    payload = bytearray(118)
+    payload[0:4] = (0x0680_0001).to_bytes(4, "big")
+    payload[16:32] = b"2026112909000000"
+    one = encode_frame(MessageId.Configuration, bytes(payload))
+    payload[16:32] = b"2026112809000000"
+    other = encode_frame(MessageId.Configuration, bytes(payload))
+    names = saved(tmp_path, a=one + stamped(5, 6), a_0001=other + stamped(0, 1))
+    with pytest.raises(ValueError, match="does not continue"):
+        xbus.read_log(names)
+    names = saved(tmp_path, a=one + stamped(5, 6), a_0001=one + stamped(0, 1))
+    assert len(xbus.read_log(names)) == 4
+
+
+def test_a_missing_piece_is_named(tmp_path: Path) -> None:
+    names = saved(tmp_path, a=stamped(1), a_0003=stamped(9))
+    assert pieces_of(names[::-1]).notes == [
+        f"{tmp_path}/a-0001.mtb to {tmp_path}/a-0002.mtb are missing"
+    ]
+
+
+def test_a_repeated_configuration_is_no_restart() -> None:
+    head = DATA[: xbus.read_log(DATA).offset[0]]
+    cut = int(xbus.read_log(DATA).offset[500])
+    log, whole = xbus.read_log([DATA[:cut], head + DATA[cut:]]), xbus.read_log(DATA)
+    assert np.array_equal(log.time, whole.time, equal_nan=True)
+    assert (log.duration, log.stats.lost_samples) == (whole.duration, 0)
+
+
+def test_rotated_recording(tmp_path: Path) -> None:
+    """Host times of the pieces are joined too."""
+    with xbus.connect("sim:MTi-630") as device, device.record(
+        tmp_path / "night.mtb", rotate_seconds=1
+    ):  # fmt: skip
+        device.listen(3.5)
+    names = sorted(tmp_path.glob("*.mtb"))
+    assert names[0].name == "night-0001.mtb"
+    log = xbus.read_log(names)
+    assert (np.diff(log.time) > 0).all()
+    assert log.stats.lost_samples == 0
+    assert np.isfinite(log.host_time).all()
+
+
+def test_only_direct_continuations() -> None:
+    def direct(*pieces: bytes) -> int:
+        return len(pieces_of(pieces, direct=True).names)
+
+    assert direct(stamped(1), stamped(2)) == 2
+    assert direct(DATA[:50_000], DATA[50_000:50_009], DATA[50_009:]) == 3
+    for one, other, reason in (
+        (stamped(1), stamped(20), "it begins 19.0 s later"),
+        (mtdata2(counter(1)), mtdata2(counter(5000)), "it begins 4,999 samples later"),
+        (DATA[:50_000], b"$HEHDT" * 1000, "piece 2 has no samples that show it"),
+        (mtdata2(packet(0x0810, b"ab")), mtdata2(packet(0x0810, b"ab")), "neither time stamps nor"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            direct(one, other)
