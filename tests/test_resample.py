@@ -233,10 +233,15 @@ def test_files(tmp_path: Path) -> None:
         assert arrays["status_byte.known"].tolist() == [True] * 5 + [False] * 2 + [True]
 
 
-def test_every_quantity_of_a_recording_is_resampled_or_left_out_on_purpose() -> None:
+def test_every_quantity_of_a_recording_is_resampled_or_left_out_on_purpose(tmp_path: Path) -> None:
     log = xbus.read_log("tests/captures/walk.mtb")
     found = log.resample(25)
     left_out = {"packet_counter", "sample_time_fine", "utc_time"}
     assert set(found) == set(log) - left_out
     with pytest.raises(ValueError, match="read-only"):
         found["acceleration"][0] = 0
+    first = int(np.searchsorted(found.time, log["gnss_pvt_data"].time[0]))
+    found.to_npz(tmp_path / "walk.npz")
+    with np.load(tmp_path / "walk.npz") as arrays:
+        known = arrays["gnss_pvt_data.known"]["numSV"]
+    assert known.tolist() == [False] * first + [True] * (len(found) - first)

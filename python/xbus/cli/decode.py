@@ -14,6 +14,7 @@ from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
+from xbus.cli.resampling import check_resampling, resampled
 from xbus.formatting import format_count
 
 if TYPE_CHECKING:
@@ -90,6 +91,18 @@ def _key(
     help="Write only this quantity, one row per packet, without nulls: acceleration or quaternion:NED; or "
     "the strings of a type: HEHDT.",
 )
+@click.option(
+    "--rate-out",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ",
+    help="Resample to one row every 1/HZ seconds: interpolated; null across gaps.",
+)
+@click.option(
+    "--max-gap",
+    type=click.FloatRange(min=0),
+    metavar="SECONDS",
+    help="With --rate-out, the longest gap to interpolate across.  [default: 2.5 steps of each quantity]",
+)
 @strings_option
 @click.option("--strict", is_flag=True, help="Fail at the first damage.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
@@ -100,6 +113,8 @@ def decode(
     files: tuple[str, ...],
     out: str,
     key: EntryKey | None,
+    rate_out: float | None,
+    max_gap: float | None,
     strings: tuple[str, ...],
     strict: bool,
     quiet: bool,
@@ -117,13 +132,17 @@ def decode(
     replaced, and a failed run leaves no partial file.
     """
     check_output(files, out)
+    check_resampling(key, rate_out, max_gap)
     if _suffix(out) != ".npz":
         from xbus.extras import require
 
         require("pyarrow", "arrow", f"to write {_suffix(out)} files")
     with Progress(reading_task(files[0]), shown=not quiet) as progress:
         log = _read(files, key, strings=strings, strict=strict, progress=progress)
-        table = _table(log, key, ", ".join(map(label, files)), is_npz=_suffix(out) == ".npz")
+        names = ", ".join(map(label, files))
+        table = _table(log, key, names, is_npz=_suffix(out) == ".npz")
+        if rate_out is not None:
+            table = resampled(log, key, rate_out, max_gap, names)
         progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119
         rows, columns = _write(log, table, key, out)
     if as_json:
@@ -175,9 +194,12 @@ def _write(log: Log, table: Any, key: EntryKey | None, out: str) -> tuple[int, i
             export.npz({key: strings}, out)
         return len(strings), len(strings.dtype.names or ())
     if writer is None:
+        from xbus.log.resample import Resampled
+
+        content = table if isinstance(table, Resampled) else log
         with writing(out):
-            log.to_npz(out)
-        return len(log), len(log.keys())
+            content.to_npz(out)
+        return len(content), len(content.keys())
     from pyarrow import RecordBatchReader
 
     from xbus.log import export

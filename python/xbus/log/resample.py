@@ -208,7 +208,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
     def to_npz(self, path: str | os.PathLike[str]) -> None:
         """Writes ``time``, ``run``, ``bid`` and the values of each quantity to an npz file.
 
-        Beside masked values there is ``NAME.known``, True where the value is known.
+        Beside masked values there is ``NAME.known``, True where the value is known; for records by field.
 
         Raises:
             OSError: The file cannot be written.
@@ -218,7 +218,10 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
             stem = _stem(key)
             arrays[stem] = np.ma.getdata(values)
             if np.ma.isMaskedArray(values):
-                arrays[f"{stem}.known"] = ~np.ma.getmaskarray(values)
+                mask = np.ma.getmaskarray(values)
+                # Of a record, the mask has a byte for each field.
+                known = ~np.ascontiguousarray(mask).view(np.bool_)
+                arrays[f"{stem}.known"] = known.view(mask.dtype).reshape(mask.shape)
         export.npz(arrays, path)
 
     def __repr__(self) -> str:

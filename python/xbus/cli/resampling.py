@@ -1,0 +1,66 @@
+"""``xbus decode --rate-out``: a log at a constant rate."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import click
+
+from xbus.cli.failure import Failure
+
+if TYPE_CHECKING:
+    from xbus.log.log import Log
+    from xbus.log.resample import Resampled
+    from xbus.protocol.keys import EntryKey
+
+__all__ = ["check_resampling", "resampled"]
+
+
+def check_resampling(key: EntryKey | None, rate: float | None, max_gap: float | None) -> None:
+    """Checks the options, before the log is read.
+
+    Raises:
+        click.UsageError: They do not fit together, or the quantity has no values between samples.
+    """
+    if rate is None:
+        if max_gap is not None:
+            raise click.UsageError("--max-gap needs --rate-out")
+        return
+    if not math.isfinite(rate) or (max_gap is not None and math.isnan(max_gap)):
+        raise click.UsageError("--rate-out must be finite, and --max-gap a number")
+    if key is None:
+        return
+    from xbus.protocol.tables import QUANTITIES
+
+    name = key if isinstance(key, str) else key[0]
+    if (row := QUANTITIES.get(name)) is None:
+        raise click.UsageError(f"--rate-out: {name} is a string, which has no values between two")
+    if row.interpolation is None:
+        raise click.UsageError(
+            f"--rate-out: {name} has no values between samples; omit one of the two options"
+        )
+
+
+def resampled(
+    log: Log, key: EntryKey | None, rate: float, max_gap: float | None, names: str
+) -> Resampled:
+    """Returns a log, or one quantity, at a constant rate.
+
+    Args:
+        log: The log.
+        key: One quantity, or None for all.
+        rate: Rows per second.
+        max_gap: As for `Log.resample`.
+        names: Names of the files, for error messages.
+
+    Raises:
+        Failure: The log cannot be resampled.
+    """
+    import numpy as np
+
+    if not np.isfinite(log.time).any():
+        raise Failure(
+            f"{names} has no time stamps; omit --rate-out to write the samples as they are"
+        )
+    return log.resample(rate, key, max_gap=max_gap)
