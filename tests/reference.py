@@ -201,6 +201,11 @@ STRUCTS: dict[int, tuple[str, str, str]] = {
         "HHHHHHHHHh",
         "accX accY accZ gyrX gyrY gyrZ magX magY magZ temp",
     ),
+    0xC810: (
+        "awinda_snapshot",
+        "IIiiiiiihhhIHBB",
+        "deviceId frame iqX iqY iqZ ivX ivY ivZ magX magY magZ baro status accClipped gyrClipped",
+    ),
 }
 
 # Two whose size varies: DeviceId is U4 or U8, GnssSatInfo (Table 26) is a head and its satellites.

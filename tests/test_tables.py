@@ -33,7 +33,7 @@ def rows(path: str) -> Iterator[dict[str, str]]:
 # ---------------------------------------------------------------------------------------------
 
 #: Kept as unknown packets on purpose: blobs, other product lines, layouts that are disputed.
-OPAQUE = {0x8840, 0x88A0, 0xA080, 0xC810, 0xC820, 0xC830, 0xC840, 0xCA30, 0xCA40}
+OPAQUE = {0x8840, 0x88A0, 0xA080, 0xC820, 0xC830, 0xC840, 0xCA30, 0xCA40}
 
 #: Units that the list spells differently.
 OTHER_UNITS = {"-": "", "count": "", "packets": "", "bits": "", "ADC": "", "device ticks": ""}

@@ -80,6 +80,7 @@ class DataId(IntEnum):
     AnalogIn2 = 0xB020
     MagneticField = 0xC020
     MagneticFieldCorrected = 0xC030
+    AwindaSnapshot = 0xC810
     VelocityXYZ = 0xD010
     StatusByte = 0xE010
     StatusWord = 0xE020

@@ -2,9 +2,9 @@
 //!
 //! The first source is Table 16 of the manual with the descriptions of section 5.3.6. Identifiers that the manual does
 //! not list but that devices send or the vendor's open code writes have a row where their layout is known. The others
-//! have none on purpose and stay unknown identifiers, kept byte for byte: opaque blobs (A080), the snapshots and glove
-//! data of other product lines (from C810 to CA40), and two messages of the old MTi-G-700 whose layouts in circulation
-//! disagree about their size or were never checked (8840, 88A0).
+//! have none on purpose and stay unknown identifiers, kept byte for byte: opaque blobs (A080), the full snapshots and
+//! glove data of other product lines (from C820 to CA40), and two messages of the old MTi-G-700 whose layouts in
+//! circulation disagree about their size or were never checked (8840, 88A0).
 
 use super::Axes::{Earth, Local, Sensor, SensorToLocal};
 use super::ClockRole::{Coarse, Counter, Fine, Receiver, Trigger};
@@ -35,6 +35,8 @@ const VENDOR: &str = "vendor's open code";
 /// The manual's text lost the figure; settled from device bytes.
 const BYTES: &str = "device bytes";
 const TRIGGER_GUIDE: &str = "TriggerIndication user guide";
+/// The vendor's open code has the fields; recordings with the vendor's exports confirm counter and magnetic field.
+const AWINDA_LOGS: &str = "vendor's open code, recordings with exports";
 const OLD_GPS: &str = "third-party drivers of the MTi-G-700";
 
 /// Every data identifier whose layout is known, sorted by identifier.
@@ -113,6 +115,8 @@ pub const QUANTITIES: &[Quantity] = &[
 
     real  (0xC020, "magnetic_field",      "MagneticField",       XYZ, "a.u.").axes(Sensor).on(ALL),
     real  (0xC030, "magnetic_field_corrected", "MagneticFieldCorrected", XYZ, "a.u.").axes(Sensor).from(VENDOR),
+
+    record(0xC810, "awinda_snapshot",     "AwindaSnapshot",      AWINDA).axes(Sensor).from(AWINDA_LOGS),
 
     real  (0xD010, "velocity_xyz",        "VelocityXYZ",         XYZ, "m/s").axes(Local).rotates().on(GNSS).from(BYTES),
 
@@ -249,6 +253,27 @@ const RAW: &[Field] = &[
     scaled("Temp", I2, 1.0 / 256.0, "degC"),
 ];
 
+/// What an Awinda tracker (`MTw`) sends: strap-down increments, whose scale is not published. The low 16 bits of the
+/// frame number are the packet counter of the vendor's exports. Bit 0 of the identifier means that it was sent again.
+#[rustfmt::skip]
+const AWINDA: &[Field] = &[
+    plain ("deviceId",   U4),
+    plain ("frame",      U4),
+    plain ("iqX",        I4),
+    plain ("iqY",        I4),
+    plain ("iqZ",        I4),
+    plain ("ivX",        I4),
+    plain ("ivY",        I4),
+    plain ("ivZ",        I4),
+    scaled("magX",       I2, 1.0 / 4096.0, "a.u."),
+    scaled("magY",       I2, 1.0 / 4096.0, "a.u."),
+    scaled("magZ",       I2, 1.0 / 4096.0, "a.u."),
+    plain ("baro",       U4),
+    plain ("status",     U2),
+    plain ("accClipped", U1),
+    plain ("gyrClipped", U1),
+];
+
 /// The bits of `StatusWord` from Table 27, and from the vendor's code where the manual has "Reserved" (7, 18, 20) or
 /// leaves a value out. Bits 0 to 7 are those of `StatusByte`.
 #[rustfmt::skip]
@@ -296,6 +321,7 @@ const fn group(id: u16) -> &'static str {
         0xA000 => "Sensor Component Readout",
         0xB000 => "Analog In",
         0xC000 => "Magnetic",
+        0xC800 => "Snapshot",
         0xD000 => "Velocity",
         0xE000 => "Status",
         _ => panic!("no such group"),
