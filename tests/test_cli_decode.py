@@ -19,7 +19,7 @@ import pytest
 import xbus
 from conftest import counter, fine, shared
 from test_cli import FIELD, WALK, run, sentence, shell
-from xbus import MessageId, encode_frame, encode_packet
+from xbus import MessageId, encode_frame, encode_packet, encode_sample
 
 SUFFIXES = [".parquet", ".csv", ".arrow", ".feather", ".npz"]
 TABLES = SUFFIXES[:-1]
@@ -277,8 +277,9 @@ def test_summary_as_json() -> None:
         "skipped_bytes": 1816,
         "damage": 12,
         "malformed": 0,
+        "undecoded": [],
     }
-    Path("still.mtb").write_bytes(encode_frame(0x32, bytes(9)))
+    Path("still.mtb").write_bytes(encode_sample({"temperature": 20.0}))
     result = run("decode", "still.mtb", "--json", "-o", "out.csv")
     assert json.loads(result.stdout)["duration_s"] is None
 

@@ -323,7 +323,8 @@ def test_a_recording_of_legacy_output(tmp_path: Path, monkeypatch: pytest.Monkey
     shown = run("info", str(path)).stdout
     assert f"MTData {count}" in shown
     words = " ".join(shown.split())
-    assert "MTData (0x32), the legacy output, which xbus records but does not decode" in words
+    assert f"undecoded {count} messages MTData (0x32), " in words
+    assert ": the legacy output, which xbus records but does not decode" in words
 
 
 def test_the_monitor_names_legacy_output() -> None:

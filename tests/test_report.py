@@ -273,7 +273,7 @@ def test_an_empty_log() -> None:
 def test_an_unknown_identifier() -> None:
     report = page_of(mtdata2(counter(1), fine(1), packet(0xF990, b"abc")))
     assert ["0xF990", "1", "3"] in report.rows
-    assert "1 unknown data identifier" in report.text
+    assert "not decoded: 1 packet 0xF990, 3 bytes" in report.text
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
 from xbus.cli.resampling import check_resampling, resampled
+from xbus.cli.undecoded import check_decoded, tracker_of, undecoded_lines
 from xbus.formatting import format_count
 
 if TYPE_CHECKING:
@@ -103,6 +104,11 @@ def _key(
     metavar="SECONDS",
     help="With --rate-out, the longest gap to interpolate across.  [default: 2.5 steps of each quantity]",
 )
+@click.option(
+    "--tracker",
+    metavar="ID",
+    help="Write only this Awinda tracker: packet counter and magnetic field. xbus info lists them.",
+)
 @strings_option
 @click.option("--strict", is_flag=True, help="Fail at the first damage.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
@@ -115,6 +121,7 @@ def decode(
     key: EntryKey | None,
     rate_out: float | None,
     max_gap: float | None,
+    tracker: str | None,
     strings: tuple[str, ...],
     strict: bool,
     quiet: bool,
@@ -133,6 +140,8 @@ def decode(
     """
     check_output(files, out)
     check_resampling(key, rate_out, max_gap)
+    if tracker and (key or rate_out):
+        raise click.UsageError("--tracker excludes --quantity and --rate-out")
     if _suffix(out) != ".npz":
         from xbus.extras import require
 
@@ -140,9 +149,12 @@ def decode(
     with Progress(reading_task(files[0]), shown=not quiet) as progress:
         log = _read(files, key, strings=strings, strict=strict, progress=progress)
         names = ", ".join(map(label, files))
+        check_decoded(log, names)
         table = _table(log, key, names, is_npz=_suffix(out) == ".npz")
         if rate_out is not None:
             table = resampled(log, key, rate_out, max_gap, names)
+        if tracker is not None:
+            table = tracker_of(log, tracker, names)
         progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119
         rows, columns = _write(log, table, key, out)
     if as_json:
@@ -150,6 +162,8 @@ def decode(
     if not quiet:
         shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
         click.echo(f"{label(out)}: {shape}; {quality_text(log)}", err=True)
+        for line in undecoded_lines(log):
+            click.echo(line, err=True)
 
 
 def _suffix(path: str) -> str:
@@ -195,8 +209,9 @@ def _write(log: Log, table: Any, key: EntryKey | None, out: str) -> tuple[int, i
         return len(strings), len(strings.dtype.names or ())
     if writer is None:
         from xbus.log.resample import Resampled
+        from xbus.log.trackers import Tracker
 
-        content = table if isinstance(table, Resampled) else log
+        content = table if isinstance(table, Resampled | Tracker) else log
         with writing(out):
             content.to_npz(out)
         return len(content), len(content.keys())
@@ -263,4 +278,5 @@ def _summary_dict(
         "skipped_bytes": stats.skipped_bytes,
         "damage": len(log.damage),
         "malformed": stats.malformed,
+        "undecoded": [item.to_dict() for item in log.undecoded],
     }

@@ -58,13 +58,22 @@ def _is_counted(log: Log | LogSummary) -> bool:
     return bool((log.packet_counter != -1).any()) if isinstance(log, Log) else log.has_counter
 
 
+def _losses(log: Log | LogSummary) -> str:
+    if trackers := log.trackers:
+        found = list(trackers.values()) if isinstance(trackers, dict) else trackers
+        lost, gaps = (sum(getattr(t, name) for t in found) for name in ("lost_samples", "gaps"))
+        return describe_losses(lost, gaps, has_counter=True)
+    stats = log.stats
+    return describe_losses(stats.lost_samples, stats.gaps, has_counter=_is_counted(log))
+
+
 def quality_text(log: Log | LogSummary) -> str:
     """Returns duration, losses and damage as one line."""
     stats = log.stats
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
     if stats.strings:
         parts.append(format_count(stats.strings, "string"))
-    parts.append(describe_losses(stats.lost_samples, stats.gaps, has_counter=_is_counted(log)))
+    parts.append(_losses(log))
     parts.append(describe_damage(stats.skipped_bytes, len(log.damage)))
     fault = getattr(log, "times_fault", None)
     return ", ".join([*parts, fault] if fault else parts)

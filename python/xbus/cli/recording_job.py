@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from xbus.cli.failure import Failure
 from xbus.cli.inputs import label
-from xbus.describe.outputs import output_mids, output_name, undecoded_output
 from xbus.formatting import describe_losses, format_count, format_size
+from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
 
 if TYPE_CHECKING:
     from xbus.cli.corrections import Corrections

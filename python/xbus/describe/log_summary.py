@@ -15,12 +15,14 @@ from xbus.log.column import Column
 from xbus.log.identity import Identity
 from xbus.log.log import DAMAGE, Log, steady_time
 from xbus.log.stats import Stats
+from xbus.log.trackers import count_losses, frames_of
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import QUANTITIES, UTC_VALID
+from xbus.protocol.undecoded import Undecoded
 from xbus.wire.message import Message
 
-__all__ = ["Event", "Gap", "LogSummary", "QuantitySummary"]
+__all__ = ["Event", "Gap", "LogSummary", "QuantitySummary", "TrackerSummary"]
 
 
 class Gap(NamedTuple):
@@ -53,6 +55,22 @@ class Event(NamedTuple):
     time: float | None
     name: str
     result: ResultCode
+
+
+class TrackerSummary(NamedTuple):
+    """An Awinda tracker.
+
+    Attributes:
+        device_id: Its identifier in hex.
+        rows: Number of snapshots, with those that were sent again.
+        lost_samples: Number of missing frame numbers.
+        gaps: Number of places at which they are missing.
+    """
+
+    device_id: str
+    rows: int
+    lost_samples: int
+    gaps: int
 
 
 class Span:
@@ -144,6 +162,7 @@ class LogSummary:
         strings: Number of string outputs by name; those that the manual does not list are ``"others"``.
         events: Errors and warnings that the device sent, in order.
         unknown: Number of packets and bytes by data identifier, of packets that the tables do not explain.
+        frames: Frame numbers of Awinda trackers, by device identifier, in the order in which they arrived.
         utc: Earliest and latest UTC time that the device marks as valid, or None.
         utc_rows: Number of UTC times.
         utc_valid: Number of those that the device marks as valid.
@@ -164,6 +183,8 @@ class LogSummary:
         self.strings: Counter[str] = Counter()
         self.events: list[Event] = []
         self.unknown: dict[int, list[int]] = {}
+        self._undecoded: dict[tuple[str, int], Undecoded] = {}
+        self.frames: dict[int, list[npt.NDArray[np.int64]]] = {}
         self.utc: tuple[np.datetime64, np.datetime64] | None = None
         self.utc_rows = self.utc_valid = 0
         self._steady, self._receiver = Span(), Span()
@@ -175,6 +196,21 @@ class LogSummary:
     def quantities(self) -> list[QuantitySummary]:
         """The quantities, in the order in which they were first seen."""
         return list(self._quantities.values())
+
+    @property
+    def undecoded(self) -> list[Undecoded]:
+        """Output that is not decoded, as `Log.undecoded`."""
+        messages = sorted(item for item in self._undecoded.values() if item.kind == "message")
+        return [*messages, *(item for item in self._undecoded.values() if item.kind == "packet")]
+
+    @property
+    def trackers(self) -> list[TrackerSummary]:
+        """The Awinda trackers, in the order in which they were first seen."""
+        return [
+            TrackerSummary(device_name(device_id), len(frame), *count_losses(frame))
+            for device_id, frames in self.frames.items()
+            for frame in [np.concatenate(frames)]
+        ]
 
     @property
     def has_counter(self) -> bool:
@@ -209,6 +245,11 @@ class LogSummary:
             known.add(column)
             if column.name == "utc_time":
                 self._add_utc(column)
+        for device_id, frame in frames_of(part.get("awinda_snapshot")).items():
+            self.frames.setdefault(device_id, []).append(frame)
+        for item in part.undecoded:
+            earlier = self._undecoded.get(item[:2])
+            self._undecoded[item[:2]] = item if earlier is None else earlier.plus(item)
         for data_id, packets in part.unknown.items():
             count = self.unknown.setdefault(data_id, [0, 0])
             count[0] += len(packets)
@@ -303,6 +344,8 @@ class LogSummary:
                 }
                 for event in self.events
             ],
+            "undecoded": [item.to_dict() for item in self.undecoded],
+            "trackers": [tracker._asdict() for tracker in self.trackers],
             "unknown": [
                 {"data_id": f"0x{data_id:04X}", "packets": packets, "bytes": size}
                 for data_id, (packets, size) in self.unknown.items()

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from xbus.describe.log_summary import LogSummary
-from xbus.describe.outputs import undecoded_output
 from xbus.describe.text import device_name, finite, printable, recording_date
-from xbus.formatting import describe_damage, describe_losses
-from xbus.protocol.ids import MessageId
+from xbus.formatting import describe_damage, describe_losses, format_count
+from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 
 __all__ = ["format_utc", "log_rows", "quantity_rows"]
 
@@ -29,7 +28,9 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
     if finite(summary.duration) is not None:
         yield "duration", f"{summary.duration:,.2f} s"
     yield "samples", f"{stats.samples:,}"
-    yield "losses", describe_losses(stats.lost_samples, stats.gaps, has_counter=summary.has_counter)
+    if summary.has_counter or not summary.trackers:
+        losses = describe_losses(stats.lost_samples, stats.gaps, has_counter=summary.has_counter)
+        yield "losses", losses
     damage = describe_damage(stats.skipped_bytes, len(summary.damage))
     share = f", {100 * stats.skipped_bytes / max(stats.bytes, 1):.2g} % of the file"
     yield "damage", damage + share if summary.damage else damage
@@ -37,10 +38,19 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
         yield "malformed", f"{stats.malformed:,}: the packets do not fill the message"
     messages = ", ".join(f"{name} {count:,}" for name, count in summary.messages.items())
     yield "messages", messages or "none but samples"
-    if MessageId.MTData.name in summary.messages:
-        yield "legacy", undecoded_output(MessageId.MTData)
+    if summary.undecoded:
+        yield "undecoded", describe_undecoded(summary.undecoded)
+    if summary.trackers:
+        yield "trackers", "; ".join(_trackers(summary))
+        yield "", NO_ORIENTATION
     if summary.strings:
         yield "strings", ", ".join(f"{name} {count:,}" for name, count in summary.strings.items())
+
+
+def _trackers(summary: LogSummary) -> Iterator[str]:
+    for tracker in summary.trackers:
+        losses = describe_losses(tracker.lost_samples, tracker.gaps, has_counter=True)
+        yield f"{tracker.device_id} {format_count(tracker.rows, 'row')}, {losses}"
 
 
 def _device(summary: LogSummary) -> Iterator[str]:

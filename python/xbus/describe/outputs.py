@@ -2,50 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
-from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import MESSAGES
+from xbus.protocol.undecoded import output_mids, undecoded_output
 
-__all__ = ["describe_outputs", "describe_rates", "output_mids", "output_name", "undecoded_output"]
+__all__ = ["describe_outputs", "describe_rates"]
 
 #: Maximum number of quantities in a sentence.
 MAX_NAMED = 6
-_LISTED_MIDS = frozenset(row.mid for row in MESSAGES.values())
-
-
-def output_mids(mids: Iterable[int]) -> list[int]:
-    """Returns the messages among these that a device sends as output, and that are no samples.
-
-    These are the legacy MTData, and messages that the manual does not list.
-
-    Args:
-        mids: Message identifiers.
-
-    >>> output_mids([0x3E, 0x32, 0x08])
-    [50, 8]
-    """
-    return [mid for mid in mids if mid == MessageId.MTData or mid not in _LISTED_MIDS]
-
-
-def output_name(mid: int) -> str:
-    """Returns the name of a message of `output_mids`.
-
-    >>> output_name(0x32), output_name(0x08)
-    ('MTData (0x32)', '0x08')
-    """
-    return "MTData (0x32)" if mid == MessageId.MTData else f"0x{mid:02X}"
-
-
-def undecoded_output(mid: int) -> str:
-    """Returns what a message of `output_mids` is.
-
-    >>> undecoded_output(0x32)
-    'MTData (0x32), the legacy output, which xbus records but does not decode'
-    """
-    if mid == MessageId.MTData:
-        return f"{output_name(mid)}, the legacy output, which xbus records but does not decode"
-    return f"message {output_name(mid)}, which the manual does not list"
 
 
 def describe_rates(rates: Mapping[str, float]) -> str:

@@ -9,12 +9,12 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NoReturn
 
 from xbus import _core
-from xbus.describe.outputs import output_mids, undecoded_output
 from xbus.device.channel import Channel
 from xbus.device.sample import Sample
 from xbus.device.stats import live_stats
 from xbus.errors import StateError, XbusTimeout
 from xbus.formatting import format_count
+from xbus.protocol.undecoded import output_mids, undecoded_output
 from xbus.protocol.values import State
 from xbus.wire.strings import String, type_at
 

@@ -8,6 +8,7 @@ from xbus.log.read import iter_log, read_log
 from xbus.log.resample import Resampled
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
+from xbus.log.trackers import Tracker
 
 __all__ = [
     "Column",
@@ -17,6 +18,7 @@ __all__ = [
     "Resampled",
     "Stats",
     "Strings",
+    "Tracker",
     "Unknown",
     "iter_log",
     "read_log",

@@ -24,9 +24,11 @@ from xbus.log.resample import Resampled, check_rate, spans
 from xbus.log.source import QuantityFilter
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
+from xbus.log.trackers import Tracker, trackers_of
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
 from xbus.protocol.tables import MESSAGES, QUANTITIES, RECEIVER, UTC_VALID
+from xbus.protocol.undecoded import Undecoded, describe_undecoded, output_mids
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -198,6 +200,37 @@ class Log(ByQuantity[Column]):
         return {
             column.data_id: Unknown(column) for column in self._core.columns if column.name is None
         }
+
+    @cached_property
+    def undecoded(self) -> tuple[Undecoded, ...]:
+        """Output that is kept verbatim and not decoded: how much, and why.
+
+        These are messages with the legacy output (MTData), messages that the manual does not list, and the
+        packets in `unknown`.
+
+        >>> import xbus
+        >>> log = xbus.read_log(xbus.encode_frame(xbus.MessageId.MTData, bytes(40)))
+        >>> print(*log.undecoded)
+        1 message MTData (0x32), 40 bytes: the legacy output, which xbus records but does not decode
+        """
+        mids, lengths = self.messages.mid, self.messages.length
+        messages = [
+            Undecoded.messages(
+                mid, int(np.count_nonzero(mids == mid)), int(lengths[mids == mid].sum())
+            )
+            for mid in output_mids(np.unique(mids).tolist())
+        ]
+        packets = [Undecoded.packets(key, len(raw), raw.size) for key, raw in self.unknown.items()]
+        return *messages, *packets
+
+    @cached_property
+    def trackers(self) -> dict[int, Tracker]:
+        """What Awinda trackers sent, by device identifier: packet counter, losses and magnetic field.
+
+        Empty if the log has no ``awinda_snapshot``. Such a file holds no orientation: trackers send
+        increments, from which the vendor's software computes it.
+        """
+        return trackers_of(self.get("awinda_snapshot"))
 
     @cached_property
     def damage(self) -> npt.NDArray[Any]:
@@ -509,6 +542,10 @@ class Log(ByQuantity[Column]):
             describe_damage(stats.skipped_bytes, len(self.damage)) if stats.skipped_bytes else None,
             self.product_code,
             self.times_fault,
+            f"{format_count(len(self.trackers), 'Awinda tracker')}, no orientation"
+            if "awinda_snapshot" in self
+            else None,
+            f"not decoded: {describe_undecoded(self.undecoded)}" if self.undecoded else None,
         ]
         return ", ".join(filter(None, parts))
 

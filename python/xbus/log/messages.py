@@ -63,6 +63,12 @@ class Messages(Sequence[Message]):
         bid, offset, sample = int(self.bid[row]), int(self.offset[row]), int(self.sample[row])
         return Message(mid, name, bid, payload, offset, sample)
 
+    @property
+    def length(self) -> npt.NDArray[np.int64]:
+        """Payload bytes of each message, ``(n,)`` int64."""
+        ends = self._ends.astype(np.int64)
+        return read_only(ends - np.concatenate(([0], ends[:-1])))
+
     def named(self, *names: str) -> list[Message]:
         """Returns the messages with one of these names."""
         return [message for message in self if message.name in names]
@@ -79,8 +85,7 @@ class Messages(Sequence[Message]):
 
     def __repr__(self) -> str:
         # One MID has several names, by the length of the payload.
-        lengths = np.diff(self._ends, prepend=np.uint64(0))
-        kinds, counts = np.unique(np.stack([self.mid, lengths]), axis=1, return_counts=True)
+        kinds, counts = np.unique(np.stack([self.mid, self.length]), axis=1, return_counts=True)
         by_name: Counter[str] = Counter()
         for mid, length, count in zip(*kinds.tolist(), counts.tolist(), strict=True):
             by_name[message_name(mid, length)] += count

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from xbus.formatting import describe_damage, describe_losses, format_count
 from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 from xbus.report.data import ReportData, Series
 
 __all__ = ["Finding", "findings", "percent"]
@@ -46,6 +47,11 @@ def _losses(data: ReportData) -> Iterator[Finding]:
             where = f" before {x:,.2f} s" if data.axis.kind == "time" else ""
             text += f"; largest gap: {format_count(gap.lost, 'sample')}{where}"
         yield Finding(True, text, "gaps")
+    for tracker in summary.trackers:
+        if tracker.lost_samples:
+            text = describe_losses(tracker.lost_samples, tracker.gaps, has_counter=True)
+            share = percent(tracker.lost_samples, tracker.lost_samples + tracker.rows)
+            yield Finding(True, f"tracker {tracker.device_id}: {text}, {share}", "trackers")
     if stats.skipped_bytes:
         share = percent(stats.skipped_bytes, stats.bytes)
         text = describe_damage(stats.skipped_bytes, len(summary.damage))
@@ -128,11 +134,18 @@ def _values(data: ReportData) -> Iterator[Finding]:
 def _missing(data: ReportData) -> Iterator[Finding]:
     """Yields findings about information that the recording lacks."""
     summary = data.summary
+    for kind, section in (("message", "messages"), ("packet", "unknown")):
+        items = [item for item in summary.undecoded if item.kind == kind]
+        if items:
+            text = f"not decoded: {describe_undecoded(items)}"
+            yield Finding(kind == "message", text, section)
+    if summary.trackers:
+        yield Finding(False, NO_ORIENTATION, "trackers")
     if not summary.stats.samples:
         things = "strings" if summary.strings else "messages"
         yield Finding(True, f"no samples, only {things}", "messages")
         return
-    if not data.has_counter:
+    if not data.has_counter and not summary.trackers:
         yield Finding(False, describe_losses(0, 0, has_counter=False), "quantities")
     if data.axis.kind != "time":
         axis = "sample number" if data.axis.kind == "sample" else data.axis.kind
@@ -142,9 +155,6 @@ def _missing(data: ReportData) -> Iterator[Finding]:
         yield Finding(False, "UTC was never marked as valid", "quantities")
     if summary.identity.product_code is None and summary.identity.device_id is None:
         yield Finding(False, "the recording does not identify its device", "settings")
-    if summary.unknown:
-        unknown = format_count(len(summary.unknown), "unknown data identifier")
-        yield Finding(False, unknown, "unknown")
 
 
 def percent(part: float, whole: float) -> str:

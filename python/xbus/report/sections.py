@@ -8,6 +8,7 @@ import numpy as np
 
 from xbus.describe.log_text import quantity_rows
 from xbus.protocol.configuration import Configuration
+from xbus.protocol.undecoded import NO_ORIENTATION
 from xbus.report import figures
 from xbus.report.blocks import (
     MAX_ROWS,
@@ -32,6 +33,7 @@ def sections(data: ReportData) -> list[Section]:
     candidates = (
         ("timeline", "Timeline", _timeline(data)),
         ("quantities", "Quantities", _quantities(data)),
+        ("trackers", "Awinda trackers", _trackers(data) if summary.trackers else ()),
         ("status", "Status", _status(data) if data.status_rows else ()),
         ("track", "Track", _track(data)),
         ("plots", "Plots", _plots(data)),
@@ -72,6 +74,15 @@ def _quantities(data: ReportData) -> Iterator[Block]:
         numeric=(2, 3, 6),
         links={at: anchor for at, anchor in anchors.items() if anchor},
     )
+
+
+def _trackers(data: ReportData) -> Iterator[Block]:
+    rows = [
+        (tracker.device_id, f"{tracker.rows:,}", f"{tracker.lost_samples:,}", f"{tracker.gaps:,}")
+        for tracker in data.summary.trackers
+    ]
+    yield Table(("tracker", "rows", "samples lost", "gaps"), rows, numeric=(1, 2, 3))
+    yield Paragraph(f"{NO_ORIENTATION}.", is_note=True)
 
 
 def _anchor(series: Series) -> str:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from xbus.cli.monitor.attitude import ORIENTATIONS, Attitude, attitude_of
-from xbus.describe.outputs import output_mids, output_name, undecoded_output
 from xbus.log.column import Column
 from xbus.log.log import Log
 from xbus.protocol.tables import RECEIVER
+from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
 

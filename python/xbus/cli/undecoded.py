@@ -1,0 +1,55 @@
+"""What ``xbus decode`` leaves out, and why."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+from xbus.cli.failure import Failure
+
+if TYPE_CHECKING:
+    from xbus.log.log import Log
+    from xbus.log.trackers import Tracker
+
+__all__ = ["check_decoded", "tracker_of", "undecoded_lines"]
+
+
+def check_decoded(log: Log, names: str) -> None:
+    """Checks that there is something to write.
+
+    Raises:
+        Failure: Nothing in the log was decoded.
+    """
+    from xbus.protocol.undecoded import describe_undecoded
+
+    if log.undecoded and not log.keys() and not log.strings.counts:
+        raise Failure(f"{names}: nothing was decoded: {describe_undecoded(log.undecoded)}")
+
+
+def undecoded_lines(log: Log) -> Iterator[str]:
+    """Yields what is not in the table, and why."""
+    from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
+
+    if log.undecoded:
+        yield f"not decoded: {describe_undecoded(log.undecoded)}"
+    if log.trackers:
+        yield NO_ORIENTATION
+
+
+def tracker_of(log: Log, tracker: str, names: str) -> Tracker:
+    """Returns an Awinda tracker.
+
+    Args:
+        log: The log.
+        tracker: Its identifier in hex, as xbus info prints it.
+        names: Names of the files, for error messages.
+
+    Raises:
+        Failure: The log has no such tracker.
+    """
+    for device_id, found in log.trackers.items():
+        if f"{device_id:08X}" == tracker.upper().zfill(8):
+            return found
+    known = ", ".join(f"{device_id:08X}" for device_id in log.trackers)
+    hint = f"it has {known}" if known else "it has no Awinda trackers"
+    raise Failure(f"no tracker {tracker} in {names}; {hint}")

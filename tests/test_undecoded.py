@@ -1,0 +1,174 @@
+"""Logs of output that is not decoded, and of Awinda trackers: what they contain, how much, and why."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+
+import xbus
+from streams import mtdata2, packet
+from test_cli import run, sentence
+from xbus import MessageId, encode_frame, encode_sample
+from xbus.log.trackers import count_losses
+from xbus.protocol.tables import QUANTITIES
+from xbus.report import gather
+from xbus.report.findings import findings
+
+LEGACY = encode_frame(MessageId.MTData, bytes(50)) * 40
+UNKNOWN = mtdata2(packet(0xC820, bytes(70))) * 30
+SAMPLES = encode_sample({"temperature": 20.0, "packet_counter": 1})
+TEXTS = {
+    LEGACY: "40 messages MTData (0x32), 2.0 kB: the legacy output",
+    UNKNOWN: "30 packets 0xC820, 2.1 kB: xbus knows no layout",
+}
+ONE, OTHER = 0x00B42D4B, 0x00B42D4C
+
+
+@pytest.fixture(autouse=True)
+def _empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def written(data: bytes) -> str:
+    Path("x.mtb").write_bytes(data)
+    return "x.mtb"
+
+
+def plain(text: str) -> str:
+    """Returns a text without its line breaks."""
+    return " ".join(text.split())
+
+
+@pytest.mark.parametrize("data", [LEGACY, UNKNOWN], ids=["legacy", "unknown"])
+@pytest.mark.parametrize("suffix", [".parquet", ".csv", ".npz"])
+def test_decode_fails_if_nothing_is_decoded(data: bytes, suffix: str) -> None:
+    result = run("decode", written(data), "-o", f"out{suffix}")
+    assert f"x.mtb: nothing was decoded: {TEXTS[data]}" in sentence(result)
+    assert not Path(f"out{suffix}").exists()
+
+
+@pytest.mark.parametrize("data", [LEGACY, UNKNOWN], ids=["legacy", "unknown"])
+def test_everything_names_what_is_left_out(data: bytes) -> None:
+    file = written(SAMPLES + data)
+    result = run("decode", file, "-o", "out.csv", "--json")
+    assert f"not decoded: {TEXTS[data]}" in plain(result.stderr)
+    [item] = json.loads(result.stdout)["undecoded"]
+    assert (item["number"], item["size"]) == ((40, 2000) if data == LEGACY else (30, 2100))
+    assert f"undecoded {TEXTS[data]}" in plain(run("info", file).stdout)
+    [shown] = json.loads(run("info", file, "--json").stdout)
+    assert shown["undecoded"] == [item]
+    log = xbus.read_log(file)
+    assert f"not decoded: {TEXTS[data]}" in repr(log)
+    assert [found.to_dict() for found in log.undecoded] == [item]
+    assert any(TEXTS[data] in found.text for found in findings(gather(file)))
+
+
+def test_a_sound_log_leaves_nothing_out() -> None:
+    result = run("decode", written(SAMPLES), "-o", "out.csv")
+    assert "not decoded" not in result.stderr
+    assert xbus.read_log(SAMPLES).undecoded == ()
+    assert "undecoded" not in run("info", "x.mtb").stdout
+
+
+def test_parts_add_up() -> None:
+    data = (LEGACY + UNKNOWN) * 50
+    (messages, packets) = xbus.read_log(data).undecoded
+    parts = [part.undecoded for part in xbus.iter_log(data, block_bytes=5000)]
+    assert sum(item.number for part in parts for item in part) == messages.number + packets.number
+    [shown] = json.loads(run("info", written(data), "--json").stdout)
+    assert shown["undecoded"] == [messages.to_dict(), packets.to_dict()]
+
+
+# Awinda
+
+
+def snapshot(device: int, frame: int, mag: tuple[int, int, int], *, again: bool = False) -> bytes:
+    """Returns a sample as an Awinda master sends it, built from the layout and not from the table."""
+    data = device.to_bytes(4, "big") + frame.to_bytes(4, "big") + bytes(range(24))
+    data += b"".join(number.to_bytes(2, "big", signed=True) for number in mag)
+    return mtdata2(packet(0xC811 if again else 0xC810, data + bytes(8)))
+
+
+def awinda() -> bytes:
+    """Two trackers: one sends 65,530 to 65,549 without 65,533 and 65,540, which comes again; one loses 3."""
+    parts = []
+    for frame in range(65530, 65550):
+        if frame not in (65533, 65540):
+            parts.append(snapshot(ONE, frame, (4096, -2048, frame - 65530)))
+        if frame == 65544:
+            parts.append(snapshot(ONE, 65540, (4096, -2048, 10), again=True))
+        if frame not in (65535, 65536, 65539):
+            parts.append(snapshot(OTHER, frame, (-4096, 0, 1)))
+    return b"".join(parts)
+
+
+def test_trackers() -> None:
+    log = xbus.read_log(awinda())
+    assert list(log.trackers) == [ONE, OTHER]
+    one, other = log.trackers.values()
+    assert one.packet_counter.tolist() == [n for n in range(65530, 65550) if n != 65533]
+    assert (one.lost_samples, one.gaps) == (1, 1)
+    assert (other.lost_samples, other.gaps) == (3, 2)
+    assert one.magnetic_field.dtype == np.float64
+    expected = [[1, -0.5, (n - 65530) / 4096] for n in range(65530, 65550) if n != 65533]
+    assert one.magnetic_field.tolist() == expected
+    assert np.array_equal(other.magnetic_field, np.tile([-1, 0, 1 / 4096], (17, 1)))
+    assert log["awinda_snapshot"].values["frame"][one.sample[:2]].tolist() == [65530, 65531]
+    assert "2 Awinda trackers, no orientation" in repr(log)
+    assert pickle.loads(pickle.dumps(log)).trackers.keys() == log.trackers.keys()  # noqa: S301
+
+
+def test_the_table_has_the_layout_of_the_vendor() -> None:
+    [row] = xbus.read_log(snapshot(ONE, 7, (1, -2, 3)))["awinda_snapshot"].values.tolist()
+    increments = [int.from_bytes(bytes(range(at, at + 4)), "big") for at in range(0, 24, 4)]
+    assert row == (ONE, 7, *increments, 1, -2, 3, 0, 0, 0, 0)
+    assert QUANTITIES["awinda_snapshot"].size == 46
+
+
+def test_info_lists_the_trackers() -> None:
+    file = written(awinda())
+    text = plain(run("info", file).stdout)
+    assert "00B42D4B 19 rows, 1 sample lost in 1 gap; 00B42D4C 17 rows, 3 samples lost" in text
+    assert "from which the vendor's software computes the orientation: the file holds none" in text
+    [shown] = json.loads(run("info", file, "--json").stdout)
+    expected: list[dict[str, Any]] = [
+        {"device_id": "00B42D4B", "rows": 19, "lost_samples": 1, "gaps": 1},
+        {"device_id": "00B42D4C", "rows": 17, "lost_samples": 3, "gaps": 2},
+    ]
+    assert shown["trackers"] == expected
+
+
+@pytest.mark.parametrize("tracker", ["00B42D4C", "b42d4c"])
+def test_one_table_per_tracker(tracker: str) -> None:
+    result = run("decode", written(awinda()), "-o", "out.parquet", "--tracker", tracker)
+    table = pq.read_table("out.parquet")
+    assert table.equals(xbus.read_log(awinda()).trackers[OTHER].to_arrow())
+    assert table.column_names[:3] == ["sample", "packet_counter", "magnetic_field_x"]
+    assert table.schema.field("magnetic_field_x").metadata == {b"unit": b"a.u."}
+    assert "4 samples lost in 3 gaps" in result.stderr
+    assert "the file holds none" in plain(result.stderr)
+
+
+def test_trackers_that_are_not_there() -> None:
+    result = run("decode", written(awinda()), "-o", "out.csv", "--tracker", "1")
+    assert "no tracker 1 in x.mtb; it has 00B42D4B, 00B42D4C" in sentence(result)
+    result = run("decode", written(SAMPLES), "-o", "out.csv", "--tracker", "1")
+    assert "it has no Awinda trackers" in sentence(result)
+
+
+def test_the_report_has_the_trackers() -> None:
+    texts = [found.text for found in findings(gather(awinda()))]
+    assert any("tracker 00B42D4C: 3 samples lost in 2 gaps" in text for text in texts)
+    assert any("the file holds none" in text for text in texts)
+
+
+def test_losses_are_counted_within_runs() -> None:
+    frames = np.array([70000, 70001, 70004, 3, 4, 6])
+    assert count_losses(frames) == (3, 2)
+    assert count_losses(np.empty(0, np.int64)) == (0, 0)
