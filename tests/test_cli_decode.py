@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import json
+import lzma
 import os
 import sys
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import fsspec
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.feather
 import pyarrow.parquet
 import pytest
+import zstandard
 
 import xbus
 from conftest import counter, fine, shared
@@ -23,6 +29,12 @@ from xbus import MessageId, encode_frame, encode_packet, encode_sample
 
 SUFFIXES = [".parquet", ".csv", ".arrow", ".feather", ".npz"]
 TABLES = SUFFIXES[:-1]
+COMPRESSORS: dict[str, Callable[[bytes], bytes]] = {
+    ".gz": gzip.compress,
+    ".zst": zstandard.compress,
+    ".xz": lzma.compress,
+    ".bz2": bz2.compress,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -177,6 +189,22 @@ def test_satellites_have_a_separate_table() -> None:
     assert output.startswith(f"out.parquet: {len(found)} rows, ")
 
 
+def test_several_quantities() -> None:
+    log = xbus.read_log(FIELD)
+    options = ["--quantity", "rate_of_turn", "--quantity", "acceleration"]
+    decoded(FIELD, *options, "-o", "out.parquet")
+    found = pyarrow.parquet.read_table("out.parquet")
+    axes = ["_x", "_y", "_z"]
+    names = [name + axis for name in ("rate_of_turn", "acceleration") for axis in axes]
+    assert sorted(found.column_names) == sorted(["sample", "time", *names])
+    assert found["acceleration_z"].drop_null().to_pylist() == log["acceleration"]["z"].tolist()
+    decoded(FIELD, *options, *options, "-o", "out.npz")
+    with np.load("out.npz") as arrays:
+        assert {"acceleration", "rate_of_turn"} < set(arrays.files)
+    result = run("decode", FIELD, *options, "--quantity", "gnss_sat_info", "-o", "x.csv")
+    assert (result.exit_code, "is a table by itself" in result.stderr) == (2, True)
+
+
 # Several files
 
 
@@ -195,30 +223,143 @@ def test_a_split_recording_decodes_as_the_whole(cuts: tuple[int, ...]) -> None:
     assert Path("joined.parquet").read_bytes() == Path("whole.parquet").read_bytes()
 
 
-def test_files_are_joined_in_the_given_order() -> None:
+def rotated(folder: Path = Path()) -> list[str]:
+    """Records 10 s into four files and returns their names as the shell sorts them."""
+    result = run(
+        "record", "sim:MTi-630", "-o", str(folder / "night.mtb"), "--duration", "10", "--rotate", "3s",
+        "--output", "acceleration=100", "--output", "packet_counter", "--output", "sample_time_fine",
+    )  # fmt: skip
+    assert result.exit_code == 0
+    names = sorted(str(path) for path in folder.glob("night*.mtb"))
+    assert names[0].endswith("night-0001.mtb")
+    return names
+
+
+def test_rotated_recording() -> None:
+    names = rotated()
+    output = decoded(*names, "-o", "night.parquet")
+    found = pyarrow.parquet.read_table("night.parquet")
+    time = found["time"].to_numpy()
+    assert (np.diff(time) > 0).all()
+    assert len(found) == 1000
+    assert ", no samples lost, no damage" in output
+    (summary,) = json.loads(run("info", "--json", *names).stdout)
+    assert (summary["samples"], summary["file"]) == (1000, "night.mtb")
+    assert summary["files"] == ["night.mtb", *names[:-1]]
+    assert run("info", *names).stdout.startswith("night.mtb to night-0003.mtb\n")
+
+
+def test_a_missing_piece_is_reported() -> None:
+    names = rotated()
+    Path("night-0001.mtb").unlink()
+    output = decoded(*names[1:], "-o", "night.parquet")
+    assert output.startswith("xbus: night-0001.mtb is missing\nnight.parquet: ")
+    lost = 1000 - len(pyarrow.parquet.read_table("night.parquet"))
+    assert f"{lost} samples lost in 1 gap" in output
+    assert lost > 290
+
+
+def different(*args: str) -> str:
+    """Returns the reason why inputs are not one recording."""
+    result = run("decode", *args, "-o", "never.csv")
+    assert (result.exit_code, files().count("never.csv")) == (2, 0)
+    output = " ".join(result.stderr.split())
+    assert "these are different recordings: " in output
+    assert output.endswith("add --out-dir DIR") or "add --out-dir DIR, or --allow-restart" in output
+    return output.partition("these are different recordings: ")[2].partition(";")[0]
+
+
+def test_different_recordings_are_not_joined() -> None:
+    for name, product in (("a.mtb", "MTi-630"), ("b.mtb", "MTi-680G"), ("c.mtb", "MTi-630")):
+        run("record", f"sim:{product}", "-o", name, "--duration", "2")
+    assert "b.mtb does not continue a.mtb, because it is from device " in different(
+        "a.mtb", "b.mtb"
+    )
+    assert "the clock goes back from 2." in different("a.mtb", "c.mtb")
+    different("*.mtb")
+    different(".")
     mixed()
-    decoded("mixed.mtb", WALK, "-o", "out.parquet")
-    counts = pyarrow.parquet.read_table("out.parquet")["packet_counter"].to_pylist()
-    assert counts[:4] == [0, 1, 2, 65001]
-    decoded(WALK, "mixed.mtb", "-o", "out.parquet")
-    counts = pyarrow.parquet.read_table("out.parquet")["packet_counter"].to_pylist()
-    assert counts[0] == 65001
-    assert counts[-3:] == [0, 1, 2]
+    assert "mixed.mtb does not continue " in different(WALK, "mixed.mtb")
 
 
-def test_standard_input_among_files() -> None:
-    data = Path(WALK).read_bytes()
-    Path("first.mtb").write_bytes(data[:7777])
-    Path("last.mtb").write_bytes(data[99_999:])
-    decoded("first.mtb", "-", "last.mtb", "-o", "joined.parquet", stdin=data[7777:99_999])
-    decoded(WALK, "-o", "whole.parquet")
-    assert Path("joined.parquet").read_bytes() == Path("whole.parquet").read_bytes()
+def test_allow_restart() -> None:
+    for name in ("a.mtb", "b.mtb"):
+        run("record", "sim:MTi-630", "-o", name, "--duration", "2")
+    rows = len(xbus.read_log("a.mtb")) + len(xbus.read_log("b.mtb"))
+    output = decoded("a.mtb", "b.mtb", "--allow-restart", "-o", "out.csv")
+    assert output.startswith(f"xbus: the device restarted before b.mtb\nout.csv: {rows:,} rows")
+
+
+def test_standard_input_is_a_whole_recording() -> None:
+    result = run("decode", "-", WALK, "-o", "out.csv", stdin=b"")
+    assert result.exit_code == 2
+    assert "cannot be joined with other inputs" in result.stderr
 
 
 def test_a_wrong_name_is_reported_before_reading() -> None:
-    """Standard input is not consumed."""
-    output = sentence(run("decode", "-", "nowhere.mtb", "-o", "out.csv", stdin=b"no frame"))
+    output = sentence(run("decode", WALK, "nowhere.mtb", "-o", "out.csv"))
     assert output.startswith("cannot read nowhere.mtb: ")
+
+
+# Kinds of inputs
+
+
+@pytest.mark.parametrize("suffix", [".gz", ".zst", ".xz", ".bz2"])
+def test_compressed_input(suffix: str) -> None:
+    data = Path(WALK).read_bytes()
+    packed = COMPRESSORS[suffix](data)
+    Path("walk.mtb" + suffix).write_bytes(packed)
+    decoded("walk.mtb" + suffix, "-o", "out.parquet")
+    decoded(WALK, "-o", "whole.parquet")
+    assert Path("out.parquet").read_bytes() == Path("whole.parquet").read_bytes()
+    assert xbus.read_log("walk.mtb" + suffix) == xbus.read_log(WALK)
+    # The first half is no log without a message.
+    Path("half.mtb" + suffix).write_bytes(packed[: len(packed) // 2])
+    for damaged in (packed[: len(packed) // 2], b"no compressed data" * 9):
+        Path("bad.mtb" + suffix).write_bytes(damaged)
+        output = sentence(run("decode", "bad.mtb" + suffix, "-o", "never.csv"))
+        assert output.startswith(f"cannot read bad.mtb{suffix}: the compressed data is damaged (")
+        with pytest.raises(OSError, match="compressed data is damaged"):
+            xbus.read_log("bad.mtb" + suffix)
+
+
+def test_compressed_pieces() -> None:
+    data = Path(WALK).read_bytes()
+    Path("walk.mtb.gz").write_bytes(gzip.compress(data[:50_000]))
+    Path("walk-0001.mtb").write_bytes(data[50_000:90_000])
+    Path("walk-0002.mtb.xz").write_bytes(lzma.compress(data[90_000:]))
+    decoded(".", "-o", "out.parquet")
+    decoded(WALK, "-o", "whole.parquet")
+    assert Path("out.parquet").read_bytes() == Path("whole.parquet").read_bytes()
+
+
+def test_urls() -> None:
+    Path("with space.mtb").write_bytes(Path(WALK).read_bytes())
+    url = Path("with space.mtb").resolve().as_uri()
+    assert "1,040 rows" in decoded(url, "-o", "out.csv")
+    assert len(xbus.read_log(url)) == 1040
+    fsspec.filesystem("memory").pipe("/log.mtb.gz", gzip.compress(Path(WALK).read_bytes()))
+    assert "1,040 rows" in decoded("memory://log.mtb.gz", "-o", "out.csv")
+    output = sentence(run("decode", "memory://nowhere.mtb", "-o", "out.csv"))
+    assert output.startswith("cannot read memory://nowhere.mtb: ")
+
+
+def test_folders_and_patterns() -> None:
+    Path("logs").mkdir()
+    Path("logs/walk.MTB").write_bytes(Path(WALK).read_bytes())
+    Path("logs/walk.MTB.times").write_bytes(b"")
+    Path("logs/notes.txt").write_text("nothing")
+    for name in ("logs", "logs/*.MTB", "log?/*.MTB*", "**/*.MTB"):
+        assert "1,040 rows" in decoded(name, "-o", "out.csv")
+    assert sentence(run("decode", "*.bin", "-o", "x.csv")) == (
+        "no file matches *.bin; check the pattern"
+    )
+    Path("empty").mkdir()
+    assert sentence(run("decode", "empty", "-o", "x.csv")).startswith(
+        "no .mtb file in the folder empty; "
+    )
+    Path("log[1].mtb").write_bytes(Path(WALK).read_bytes())
+    assert "1,040 rows" in decoded("log[1].mtb", "-o", "out.csv")
 
 
 # Strict
@@ -230,12 +371,15 @@ def test_strict() -> None:
     assert (
         output == f"{FIELD}: no frame at byte 0 (no preamble); without --strict, damage is skipped"
     )
-    output = sentence(run("decode", WALK, FIELD, "--strict", "-o", "never.csv"))
+    data = Path(WALK).read_bytes()
+    Path("walk.mtb").write_bytes(data[:60_000])
+    Path("walk-0001.mtb").write_bytes(data[60_000:] + b"!")
+    output = sentence(run("decode", "walk-0001.mtb", "walk.mtb", "--strict", "-o", "never.csv"))
     assert output == (
-        f"{WALK}, {FIELD}: no frame at byte 169069 (no preamble), which is byte 0 of {FIELD}; "
-        "without --strict, damage is skipped"
+        "walk.mtb, walk-0001.mtb: no frame at byte 169069 (no preamble), which is byte 109069 of "
+        "walk-0001.mtb; without --strict, damage is skipped"
     )
-    assert files() == ["out.csv"]
+    assert files() == ["out.csv", "walk-0001.mtb", "walk.mtb"]
 
 
 # The summary
@@ -264,7 +408,7 @@ def test_summary_as_json() -> None:
     assert json.loads(result.stdout) == {
         "files": [FIELD],
         "out": "out.csv",
-        "quantity": "temperature",
+        "quantities": ["temperature"],
         "rows": 10,
         "columns": 3,
         "duration_s": log.duration,
@@ -294,12 +438,14 @@ def test_the_input_is_not_overwritten(kind: str) -> None:
     Path("folder").mkdir()
     Path("soft.csv").symlink_to("log.csv")
     os.link("log.csv", "hard.csv")
+    Path("walk.csv").write_bytes(data[:60_000])
+    Path("walk-0001.csv").write_bytes(data[60_000:])
     inputs, out = {
         "same": (["log.csv"], "log.csv"),
         "other spelling": (["log.csv"], "folder/../log.csv"),
         "symbolic link": (["log.csv"], "soft.csv"),
         "hard link": (["hard.csv"], "log.csv"),
-        "second": ([WALK, "log.csv"], "log.csv"),
+        "second": (["walk.csv", "walk-0001.csv"], "walk-0001.csv"),
     }[kind]
     result = run("decode", *inputs, "-o", out)
     assert result.exit_code == 2

@@ -118,7 +118,7 @@ def test_every_kind_of_source(tmp_path: Path) -> None:
         bytearray(DATA[100_000:]),
     ]
     assert xbus.read_log(pieces) == xbus.read_log(DATA)
-    assert xbus.read_log(tuple(pieces)) == xbus.read_log(DATA)
+    assert xbus.read_log((DATA[:9000], DATA[9000:])) == xbus.read_log(DATA)
 
 
 def test_one_piece_and_none() -> None:
@@ -175,13 +175,13 @@ def test_a_gap_between_pieces_is_counted() -> None:
 
 
 def test_a_restart_needs_consecutive_names_or_permission(tmp_path: Path) -> None:
-    one, other = stamped(5.0, 5.01), stamped(0.0, 5.0)
+    one, other = stamped(5.0, 5.01), stamped(0.0, 5.005)
     with pytest.raises(ValueError, match="allow_restart=True"):
         xbus.read_log([one, other])
     assert len(xbus.read_log([one, other], allow_restart=True)) == 4
     first, second = saved(tmp_path, walk=one, walk_0001=other)
     assert xbus.read_log([second, first])["sample_time_fine"].values.tolist() == [
-        50_000, 50_100, 0, 50_000,
+        50_000, 50_100, 0, 50_050,
     ]  # fmt: skip
     assert pieces_of([second, first]).notes == [f"the device restarted before {second}"]
     third = saved(tmp_path, walk_0003=other)[0]

@@ -1,54 +1,58 @@
-"""``xbus decode``: writes a log as a table."""
+"""``xbus decode``: writes logs as tables."""
 
 from __future__ import annotations
 
-import math
-import os
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.export_target import check_output, quality_text, writing
-from xbus.cli.failure import Failure
-from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
+from xbus.cli import batch
+from xbus.cli.decoding import SUFFIXES, Decoding, is_string, suffix_of
+from xbus.cli.export_target import check_output
+from xbus.cli.inputs import label, reading_task, strings_option
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
-from xbus.cli.resampling import check_resampling, resampled
-from xbus.cli.undecoded import check_decoded, tracker_of, undecoded_lines
-from xbus.formatting import format_count
+from xbus.cli.recordings import (
+    inputs_argument,
+    one_recording,
+    restart_option,
+    several_recordings,
+)
+from xbus.cli.resampling import check_resampling
 
 if TYPE_CHECKING:
-    from xbus.log.log import Log
     from xbus.protocol.keys import EntryKey
 
 __all__ = ["decode"]
 
-#: Functions of `xbus.log.export` that write a table, by suffix. An npz file is not a table.
-WRITERS = {
-    ".parquet": "parquet",
-    ".csv": "csv",
-    ".arrow": "feather",
-    ".feather": "feather",
-    ".npz": None,
-}
 
-
-def _out(ctx: click.Context, param: click.Parameter, value: str) -> str:  # noqa: ARG001 - click's
-    """Returns a path with a known suffix."""
-    if _suffix(value) not in WRITERS:
-        raise click.BadParameter(f"{value!r} must end in one of {', '.join(WRITERS)}")
-    return value
-
-
-def _key(
+def _out(
     ctx: click.Context,  # noqa: ARG001 - click's signature
     param: click.Parameter,  # noqa: ARG001
     value: str | None,
-) -> EntryKey | None:
+) -> str | None:
+    """Returns a path with a known suffix."""
+    if value is not None and suffix_of(value) not in SUFFIXES:
+        raise click.BadParameter(f"{value!r} must end in one of {', '.join(SUFFIXES)}")
+    return value
+
+
+def _keys(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    values: tuple[str, ...],
+) -> list[EntryKey]:
+    """Returns the keys of quantities, or the name of a string type, each once."""
+    keys = list(dict.fromkeys(map(_key, values)))
+    if len(keys) > 1:
+        for key in keys:
+            if is_string(key) or key == "gnss_sat_info":
+                raise click.BadParameter(f"{key} is a table by itself; decode it in a separate run")
+    return keys
+
+
+def _key(value: str) -> EntryKey:
     """Returns the key of a quantity (name, or name and coordinates), or the name of a string type."""
-    if value is None:
-        return None
     from xbus.protocol.ids import Coordinates
     from xbus.protocol.tables import QUANTITIES
     from xbus.protocol.values import StringType
@@ -73,24 +77,31 @@ def _key(
 
 
 @click.command(epilog="Example: xbus decode walk.mtb -o walk.parquet")
-@click.argument(
-    "files", type=click.Path(readable=False), metavar="FILE...", nargs=-1, required=True
-)
+@inputs_argument
 @click.option(
     "-o",
     "out",
     callback=_out,
     metavar="OUT",
-    required=True,
     help="File to write: .parquet, .csv, .arrow, .feather or .npz.",
+)
+@batch.batch_options
+@click.option(
+    "--suffix",
+    type=click.Choice(SUFFIXES),
+    default=SUFFIXES[0],
+    show_default=True,
+    metavar="SUFFIX",
+    help="Suffix of the files in --out-dir, which determines their format.",
 )
 @click.option(
     "--quantity",
-    "key",
-    callback=_key,
+    "keys",
+    callback=_keys,
+    multiple=True,
     metavar="NAME",
-    help="Write only this quantity, one row per packet, without nulls: acceleration or quaternion:NED; or "
-    "the strings of a type: HEHDT.",
+    help="Write only this quantity: acceleration or quaternion:NED; repeatable. A single one has one row per "
+    "packet, without nulls. Or the strings of a type: HEHDT.",
 )
 @click.option(
     "--rate-out",
@@ -110,26 +121,37 @@ def _key(
     help="Write only this Awinda tracker: packet counter and magnetic field. xbus info lists them.",
 )
 @strings_option
+@restart_option
 @click.option("--strict", is_flag=True, help="Fail at the first damage.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 @click.option(
-    "--json", "as_json", is_flag=True, help="Print the summary as a JSON object on stdout."
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Print the summary on stdout: a JSON object, or a list of them with --out-dir.",
 )
 def decode(
-    files: tuple[str, ...],
-    out: str,
-    key: EntryKey | None,
+    names: tuple[str, ...],
+    out: str | None,
+    out_dir: str | None,
+    skip_existing: bool,
+    jobs: int | None,
+    suffix: str,
+    keys: list[EntryKey],
     rate_out: float | None,
     max_gap: float | None,
     tracker: str | None,
     strings: tuple[str, ...],
+    allow_restart: bool,
     strict: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Writes a log as one table: Parquet, CSV, Arrow or npz.
+    """Writes logs as tables: Parquet, CSV, Arrow or npz.
 
-    Several FILEs are joined in the given order, as pieces of one recording; - is standard input.
+    IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input. Files that end in .gz, .xz,
+    .bz2 or .zst are decompressed. The pieces of one recording (walk.mtb, walk-0001.mtb, ...) are joined in
+    their order. Different recordings are never joined: --out-dir writes one file for each.
 
     The table has one row per sample. The columns are sample, time in seconds on the device clock, and the
     quantities (acceleration_x, ...) in the units that xbus quantities lists. Missing values are null.
@@ -138,145 +160,36 @@ def decode(
     An .npz file contains an array for each quantity, with NAME.sample and NAME.time. An existing OUT is
     replaced, and a failed run leaves no partial file.
     """
-    check_output(files, out)
-    check_resampling(key, rate_out, max_gap)
-    if tracker and (key or rate_out):
+    batch.check_targets(out, out_dir)
+    check_resampling(keys, rate_out, max_gap)
+    if tracker and (keys or rate_out):
         raise click.UsageError("--tracker excludes --quantity and --rate-out")
-    if _suffix(out) != ".npz":
+    decoding = Decoding(
+        keys, strings=strings, strict=strict, rate=rate_out, max_gap=max_gap, tracker=tracker
+    )
+    written = suffix if out is None else suffix_of(out)
+    if written != ".npz":
         from xbus.extras import require
 
-        require("pyarrow", "arrow", f"to write {_suffix(out)} files")
-    with Progress(reading_task(files[0]), shown=not quiet) as progress:
-        log = _read(files, key, strings=strings, strict=strict, progress=progress)
-        names = ", ".join(map(label, files))
-        check_decoded(log, names)
-        table = _table(log, key, names, is_npz=_suffix(out) == ".npz")
-        if rate_out is not None:
-            table = resampled(log, key, rate_out, max_gap, names)
-        if tracker is not None:
-            table = tracker_of(log, tracker, names)
-        progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119
-        rows, columns = _write(log, table, key, out)
+        require("pyarrow", "arrow", f"to write {written} files")
+    if out_dir is not None:
+        recordings = several_recordings(names, allow_restart=allow_restart)
+        outcomes = batch.run(
+            batch.plan(recordings, out_dir, suffix),
+            decoding.decode,
+            workers=jobs,
+            skip_existing=skip_existing,
+            quiet=quiet,
+        )
+        batch.finish(outcomes, quiet=quiet, as_json=as_json)
+        return
+    assert out is not None  # noqa: S101 - see `check_targets`
+    recording = one_recording(names, allow_restart=allow_restart)
+    check_output(recording.files, out)
+    recording.show_notes()
+    with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:
+        text, summary = decoding.decode(batch.Job(recording, out), progress)
     if as_json:
-        print_json(_summary_dict(files, out, key, log, rows, columns))
+        print_json({"files": recording.files, "out": out} | summary)
     if not quiet:
-        shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
-        click.echo(f"{label(out)}: {shape}; {quality_text(log)}", err=True)
-        for line in undecoded_lines(log):
-            click.echo(line, err=True)
-
-
-def _suffix(path: str) -> str:
-    return os.path.splitext(path)[1].lower()  # noqa: PTH122 - pathlib is slow to import
-
-
-def _read(
-    files: Sequence[str],
-    key: EntryKey | None,
-    *,
-    strings: Sequence[str],
-    strict: bool,
-    progress: Progress,
-) -> Log:
-    from xbus.errors import DecodeError
-    from xbus.log.read import read_log
-
-    quantities = None if key is None else [] if _is_string(key) else [key]
-    with Input(files, progress) as source:
-        try:
-            log = read_log(source, strict=strict, quantities=quantities, strings=strings)
-        except DecodeError as error:
-            problem, _, _ = str(error).partition(";")
-            where = f", which is {source.locate(error.offset)}" if len(files) > 1 else ""
-            names = ", ".join(map(label, files))
-            raise Failure(
-                f"{names}: {problem}{where}; without --strict, damage is skipped"
-            ) from error
-    if not len(log) and not len(log.messages) and not log.stats.strings:
-        raise no_frame(files, log.stats.bytes)
-    return log
-
-
-def _write(log: Log, table: Any, key: EntryKey | None, out: str) -> tuple[int, int]:
-    """Writes OUT and returns its rows and columns; for an npz file its samples and quantities."""
-    writer = WRITERS[_suffix(out)]
-    if writer is None and isinstance(key, str) and _is_string(key):
-        from xbus.log import export
-
-        strings = log.strings.table(key)
-        with writing(out):
-            export.npz({key: strings}, out)
-        return len(strings), len(strings.dtype.names or ())
-    if writer is None:
-        from xbus.log.resample import Resampled
-        from xbus.log.trackers import Tracker
-
-        content = table if isinstance(table, Resampled | Tracker) else log
-        with writing(out):
-            content.to_npz(out)
-        return len(content), len(content.keys())
-    from pyarrow import RecordBatchReader
-
-    from xbus.log import export
-
-    reader = RecordBatchReader.from_stream(table)
-    columns = len(reader.schema)
-    with writing(out):
-        getattr(export, writer)(reader, out)
-    rows = len(table.satellites) if key == "gnss_sat_info" else len(table)
-    return rows, columns
-
-
-def _table(log: Log, key: EntryKey | None, names: str, *, is_npz: bool) -> Any:
-    """Returns what to write: the log, the column of a quantity, or the table of a string type."""
-    if key is None:
-        if not len(log) and not is_npz and log.strings.counts:
-            found = ", ".join(name or "others" for name in log.strings.counts)
-            raise Failure(
-                f"{names} has no samples, only strings: {found}; choose a type with --quantity"
-            )
-        return log
-    name = key if isinstance(key, str) else key[0]
-    if _is_string(key):
-        if name not in log.strings.counts:
-            raise Failure(f"no {name} in {names}; xbus info lists the content")
-        return None if is_npz else log.strings.to_arrow(name)
-    systems = [found for found in log if isinstance(found, tuple) and found[0] == name]
-    if systems and isinstance(key, str):
-        choices = " or ".join(map(":".join, systems))
-        raise Failure(f"{names} has {name} in several coordinates; choose --quantity {choices}")
-    if key not in log:
-        text = key if isinstance(key, str) else ":".join(key)
-        raise Failure(f"no {text} in {names}; xbus info lists the content")
-    return log[key]
-
-
-def _is_string(key: EntryKey) -> bool:
-    from xbus.protocol.values import StringType
-
-    return key in StringType.__members__
-
-
-def _summary_dict(
-    files: Sequence[str], out: str, key: EntryKey | None, log: Log, rows: int, columns: int
-) -> dict[str, Any]:
-    """Returns the summary for JSON."""
-    stats = log.stats
-    return {
-        "files": list(files),
-        "out": out,
-        "quantity": key if key is None or isinstance(key, str) else ":".join(key),
-        "rows": rows,
-        "columns": columns,
-        "duration_s": log.duration if math.isfinite(log.duration) else None,
-        "bytes": stats.bytes,
-        "frames": stats.frames,
-        "samples": stats.samples,
-        "strings": stats.strings,
-        "lost_samples": stats.lost_samples,
-        "gaps": stats.gaps,
-        "skipped_bytes": stats.skipped_bytes,
-        "damage": len(log.damage),
-        "malformed": stats.malformed,
-        "undecoded": [item.to_dict() for item in log.undecoded],
-    }
+        click.echo(f"{label(out)}: {text}", err=True)

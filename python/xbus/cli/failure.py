@@ -15,7 +15,7 @@ import click
 
 from xbus.errors import XbusError
 
-__all__ = ["Failure", "cannot", "handle_errors", "stop_requested"]
+__all__ = ["Failure", "cannot", "failure_of", "handle_errors", "stop_requested"]
 
 #: Remedies by error number.
 REMEDIES = {
@@ -48,6 +48,20 @@ def cannot(action: str, error: OSError) -> Failure:
     return Failure(f"cannot {action}: {error.strerror or error}; {remedy}")
 
 
+def failure_of(error: Exception) -> Failure | None:
+    """Returns the failure for an error that is not a fault of the program; None for other errors."""
+    match error:
+        case Failure():
+            return error
+        case ImportError() | XbusError():
+            return Failure(str(error))
+        case MemoryError():
+            return Failure("not enough memory; decode one --quantity at a time, or split the log")
+        case OSError():
+            return cannot(f"write to {error.filename or 'standard output'}", error)
+    return None
+
+
 @contextlib.contextmanager
 def handle_errors() -> Iterator[None]:
     """Converts exceptions to messages and exit status."""
@@ -65,16 +79,11 @@ def handle_errors() -> Iterator[None]:
     except KeyboardInterrupt:
         _discard_output()
         raise click.exceptions.Exit(128 + signal.SIGINT) from None
-    except (ImportError, XbusError) as error:
-        raise Failure(str(error)) from error
-    except MemoryError as error:
-        raise Failure(
-            "not enough memory; decode one --quantity at a time, or split the log"
-        ) from error
-    except OSError as error:
+    except (ImportError, MemoryError, OSError, XbusError) as error:
         # Errors of inputs and of OUT are handled where they are used.
-        _discard_output()
-        raise cannot(f"write to {error.filename or 'standard output'}", error) from error
+        if isinstance(error, OSError):
+            _discard_output()
+        raise failure_of(error) or error from error
 
 
 @contextlib.contextmanager

@@ -2,55 +2,84 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import click
 
-from xbus.cli.failure import Failure
-from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
+from xbus.cli import batch
+from xbus.cli.export_target import quality_text, writing
+from xbus.cli.inputs import Input, no_frame, strings_option
 from xbus.cli.printing import print_json, print_line
-from xbus.cli.progress import Progress
+from xbus.cli.progress import ShowsProgress
+from xbus.cli.recordings import inputs_argument, restart_option, several_recordings
 
 __all__ = ["info"]
 
 
 @click.command(epilog="Example: xbus info walk.mtb")
-@click.argument(
-    "files", type=click.Path(readable=False), metavar="FILE...", nargs=-1, required=True
-)
+@inputs_argument
+@batch.batch_options
 @strings_option
+@restart_option
+@click.option("-q", "--quiet", is_flag=True, help="Show no progress.")
 @click.option(
-    "--json", "as_json", is_flag=True, help="Print a JSON list with an object for each FILE."
+    "--json", "as_json", is_flag=True, help="Print a JSON list with an object for each recording."
 )
-def info(files: tuple[str, ...], strings: tuple[str, ...], as_json: bool) -> None:
-    """Describes a log: device, times, quantities, gaps, damage.
+def info(
+    names: tuple[str, ...],
+    out_dir: str | None,
+    skip_existing: bool,
+    jobs: int | None,
+    strings: tuple[str, ...],
+    allow_restart: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Describes logs: device, times, quantities, gaps, damage.
 
-    Each FILE is described separately; - is standard input. Sizes and offsets are in bytes, times in seconds,
-    rates as measured. The JSON lists every gap, place of damage and error, and has null for unknown values.
-    An unreadable FILE has the keys "file" and "error".
+    IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input. The pieces of one recording
+    (walk.mtb, walk-0001.mtb, ...) are described together, other files separately. Sizes and offsets are in
+    bytes, times in seconds, rates as measured. The JSON lists every gap, place of damage and error, and has
+    null for unknown values. An unreadable IN has the keys "file" and "error".
+
+    With --out-dir, the JSON object of each recording is written to a file, and a summary has one line each.
     """
     from xbus.cli.info_text import info_text
     from xbus.describe.log_summary import LogSummary
     from xbus.log.read import iter_log
 
-    results: list[dict[str, Any]] = []
-    failures = 0
-    for file in files:
-        try:
-            with Progress(reading_task(file)) as progress, Input([file], progress) as source:
-                summary = LogSummary(iter_log(source, strings=strings))
-            if not summary.stats.frames and not summary.stats.strings:
-                raise no_frame([file], summary.stats.bytes)
-        except Failure as failure:
-            failure.show()
-            failures += 1
-            results.append({"file": file, "error": failure.message})
-            continue
-        results.append(summary.to_dict(file))
-        if not as_json:
-            end = "\n" if len(files) > 1 else ""
-            print_line(info_text(label(file), summary) + end, flush=True)
+    def describe(job: batch.Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
+        files = job.recording.files
+        with Input(files, progress) as source:
+            summary = LogSummary(iter_log(source, strings=strings))
+        if not summary.stats.frames and not summary.stats.strings:
+            raise no_frame(files, summary.stats.bytes)
+        values = summary.to_dict(files[0]) | {"files": files}
+        if job.out is None:
+            return info_text(job.recording.heading, summary), values
+        from xbus.log.export import replacing
+
+        with writing(job.out), replacing(job.out) as file:
+            file.write((json.dumps(values, indent=2, allow_nan=False) + "\n").encode())
+        return quality_text(summary), values
+
+    recordings = several_recordings(names, allow_restart=allow_restart)
+    if out_dir is None:
+        work = [batch.Job(recording, None) for recording in recordings]
+    else:
+        work = batch.plan(recordings, out_dir, ".json")
+    outcomes = batch.run(work, describe, workers=jobs, skip_existing=skip_existing, quiet=quiet)
+    if out_dir is not None:
+        batch.finish(outcomes, quiet=quiet, as_json=as_json)
+        return
+    for outcome in outcomes:
+        outcome.show_problems()
+        if outcome.failure is None and not as_json:
+            end = "\n" if len(outcomes) > 1 else ""
+            print_line(outcome.text + end, flush=True)
     if as_json:
-        print_json(results)
-    if failures:
-        raise click.exceptions.Exit(1)
+        print_json(
+            [{"file": outcome.job.recording.files[0]} | outcome.values for outcome in outcomes]
+        )
+    batch.check_failures(outcomes)

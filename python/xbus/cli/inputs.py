@@ -14,7 +14,8 @@ from typing import IO, TYPE_CHECKING
 import click
 
 from xbus.cli.failure import Failure, cannot
-from xbus.cli.progress import Progress
+from xbus.cli.progress import ShowsProgress
+from xbus.files import is_plain, local_name, open_file
 
 if TYPE_CHECKING:
     from xbus.log.arrivals import Arrivals
@@ -74,22 +75,22 @@ def no_frame(names: Sequence[str], size: int) -> Failure:
 
 
 class Input:
-    """Files as one binary reader, joined in the given order, so that a split recording is complete.
+    """The pieces of a recording as one binary reader.
 
-    All files are opened once at the start: a wrong name is reported before hours of reading.
+    All local files are opened once at the start: a wrong name is reported before hours of reading.
 
     Args:
-        names: Paths; ``-`` is standard input.
+        names: Paths or URLs, in order; ``-`` is standard input.
         progress: The progress bar to update.
 
     Attributes:
-        total: Size of all files in bytes, None if one is a pipe.
+        total: Size of all files in bytes, None if one is a pipe, compressed or remote.
 
     Raises:
         Failure: A file cannot be read.
     """
 
-    def __init__(self, names: Sequence[str], progress: Progress | None = None) -> None:
+    def __init__(self, names: Sequence[str], progress: ShowsProgress | None = None) -> None:
         self._names, self._sizes = list(names), [_size(name) for name in names]
         self.total = None if None in self._sizes else sum(size or 0 for size in self._sizes)
         self._progress = progress
@@ -140,7 +141,7 @@ class Input:
         name = self._unopened.pop(0)
         with _reading(name):
             self._file = _open(name)
-            is_pipe = os.name == "posix" and not self.is_regular
+            is_pipe = is_plain(name) and os.name == "posix" and not self.is_regular
             self._can_select = is_pipe and _has_descriptor(self._file)
         self._starts.append((self._position, name))
 
@@ -153,16 +154,20 @@ class Input:
             while (data := self._read_once(size)) is None:
                 pass
         self._position += len(data)
-        if self._progress:
-            self._progress.update(reading_task(name), self._position, self.total)
+        self._show_progress()
         return data
+
+    def _show_progress(self) -> None:
+        if self._progress:
+            name = self._starts[-1][1]
+            self._progress.update(reading_task(name), self._position, self.total)
 
     def _read_once(self, size: int) -> bytes | None:
         assert self._file is not None  # noqa: S101 - see `open_next`
         if self._can_select:
             # Python handles a signal that arrives just before a blocking read only after it.
             while not select.select([self._file], [], [], SIGNAL_INTERVAL)[0]:
-                pass
+                self._show_progress()  # which ends a job that another thread stops
         return self._file.read(size)
 
     def rewind_if_truncated(self) -> bool:
@@ -176,7 +181,7 @@ class Input:
     @property
     def is_regular(self) -> bool:
         """Whether the current file is a regular file, which can grow."""
-        with contextlib.suppress(OSError):
+        with contextlib.suppress(AttributeError, OSError):  # not a file of the operating system
             return self._file is not None and stat.S_ISREG(os.fstat(self._file.fileno()).st_mode)
         return False
 
@@ -187,13 +192,15 @@ class Input:
 
 
 def _size(name: str) -> int | None:
-    """Returns the size of a readable file in bytes, None for a pipe."""
+    """Returns the size of the content of a readable file in bytes; None if it is not known."""
     if name == STDIN:
         if sys.stdin is None:
             raise Failure("standard input is closed; name a file")
         return None
+    if not is_plain(name):
+        return None
     with _reading(name):
-        status = os.stat(name)  # noqa: PTH116 - pathlib is slow to import
+        status = os.stat(local_name(name))  # noqa: PTH116 - pathlib is slow to import
         if stat.S_ISDIR(status.st_mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if not stat.S_ISREG(status.st_mode):
@@ -206,7 +213,7 @@ def _open(name: str) -> IO[bytes]:
     if name == STDIN:
         raw: IO[bytes] = getattr(sys.stdin.buffer, "raw", sys.stdin.buffer)
         return raw
-    return open(name, "rb", buffering=0)  # noqa: PTH123 - closed by Input
+    return open_file(name)
 
 
 def _has_descriptor(file: IO[bytes]) -> bool:

@@ -5,16 +5,24 @@ from __future__ import annotations
 import sys
 import threading
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
     from rich.progress import TaskID
 
-__all__ = ["Progress"]
+__all__ = ["Progress", "ShowsProgress"]
 
 #: Seconds before the bar is shown.
 DELAY = 1.0
+
+
+class ShowsProgress(Protocol):
+    """Shows how far work is."""
+
+    def update(self, task: str, done: int = 0, total: int | None = None) -> None:
+        """Sets what is being done and how far that is, in bytes; ``total`` is None if unknown."""
+        ...
 
 
 class Progress:

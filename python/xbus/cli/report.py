@@ -1,39 +1,61 @@
-"""``xbus report``: an HTML report about a recording."""
+"""``xbus report``: HTML reports about recordings."""
 
 from __future__ import annotations
 
 import os
+from typing import Any
 
 import click
 
+from xbus.cli import batch
 from xbus.cli.export_target import check_output, quality_text, writing
 from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
-from xbus.cli.progress import Progress
+from xbus.cli.progress import Progress, ShowsProgress
+from xbus.cli.recordings import (
+    inputs_argument,
+    one_recording,
+    restart_option,
+    several_recordings,
+)
 
 __all__ = ["report"]
 
 
-def _out(ctx: click.Context, param: click.Parameter, value: str) -> str:  # noqa: ARG001 - click's
+def _out(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    value: str | None,
+) -> str | None:
     """Returns a path with the suffix of an HTML page."""
-    if not value.lower().endswith((".html", ".htm")):
+    if value is not None and not value.lower().endswith((".html", ".htm")):
         raise click.BadParameter(f"{value!r} must end in .html")
     return value
 
 
 @click.command(epilog="Example: xbus report walk.mtb -o walk.html")
-@click.argument(
-    "files", type=click.Path(readable=False), metavar="FILE...", nargs=-1, required=True
-)
-@click.option("-o", "out", callback=_out, metavar="OUT", required=True, help="HTML file to write.")
+@inputs_argument
+@click.option("-o", "out", callback=_out, metavar="OUT", help="HTML file to write.")
+@batch.batch_options
 @click.option("--title", metavar="TEXT", help="Title of the page. Default: the names of the files.")
 @strings_option
+@restart_option
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 def report(
-    files: tuple[str, ...], out: str, title: str | None, strings: tuple[str, ...], quiet: bool
+    names: tuple[str, ...],
+    out: str | None,
+    out_dir: str | None,
+    skip_existing: bool,
+    jobs: int | None,
+    title: str | None,
+    strings: tuple[str, ...],
+    allow_restart: bool,
+    quiet: bool,
 ) -> None:
-    """Creates an HTML report about a recording.
+    """Creates HTML reports about recordings.
 
-    Several FILEs are joined in the given order, as pieces of one recording; - is standard input.
+    IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input. The pieces of one recording
+    (walk.mtb, walk-0001.mtb, ...) are joined in their order. Different recordings are never joined: --out-dir
+    writes one report for each.
 
     Problems come first: lost samples, damage, errors, clipping, no fix. Below are a timeline, status, track,
     plots of every quantity, sensor noise, and the tables of xbus info. The report is one HTML file that needs
@@ -43,19 +65,36 @@ def report(
     An existing OUT is replaced, and a failed run leaves no partial file. Requires the extra: pip install
     "xbus-mti[report]".
     """
-    check_output(files, out)
+    batch.check_targets(out, out_dir)
     from xbus.report import gather, plotly_js, write_page
 
     plotly = plotly_js()
-    with Progress(reading_task(files[0]), shown=not quiet) as progress:
+
+    def write(job: batch.Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
+        files, target = job.recording.files, job.out
+        assert target is not None  # noqa: S101 - jobs of this command write files
+        check_output(files, target)
         with Input(files, progress) as source:
             data = gather(source, strings)
         stats = data.summary.stats
         if not stats.frames and not stats.strings:
             raise no_frame(files, stats.bytes)
-        progress.update(f"writing {label(os.path.basename(out))}")  # noqa: PTH119 - pathlib is slow
-        names = ", ".join(label(os.path.basename(file)) for file in files)  # noqa: PTH119
-        with writing(out):
-            write_page(data, out, title=names if title is None else title, plotly=plotly)
+        progress.update(f"writing {label(os.path.basename(target))}")  # noqa: PTH119 - pathlib is slow
+        heading = job.recording.title if title is None else title
+        with writing(target):
+            write_page(data, target, title=heading, plotly=plotly)
+        return quality_text(data.summary), {}
+
+    if out_dir is not None:
+        recordings = several_recordings(names, allow_restart=allow_restart)
+        work = batch.plan(recordings, out_dir, ".html")
+        outcomes = batch.run(work, write, workers=jobs, skip_existing=skip_existing, quiet=quiet)
+        batch.finish(outcomes, quiet=quiet, as_json=False)
+        return
+    assert out is not None  # noqa: S101 - see `check_targets`
+    recording = one_recording(names, allow_restart=allow_restart)
+    recording.show_notes()
+    with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:
+        text, _ = write(batch.Job(recording, out), progress)
     if not quiet:
-        click.echo(f"{label(out)}: {quality_text(data.summary)}", err=True)
+        click.echo(f"{label(out)}: {text}", err=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import click
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["check_resampling", "resampled"]
 
 
-def check_resampling(key: EntryKey | None, rate: float | None, max_gap: float | None) -> None:
+def check_resampling(keys: Sequence[EntryKey], rate: float | None, max_gap: float | None) -> None:
     """Checks the options, before the log is read.
 
     Raises:
@@ -29,27 +30,28 @@ def check_resampling(key: EntryKey | None, rate: float | None, max_gap: float | 
         return
     if not math.isfinite(rate) or (max_gap is not None and math.isnan(max_gap)):
         raise click.UsageError("--rate-out must be finite, and --max-gap a number")
-    if key is None:
-        return
     from xbus.protocol.tables import QUANTITIES
 
-    name = key if isinstance(key, str) else key[0]
-    if (row := QUANTITIES.get(name)) is None:
-        raise click.UsageError(f"--rate-out: {name} is a string, which has no values between two")
-    if row.interpolation is None:
-        raise click.UsageError(
-            f"--rate-out: {name} has no values between samples; omit one of the two options"
-        )
+    for key in keys:
+        name = key if isinstance(key, str) else key[0]
+        if (row := QUANTITIES.get(name)) is None:
+            raise click.UsageError(
+                f"--rate-out: {name} is a string, which has no values between two"
+            )
+        if row.interpolation is None:
+            raise click.UsageError(
+                f"--rate-out: {name} has no values between samples; omit one of the two options"
+            )
 
 
 def resampled(
-    log: Log, key: EntryKey | None, rate: float, max_gap: float | None, names: str
+    log: Log, keys: Sequence[EntryKey], rate: float, max_gap: float | None, names: str
 ) -> Resampled:
-    """Returns a log, or one quantity, at a constant rate.
+    """Returns a log, or some of its quantities, at a constant rate.
 
     Args:
         log: The log.
-        key: One quantity, or None for all.
+        keys: The quantities; none for all.
         rate: Rows per second.
         max_gap: As for `Log.resample`.
         names: Names of the files, for error messages.
@@ -63,4 +65,4 @@ def resampled(
         raise Failure(
             f"{names} has no time stamps; omit --rate-out to write the samples as they are"
         )
-    return log.resample(rate, key, max_gap=max_gap)
+    return log.resample(rate, list(keys) or None, max_gap=max_gap)

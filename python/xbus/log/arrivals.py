@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.files import is_plain, local_name
 from xbus.log.arrays import read_only
-from xbus.log.files import is_plain, local_name
 from xbus.log.hostclock import HostClock
 from xbus.log.source import Source
 from xbus.protocol.tables import LATE, device_of

@@ -20,8 +20,8 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.files import is_plain, local_name, open_file, suffix_of_compression
 from xbus.log.arrivals import Arrivals, arrivals_of, joined
-from xbus.log.files import is_plain, local_name, open_file, suffix_of_compression
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.log import Log, steady_time
 from xbus.log.source import LONGEST, Readable, Source, open_source
@@ -163,8 +163,11 @@ class Pieces:
     def close(self) -> None:
         """Closes the current piece, unless the caller opened it."""
         if self._file is not None and self._is_owned:
-            self._file.close()  # type: ignore[union-attr]
+            self._file.close()  # type: ignore[attr-defined]
         self._file = None
+
+    def __del__(self) -> None:
+        self.close()
 
     def arrivals(self) -> Arrivals | None:
         """Returns the arrivals of the bytes, from the side files; None if a piece has none."""

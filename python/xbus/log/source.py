@@ -10,7 +10,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from xbus.log.files import is_plain, local_name, open_file
+from xbus.files import is_plain, local_name, open_file
 from xbus.protocol.keys import Key, resolve_key
 
 __all__ = ["QuantityFilter", "Readable", "Source", "open_source", "quantity_filter", "size_hint"]

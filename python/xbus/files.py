@@ -159,3 +159,6 @@ class _Decompressed:
     def close(self) -> None:
         """Closes the file."""
         self._raw.close()
+
+    def __del__(self) -> None:
+        self.close()

@@ -1,0 +1,205 @@
+"""Decodes one recording to a file: the work of ``xbus decode``."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+from xbus.cli.batch import Job
+from xbus.cli.export_target import check_output, quality_text, writing
+from xbus.cli.failure import Failure
+from xbus.cli.inputs import Input, label, no_frame
+from xbus.cli.progress import ShowsProgress
+from xbus.cli.resampling import resampled
+from xbus.cli.undecoded import check_decoded, tracker_of, undecoded_lines
+from xbus.formatting import format_count
+
+if TYPE_CHECKING:
+    from xbus.log.log import Log
+    from xbus.protocol.keys import EntryKey
+
+__all__ = ["SUFFIXES", "Decoding", "is_string", "suffix_of"]
+
+#: Functions of `xbus.log.export` that write a table, by suffix. An npz file is not a table.
+WRITERS = {
+    ".parquet": "parquet",
+    ".csv": "csv",
+    ".arrow": "feather",
+    ".feather": "feather",
+    ".npz": None,
+}
+#: The suffixes of output files, the default first.
+SUFFIXES = tuple(WRITERS)
+
+
+def suffix_of(path: str) -> str:
+    """Returns the suffix of a path, in lower case."""
+    return os.path.splitext(path)[1].lower()  # noqa: PTH122 - pathlib is slow to import
+
+
+def is_string(key: EntryKey) -> bool:
+    """Returns whether this is the name of a string type, and not the key of a quantity."""
+    from xbus.protocol.values import StringType
+
+    return key in StringType.__members__
+
+
+class Decoding:
+    """Decodes recordings with the same options.
+
+    Args:
+        keys: The quantities, or one string type; none for all quantities.
+        strings: String types to parse, as in `read_log`.
+        strict: Fail at the first damage.
+        rate: Rows per second to resample to, or None.
+        max_gap: As for `Log.resample`.
+        tracker: The Awinda tracker to write, or None.
+    """
+
+    def __init__(
+        self,
+        keys: Sequence[EntryKey],
+        *,
+        strings: Sequence[str] = (),
+        strict: bool = False,
+        rate: float | None = None,
+        max_gap: float | None = None,
+        tracker: str | None = None,
+    ) -> None:
+        self._keys, self._strings, self._strict = list(keys), strings, strict
+        self._rate, self._max_gap, self._tracker = rate, max_gap, tracker
+
+    @property
+    def _key(self) -> EntryKey | None:
+        """The key if there is only one, whose table has a row per packet."""
+        return self._keys[0] if len(self._keys) == 1 else None
+
+    def decode(self, job: Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
+        """Decodes a recording to a file.
+
+        Returns:
+            What was written as text, and as values for JSON.
+        """
+        files, out = job.recording.files, job.out
+        assert out is not None  # noqa: S101 - jobs of this command write files
+        check_output(files, out)
+        log = self._read(files, progress)
+        names = ", ".join(map(label, files))
+        check_decoded(log, names)
+        table = self._table(log, names, is_npz=suffix_of(out) == ".npz")
+        if self._rate is not None:
+            table = resampled(log, self._keys, self._rate, self._max_gap, names)
+        if self._tracker is not None:
+            table = tracker_of(log, self._tracker, names)
+        rows, columns = self._write(log, table, out, progress)
+        shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
+        lines = [f"{shape}; {quality_text(log)}", *undecoded_lines(log)]
+        return "\n".join(lines), self._summary(log, rows, columns)
+
+    def _read(self, files: Sequence[str], progress: ShowsProgress) -> Log:
+        from xbus.errors import DecodeError
+        from xbus.log.read import read_log
+
+        quantities = [key for key in self._keys if not is_string(key)] if self._keys else None
+        with Input(files, progress) as source:
+            try:
+                log = read_log(
+                    source, strict=self._strict, quantities=quantities, strings=self._strings
+                )
+            except DecodeError as error:
+                problem, _, _ = str(error).partition(";")
+                where = f", which is {source.locate(error.offset)}" if len(files) > 1 else ""
+                names = ", ".join(map(label, files))
+                raise Failure(
+                    f"{names}: {problem}{where}; without --strict, damage is skipped"
+                ) from error
+        if not len(log) and not len(log.messages) and not log.stats.strings:
+            raise no_frame(files, log.stats.bytes)
+        return log
+
+    def _write(self, log: Log, table: Any, out: str, progress: ShowsProgress) -> tuple[int, int]:
+        """Writes OUT and returns its rows and columns; for an npz file its samples and quantities."""
+        from xbus.log import export
+
+        key = self._key
+        task, size = f"writing {label(os.path.basename(out))}", log.stats.bytes  # noqa: PTH119
+        progress.update(task, 0, size)
+        writer = WRITERS[suffix_of(out)]
+        if writer is None and isinstance(key, str) and is_string(key):
+            strings = log.strings.table(key)
+            with writing(out):
+                export.npz({key: strings}, out)
+            return len(strings), len(strings.dtype.names or ())
+        if writer is None:
+            from xbus.log.resample import Resampled
+            from xbus.log.trackers import Tracker
+
+            content = table if isinstance(table, Resampled | Tracker) else log
+            with writing(out):
+                content.to_npz(out)
+            return len(content), len(content.keys())
+        from pyarrow import RecordBatchReader
+
+        rows = len(table.satellites) if key == "gnss_sat_info" else len(table)
+
+        def counted(batches: Any) -> Iterator[Any]:
+            written = 0
+            for batch in batches:
+                yield batch
+                written += batch.num_rows
+                progress.update(task, size * written // max(rows, 1), size)
+
+        reader = RecordBatchReader.from_stream(table)
+        with writing(out):
+            stream = RecordBatchReader.from_batches(reader.schema, counted(reader))
+            getattr(export, writer)(stream, out)
+        return rows, len(reader.schema)
+
+    def _table(self, log: Log, names: str, *, is_npz: bool) -> Any:
+        """Returns what to write: the log, the column of a quantity, or the table of a string type."""
+        if not self._keys:
+            if not len(log) and not is_npz and log.strings.counts:
+                found = ", ".join(name or "others" for name in log.strings.counts)
+                raise Failure(
+                    f"{names} has no samples, only strings: {found}; choose a type with --quantity"
+                )
+            return log
+        for key in self._keys:
+            name = key if isinstance(key, str) else key[0]
+            if is_string(key):
+                if name not in log.strings.counts:
+                    raise Failure(f"no {name} in {names}; xbus info lists the content")
+                return None if is_npz else log.strings.to_arrow(name)
+            systems = [found for found in log if isinstance(found, tuple) and found[0] == name]
+            if systems and isinstance(key, str):
+                choices = " or ".join(map(":".join, systems))
+                raise Failure(
+                    f"{names} has {name} in several coordinates; choose --quantity {choices}"
+                )
+            if key not in log:
+                text = key if isinstance(key, str) else ":".join(key)
+                raise Failure(f"no {text} in {names}; xbus info lists the content")
+        return log if self._key is None else log[self._key]
+
+    def _summary(self, log: Log, rows: int, columns: int) -> dict[str, Any]:
+        """Returns the summary for JSON."""
+        stats = log.stats
+        keys = [key if isinstance(key, str) else ":".join(key) for key in self._keys]
+        return {
+            "quantities": keys or None,
+            "rows": rows,
+            "columns": columns,
+            "duration_s": log.duration if math.isfinite(log.duration) else None,
+            "bytes": stats.bytes,
+            "frames": stats.frames,
+            "samples": stats.samples,
+            "strings": stats.strings,
+            "lost_samples": stats.lost_samples,
+            "gaps": stats.gaps,
+            "skipped_bytes": stats.skipped_bytes,
+            "damage": len(log.damage),
+            "malformed": stats.malformed,
+            "undecoded": [item.to_dict() for item in log.undecoded],
+        }

@@ -1,0 +1,227 @@
+"""The recordings that the arguments of a command name: files, folders, patterns and URLs."""
+
+from __future__ import annotations
+
+import glob
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import click
+
+from xbus.cli.failure import Failure, cannot
+from xbus.cli.inputs import STDIN, label
+from xbus.files import COMPRESSIONS, is_url, local_name
+
+if TYPE_CHECKING:
+    from xbus.log.pieces import PiecesError
+
+__all__ = [
+    "Recording",
+    "find_files",
+    "inputs_argument",
+    "one_recording",
+    "restart_option",
+    "several_recordings",
+]
+
+#: The suffix of the recordings in a folder; compressed ones have another suffix behind it.
+SUFFIX = ".mtb"
+#: The suffix of the arrivals that belong to a recording.
+SIDE_SUFFIX = ".times"
+
+inputs_argument = click.argument(
+    "names", type=click.Path(readable=False), metavar="IN...", nargs=-1, required=True
+)
+restart_option = click.option(
+    "--allow-restart",
+    is_flag=True,
+    help="Join pieces although the device restarted between them. Not needed for the files of xbus record.",
+)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording: its files in order.
+
+    Attributes:
+        files: Paths or URLs of the pieces; ``-`` is standard input.
+        notes: What is unusual about the pieces.
+    """
+
+    files: list[str]
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def name(self) -> str:
+        """The name of the first file, for messages."""
+        return label(self.files[0])
+
+    @property
+    def heading(self) -> str:
+        """The names of the first and the last file."""
+        return self.name + (f" to {label(self.files[-1])}" if len(self.files) > 1 else "")
+
+    @property
+    def title(self) -> str:
+        """The names of all files without folders, for the title of a page."""
+        return ", ".join(label(os.path.basename(file)) for file in self.files)  # noqa: PTH119
+
+    def show_notes(self) -> None:
+        """Prints the notes on stderr."""
+        for note in self.notes:
+            click.echo(f"xbus: {note}", err=True)
+
+
+def find_files(names: Sequence[str]) -> list[str]:
+    """Returns the files that arguments name, each once, in order.
+
+    A folder stands for the recordings in it. A pattern that names no file is expanded as a shell would.
+
+    Raises:
+        Failure: A folder or a pattern without recordings.
+    """
+    found: dict[str, str] = {}
+    for name in names:
+        for file in _expand(name):
+            key = file if file == STDIN or is_url(file) else os.path.abspath(local_name(file))  # noqa: PTH100
+            found.setdefault(key, file)
+    recordings = [file for key, file in found.items() if not _is_side_file(key, found)]
+    return recordings or list(found.values())
+
+
+def _expand(name: str) -> Iterator[str]:
+    path = local_name(name)
+    if name == STDIN or is_url(path):
+        yield name
+    elif os.path.isdir(path):  # noqa: PTH112
+        suffixes = tuple(SUFFIX + compression for compression in ("", *COMPRESSIONS))
+        try:
+            files = sorted(file for file in os.listdir(path) if file.lower().endswith(suffixes))  # noqa: PTH208
+        except OSError as error:
+            raise cannot(f"read {label(name)}", error) from error
+        if not files:
+            raise Failure(
+                f"no {SUFFIX} file in the folder {label(name)}; name the files, such as {label(name)}/*.bin"
+            )
+        yield from (os.path.join(path, file) for file in files)  # noqa: PTH118
+    elif glob.has_magic(path) and not os.path.lexists(path):
+        files = sorted(glob.glob(path, recursive=True))  # noqa: PTH207
+        files = [file for file in files if not os.path.isdir(file)]  # noqa: PTH112
+        if not files:
+            raise Failure(f"no file matches {label(name)}; check the pattern")
+        yield from files
+    else:
+        yield name
+
+
+def _is_side_file(path: str, found: dict[str, str]) -> bool:
+    return path.endswith(SIDE_SUFFIX) and path[: -len(SIDE_SUFFIX)] in found
+
+
+def several_recordings(names: Sequence[str], *, allow_restart: bool = False) -> list[Recording]:
+    """Returns the recordings that arguments name.
+
+    Files with the names of one recording (``walk.mtb``, ``walk-0001.mtb``, ...) are its pieces, in the order
+    of the names, as far as each continues the previous one.
+
+    Args:
+        names: Files, folders, patterns and URLs.
+        allow_restart: As in `xbus.read_log`.
+    """
+    from xbus.log.pieces import piece_name
+
+    groups: dict[str, list[str]] = {}
+    for file in find_files(names):
+        is_numbered = file != STDIN
+        groups.setdefault(piece_name(file).recording if is_numbered else file, []).append(file)
+    return [
+        recording
+        for group in groups.values()
+        for recording in _recordings_of(group, allow_restart=allow_restart)
+    ]
+
+
+def _recordings_of(group: list[str], *, allow_restart: bool) -> list[Recording]:
+    """Returns the recordings of files whose names are those of one recording."""
+    from xbus.log.pieces import PiecesError, piece_name, pieces_of
+
+    if len(group) == 1:
+        return [Recording(group)]
+    numbers = [piece_name(file).number for file in group]
+    if len(set(numbers)) < len(numbers):  # walk.mtb and walk.mtb.gz
+        return [Recording([file]) for file in group]
+    # Without the first file, other programs may have given these names to recordings of any kind.
+    is_direct = 0 not in numbers
+    try:
+        pieces = pieces_of(group, allow_restart=allow_restart, direct=is_direct)
+        return [Recording(pieces.names, pieces.notes)]
+    except OSError:
+        return [Recording([file]) for file in group]  # reading reports the error
+    except PiecesError as error:
+        reason = error
+    ordered = [file for _, file in sorted(zip(numbers, group, strict=True))]
+    recordings = [[ordered[0]]]
+    for one, other in pairwise(ordered):
+        try:
+            pieces_of([one, other], allow_restart=allow_restart, direct=is_direct)
+        except PiecesError:
+            recordings.append([other])
+        else:
+            recordings[-1].append(other)
+    return [Recording(files, [] if at else [_note(reason)]) for at, files in enumerate(recordings)]
+
+
+def _note(error: PiecesError) -> str:
+    return (
+        f"{label(error.other)} does not continue {label(error.one)}: {error.reason}; they are separate "
+        "recordings"
+    )
+
+
+def one_recording(
+    names: Sequence[str], *, allow_restart: bool = False, remedy: str = "add --out-dir DIR"
+) -> Recording:
+    """Returns the recording of which arguments name the pieces.
+
+    Args:
+        names: Files, folders, patterns and URLs.
+        allow_restart: As in `xbus.read_log`.
+        remedy: What to do with different recordings, for the error message.
+
+    Raises:
+        Failure: A file cannot be read.
+        UsageError: The inputs are different recordings.
+    """
+    from xbus.log.pieces import PiecesError, pieces_of
+
+    files = find_files(names)
+    if STDIN in files and len(files) > 1:
+        raise click.UsageError("- is a whole recording and cannot be joined with other inputs")
+    _check_existence(files)
+    recordings = several_recordings(names, allow_restart=allow_restart)
+    if len(recordings) == 1:
+        return recordings[0]
+    try:
+        pieces = pieces_of(files, allow_restart=allow_restart, direct=True)
+    except PiecesError as error:
+        if error.is_restart:
+            remedy += ", or --allow-restart if the device restarted in between"
+        raise click.UsageError(
+            f"these are different recordings: {label(error.other)} does not continue {label(error.one)}, "
+            f"because {error.reason}; {remedy}"
+        ) from None
+    except OSError as error:
+        raise cannot(f"read {label(str(error.filename or files[0]))}", error) from error
+    return Recording(pieces.names, pieces.notes)
+
+
+def _check_existence(files: Sequence[str]) -> None:
+    for file in files:
+        if file != STDIN and not is_url(file):
+            try:
+                os.stat(local_name(file))  # noqa: PTH116 - pathlib is slow to import
+            except OSError as error:
+                raise cannot(f"read {label(file)}", error) from error
