@@ -229,7 +229,7 @@ def test_messages_in_words(mid: int, payload: str, words: str) -> None:
         (
             ("velocity_xyz", "NWU", "Float64"),
             [float("nan"), float("inf"), -0.0],
-            "velocity_xyz (NWU, Float64) x=nan y=inf z=-0 m/s",
+            "velocity_xyz (NWU, Float64) x=NaN y=inf z=-0 m/s",
         ),
         ("status_byte", 0x1B, "status_byte 0x1B selftest filter_valid no_rotation_update_status=3"),
         ("status_word", 0, "status_word 0x00000000"),

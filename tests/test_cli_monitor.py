@@ -183,7 +183,7 @@ def test_values() -> None:
         "temperature": "31.62",
         "baro_pressure": "100259",
         "lat_lon": "52.2404607   -6.8382202",
-        "acceleration": "0.5000   -9.8067       nan",
+        "acceleration": "0.5000   -9.8067       NaN",
         "free_acceleration": "1e+30    0.0000       inf",
         "utc_time": "2026-11-22 09:30:05.001",
         "status_word": "0x09800006",
@@ -255,6 +255,9 @@ def test_gnss() -> None:
     model = known(data)
     model.now = 10.0
     assert words(model)["GNSS"] == "3D  RTK fixed  stopped"
+    fields |= {"hAcc": 0xFFFF_FFFF, "vAcc": 0xFFFF_FFFF}
+    shown = words(known(encode_sample({"gnss_pvt_data": fields})))["GNSS"]
+    assert shown == "3D  RTK fixed  18 SV  hAcc unknown  vAcc unknown"
 
 
 def test_an_outdated_orientation_is_not_shown() -> None:

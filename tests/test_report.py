@@ -141,7 +141,8 @@ def test_a_bad_recording() -> None:
         "1,816 bytes of damage in 12 places, 1.1 % of the file",
         "1 error from the device; the first: 41: more data than the baud rate can carry",
     ]
-    assert "3 problems in this recording" in report.text
+    assert "3 problems and 1 note in this recording" in report.text
+    assert len(output(FIELD)) == 4
     assert ["4.90", "81,068", "Error", "41: more data than the baud rate can carry"] in report.rows
     assert ["2.99", "12", "294"] in report.rows
     assert ["3,713", "227", "checksum"] in report.rows
@@ -518,7 +519,7 @@ def unfiltered(kind: int, line: npt.NDArray[Any], above: npt.NDArray[Any], step:
     return done[step:]
 
 
-def browse(path: Path, what: str) -> tuple[str, str]:
+def browse(path: Path, what: str, *, width: int = 1200) -> tuple[str, str]:
     """Opens a page without a window, and returns stdout and the console messages."""
     assert CHROMIUM is not None
     folder = path.parent
@@ -532,7 +533,7 @@ def browse(path: Path, what: str) -> tuple[str, str]:
             # There is no network: the page must not need any.
             "--proxy-server=127.0.0.1:9",
             f"--user-data-dir={folder / 'profile'}",
-            "--window-size=1200,4000",
+            f"--window-size={width},4000",
             "--virtual-time-budget=60000",
             "--enable-logging=stderr",
             "--v=0",
@@ -587,6 +588,27 @@ def test_a_browser_shows_the_colours(tmp_path: Path) -> None:
         wanted = [int(colour[at : at + 2], 16) for at in (1, 3, 5)]
         near = np.abs(flat - wanted).max(axis=1) < 12
         assert np.count_nonzero(near) > 300, colour
+
+
+@browser
+def test_every_mark_is_visible_in_a_narrow_window(tmp_path: Path) -> None:
+    """Each gap, place of damage and error has a mark that is two pixels wide, however narrow the plot."""
+    out = tmp_path / "page.html"
+    write_report(FIELD, out)
+    figures = Page(out.read_text("utf-8")).figures
+    dom, complaints = browse(out, "--dump-dom", width=500)
+    assert complaints == ""
+    at = [figure["name"] for figure in figures].index("events")
+    plot = dom.split('class="plot js-plotly-plot"')[1:][at]
+    _, *traces = plot.split('class="trace scatter')
+    gathered = gather(FIELD)
+    expected = [len(gathered.lost), len(gathered.damage), len(gathered.events)]
+    assert expected == [10, 11, 1]  # adjacent gaps are one band
+    for trace, number in zip(traces, expected, strict=True):
+        points = re.findall(r'<path class="point"[^>]*translate\(([-0-9.]+),[^>]*>', trace)
+        assert len(points) == 2 * number  # both ends
+        assert "stroke-width: 2px" in trace
+        assert "stroke: rgb(214, 40, 40)" in trace
 
 
 #: Zooms in one plot, prints, and reports the ranges of all plots.

@@ -218,7 +218,8 @@ def _writer(
     digits = "%d" if row.kind[0] in "iu" else DIGITS[precision or "Float32"]
     values = " ".join(f"{name}={digits}" for name in row.components) or digits
     template = f"{label} {values}{unit}".replace("%d 0.1 ms", "%d (0.1 ms)")
-    return lambda numbers: template % tuple(numbers)
+    # "nan" reads like a mistake of the program, and the device did send NaN. No name contains it.
+    return lambda numbers: (template % tuple(numbers)).replace("nan", "NaN")
 
 
 def _date(numbers: Sequence[int]) -> str:

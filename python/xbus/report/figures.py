@@ -34,6 +34,8 @@ COLOURS = (
 ALARM = "#d62828"
 #: Heights in pixels: a plot, a row of bands, and the margin around the rows.
 HEIGHT, ROW, MARGIN = 280, 26, 70
+#: Height of a band, and the smallest width of a mark, in pixels.
+BAND, MARK = 12, 2
 
 
 def numbers(values: npt.NDArray[Any]) -> dict[str, str]:
@@ -133,24 +135,31 @@ def flags(data: ReportData) -> Figure | None:
 def _bands(
     data: ReportData, name: str, rows: Sequence[tuple[str, Bands, list[str], str]]
 ) -> Figure | None:
-    """Returns a row of bands for each label; each band is at least about a pixel wide, to be visible."""
+    """Returns a row of bands for each label.
+
+    A mark of constant width at the start of each band keeps short ones visible: plotly leaves out lines that
+    are shorter than a pixel, and how much that is depends on the width of the window.
+    """
     if not rows:
         return None
-    pixel = max(data.end, 1e-9) / 600
     traces = []
     for at, (label, bands, texts, colour) in enumerate(rows):
-        end = np.maximum(bands.end, bands.start + pixel)
-        x = np.stack([bands.start, end, np.full(len(bands), np.nan)], axis=1).ravel()
+        x = np.stack([bands.start, bands.end, np.full(len(bands), np.nan)], axis=1).ravel()
         traces.append(
             {
                 "type": "scatter",
-                "mode": "lines",
+                "mode": "lines+markers",
                 "x": numbers(x),
                 "y": numbers(np.full(len(x), float(-at))),
                 "text": [part for text in texts for part in (text, text, "")],
                 "hovertemplate": "%{x:.6~g}: %{text}<extra></extra>",
                 "name": label,
-                "line": {"color": colour, "width": 12},
+                "line": {"color": colour, "width": BAND},
+                "marker": {
+                    "symbol": "line-ns-open",
+                    "size": BAND / 1.4,  # plotly's line is that much longer
+                    "line": {"color": colour, "width": MARK},
+                },
             }
         )
     y = {

@@ -40,7 +40,10 @@ def page(title: str, data: ReportData, plotly: str) -> str:
 
 def _verdict(data: ReportData, found: list[Finding]) -> tuple[str, str]:
     if bad := sum(finding.is_bad for finding in found):
-        return "bad", f"{format_count(bad, 'problem')} in this recording"
+        # The list below has both.
+        notes = len(found) - bad
+        and_notes = f" and {format_count(notes, 'note')}" if notes else ""
+        return "bad", f"{format_count(bad, 'problem')}{and_notes} in this recording"
     if data.has_counter:
         return "good", "No sample lost, no damage, no errors"
     return "note", "No damage, no errors"

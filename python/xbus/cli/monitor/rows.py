@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from xbus.cli.monitor.attitude import Attitude
@@ -174,6 +175,8 @@ def _gnss(model: Model) -> list[Span]:
 
 
 def _format_length(metres: float) -> str:
+    if math.isnan(metres):
+        return "unknown"
     return f"{1000 * metres:.0f} mm" if metres < 1 else f"{metres:.1f} m"
 
 

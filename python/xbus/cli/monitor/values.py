@@ -92,6 +92,8 @@ def value_json(quantity: QuantityState) -> Any:
 def _format_number(value: float, decimals: int) -> str:
     if isinstance(value, int):
         return str(value)
+    if math.isnan(value):
+        return "NaN"
     return f"{value:.{decimals}f}" if abs(value) < LARGE else f"{value:.{decimals}g}"
 
 
