@@ -20,6 +20,8 @@ COMMANDS = {
     "info": "info",
     "decode": "decode",
     "report": "report",
+    "cut": "cut",
+    "split": "cut",
     "dump": "dump",
     "quantities": "tables",
     "messages": "tables",

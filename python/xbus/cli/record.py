@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import math
-import re
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -20,6 +18,7 @@ from xbus.cli.corrections import caster_options, check_receiver, new_corrections
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import label
 from xbus.cli.recording_job import RecordingJob
+from xbus.cli.rotation import parse_rotation
 from xbus.errors import Disconnected, StateError, XbusError
 from xbus.formatting import format_size
 
@@ -30,9 +29,6 @@ __all__ = ["record"]
 
 #: Interval to check a recording, which runs in the background, in seconds.
 CHECK_INTERVAL = 0.2
-#: Units of --rotate.
-BYTES = {"kb": 1_000, "mb": 1_000_000, "gb": 1_000_000_000}
-SECONDS = {"s": 1, "min": 60, "h": 3600}
 
 
 def _rotation(
@@ -41,17 +37,7 @@ def _rotation(
     value: str | None,
 ) -> dict[str, Any]:
     """Returns the arguments of `Device.record` that rotate files."""
-    if value is None:
-        return {}
-    if found := re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]+)", value.lower()):
-        number, unit = float(found[1]), found[2]
-        if unit in BYTES and number > 0:
-            return {"rotate_bytes": math.ceil(number * BYTES[unit])}
-        if unit in SECONDS and number > 0:
-            return {"rotate_seconds": number * SECONDS[unit]}
-    raise click.BadParameter(
-        f"{value!r} is neither a size (100MB, 2GB) nor a time (90s, 30min, 1h)"
-    )
+    return {} if value is None else parse_rotation(value)
 
 
 def _outputs(

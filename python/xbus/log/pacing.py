@@ -22,21 +22,29 @@ class ReplayPace:
     """Computes when each sample of a recording is due, part by part.
 
     The time stamps of the first device set the pace. Samples without a stamp, and samples of the GNSS
-    receiver and of other devices, whose clocks differ, are due between their neighbours. A pause of more
-    than 10 s lasts 10 s, and a step back of the clock takes no time. Without stamps, 100 samples are due per
-    second.
+    receiver and of other devices, whose clocks differ, are due between their neighbours. A step back of the
+    clock takes no time. Without stamps, 100 samples are due per second.
+
+    Args:
+        longest_pause: Seconds that a longer pause lasts.
 
     >>> import xbus
     >>> ReplayPace().times(xbus.read_log("tests/captures/walk.mtb"))[:3].round(3).tolist()
     [0.0, 0.01, 0.02]
     """
 
-    def __init__(self) -> None:
+    def __init__(self, longest_pause: float = LONGEST_PAUSE) -> None:
+        self._longest_pause = longest_pause
         self._device: int | None = None
         #: The last time stamp, and when the last stamped sample was due.
         self._stamp = math.nan
         self._time = 0.0
         self._unstamped = 0
+
+    @property
+    def is_stamped(self) -> bool:
+        """Whether a time stamp was found."""
+        return not math.isnan(self._stamp)
 
     def times(self, part: Log) -> npt.NDArray[np.float64]:
         """Returns when the samples of the next part are due.
@@ -61,7 +69,7 @@ class ReplayPace:
             rows, stamps = np.append(-1.0, rows), np.append(self._stamp, stamps)
         clock = np.interp(index, rows, stamps)
         first = clock[0] if math.isnan(self._stamp) else self._stamp
-        steps = np.diff(clock, prepend=first).clip(0.0, LONGEST_PAUSE)
+        steps = np.diff(clock, prepend=first).clip(0.0, self._longest_pause)
         times = self._time + np.cumsum(steps)
         self._stamp, self._time = float(stamps[-1]), float(times[-1])
         return times

@@ -7,7 +7,6 @@ is decided from the samples at their ends.
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import re
@@ -17,14 +16,13 @@ from itertools import pairwise
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from xbus import _core
-from xbus.files import is_plain, local_name, open_file, suffix_of_compression
+from xbus.files import is_plain, local_name, suffix_of_compression
 from xbus.log.arrivals import Arrivals, arrivals_of, joined
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.log import Log, steady_time
-from xbus.log.source import LONGEST, Readable, Source, open_source
+from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import device_of
 
@@ -154,7 +152,7 @@ class Pieces:
                 if not self._unopened:
                     return b""
                 source = self._unopened.pop(0).source
-                self._file = _opened(source)
+                self._file = open_binary(source)
                 self._is_owned = self._file is not source
             if data := self._file.read(size):
                 return data
@@ -228,20 +226,8 @@ def _piece(source: Source, at: int) -> Piece:
         name = os.fsdecode(os.fspath(source))
         size = os.stat(local_name(name)).st_size if is_plain(name) else None  # noqa: PTH116
     elif not isinstance(source, Readable):
-        size = len(_array(source))
+        size = len(array_of(source))
     return Piece(source, name, _ends(source), arrivals_of(source), size)
-
-
-def _opened(source: Source) -> BinaryIO | Readable:
-    if isinstance(source, str | os.PathLike):
-        return open_file(os.fsdecode(os.fspath(source)))
-    return source if isinstance(source, Readable) else io.BytesIO(_array(source).data)
-
-
-def _array(source: Source) -> npt.NDArray[np.uint8]:
-    opened = open_source(source)
-    assert isinstance(opened, np.ndarray)  # noqa: S101 - the source is no path and no file object
-    return opened
 
 
 def _ends(source: Source) -> Ends:
@@ -258,7 +244,7 @@ def _ends(source: Source) -> Ends:
 
 def _windows(source: Source, window: int) -> tuple[bytes, bytes, bool]:
     """Returns the first and the last bytes of a piece, and whether the first are all of them."""
-    file: Any = _opened(source)
+    file: Any = open_binary(source)
     is_given = file is source
     try:
         start = file.tell() if is_given else 0

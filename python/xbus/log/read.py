@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from typing import Any
 
 from xbus import _core
 from xbus.errors import DecodeError
 from xbus.log.arrivals import HostTimes, arrivals_of
+from xbus.log.cutting import NEEDED, Between, cut, seconds_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
 from xbus.log.log import Log
@@ -14,7 +16,9 @@ from xbus.log.pieces import pieces_of
 from xbus.log.source import (
     LONGEST,
     QuantityFilter,
+    Readable,
     Source,
+    open_binary,
     open_source,
     quantity_filter,
     size_hint,
@@ -23,12 +27,14 @@ from xbus.protocol.keys import Key
 from xbus.protocol.values import StringType
 from xbus.wire.strings import mask_of
 
-__all__ = ["iter_log", "read_log"]
+__all__ = ["cut_parts", "iter_log", "read_log"]
 
 #: Bytes read at a time: Ctrl-C and progress are handled between two reads.
 STEP = 32 << 20
 #: Default size of a part of a log, in bytes of input.
 BLOCK = 64 << 20
+#: Size of the parts of a log that is cut.
+CUT_BLOCK = 1 << 20
 
 
 def read_log(
@@ -37,6 +43,7 @@ def read_log(
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
     strings: Iterable[StringType | str] = (),
+    between: Between | None = None,
     allow_restart: bool = False,
 ) -> Log:
     """Reads a whole log.
@@ -54,6 +61,11 @@ def read_log(
         quantities: Keys of the quantities to keep, or None for all of them.
         strings: String types without checksum and terminator to parse too: ``["EM1000"]``. All other types
             are always parsed; so is EM1000 if a StringOutputType message in the log enables it.
+        between: Read only the samples from the first moment on, up to but without the second. A moment is
+            a number of seconds since the first sample, or UTC as a datetime or as text
+            (``"2026-11-22T09:30:00"``); None stands for the start or the end. The log is that of the bytes
+            of these samples, behind the Configuration, as ``xbus cut`` writes them: `Log.offset`, the
+            sample indices and the unwrapping of times start there, and `Log.host_time` is not known.
         allow_restart: Accept that the device restarted between two pieces. This is always accepted if the
             names say that the recorder started one file after the other.
 
@@ -72,7 +84,7 @@ def read_log(
     ('roll', 'pitch', 'yaw')
     """
     keep = quantity_filter(quantities)
-    source = _one_source(source, allow_restart)
+    source = _one_source(source, between, allow_restart)
     reader = _reader(source, strict=strict, quantities=keep, strings=mask_of(strings))
     arrivals = arrivals_of(source)
     while reader.advance(STEP):
@@ -88,6 +100,7 @@ def iter_log(
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
     strings: Iterable[StringType | str] = (),
+    between: Between | None = None,
     allow_restart: bool = False,
 ) -> Iterator[Log]:
     """Reads a log in parts, for logs larger than memory.
@@ -101,6 +114,7 @@ def iter_log(
         strict: Raise at the first damage, after the part with the samples before it.
         quantities: As in `read_log`.
         strings: As in `read_log`.
+        between: As in `read_log`.
         allow_restart: As in `read_log`.
 
     Raises:
@@ -114,7 +128,7 @@ def iter_log(
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     keep = quantity_filter(quantities)
-    source = _one_source(source, allow_restart)
+    source = _one_source(source, between, allow_restart)
     reader = _reader(
         source, strict=strict, quantities=keep, strings=mask_of(strings), part_bytes=block_bytes
     )
@@ -143,10 +157,55 @@ def iter_log(
     return parts()
 
 
-def _one_source(source: Source | Sequence[Source], allow_restart: bool) -> Source:
-    if isinstance(source, list | tuple):
-        return pieces_of(source, allow_restart=allow_restart)
-    return source  # type: ignore[return-value]
+def _one_source(
+    source: Source | Sequence[Source], between: Between | None, allow_restart: bool
+) -> Source:
+    """Returns one source for the pieces of a recording, or for a part of it."""
+
+    def whole() -> Source:
+        if isinstance(source, list | tuple):
+            return pieces_of(source, allow_restart=allow_restart)
+        return source  # type: ignore[return-value]
+
+    if between is None:
+        return whole()
+
+    def parts() -> Iterator[Log]:
+        """Reads the recording once before it is cut."""
+        opened: Any = open_binary(whole())
+        is_given = opened is source
+        if is_given and not hasattr(opened, "seek"):
+            raise ValueError("a stream cannot be cut by UTC, because it is read once; use seconds")
+        start = opened.tell() if is_given else 0
+        yield from cut_parts(opened)
+        if is_given:
+            opened.seek(start)
+
+    start, end = seconds_of(between, parts)
+    return _Cut(cut(open_binary(whole()), cut_parts, start, end))
+
+
+def cut_parts(source: Readable) -> Iterator[Log]:
+    """Returns the parts of a log that is cut."""
+    return iter_log(source, block_bytes=CUT_BLOCK, quantities=NEEDED)
+
+
+class _Cut:
+    """A part of a recording as a file object."""
+
+    def __init__(self, chunks: Iterator[bytes]) -> None:
+        self._chunks = chunks
+        self._data = b""
+
+    def read(self, size: int = -1, /) -> bytes:
+        """Returns at most ``size`` bytes; none at the end."""
+        while not self._data or size < 0:
+            if (data := next(self._chunks, None)) is None:
+                break
+            self._data += data
+        size = len(self._data) if size < 0 else size
+        data, self._data = self._data[:size], self._data[size:]
+        return data
 
 
 def _reader(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import io
 import operator
 import os
 from collections.abc import Iterable
-from typing import Protocol, runtime_checkable
+from typing import BinaryIO, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,16 @@ import numpy.typing as npt
 from xbus.files import is_plain, local_name, open_file
 from xbus.protocol.keys import Key, resolve_key
 
-__all__ = ["QuantityFilter", "Readable", "Source", "open_source", "quantity_filter", "size_hint"]
+__all__ = [
+    "QuantityFilter",
+    "Readable",
+    "Source",
+    "array_of",
+    "open_binary",
+    "open_source",
+    "quantity_filter",
+    "size_hint",
+]
 
 #: The quantities to keep: the name of each, and its coordinate system or None for any.
 QuantityFilter = list[tuple[str, str | None]]
@@ -101,3 +111,20 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
             f"{type(source).__name__}"
         ) from None
     return np.frombuffer(view, np.uint8) if len(view) else np.empty(0, np.uint8)
+
+
+def open_binary(source: Source) -> BinaryIO | Readable:
+    """Returns a file object at the start of a source; the same object if the source is one.
+
+    Errors are those of `open_source`.
+    """
+    if isinstance(source, str | os.PathLike):
+        return open_file(os.fsdecode(os.fspath(source)))
+    return source if isinstance(source, Readable) else io.BytesIO(array_of(source).data)
+
+
+def array_of(source: Source) -> npt.NDArray[np.uint8]:
+    """Returns a source that is neither a path nor a file object as an array."""
+    opened = open_source(source)
+    assert isinstance(opened, np.ndarray)  # noqa: S101 - see above
+    return opened

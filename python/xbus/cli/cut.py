@@ -1,0 +1,224 @@
+"""``xbus cut`` and ``xbus split``: parts of a recording, byte for byte."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from xbus.cli.export_target import check_output, writing
+from xbus.cli.failure import Failure
+from xbus.cli.inputs import STDIN, Input, label, no_frame, reading_task
+from xbus.cli.progress import Progress
+from xbus.cli.recordings import Recording, inputs_argument, one_recording, restart_option
+from xbus.cli.rotation import parse_rotation
+from xbus.files import local_name, suffix_of_compression
+from xbus.formatting import format_count, format_size
+
+if TYPE_CHECKING:
+    from xbus.log.cutting import Chunk, Moment
+
+__all__ = ["cut", "split"]
+
+ONE_BY_ONE = "cut each by itself"
+
+
+def _moment(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    value: str | None,
+) -> Moment | None:
+    """Returns seconds, or UTC as text."""
+    if value is None:
+        return None
+    with contextlib.suppress(ValueError):
+        return float(value)
+    return value
+
+
+@click.command(epilog="Example: xbus cut walk.mtb --from 60 --to 120 -o part.mtb")
+@inputs_argument
+@click.option(
+    "--from",
+    "start",
+    callback=_moment,
+    metavar="TIME",
+    help="First moment: seconds since the first sample, or UTC (2026-11-22T09:30:00). Default: the start.",
+)
+@click.option(
+    "--to",
+    "end",
+    callback=_moment,
+    metavar="TIME",
+    help="Moment to end before. Default: the end.",
+)
+@click.option("-o", "out", metavar="OUT", required=True, help="File to write.")
+@restart_option
+@click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
+def cut(
+    names: tuple[str, ...],
+    start: Moment | None,
+    end: Moment | None,
+    out: str,
+    allow_restart: bool,
+    quiet: bool,
+) -> None:
+    """Cuts a part out of a recording.
+
+    OUT has whole frames, byte for byte, with the Configuration of the device at the start. It begins with the
+    first sample at or after --from, and ends before the first sample at or after --to.
+
+    IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input; the pieces of one recording
+    are joined. The recording is read in parts and need not fit into memory.
+    """
+    from xbus.log.cutting import cut as cut_bytes
+    from xbus.log.cutting import seconds_of
+    from xbus.log.export import replacing
+    from xbus.log.read import cut_parts
+
+    if start is None and end is None:
+        raise click.UsageError("a part needs --from, --to, or both")
+    recording = one_recording(names, allow_restart=allow_restart, remedy=ONE_BY_ONE)
+    files = recording.files
+    check_output(files, out)
+    recording.show_notes()
+    with Progress(reading_task(files[0]), shown=not quiet) as progress, _time_errors(recording):
+
+        def parts() -> Iterator[Any]:
+            if STDIN in files:
+                raise ValueError("standard input is read once; use seconds")
+            with Input(files, progress) as source:
+                yield from cut_parts(source)
+
+        bounds = seconds_of((start, end), parts)
+        size = 0
+        with Input(files, progress) as source, writing(out), replacing(out) as file:
+            for data in cut_bytes(source, cut_parts, *bounds):
+                file.write(data)
+                size += len(data)
+            if not size:
+                raise Failure(f"{recording.heading} has no samples between these times")
+    if not quiet:
+        click.echo(f"{label(out)}: {format_size(size)}", err=True)
+
+
+@click.command(epilog="Example: xbus split night.mtb --time 1h --out-dir hours")
+@inputs_argument
+@click.option("--size", metavar="SIZE", help="Start a new file at this size: 100MB, 2GB.")
+@click.option("--time", metavar="TIME", help="Start a new file after this time: 90s, 30min, 1h.")
+@click.option("--device", "by_device", is_flag=True, help="Write a file for each device on a bus.")
+@click.option(
+    "--out-dir",
+    metavar="DIR",
+    required=True,
+    help="Folder to write to. It is created if necessary.",
+)
+@restart_option
+@click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
+def split(
+    names: tuple[str, ...],
+    size: str | None,
+    time: str | None,
+    by_device: bool,
+    out_dir: str,
+    allow_restart: bool,
+    quiet: bool,
+) -> None:
+    """Splits a recording by size, time or device.
+
+    The files have whole frames, byte for byte. By size and time they are walk.mtb, walk-0001.mtb, ..., each
+    with the Configuration of the device at the start, and other commands join them again. By device they are
+    walk-bid1.mtb, ..., and leave out strings and damage, which name no device.
+
+    IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input; the pieces of one recording
+    are joined. The recording is read in parts and need not fit into memory.
+    """
+    from xbus.log import cutting
+    from xbus.log.read import cut_parts
+
+    if sum((size is not None, time is not None, by_device)) != 1:
+        raise click.UsageError("choose one of --size, --time and --device")
+    limit = _limit(size, time)
+    recording = one_recording(names, allow_restart=allow_restart, remedy="split each by itself")
+    files = recording.files
+    recording.show_notes()
+    with writing(out_dir):
+        os.makedirs(out_dir, exist_ok=True)  # noqa: PTH103 - pathlib is slow to import
+    with (
+        Progress(reading_task(files[0]), shown=not quiet) as progress,
+        _time_errors(recording),
+        Input(files, progress) as source,
+    ):
+        if by_device:
+            chunks = cutting.split_by_device(source, cut_parts)
+        elif "rotate_bytes" in limit:
+            chunks = cutting.split_by_size(source, cut_parts, limit["rotate_bytes"])
+        else:
+            chunks = cutting.split_by_time(source, cut_parts, limit["rotate_seconds"])
+        written = _write(chunks, recording, out_dir, by_device=by_device)
+        if not written:
+            raise no_frame(files, 0)
+    if not quiet:
+        last = f" to {label(written[-1])}" if len(written) > 1 else ""
+        click.echo(f"{label(written[0])}{last}: {format_count(len(written), 'file')}", err=True)
+
+
+def _limit(size: str | None, time: str | None) -> dict[str, Any]:
+    """Returns the size or time of a piece."""
+    for name, value, key in (("--size", size, "rotate_bytes"), ("--time", time, "rotate_seconds")):
+        if value is not None:
+            limit = parse_rotation(value)
+            if key not in limit:
+                raise click.UsageError(f"{name}: {value!r} has the unit of the other option")
+            return limit
+    return {}
+
+
+def _write(
+    chunks: Iterator[Chunk], recording: Recording, folder: str, *, by_device: bool
+) -> list[str]:
+    """Writes each piece to a file, and returns the names."""
+    from xbus.log.export import replacing
+
+    outs: dict[int, str] = {}
+    opened: dict[int, Any] = {}
+    with contextlib.ExitStack() as files:
+        for piece, data in chunks:
+            if piece not in opened:
+                if not by_device:
+                    files.close()  # the previous piece is complete
+                    opened.clear()
+                out = _piece_path(recording, folder, f"bid{piece}" if by_device else len(outs))
+                check_output(recording.files, out)
+                outs[piece] = out
+                opened[piece] = files.enter_context(_file(out, replacing))
+            with writing(outs[piece]):
+                opened[piece].write(data)
+    return list(outs.values())
+
+
+@contextlib.contextmanager
+def _file(out: str, replacing: Any) -> Iterator[Any]:
+    with writing(out), replacing(out) as file:
+        yield file
+
+
+def _piece_path(recording: Recording, folder: str, number: int | str) -> str:
+    name = os.path.basename(local_name(recording.files[0]))  # noqa: PTH119
+    name = "standard-input.mtb" if name == STDIN else name
+    stem, suffix = os.path.splitext(name[: len(name) - len(suffix_of_compression(name))])  # noqa: PTH122
+    if isinstance(number, int):
+        number = f"{number:04}" if number else ""
+    return os.path.join(folder, stem + (f"-{number}" if number else "") + suffix)  # noqa: PTH118
+
+
+@contextlib.contextmanager
+def _time_errors(recording: Recording) -> Iterator[None]:
+    """Converts the error of a wrong or unknown time to a Failure."""
+    try:
+        yield
+    except ValueError as error:
+        raise Failure(f"{recording.heading}: {error}") from error
