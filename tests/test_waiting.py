@@ -21,6 +21,7 @@ import pytest
 
 import xbus
 from xbus import Device, Disconnected, SimulatedDevice, XbusTimeout, connect
+from xbus.protocol.values import State
 from xbus.sim import serving
 
 #: Seconds by which a loaded machine may be late. The faults that these tests are for took seconds more.
@@ -404,3 +405,122 @@ def test_an_interpreter_exits_with_an_open_device(tcp: bool, tmp_path: Path) -> 
         command = [sys.executable, "-c", code, port, str(path)]
         subprocess.run(command, check=True, timeout=LONG)  # noqa: S603
     assert len(xbus.read_log(path)) >= 10
+
+
+def test_threads_that_configure_at_a_time_share_config_state(device: Device) -> None:
+    second_may_end, second_is_in = threading.Event(), threading.Event()
+
+    def configure() -> int:
+        with device.configure() as cfg:
+            second_is_in.set()
+            assert second_may_end.wait(LONG)
+            return cfg.commands.req_did()
+
+    with device.configure():
+        second = Outcome(configure)
+        assert second_is_in.wait(LONG)
+    states = [device.state]  # the second thread is not done
+    reader = Outcome(device.read_sample)
+    second_may_end.set()
+    assert second.join().value == device.device_id
+    assert reader.join().error is None
+    assert [*states, device.state] == [State.CONFIG, State.MEASUREMENT]
+    device.go_to_config()
+    device.discard()
+    assert isinstance(Outcome(device.read_sample).join().error, xbus.StateError)
+
+
+def test_finding_the_state_waits_for_the_command_of_another_thread(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with device.configure({}):
+        pass
+    device.session.forget()
+    monkeypatch.setattr(device.link, "write", lambda data: None)
+    command = Outcome(device.go_to_config)
+    configure = Outcome(lambda: device.configure().__enter__())
+    assert isinstance(command.join().error, XbusTimeout)
+    assert isinstance(configure.join().error, XbusTimeout)
+
+
+def test_a_command_beside_a_reader_that_reconnects_ends(tmp_path: Path) -> None:
+    name = tmp_path / "imu"
+    with serving(SimulatedDevice("MTi-630"), link=name):
+        device = connect(str(name), 115_200, reconnect=True)
+        reader = Outcome(lambda: list(device))
+    assert not name.exists()
+    until = time.monotonic() + 1
+    while time.monotonic() < until:
+        command = Outcome(lambda: device.command("ReqFWRev")).join()
+        assert isinstance(command.error, Disconnected | xbus.StateError)
+    device.close()
+    assert isinstance(reader.join().error, Disconnected)
+
+
+def test_closing_during_a_write_is_disconnected(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    port = device.link._port  # type: ignore[attr-defined]
+
+    def write(data: bytes) -> None:
+        Outcome(device.close).join()
+        os.write(port.fd, data)  # the descriptor is None
+
+    monkeypatch.setattr(port, "write", write)
+    with pytest.raises(Disconnected, match="was closed; connect"):
+        device.go_to_config()
+
+
+def test_closing_while_the_port_is_opened_again_closes_it(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    reopen = device.link.reopen
+
+    def close_and_reopen() -> None:
+        Outcome(device.close).join()
+        reopen()
+
+    monkeypatch.setattr(device.link, "reopen", close_and_reopen)
+    device.link.acquisition.end("unplugged")
+    with pytest.raises(Disconnected):
+        device.listen(1)
+    with pytest.raises(Disconnected, match="was closed; connect"):
+        device.go_to_config()
+    assert device.link.acquisition.ended
+    assert not device.link._port.is_open  # type: ignore[attr-defined]
+
+
+def test_async_reading_of_a_closed_device_is_disconnected(device: Device) -> None:
+    async def read() -> None:
+        samples = aiter(device)
+        await anext(samples)
+        device.close()
+        device.discard()
+        with pytest.raises(Disconnected, match="was closed; connect"):
+            await anext(samples)
+        with pytest.raises(Disconnected, match="was closed; connect"):
+            await anext(device.blocks(samples=10**6))
+
+    asyncio.run(read())
+
+
+def test_the_answer_of_an_interrupted_command_answers_no_other(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    device.go_to_config()
+    write = device.link.write
+
+    def interrupt(data: bytes) -> None:
+        write(data)
+        time.sleep(0.2)
+        Outcome(lambda: device.state).join()  # another thread handles the answer
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(device.link, "write", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            device.command("ReqDID")
+    before = [notice.name for notice in device.notices]
+    device.command("ReqDID")
+    device.listen(0.2)
+    assert [notice.name for notice in device.notices] == before

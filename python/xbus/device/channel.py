@@ -16,7 +16,14 @@ from xbus.device.events import Notice, Refusal, Reply
 from xbus.device.session import PROBE, Session
 from xbus.device.silence import nothing_heard
 from xbus.device.stats import live_stats
-from xbus.errors import DecodeError, DeviceError, Disconnected, StateError, XbusTimeout
+from xbus.errors import (
+    DecodeError,
+    DeviceError,
+    Disconnected,
+    StateError,
+    XbusError,
+    XbusTimeout,
+)
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.protocol.ids import MessageId
 from xbus.protocol.products import product_of_code, support
@@ -89,8 +96,9 @@ class Channel:
     def __init__(self, link: Link, *, listen: bool = False, reconnect: bool = False) -> None:
         self.link = link
         self.is_listening = listen
-        #: The thread that configures a measuring device, and will let it measure again.
-        self._configurer: int | None = None
+        #: The threads that configure the device, by call of `configuring`, and the state that is restored.
+        self._configurers: dict[object, int] = {}
+        self._found = State.UNKNOWN
         self.session = Session(bid=link.acquisition.bid)
         self.identity = Identity()
         self.heard: dict[int, bytes] = {}
@@ -117,6 +125,7 @@ class Channel:
         self._handling = threading.RLock()
         self._commanding = threading.RLock()
         self._reconnecting = threading.RLock()
+        self._configuring = threading.RLock()
 
     def abandon(self) -> None:
         """Ends the channel in a forked process, in which no thread runs and locks may be held forever."""
@@ -140,10 +149,10 @@ class Channel:
         if self.is_listening:
             what = f"{command} was not sent: {self.link.name} was opened only to listen"
             raise StateError(what, command, self.state)
-        self._open(command)
+        losses = self._open(command)
         if self.trace is not None:
             self.trace.sent(data)
-        self.connection.write(data, command)
+        self.connection.write(data, losses, command)
 
     def _open(self, command: str | None) -> int:
         """Opens the port again if it was lost. Returns how often that has happened.
@@ -207,20 +216,53 @@ class Channel:
         self.link.acquisition.mark_data()
 
     @contextlib.contextmanager
-    def configuring(self, found: State) -> Iterator[None]:
-        """Makes readers in other threads wait while a device that was found measuring is configured."""
-        before = self._configurer
-        if found == State.MEASUREMENT:
-            self._configurer = threading.get_ident()
+    def configuring(self) -> Iterator[None]:
+        """Enters Config State; at the end restores the state in which the device was found.
+
+        Several threads may configure a device at a time: the last one restores the state. Readers in other
+        threads wait for that.
+        """
+        call = object()
         try:
+            with self._configuring:
+                if not self._configurers:
+                    if self.state == State.UNKNOWN:
+                        self.find_state()
+                    self._found = self.state
+                self._configurers[call] = threading.get_ident()
+                if self.state != State.CONFIG:
+                    self.command("GoToConfig", None)
             yield
+        except BaseException:
+            # The error of the block matters more than a failure to restore the state.
+            with contextlib.suppress(XbusError):
+                self._end_configuring(call)
+            raise
+        else:
+            self._end_configuring(call)
         finally:
-            self._configurer = before
+            self._configurers.pop(call, None)  # also after Ctrl-C
+
+    def _end_configuring(self, call: object) -> None:
+        with self._configuring:
+            try:
+                if list(self._configurers) == [call]:
+                    self._restore(self._found)
+            finally:
+                self._configurers.pop(call, None)
+
+    def _restore(self, found: State) -> None:
+        if found == State.MEASUREMENT and self.state != State.MEASUREMENT:
+            if self.state != State.CONFIG:
+                self.command("GoToConfig", None)
+            self.command("GoToMeasurement", None)
 
     @property
     def sends_no_data(self) -> bool:
-        """Whether the device is in Config State, and not only until another thread is done."""
-        is_waiting = self._configurer not in (None, threading.get_ident())
+        """Whether the device is in Config State, and not only until other threads have configured it."""
+        threads = self._configurers.values()
+        will_measure = self._found == State.MEASUREMENT and bool(threads)
+        is_waiting = will_measure and threading.get_ident() not in list(threads)
         return self.session.state == State.CONFIG and not is_waiting
 
     # Waiting
@@ -378,6 +420,8 @@ class Channel:
     def _abandon(self) -> None:
         with self._handling:
             self.session.abandon()
+            # An answer that came too late would be taken for that of the next command with this name.
+            self._answers.clear()
             if self.session.state == State.UNKNOWN:
                 self.link.acquisition.mark_data()
 
@@ -416,20 +460,23 @@ class Channel:
 
         Nothing is sent if the port was opened only to listen.
         """
-        before = self._heard
-        self._listen(SLOWEST_SECONDS if self.is_listening else LISTEN_SECONDS)
-        if self.session.state == State.WAKEUP:
-            # The device goes on to Measurement State or, if another program answers, to Config State.
-            self.wait_for(lambda: self.session.state != State.WAKEUP, WAKE_UP_SECONDS)
+        # A wait for a command does not reconnect: a thread that reconnects waits for this lock.
+        command = None if self.is_listening else PROBE
+        with self._commanding:
+            before = self._heard
+            self._listen(SLOWEST_SECONDS if self.is_listening else LISTEN_SECONDS, command)
             if self.session.state == State.WAKEUP:
-                self.forget_state()
-        if self.session.state == State.UNKNOWN and not self.is_listening:
-            try:
-                self.send(self.session.request(PROBE), PROBE)
-                self._answer(PROBE, PROBE_SECONDS)
-            finally:
-                self._abandon()
-        return self._heard > before
+                # The device goes on to Measurement State or, if another program answers, to Config State.
+                self.wait_for(lambda: self.session.state != State.WAKEUP, WAKE_UP_SECONDS, command)
+                if self.session.state == State.WAKEUP:
+                    self.forget_state()
+            if self.session.state == State.UNKNOWN and not self.is_listening:
+                try:
+                    self.send(self.session.request(PROBE), PROBE)
+                    self._answer(PROBE, PROBE_SECONDS)
+                finally:
+                    self._abandon()
+            return self._heard > before
 
     def find(self, baudrates: Iterable[int], *, restart: bool = False) -> None:
         """Tries one baud rate after the other, and keeps the first at which it hears the device.
@@ -467,8 +514,10 @@ class Channel:
         stats = live_stats(self.link.acquisition.stats(self.link.clock()), self.outdated)
         return describe_outputs(stats.rates, stats.message_rates)
 
-    def _listen(self, seconds: float) -> None:
+    def _listen(self, seconds: float, command: str | None) -> None:
         """Waits until a message, sample or string comes, or the state is known."""
         before = self._heard
         self.link.acquisition.mark_data()
-        self.wait_for(lambda: self.session.state != State.UNKNOWN or self._heard > before, seconds)
+        self.wait_for(
+            lambda: self.session.state != State.UNKNOWN or self._heard > before, seconds, command
+        )

@@ -49,8 +49,11 @@ class Connection:
                 try:
                     self._link.reopen()
                 except OSError as error:
-                    self._lose(error, command)
+                    self._lose(error, self.losses, command)
                 self.is_lost = False
+                if self.is_closed:  # meanwhile, by another thread
+                    self._link.close()
+                    self.refuse_closed(command)
             return self.losses
 
     def check(self, losses: int, command: str | None) -> None:
@@ -63,10 +66,15 @@ class Connection:
         if losses != self.losses:  # another thread has noticed, and may have opened it again
             self._raise(ConnectionResetError("the port was gone meanwhile"), command)
         if (reason := self._link.acquisition.ended) is not None:
-            self._lose(ConnectionResetError(reason), command)
+            self._lose(ConnectionResetError(reason), losses, command)
 
-    def write(self, data: bytes, command: str) -> None:
+    def write(self, data: bytes, losses: int, command: str) -> None:
         """Sends bytes.
+
+        Args:
+            data: The bytes.
+            losses: The number that `open` returned.
+            command: The command that sends them, for error messages.
 
         Raises:
             Disconnected: The port is gone.
@@ -74,7 +82,7 @@ class Connection:
         try:
             self._link.write(data)
         except OSError as error:
-            self._lose(error, command)
+            self._lose(error, losses, command)
 
     def close(self) -> None:
         """Closes the link. All that wait for it get `Disconnected`."""
@@ -93,9 +101,11 @@ class Connection:
             what = "belongs to the parent process" if self._is_abandoned else "was closed"
             raise Disconnected(f"{self._link.name} {what}; connect() opens it again", command)
 
-    def _lose(self, error: OSError, command: str | None) -> NoReturn:
+    def _lose(self, error: OSError, losses: int, command: str | None) -> NoReturn:
+        self.refuse_closed(command)
         with self._lock:
-            if not self.is_lost:
+            # Another thread may have noticed, and have opened the port again.
+            if not self.is_lost and losses == self.losses:
                 self.is_lost = True
                 self.losses += 1
                 self._on_loss()

@@ -28,7 +28,7 @@ from xbus.device.session import Session
 from xbus.device.settings import Applied, Settings, apply_plan, plan_settings, read_settings
 from xbus.device.stats import LiveStats, live_stats
 from xbus.device.string_output import check_strings_fit, plan_strings
-from xbus.errors import DeviceError, XbusError, XbusTimeout
+from xbus.errors import DeviceError, XbusTimeout
 from xbus.log.identity import Identity
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.keys import Key
@@ -230,7 +230,8 @@ class Device:
     ) -> Iterator[Device]:
         """Enters Config State for a ``with`` block, then restores the state in which the device was found.
 
-        Readers in other threads wait meanwhile.
+        Readers in other threads wait meanwhile. Several threads may configure a device at a time: the last
+        one restores the state.
 
         The block receives the device itself: in ``with device.configure() as cfg``, `cfg` is a short name for
         `device`. The first call also reads the identity of the device.
@@ -246,31 +247,11 @@ class Device:
         >>> device.product_code
         'MTi-630-8A1G6'
         """
-        if self.state == State.UNKNOWN:
-            self._channel.find_state()
-        found = self.state
-        with self._channel.configuring(found):
-            try:
-                if found != State.CONFIG:
-                    self.go_to_config()
-                self._identify()
-                if output_configuration is not None:
-                    self.set_output_configuration(
-                        output_configuration, check_baudrate=check_baudrate
-                    )
-                yield self
-            except BaseException:
-                # The error of the block matters more than a failure to restore the state.
-                with contextlib.suppress(XbusError):
-                    self._restore(found)
-                raise
-            self._restore(found)
-
-    def _restore(self, found: State) -> None:
-        if found == State.MEASUREMENT and self.state != State.MEASUREMENT:
-            if self.state != State.CONFIG:
-                self.go_to_config()
-            self.go_to_measurement()
+        with self._channel.configuring():
+            self._identify()
+            if output_configuration is not None:
+                self.set_output_configuration(output_configuration, check_baudrate=check_baudrate)
+            yield self
 
     def _identify(self) -> None:
         """Reads the identity, once. Very old firmware does not know all of these requests."""

@@ -57,6 +57,8 @@ class SerialLink:
         self._port = port
         self._bid, self._bound, self._strings = bid, bound, strings
         self._owned = owned
+        #: Held while the port is closed: pyserial closes its descriptor twice if two threads do that.
+        self._closing = threading.Lock()
         self.name = str(port.port or port.name)
         # The rate of a port behind a URL is not known.
         self.is_line = "://" not in self.name and not is_usb_of_device(self.name)
@@ -122,7 +124,13 @@ class SerialLink:
 
     def write(self, data: bytes) -> None:
         """Sends bytes."""
-        self._port.write(data)
+        try:
+            self._port.write(data)
+        except (AttributeError, TypeError, ValueError) as error:
+            # pyserial uses a descriptor that is gone if another thread closes the port meanwhile.
+            if self.acquisition.ended is None:
+                raise
+            raise ConnectionResetError(f"{self.name} was closed") from error
 
     def clock(self) -> float:
         """Returns the time in seconds on the clock of arrivals."""
@@ -135,7 +143,8 @@ class SerialLink:
     def reopen(self) -> None:
         """Opens the port again. Queue, counts and recording continue."""
         self.acquisition.end("the port is opened again")
-        self._port.close()
+        with self._closing:
+            self._port.close()
         if self._pump is not None:
             self._pump.join(JOIN_TIMEOUT)
         try:
@@ -154,7 +163,9 @@ class SerialLink:
 
     def close(self) -> None:
         """Closes the port if it was opened for this link."""
-        self._finalizer()
+        with self._closing:
+            _close(self._port, self.acquisition, self._owned)
+        self._finalizer.detach()
 
     def abandon(self) -> None:
         """Gives up the port without a trace, in a forked process: it belongs to the parent."""

@@ -164,9 +164,16 @@ class Reader:
         """Waits in a thread. A cancellation ends the wait at once."""
         if self._executor is None:
             self._executor = ThreadPoolExecutor(ASYNC_WAITS, thread_name_prefix="xbus-wait")
-        cancel = _core.Cancel()
+        loop, cancel = asyncio.get_running_loop(), _core.Cancel()
+        # No thread waits for a device that was closed, here or in the parent process.
+        self._channel.connection.refuse_closed(None)
         try:
-            await asyncio.get_running_loop().run_in_executor(self._executor, wait, cancel)
+            waited = loop.run_in_executor(self._executor, wait, cancel)
+        except RuntimeError:
+            self._channel.connection.refuse_closed(None)  # meanwhile, by another thread
+            raise
+        try:
+            await waited
         finally:
             self._acquisition.cancel(cancel)
 
