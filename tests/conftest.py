@@ -118,6 +118,7 @@ def facts(*parts: Log) -> Facts:
         "bid": _joined([part.bid for part in parts]),
         "time": _joined([part.time for part in parts]),
         "packet counter": _joined([part.packet_counter for part in parts]),
+        "restarts": _joined([part.core.restarts.sample for part in parts]),
         "messages": [message for part in parts for message in _messages(part)],
         "strings": [string for part in parts for string in _strings(part)],
         "damage": [item for part in parts for item in part.damage.tolist()],
@@ -158,6 +159,7 @@ def facts_of(log: Reference) -> Facts:
         "bid": np.array([bid for _, bid in log.samples], "u1"),
         "time": np.array(log.time, "f8"),
         "packet counter": np.array(log.packet_counter, "i8"),
+        "restarts": np.array(log.restarts, "i8"),
         "messages": [tuple(message) for message in log.messages],
         "strings": [
             (*string, sum(offset < string.offset for offset, _ in log.samples))

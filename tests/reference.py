@@ -21,6 +21,7 @@ import re
 import struct
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from fractions import Fraction
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -626,7 +627,11 @@ class Device:
     ticks: int = 0  # the same, unwrapped
     low: int | None = None  # the last PacketCounter
     counter: int = -1  # the same, unwrapped
-    restarted: bool = False
+    has_begun: bool = False
+    restarted: bool = False  # after the last sample
+    recounts: bool = False  # restarted after the last counter
+    anchor: tuple[int, int] | None = None  # ticks and counter of the last sample that has both
+    pace: tuple[int, int] = (0, 0)  # ticks, and what the counter counted in them
 
     def after(self, fine: int) -> int:
         """The unwrapped ticks of a SampleTimeFine that comes next."""
@@ -678,20 +683,69 @@ class Device:
             return float(coarse)
         return math.nan
 
-    def count(self, low: int) -> int:
+    def sample(self, stamps: dict[str, Any]) -> tuple[float, int, bool]:
+        """Returns the time of a sample, the samples lost before it and whether it starts a new run."""
+        low: int | None = stamps.get("packet_counter")
+        was_stamped, before = self.fine is not None, self.ticks
+        seconds = self.time(stamps)
+        now: int | None = None
+        if "sample_time_fine" in stamps and not any(name in stamps for name in GNSS):
+            now = self.ticks
+            follows = (
+                self.low is not None and low is not None and 1 <= (low - self.low) % 65536 <= 256
+            )
+            if was_stamped and now < before - TICKS and not follows:
+                self.restarted = self.recounts = True
+        lost = 0 if low is None else self.count(low, now)
+        restarted = self.restarted and self.has_begun
+        self.has_begun, self.restarted = True, False
+        return seconds, lost, restarted
+
+    def count(self, low: int, now: int | None) -> int:
         """Takes the next PacketCounter; returns how many samples were lost before it."""
+        is_first, step = self.low is None, 1
         if self.low is None:
             self.counter = low
-            step = 1
         else:
             step = (low - self.low) % 65536
             if step >= 32768 and self.counter + step >= 65536:  # else it would fall below zero
                 step -= 65536
             self.counter += step
         self.low = low
-        lost = max(0, step - 1) if not self.restarted else 0
-        self.restarted = False
+        if is_first or self.recounts:
+            self.pace, self.anchor = (0, 0), None
+        if now is not None:
+            unseen = self.unseen(now)
+            self.counter += unseen
+            step += unseen
+            self.anchor = now, self.counter
+        elif is_first or self.recounts:
+            self.anchor = None
+        lost = max(0, step - 1) if not self.recounts and not is_first else 0
+        self.recounts = False
         return lost
+
+    def unseen(self, now: int) -> int:
+        """Returns what the counter counted unseen since the last sample: 65,536 for each of its wraps.
+
+        The time between the two samples tells, at the pace of the counter until then.
+        """
+        if self.anchor is None:
+            return 0
+        elapsed, step = now - self.anchor[0], self.counter - self.anchor[1]
+        if not 0 < elapsed < DAY or abs(step) >= 2**20:
+            return 0
+        ticks, counts = self.pace
+        if ticks and Fraction(elapsed * counts, ticks) > step + 32768:
+            expected = elapsed * counts // ticks
+            wraps = (expected - step + 32768) // 65536
+            error = abs(expected - step - 65536 * wraps)
+            return 65536 * wraps if error <= min(expected // 16, 16384) else 0
+        if step > 0:
+            self.pace = ticks + elapsed, counts + step
+            if self.pace[1] > 4096:
+                self.pace = self.pace[0] // 2, self.pace[1] // 2
+        return 0
 
 
 # ---------------------------------------------------------------------------------------------
@@ -730,6 +784,9 @@ class Reference:
     messages: list[Message] = field(default_factory=list)
     time: list[float] = field(default_factory=list)  # seconds
     packet_counter: list[int] = field(default_factory=list)
+    restarts: list[int] = field(
+        default_factory=list
+    )  # the first sample of each later run of a device
     stats: dict[str, int] = field(default_factory=dict)
 
 
@@ -751,7 +808,8 @@ def decode(data: bytes, limit: int = LONGEST, named: int = 0) -> Reference:
                 Message(frame.mid, frame.bid, frame.payload, frame.offset, len(log.samples))
             )
             device.modulus = modulus_of_message(frame) or device.modulus
-            device.restarted = device.restarted or frame.mid in RESTARTS
+            if frame.mid in RESTARTS:
+                device.restarted = device.recounts = True
             continue
 
         sample = len(log.samples)
@@ -766,14 +824,13 @@ def decode(data: bytes, limit: int = LONGEST, named: int = 0) -> Reference:
             log.columns.setdefault((name, coordinates), []).append(Row(sample, data_id, values))
             stamps[name] = values
 
-        log.time.append(device.time(stamps))
-        if "packet_counter" in stamps:
-            missing = device.count(stamps["packet_counter"])
-            lost += missing
-            gaps += missing > 0
-            log.packet_counter.append(device.counter)
-        else:
-            log.packet_counter.append(-1)
+        seconds, missing, restarted = device.sample(stamps)
+        log.time.append(seconds)
+        log.packet_counter.append(device.counter if "packet_counter" in stamps else -1)
+        lost += missing
+        gaps += missing > 0
+        if restarted:
+            log.restarts.append(sample)
 
     log.stats = {
         "bytes": len(data),

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given
+from hypothesis import strategies as st
 
 import streams
 import xbus
@@ -50,6 +51,7 @@ DATA = b"".join(
 WIDE = """
     sample                  int64   -           -    -        -       0 1 2 3
     time                    double  s           -    -        -       0.01 - 0.02 -
+    utc                     time    -           -    -        -       - 2025-07-13T09:21:34.000000005 - -
     packet_counter          uint16  -           -    -        0x1020  1 - - 4
     sample_time_fine        uint32  0.1+ms      -    -        0x1060  100 - 200 -
     quaternion_q0           float   -           ENU  Float32  0x2010  1 - - -
@@ -75,7 +77,7 @@ WIDE = """
     utc_time                time    -           -    -        0x1010  - 2025-07-13T09:21:34.000000005 - -
     lat_lon_lat             double  deg         -    Fp1632   0x5042  - 52.5 - -
     lat_lon_lon             double  deg         -    Fp1632   0x5042  - 6.75 - -
-    gnss_sat_info_itow      uint32  1e-3+s      -    -        0x7020  - - 1000 -
+    gnss_sat_info_itow      double  s           -    -        0x7020  - - 1 -
     gnss_sat_info_numSvs    uint8   -           -    -        0x7020  - - 2 -
     gnss_sat_info_res1      uint8   -           -    -        0x7020  - - 0 -
     gnss_sat_info_res2      uint8   -           -    -        0x7020  - - 0 -
@@ -178,11 +180,11 @@ def test_satellites() -> None:
     names = ["sample", "time", "itow", "numSvs", "gnssId", "svId", "cno", "flags"]
     assert table.drop_columns(["res1", "res2", "res3"]).column_names == names
     assert [tuple(row[name] for name in names) for row in table.to_pylist()] == [
-        (2, 0.02, 1000, 2, 0, 5, 22, 20),
-        (2, 0.02, 1000, 2, 6, 24, 39, 16),
-        (5, 0.03, 1250, 1, 1, 120, 7, 1),
+        (2, 0.02, 1.0, 2, 0, 5, 22, 20),
+        (2, 0.02, 1.0, 2, 6, 24, 39, 16),
+        (5, 0.03, 1.25, 1, 1, 120, 7, 1),
     ]
-    assert table.schema.field("itow").metadata == {b"data_id": b"0x7020", b"unit": b"1e-3 s"}
+    assert table.schema.field("itow").metadata == {b"data_id": b"0x7020", b"unit": b"s"}
     assert table.schema.field("cno").metadata == {b"data_id": b"0x7020", b"unit": b"dBHz"}
     assert table.schema.field("gnssId").metadata == {b"data_id": b"0x7020"}
 
@@ -216,7 +218,7 @@ def test_what_is_not_there() -> None:
         xbus.read_log(DATA).to_arrow("quaternion")
 
 
-def columns_of(log: xbus.Log) -> dict[str, tuple[xbus.Column, Any]]:
+def columns_of(log: xbus.Log, *, raw: bool) -> dict[str, tuple[xbus.Column, Any]]:
     """Returns the columns of the wide table by name, from numpy arrays, except dates and time."""
     found: dict[str, tuple[xbus.Column, Any]] = {}
     names = [key if isinstance(key, str) else key[0] for key in log]
@@ -228,7 +230,8 @@ def columns_of(log: xbus.Log) -> dict[str, tuple[xbus.Column, Any]]:
         values = column.values
         if values.dtype.names:
             if column.name != "utc_time":
-                found |= {f"{stem}_{field}": (column, values[field]) for field in column.fields}
+                records = values if raw else column.scaled
+                found |= {f"{stem}_{field}": (column, records[field]) for field in column.fields}
         elif column.fields:
             flat = values.reshape(len(values), -1)
             found |= {f"{stem}_{it}": (column, flat[:, i]) for i, it in enumerate(column.fields)}
@@ -237,20 +240,33 @@ def columns_of(log: xbus.Log) -> dict[str, tuple[xbus.Column, Any]]:
     return found
 
 
-@given(damaged_streams(30))
-def test_tables_match_numpy(data: bytes) -> None:
+@given(damaged_streams(30), st.booleans())
+def test_tables_match_numpy(data: bytes, raw: bool) -> None:
     """Every cell of the wide table equals the last numpy row of its sample, bit by bit."""
     log = xbus.read_log(data)
-    table = log.to_arrow()
+    table = log.to_arrow(raw=raw)
     table.validate(full=True)
     assert table.num_rows == len(log)
-    columns = columns_of(log)
-    others = {"sample", "time", "utc_time"}
+    columns = columns_of(log, raw=raw)
+    others = {"sample", "time", "bid", "utc", "utc_time"}
+    if "bid" in table.column_names:
+        devices = np.where(log.bid == 0xFF, 1, log.bid)
+        bids = np.asarray(table["bid"])
+        assert np.where(bids == 0xFF, 1, bids).tolist() == devices.tolist()
+    if "utc" in table.column_names:
+        assert np.array_equal(
+            np.asarray(table["utc"].cast(pa.timestamp("ns"))), log.utc, equal_nan=True
+        )
     assert set(table.column_names) - others == set(columns)
     for name, (column, values) in columns.items():
         array = table[name].combine_chunks()
         dense = np.asarray(array.is_valid())
-        assert np.flatnonzero(dense).tolist() == np.unique(column.sample).tolist()
+        filled = np.unique(column.sample)
+        if values.dtype == np.float64 and column.dtype.names:
+            # "not provided" is null.
+            rows = np.searchsorted(column.sample, filled, side="right") - 1
+            filled = filled[~np.isnan(values[rows])]
+        assert np.flatnonzero(dense).tolist() == filled.tolist()
         last = np.searchsorted(column.sample, np.flatnonzero(dense), side="right") - 1
         found = np.asarray(array.drop_null())
         assert found.dtype == values.dtype
@@ -394,7 +410,7 @@ def test_polars_needs_no_pyarrow() -> None:
     path = str(OWN_CAPTURES / "walk.mtb")
     command = [sys.executable, "-c", textwrap.dedent(program), path]
     result = subprocess.run(command, check=True, capture_output=True, text=True)  # noqa: S603
-    assert result.stdout.split("\n")[0] == "(1040, 65) 40 (10, 3)"
+    assert result.stdout.split("\n")[0] == "(1040, 66) 40 (10, 3)"
 
 
 def test_duckdb() -> None:

@@ -182,9 +182,9 @@ def test_json_is_complete(tmp_path: Path) -> None:
     assert len(output["gaps"]) == stats["gaps"]
     assert sum(item["lost"] for item in output["gaps"]) == stats["lost_samples"]
     for item in output["gaps"]:
-        assert item["time_s"] == log.time[item["sample"]]
-    assert output["start_s"] == log.time.min()
-    assert output["duration_s"] == log.duration
+        assert item["time_s"] == round(log.time[item["sample"]], 6)
+    assert output["start_s"] == round(log.time.min(), 6)
+    assert output["duration_s"] == 9.99
     assert output["messages"] == {"FirmwareRev": 1, "Error": 1}
     assert output["strings"] == {}
     assert [item["name"] for item in output["quantities"]] == list(log)
@@ -195,7 +195,8 @@ def test_json_is_complete(tmp_path: Path) -> None:
             "coordinates": column.coordinates,
             "data_id": f"0x{column.data_id:04X}",
             "rows": len(column),
-            "rate_hz": column.rate,
+            "rate_hz": round(column.rate, 6),
+            "nominal_rate_hz": column.nominal_rate,
             "precision": column.precision,
             "unit": column.unit,
         }
@@ -204,7 +205,7 @@ def test_json_is_complete(tmp_path: Path) -> None:
         {
             "offset": error.offset,
             "sample": error.sample,
-            "time_s": log.time[error.sample - 1],
+            "time_s": round(log.time[error.sample - 1], 6),
             "name": "Error",
             "code": 41,
             "text": "more data than the baud rate can carry",

@@ -61,7 +61,7 @@ def test_parquet_statistics_exist_for_filter_columns(tmp_path: Path) -> None:
     group = pq.read_metadata(tmp_path / "log.parquet").row_group(0)
     columns = {index.path_in_schema: index for index in map(group.column, range(group.num_columns))}
     kept = [name for name, chunk in columns.items() if chunk.statistics]
-    assert kept == ["sample", "time", "utc_time"]
+    assert kept == ["sample", "time", "utc", "utc_time"]
     assert columns["time"].statistics.min == np.nanmin(log.time)
     assert columns["time"].statistics.max == np.nanmax(log.time)
 
@@ -84,14 +84,14 @@ def test_csv(log: xbus.Log, tmp_path: Path) -> None:
         column = table[name].combine_chunks()
         cells = [row[i] for row in rows]
         assert [cell == "" for cell in cells] == np.asarray(column.is_null()).tolist()
-        if name != "utc_time":
+        if name not in ("utc", "utc_time"):
             found = np.array(
                 [cell for cell in cells if cell], column.to_numpy(zero_copy_only=False).dtype
             )
             assert np.array_equal(
                 found.astype(column.type.to_pandas_dtype()), np.asarray(column.drop_null())
             )
-        elif name == "utc_time" and any(cells):
+        elif any(cells):
             assert all(cell.endswith("Z") for cell in cells if cell)
 
 

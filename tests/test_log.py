@@ -1408,13 +1408,19 @@ def test_gaps_and_restarts(sent: list[tuple[int, Any]], block: int) -> None:
     log = xbus.read_log(data)
     last: dict[int, int] = {}
     begun: set[int] = set()
+    awaited: set[int] = set()
+    sent_before: set[int] = set()
     index = 0
     for (bid, what), sample in zip(sent, is_sample, strict=True):
         device = 1 if bid == 0xFF else bid
         if not sample:
-            restarts.append((index, bid))
             begun.add(device)
+            awaited.add(device)
             continue
+        if device in awaited and device in sent_before:
+            restarts.append((index, bid))
+        awaited.discard(device)
+        sent_before.add(device)
         if isinstance(what, int):
             count = int(log.packet_counter[index])
             assert count % 65_536 == what

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use xbus::clock::{Change, Clocks, Gap, Losses, Stamps};
+use xbus::clock::{Change, Clocks, Gap, Losses, Restart, Stamps};
 use xbus::column::{Column, Pieces, Subject, Values};
 use xbus::device;
 use xbus::error::Fault;
@@ -27,6 +27,7 @@ pub struct Log {
     pub times: Vec<Bits>,
     pub counters: Vec<i64>,
     pub gaps: Vec<Gap>,
+    pub restarts: Vec<Restart>,
     pub messages: Vec<Message>,
     pub strings: Vec<Text>,
     pub damage: Vec<Damage>,
@@ -127,7 +128,7 @@ impl Log {
             sample: strings.sample[i],
             bytes: texts.next().expect("one each"),
         };
-        let (times, counters, gaps) = part.unwrap(clocks);
+        let Times { time: times, counter: counters, gaps, restarts, .. } = part.unwrap(clocks);
         let log = Self {
             first: part.first,
             columns: part.columns.iter().map(|column| Contents::of(part, column)).collect(),
@@ -136,6 +137,7 @@ impl Log {
             times: times.into_iter().map(|time| Bits(time.to_bits())).collect(),
             counters,
             gaps,
+            restarts,
             messages: (0..messages.mid.len()).map(message).collect(),
             strings: (0..strings.place.len()).map(text).collect(),
             damage: part.damage.clone(),
@@ -167,6 +169,7 @@ impl Log {
         self.times.extend(next.times);
         self.counters.extend(next.counters);
         self.gaps.extend(next.gaps);
+        self.restarts.extend(next.restarts);
         self.messages.extend(next.messages);
         self.strings.extend(next.strings);
         self.damage.extend(next.damage);
@@ -200,6 +203,7 @@ impl Log {
         assert_eq!(self.offsets, other.offsets, "{what}");
         assert_eq!(self.times, other.times, "{what}");
         assert_eq!(self.counters, other.counters, "{what}");
+        assert_eq!(self.restarts, other.restarts, "{what}");
         assert_eq!(self, other, "{what}");
     }
 
@@ -434,6 +438,9 @@ impl ByHand {
         if moment.lost > 0 {
             let sample = self.log.offsets.len() as u64;
             self.log.gaps.push(Gap { sample, lost: moment.lost, bid: frame.bid });
+        }
+        if moment.restarted {
+            self.log.restarts.push(Restart { sample, bid: frame.bid });
         }
         self.log.offsets.push(offset.cast_signed());
         self.log.bids.push(frame.bid);

@@ -358,6 +358,7 @@ class Reader:
         wanted: list[tuple[str, str | None]] | None,
         strings: int = 0,
         part_bytes: int | None = None,
+        rate: float | None = None,
         fast: bool = True,
     ) -> Reader:
         """Opens a log.
@@ -370,6 +371,7 @@ class Reader:
                 quantities.
             strings: See `Scanner`.
             part_bytes: Approximate bytes of input in a part. Decides how much memory columns reserve.
+            rate: Rate of the packet counter in Hz, from which samples without time stamps get their time.
             fast: Use the fast path. False is for tests.
 
         Raises:
@@ -433,7 +435,13 @@ class Part:
         """The places where samples are missing, by the packet counters."""
     @property
     def restarts(self) -> RestartArrays:
-        """The places where a device starts a new run, with GoToMeasurementAck, ResetAck or WakeUp."""
+        """The first sample of each run of a device, other than its first run."""
+    @property
+    def has_counter(self) -> bool:
+        """Whether a sample has a packet counter, without which losses are not known."""
+    @property
+    def utc(self) -> npt.NDArray[np.int64] | None:
+        """Valid UTC of each sample in ns since 1970, ``(n,)``, or -2^63; None if no column has UTC."""
     @property
     def packet_counter(self) -> npt.NDArray[np.int64]:
         """The packet counter, unwrapped, ``(n,)``; -1 for samples without one."""
@@ -881,6 +889,7 @@ class ArrowStream:
         part: Part,
         columns: list[Column] | None = None,
         host: npt.NDArray[np.float64] | None = None,
+        raw: bool = False,
     ) -> ArrowStream:
         """Returns a table with one row for each sample.
 
@@ -888,17 +897,21 @@ class ArrowStream:
             part: The part of a log.
             columns: Columns of this part; None for all.
             host: Host times of all samples, seconds since 1970, ``(n,)``: a column ``host_time``.
+            raw: Fields of records as integers, as on the wire, instead of in their units.
 
         Raises:
             ValueError: Columns of another part, or not one host time for each sample.
         """
     @staticmethod
-    def rows(column: Column, host: npt.NDArray[np.float64] | None = None) -> ArrowStream:
+    def rows(
+        column: Column, host: npt.NDArray[np.float64] | None = None, raw: bool = False
+    ) -> ArrowStream:
         """Returns a table with one row for each row of a column; for each entry of a list column.
 
         Args:
             column: The column.
             host: As in `wide`.
+            raw: As in `wide`.
         """
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """Returns the stream, in a capsule."""

@@ -11,7 +11,7 @@ use std::sync::Arc;
 use arrow_array::{RecordBatch, RecordBatchIterator};
 use arrow_schema::{ArrowError, Schema, SchemaRef};
 
-use self::series::Series;
+use self::series::{Series, Shared};
 use crate::error::HostTimesError;
 use crate::log::TimedPart;
 use crate::table::Kind;
@@ -29,6 +29,8 @@ pub struct Table {
     shape: Shape,
     /// Host time of each sample, in seconds since 1970.
     host_times: Option<Arc<Vec<f64>>>,
+    /// Whether fields of records are integers as on the wire, not in their units.
+    is_raw: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -45,7 +47,7 @@ impl Table {
     /// One row for each sample of the part, with these of its columns side by side; null where a sample lacks one.
     #[must_use]
     pub const fn wide(part: Arc<TimedPart>, columns: Vec<usize>) -> Self {
-        Self { part, shape: Shape::Wide(columns), host_times: None }
+        Self { part, shape: Shape::Wide(columns), host_times: None, is_raw: false }
     }
 
     /// One row for each row of one column of the part, or for each entry of a list column (a satellite, for instance).
@@ -53,7 +55,7 @@ impl Table {
     pub fn rows(part: Arc<TimedPart>, column: usize) -> Self {
         let kind = part.part.columns[column].quantity().map(|quantity| quantity.kind);
         let shape = if matches!(kind, Some(Kind::List(..))) { Shape::Entries(column) } else { Shape::Rows(column) };
-        Self { part, shape, host_times: None }
+        Self { part, shape, host_times: None, is_raw: false }
     }
 
     /// The same table with a column `host_time`: seconds since 1970 for each sample of the part, NaN for null.
@@ -67,6 +69,12 @@ impl Table {
         }
         self.host_times = Some(Arc::new(times));
         Ok(self)
+    }
+
+    /// The same table, with fields of records as integers, as on the wire.
+    #[must_use]
+    pub fn raw(self) -> Self {
+        Self { is_raw: true, ..self }
     }
 
     /// The table's batches. One that needs no copy is a single batch.
@@ -86,13 +94,11 @@ impl Table {
     }
 
     fn series(&self) -> (usize, Vec<Series>) {
-        let host_times = self.host_times.as_ref();
+        let shared = Shared { part: &self.part, host_times: self.host_times.as_ref(), is_raw: self.is_raw };
         match &self.shape {
-            Shape::Wide(columns) => (self.part.part.len(), series::wide(&self.part, columns, host_times)),
-            Shape::Rows(column) => {
-                (self.part.part.columns[*column].rows, series::rows(&self.part, *column, host_times))
-            }
-            Shape::Entries(column) => series::entries(&self.part, *column, host_times),
+            Shape::Wide(columns) => (self.part.part.len(), shared.wide(columns)),
+            Shape::Rows(column) => (self.part.part.columns[*column].rows, shared.rows(*column)),
+            Shape::Entries(column) => shared.entries(*column),
         }
     }
 }

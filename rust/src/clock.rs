@@ -97,6 +97,16 @@ pub struct Gap {
     pub bid: u8,
 }
 
+/// The first sample of a run, other than the first run of its device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Restart {
+    /// Index of the sample.
+    pub sample: u64,
+    /// Bus identifier of the device.
+    pub bid: u8,
+}
+
 /// When a sample was taken.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
@@ -106,6 +116,8 @@ pub struct Moment {
     pub counter: i64,
     /// Number of samples that are missing before this one.
     pub lost: u64,
+    /// Whether the device restarted between its last sample and this one.
+    pub restarted: bool,
 }
 
 /// A change of a clock by a message.
@@ -138,8 +150,18 @@ pub struct Clock {
     time: Option<(i64, i64)>,
     /// Last counter, unwrapped.
     counter: Option<i64>,
-    /// Whether the device began anew: the next counter counts no loss.
+    /// How fast the counter counts.
+    pace: Pace,
+    /// Counts per second of a device that sends no time stamps, if known.
+    rate: Option<f64>,
+    /// Whether a sample had a time stamp.
+    is_stamped: bool,
+    /// Whether the device has sent a sample.
+    has_begun: bool,
+    /// Whether the device restarted after its last sample.
     restarted: bool,
+    /// Whether the device restarted after its last counter: the next one counts no loss.
+    recounts: bool,
 }
 
 /// The two turns of the fine time, in ticks: a day, and all of 32 bits.
@@ -147,22 +169,55 @@ const DAY: i64 = Series::Hundred.fine_wrap().cast_signed();
 const U32: i64 = Series::SixHundred.fine_wrap().cast_signed();
 /// Ticks of the fine time in a second.
 const TICKS: i64 = 10_000;
+/// A clock that steps back by more ticks than this, with a counter that does not continue, has restarted.
+const RESTART_STEP: i64 = TICKS;
+/// The longest step of a counter that continues while the clock steps back.
+const SHORT_GAP: i64 = 256;
+/// Where the packet counter wraps.
+const COUNTS: i64 = 1 << 16;
 
 impl Clock {
     /// Takes note of a message between two samples.
     pub fn change(&mut self, change: Change) {
         match change {
             Change::Wrap(ticks) => self.wrap = Some(ticks.cast_signed()),
-            Change::Restart => self.restarted = true,
+            Change::Restart => (self.restarted, self.recounts) = (true, true),
         }
     }
 
     /// The moment of the next sample.
     #[inline(always)] // so that the moment stays in registers
+    #[allow(clippy::cast_precision_loss)] // below 2^53 for centuries
     pub fn sample(&mut self, stamps: Stamps) -> Moment {
-        let seconds = self.seconds(stamps);
-        let (counter, lost) = stamps.counter.map_or((-1, 0), |counter| self.count(counter));
-        Moment { seconds, counter, lost }
+        let before = self.time;
+        let mut seconds = self.seconds(stamps);
+        // The time of a sample of the GNSS receiver is no measure.
+        let now = if stamps.fine.is_some() && !stamps.gnss { self.time.map(|(_, ticks)| ticks) } else { None };
+        if let (Some((_, before)), Some(now)) = (before, now)
+            && before - now > RESTART_STEP
+            && !self.continues(stamps.counter)
+        {
+            (self.restarted, self.recounts) = (true, true);
+        }
+        let (counter, lost) = stamps.counter.map_or((-1, 0), |counter| self.count(counter, now));
+        if seconds.is_nan() {
+            if let (Some(rate), false, 0..) = (self.rate, self.is_stamped, counter) {
+                seconds = counter as f64 / rate;
+            }
+        } else {
+            self.is_stamped = true;
+        }
+        let restarted = std::mem::take(&mut self.restarted) && self.has_begun;
+        self.has_begun = true;
+        Moment { seconds, counter, lost, restarted }
+    }
+
+    /// Whether this counter follows the last one, perhaps after a short gap.
+    fn continues(&self, counter: Option<u16>) -> bool {
+        match (self.counter, counter) {
+            (Some(last), Some(counter)) => (1..=SHORT_GAP).contains(&(i64::from(counter) - last).rem_euclid(COUNTS)),
+            _ => false,
+        }
     }
 
     #[allow(clippy::cast_precision_loss)] // below 2^53 for centuries
@@ -220,18 +275,83 @@ impl Clock {
         micros + U32 * ((now - micros + U32 / 2).div_euclid(U32)).max(0)
     }
 
-    /// The counter, continued from the last one, and the samples that are missing between the two.
+    /// The counter, continued from the last one, and the samples that are missing between the two. `now` is the unwrapped
+    /// fine time of the sample, if it has one that is a measure.
     #[inline(always)]
-    fn count(&mut self, counter: u16) -> (i64, u64) {
+    fn count(&mut self, counter: u16, now: Option<i64>) -> (i64, u64) {
         let counter = i64::from(counter);
-        let restarted = std::mem::take(&mut self.restarted);
-        let Some(last) = self.counter.replace(counter) else { return (counter, 0) };
-        let step = (counter - last).rem_euclid(1 << 16);
+        let restarted = std::mem::take(&mut self.recounts);
+        let Some(last) = self.counter.replace(counter) else {
+            self.pace = Pace::from(now, counter);
+            return (counter, 0);
+        };
+        let step = (counter - last).rem_euclid(COUNTS);
         // Shorter backwards than forwards: an older sample, unless that would lead below zero.
-        let step = if step < 1 << 15 || last + step < 1 << 16 { step } else { step - (1 << 16) };
+        let mut step = if step < COUNTS / 2 || last + step < COUNTS { step } else { step - COUNTS };
+        if restarted {
+            self.pace = Pace::from(now, last + step);
+        } else if let Some(now) = now {
+            step += COUNTS * self.pace.wraps(now, last + step);
+        }
         let missing = if step > 1 && !restarted { step.unsigned_abs() - 1 } else { 0 };
         self.counter = Some(last + step);
         (last + step, missing)
+    }
+}
+
+/// How fast a counter counts, measured since the last restart. It shows how often the counter wrapped inside a gap.
+#[derive(Clone, Copy, Debug, Default)]
+struct Pace {
+    /// Fine time and counter, both unwrapped, of the last sample that has both.
+    last: Option<(i64, i64)>,
+    /// Ticks that `counts` took.
+    ticks: i64,
+    counts: i64,
+}
+
+/// Counts after which older ones have half the weight.
+const MEMORY: i64 = 1 << 12;
+/// Largest step of the counter that is compared with the time.
+const MAX_STEP: i64 = 1 << 20;
+
+impl Pace {
+    fn from(now: Option<i64>, counter: i64) -> Self {
+        Self { last: now.map(|now| (now, counter)), ticks: 0, counts: 0 }
+    }
+
+    /// How often the counter has wrapped unseen since the last sample. Neither a pause, after which the counter goes on
+    /// where it stopped, nor a clock that was set is a wrap: the time must agree with the counter to 1/16.
+    #[inline(always)]
+    fn wraps(&mut self, now: i64, counter: i64) -> i64 {
+        let Some((before, last)) = self.last.replace((now, counter)) else { return 0 };
+        let (elapsed, step) = (now - before, counter - last);
+        if elapsed <= 0 || elapsed >= DAY || step.abs() >= MAX_STEP {
+            return 0;
+        }
+        if elapsed * self.counts > (step + COUNTS / 2) * self.ticks {
+            return self.wraps_of_gap(elapsed, step);
+        }
+        if step > 0 {
+            (self.ticks, self.counts) = (self.ticks + elapsed, self.counts + step);
+            if self.counts > MEMORY {
+                (self.ticks, self.counts) = (self.ticks / 2, self.counts / 2);
+            }
+        }
+        0
+    }
+
+    #[cold]
+    fn wraps_of_gap(&mut self, elapsed: i64, step: i64) -> i64 {
+        let expected = elapsed * self.counts / self.ticks.max(1);
+        let wraps = (expected - step + COUNTS / 2) / COUNTS;
+        let difference = (expected - step - wraps * COUNTS).abs();
+        if difference > (expected / 16).min(COUNTS / 4) {
+            return 0;
+        }
+        if let Some((_, counter)) = &mut self.last {
+            *counter += wraps * COUNTS;
+        }
+        wraps
     }
 }
 
@@ -241,11 +361,18 @@ pub struct Clocks(Box<[Clock; 256]>);
 
 impl Default for Clocks {
     fn default() -> Self {
-        Self(Box::new([Clock::default(); 256]))
+        Self::new(None)
     }
 }
 
 impl Clocks {
+    /// Clocks at the beginning of a log. `rate` is that of the packet counter, in Hz, for devices that send it without
+    /// time stamps: their time is the counter's.
+    #[must_use]
+    pub fn new(rate: Option<f64>) -> Self {
+        Self(Box::new([Clock { rate, ..Clock::default() }; 256]))
+    }
+
     /// The clock of the device with this bus identifier.
     pub fn of(&mut self, bid: u8) -> &mut Clock {
         &mut self.0[usize::from(device_of(bid))]

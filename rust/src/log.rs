@@ -10,10 +10,10 @@ use std::sync::Arc;
 
 use rustc_hash::FxHashMap;
 
-use crate::clock::{Change, Clocks, Gap, Stamps, TRIGGER_STAMP};
+use crate::clock::{Change, Clocks, Gap, Restart, Stamps, TRIGGER_STAMP};
 use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
 use crate::error::{Fault, ReadError};
-use crate::frame::{Frame, HEADER_SIZE, Header, MAX_PAYLOAD};
+use crate::frame::{Frame, HEADER_SIZE, Header, MAX_PAYLOAD, device_of};
 use crate::huge_pages;
 use crate::input::Stream;
 use crate::layout::{Batch, Layout, Layouts, Slot};
@@ -253,18 +253,35 @@ impl Part {
         self.layout.iter().map(bid).collect()
     }
 
-    /// For each sample its time in seconds on the device clock, NaN without a time stamp, and its packet counter, -1
-    /// without one, both unwrapped; and the gaps. `clocks` are those at the beginning of the part, and on return those at
-    /// its end.
+    /// For each sample the bus identifier of its device, if the samples are of several devices. That of a device is the
+    /// one of its first sample.
     #[must_use]
-    pub fn unwrap(&self, clocks: &mut Clocks) -> (Vec<f64>, Vec<i64>, Vec<Gap>) {
+    pub fn bids_of_several(&self) -> Option<Vec<u8>> {
+        let sent = self.layouts.iter().map(|layout| layout.bid).chain(self.singles.iter().map(|single| single.bid));
+        let mut devices = sent.map(device_of);
+        let first = devices.next()?;
+        if devices.all(|device| device == first) {
+            return None;
+        }
+        let mut bids = self.bids();
+        let mut first = [None; 256];
+        for bid in &mut bids {
+            *bid = *first[usize::from(device_of(*bid))].get_or_insert(*bid);
+        }
+        Some(bids)
+    }
+
+    /// Times and packet counters of the samples, gaps and restarts. `clocks` are those at the beginning of the part, and
+    /// on return those at its end.
+    #[must_use]
+    pub fn unwrap(&self, clocks: &mut Clocks) -> Times {
         let [mut counter] = self.tracks(ClockRole::Counter);
         let [mut fine] = self.tracks(ClockRole::Fine);
         let [mut coarse] = self.tracks(ClockRole::Coarse);
         let mut triggers = self.tracks::<3>(ClockRole::Trigger);
         let mut gnss = self.tracks::<2>(ClockRole::Receiver);
         let mut changes = self.changes.iter().peekable();
-        let mut gaps = Vec::new();
+        let (mut gaps, mut restarts) = (vec![], vec![]);
         let (mut times, mut counters) = (huge_pages::with_capacity(self.len()), huge_pages::with_capacity(self.len()));
         for ((&layout, bid), sample) in self.layout.iter().zip(self.bids()).zip(self.first..) {
             while let Some((_, bid, change)) = changes.next_if(|change| change.0 <= sample) {
@@ -285,15 +302,13 @@ impl Part {
             if moment.lost > 0 {
                 gaps.push(Gap { sample, lost: moment.lost, bid });
             }
+            if moment.restarted {
+                restarts.push(Restart { sample, bid });
+            }
         }
         changes.for_each(|(_, bid, change)| clocks.of(*bid).change(*change));
-        (times, counters, gaps)
-    }
-
-    /// Where runs start: index of the next sample, and bus identifier of the device. The first run of a device starts
-    /// with its first sample.
-    pub fn restarts(&self) -> impl Iterator<Item = (u64, u8)> {
-        self.changes.iter().filter(|(.., change)| *change == Change::Restart).map(|(sample, bid, _)| (*sample, *bid))
+        let has_counter = counters.iter().any(|counter| *counter != -1);
+        Times { time: times, counter: counters, gaps, restarts, has_counter }
     }
 
     /// The columns of the `N` quantities that have this role, by identifier.

@@ -1,12 +1,54 @@
 //! `UtcTime` and `GnssPvtData` as points in time.
 
+use std::sync::Arc;
+
 use chrono::{NaiveDate, TimeDelta};
 
 use crate::column::{Column, Subject, Values};
+use crate::log::Part;
 use crate::table::data_id;
 
 const UTC_TIME: u16 = data_id("utc_time");
 const GNSS_PVT_DATA: u16 = data_id("gnss_pvt_data");
+
+/// Bits of the field `valid` of both records that are set in a valid time: date, time of day, and all of both resolved.
+pub const UTC_VALID: u8 = 0b111;
+/// Where both records have the field `valid`.
+const VALID: usize = 11;
+
+/// The same as [`nanoseconds_of_column`], but [`i64::MIN`] also where the device does not mark the time as valid.
+#[must_use]
+pub fn valid_nanoseconds_of_column(column: &Column) -> Option<Vec<i64>> {
+    let mut nanoseconds = nanoseconds_of_column(column)?;
+    if let Values::Records(bytes) = &column.values {
+        for (stamp, record) in nanoseconds.iter_mut().zip(bytes.chunks_exact(column.width)) {
+            if record[VALID] & UTC_VALID != UTC_VALID {
+                *stamp = i64::MIN;
+            }
+        }
+    }
+    Some(nanoseconds)
+}
+
+/// The UTC of each sample of a part in nanoseconds since 1970, [`i64::MIN`] where it is not known; `None` if none of
+/// these columns of the part has UTC. It comes from `UtcTime`, otherwise from `GnssPvtData`, where the device marks it as valid.
+#[must_use]
+#[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // samples of a part
+pub fn nanoseconds_of_samples(part: &Part, columns: &[&Arc<Column>]) -> Option<Vec<i64>> {
+    let mut all = None;
+    for id in [GNSS_PVT_DATA, UTC_TIME] {
+        let is = |column: &&&Arc<Column>| column.quantity().is_some_and(|quantity| quantity.id == id);
+        let Some(column) = columns.iter().find(is) else { continue };
+        let all = all.get_or_insert_with(|| vec![i64::MIN; part.len()]);
+        let stamps = valid_nanoseconds_of_column(column).unwrap_or_default();
+        for (sample, stamp) in part.samples_of(column).into_iter().zip(stamps) {
+            if stamp != i64::MIN {
+                all[(sample as u64 - part.first) as usize] = stamp;
+            }
+        }
+    }
+    all
+}
 
 /// The records of a `UtcTime` or `GnssPvtData` column in nanoseconds since 1970, [`i64::MIN`] for a date or time of day
 /// that does not exist; `None` for any other column.

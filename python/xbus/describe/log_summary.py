@@ -10,19 +10,28 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.describe.text import ResultCode, device_name, finite, read_result_code, recording_date
+from xbus.describe.text import (
+    ResultCode,
+    device_name,
+    finite,
+    known_digits,
+    read_result_code,
+    recording_date,
+)
 from xbus.log.column import Column
-from xbus.log.identity import Identity
+from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identity_of
 from xbus.log.log import DAMAGE, Log, steady_time
+from xbus.log.rates import Rates
+from xbus.log.runs import PartRuns, Run, Runs, recorded
 from xbus.log.stats import Stats
 from xbus.log.trackers import count_losses, frames_of
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import QUANTITIES, UTC_VALID
+from xbus.protocol.tables import QUANTITIES, UTC_VALID, device_of
 from xbus.protocol.undecoded import Undecoded
 from xbus.wire.message import Message
 
-__all__ = ["Event", "Gap", "LogSummary", "QuantitySummary", "TrackerSummary"]
+__all__ = ["DeviceSummary", "Event", "Gap", "LogSummary", "QuantitySummary", "TrackerSummary"]
 
 
 class Gap(NamedTuple):
@@ -73,56 +82,89 @@ class TrackerSummary(NamedTuple):
     gaps: int
 
 
-class Span:
-    """The earliest and the latest time stamp, and the number of time stamps."""
+class DeviceSummary:
+    """One device of a log: identity, number of samples, runs and rate.
 
-    def __init__(self) -> None:
-        self.start = self.end = float("nan")
-        self.stamps = 0
+    Attributes:
+        bid: Bus identifier, as in its first sample.
+        identity: Identifier, product code and firmware.
+        runs: Its runs, in order.
+    """
 
-    def add(self, stamps: npt.NDArray[np.float64]) -> None:
-        """Adds time stamps, in any order."""
-        if len(stamps):
-            self.start = float(np.fmin(self.start, stamps.min()))
-            self.end = float(np.fmax(self.end, stamps.max()))
-            self.stamps += len(stamps)
+    def __init__(
+        self, bid: int, identity: Identity, runs: list[Run], rates: Rates, *, has_counter: bool
+    ) -> None:
+        self.bid, self.identity, self.runs = bid, identity, runs
+        self.rate = rates.mean
+        self.nominal_rate = rates.nominal(self.samples, has_counter=has_counter)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples."""
+        return sum(run.samples for run in self.runs)
+
+    @property
+    def lost(self) -> int:
+        """Number of lost samples."""
+        return sum(run.lost for run in self.runs)
 
     @property
     def duration(self) -> float:
-        """Seconds; NaN for fewer than two time stamps."""
-        return self.end - self.start if self.stamps > 1 else float("nan")
+        """Seconds recorded; NaN if not known."""
+        return recorded(self.runs)
+
+    @property
+    def restarts(self) -> list[float]:
+        """Seconds that were recorded before each restart."""
+        seconds, restarts = 0.0, []
+        for run in self.runs[:-1]:
+            seconds += run.span.duration if run.span.stamps > 1 else 0.0
+            restarts.append(seconds)
+        return restarts
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns the summary as plain values for JSON."""
+        return {
+            "bid": self.bid,
+            **_identity_dict(self.identity),
+            "samples": self.samples,
+            "lost_samples": self.lost,
+            "duration_s": known_digits(self.duration),
+            "rate_hz": known_digits(self.rate),
+            "nominal_rate_hz": known_digits(self.nominal_rate),
+        }
 
 
 class QuantitySummary:
     """One quantity of a log: name, format, number of rows and rate."""
 
-    def __init__(self, column: Column) -> None:
+    def __init__(self, log: LogSummary, column: Column) -> None:
+        self._log = log
         self.name = column.name
         self.coordinates = column.coordinates
         self.unit = column.unit
         self.rows = 0
-        self._stamped = 0
-        self._first = self._last = float("nan")
+        self._rates = Rates()
         self._precisions: set[str | None] = set()
         self._ids: set[int] = set()
 
-    def add(self, column: Column) -> None:
-        """Adds the column of the next part."""
+    def add(self, column: Column, part: Log, runs: PartRuns) -> None:
+        """Adds the column of the next part, whose samples belong to ``runs``."""
         self.rows += len(column)
         self._precisions.add(column.precision)
         self._ids.add(column.data_id)
-        stamped = column.time[np.isfinite(column.time)]
-        if len(stamped):
-            if not self._stamped:
-                self._first = float(stamped[0])
-            self._last = float(stamped[-1])
-            self._stamped += len(stamped)
+        samples = column.sample - part.first_sample
+        self._rates.add(runs, samples, part.time)
 
     @property
     def rate(self) -> float:
         """Rows per second, as `Column.rate`."""
-        span = self._last - self._first
-        return (self._stamped - 1) / span if span > 0 else float("nan")
+        return self._rates.mean
+
+    @property
+    def nominal_rate(self) -> float:
+        """Rows per second where no sample is missing, as `Column.nominal_rate`."""
+        return self._rates.nominal(self._log.stats.samples, has_counter=self._log.has_counter)
 
     @property
     def precision(self) -> str | None:
@@ -141,7 +183,8 @@ class QuantitySummary:
             "coordinates": self.coordinates,
             "data_id": f"0x{self.data_id:04X}",
             "rows": self.rows,
-            "rate_hz": finite(self.rate),
+            "rate_hz": known_digits(self.rate),
+            "nominal_rate_hz": known_digits(self.nominal_rate),
             "precision": self.precision,
             "unit": self.unit,
         }
@@ -155,7 +198,6 @@ class LogSummary:
 
     Attributes:
         stats: Counts of what was read.
-        identity: Identifier, product code, firmware and configuration of the device.
         gaps: The places where samples are missing, in order.
         damage: Offset, length and reason of each range of bytes that is neither frame nor string.
         messages: Number of messages by name.
@@ -175,7 +217,9 @@ class LogSummary:
 
     def __init__(self, parts: Iterable[Log]) -> None:
         self.stats = Stats(**{field.name: 0 for field in fields(Stats)})
-        self.identity = Identity()
+        self._identities: dict[int, Identity] = {}
+        self._runs = Runs()
+        self._device_rates: dict[int, Rates] = {}
         self._quantities: dict[tuple[str, str | None], QuantitySummary] = {}
         self.gaps: list[Gap] = []
         self.damage: list[tuple[int, int, str]] = []
@@ -187,7 +231,6 @@ class LogSummary:
         self.frames: dict[int, list[npt.NDArray[np.int64]]] = {}
         self.utc: tuple[np.datetime64, np.datetime64] | None = None
         self.utc_rows = self.utc_valid = 0
-        self._steady, self._receiver = Span(), Span()
         self._last_time: float | None = None
         for part in parts:
             self.add(part)
@@ -218,31 +261,69 @@ class LogSummary:
         return any(quantity.name == "packet_counter" for quantity in self.quantities)
 
     @property
+    def has_time(self) -> bool:
+        """Whether samples have time stamps."""
+        return any(run.span.stamps for run in self.runs)
+
+    @property
+    def identity(self) -> Identity:
+        """Identifier, product code, firmware and configuration of the device; of the first of several."""
+        return identity_of(self._identities, list(self._runs.of_devices()))
+
+    @property
+    def runs(self) -> list[Run]:
+        """The runs of all devices, as `Log.runs`."""
+        return self._runs.all
+
+    @property
+    def devices(self) -> list[DeviceSummary]:
+        """The devices that sent samples, in the order of their first samples."""
+        devices = self._runs.of_devices()
+        return [
+            DeviceSummary(
+                bid,
+                self._identities.get(device_of(bid), Identity())
+                if len(devices) > 1
+                else self.identity,
+                runs,
+                self._device_rates[device_of(bid)],
+                has_counter=self.has_counter,
+            )
+            for bid, runs in devices.items()
+        ]
+
+    @property
     def start(self) -> float:
-        """Earliest time stamp in seconds on the device clock, as for `Log.duration`; NaN without any."""
-        return self._span.start
+        """Start of the first run with time stamps, in seconds on the device clock; NaN without any."""
+        starts = (run.span.start for run in self.runs if run.span.stamps)
+        return next(starts, float("nan"))
 
     @property
     def duration(self) -> float:
-        """Seconds between the earliest and the latest time stamp; NaN for fewer than two."""
-        return self._span.duration
-
-    @property
-    def _span(self) -> Span:
-        return self._steady if self._steady.stamps else self._receiver
+        """Seconds recorded, as `Log.duration`."""
+        return self._runs.duration
 
     def add(self, part: Log) -> None:
         """Adds the next part."""
         counts = asdict(self.stats)
         self.stats = Stats(**{name: counts[name] + n for name, n in asdict(part.stats).items()})
-        self.identity = part.identity
+        self._identities = identities_of(
+            (message for message in part.messages if message.mid in IDENTITY_MESSAGES),
+            self._identities,
+        )
+        runs = self._runs.add(part.core)
+        devices = device_of(part.bid)
+        for device in np.unique(devices).tolist():
+            rates = self._device_rates.setdefault(device, Rates())
+            samples = np.flatnonzero(devices == device)
+            rates.add(runs, samples, part.time)
         self.damage += part.damage.tolist()
         self.strings.update({name or "others": n for name, n in part.strings.counts.items()})
         for column in part.values():
             known = self._quantities.setdefault(
-                (column.name, column.coordinates), QuantitySummary(column)
+                (column.name, column.coordinates), QuantitySummary(self, column)
             )
-            known.add(column)
+            known.add(column, part, runs)
             if column.name == "utc_time":
                 self._add_utc(column)
         for device_id, frame in frames_of(part.get("awinda_snapshot")).items():
@@ -258,11 +339,8 @@ class LogSummary:
         self._add_gaps(part)
         steady = steady_time(part)
         self._add_messages(part, messages, steady)
-        is_steady = np.isfinite(steady)
-        self._steady.add(steady[is_steady])
-        self._receiver.add(part.time[np.isfinite(part.time) & ~is_steady])
-        if is_steady.any():
-            self._last_time = float(steady[is_steady][-1])
+        if len(stamps := steady[np.isfinite(steady)]):
+            self._last_time = float(stamps[-1])
 
     def _add_utc(self, column: Column) -> None:
         stamps = column.datetime[(column.values["valid"] & UTC_VALID == UTC_VALID)]
@@ -302,30 +380,33 @@ class LogSummary:
 
     def to_dict(self, file: str) -> dict[str, Any]:
         """Returns the summary as plain values for JSON: None for what is not known, and for NaN."""
-        identity, firmware, stats = self.identity, self.identity.firmware, self.stats
-        configuration = identity.configuration
+        stats, configuration = self.stats, self.identity.configuration
         return {
             "file": file,
             "bytes": stats.bytes,
-            "device": {
-                "product_code": identity.product_code,
-                "device_id": None
-                if identity.device_id is None
-                else device_name(identity.device_id),
-                "firmware": None if firmware is None else str(firmware),
-                "firmware_build": None if firmware is None else firmware.build,
-                "firmware_source": None if firmware is None else firmware.scm,
-            },
+            "device": _identity_dict(self.identity),
+            "devices": [device.to_dict() for device in self.devices],
             "recorded": configuration and recording_date(configuration),
             "configuration": configuration and _settings(configuration),
             "utc": self._utc_dict(),
-            "start_s": finite(self.start),
-            "duration_s": finite(self.duration),
+            "start_s": known_digits(self.start),
+            "duration_s": known_digits(self.duration),
+            "runs": [
+                {
+                    "bid": run.bid,
+                    "first": run.first,
+                    "last": run.last,
+                    "start_s": known_digits(run.span.start),
+                    "duration_s": known_digits(run.span.duration),
+                }
+                for run in self.runs
+            ],
             "frames": stats.frames,
             "samples": stats.samples,
             "lost_samples": stats.lost_samples,
             "gaps": [
-                {"sample": gap.sample, "time_s": gap.time, "lost": gap.lost} for gap in self.gaps
+                {"sample": gap.sample, "time_s": known_digits(gap.time), "lost": gap.lost}
+                for gap in self.gaps
             ],
             "quantities": [quantity.to_dict() for quantity in self.quantities],
             "skipped_bytes": stats.skipped_bytes,
@@ -338,7 +419,7 @@ class LogSummary:
                 {
                     "offset": event.offset,
                     "sample": event.sample,
-                    "time_s": event.time,
+                    "time_s": known_digits(event.time),
                     "name": event.name,
                     **event.result._asdict(),
                 }
@@ -357,6 +438,17 @@ class LogSummary:
             return None
         first, last = (f"{time}Z" for time in self.utc) if self.utc else (None, None)
         return {"first": first, "last": last, "rows": self.utc_rows, "valid": self.utc_valid}
+
+
+def _identity_dict(identity: Identity) -> dict[str, Any]:
+    firmware = identity.firmware
+    return {
+        "product_code": identity.product_code,
+        "device_id": None if identity.device_id is None else device_name(identity.device_id),
+        "firmware": None if firmware is None else str(firmware),
+        "firmware_build": None if firmware is None else firmware.build,
+        "firmware_source": None if firmware is None else firmware.scm,
+    }
 
 
 def _settings(configuration: Configuration) -> dict[str, Any]:

@@ -6,12 +6,18 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from xbus.describe.log_summary import LogSummary
+from xbus.describe.log_summary import DeviceSummary, LogSummary
 from xbus.describe.text import device_name, finite, printable, recording_date
 from xbus.formatting import describe_damage, describe_losses, format_count
+from xbus.log.identity import Identity
 from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 
 __all__ = ["format_utc", "log_rows", "quantity_rows"]
+
+#: Restarts that are listed one by one.
+MAX_RESTARTS = 4
+#: Share of the nominal rate below which both rates are stated.
+MUCH_LOST = 0.95
 
 
 def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
@@ -25,8 +31,20 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
         yield "UTC", " to ".join(map(format_utc, summary.utc))
     elif summary.utc_rows:
         yield "UTC", "sent, but never marked as valid"
+    devices = summary.devices
     if finite(summary.duration) is not None:
-        yield "duration", f"{summary.duration:,.2f} s"
+        restarts = "" if len(devices) > 1 else "".join(map(_restarts, devices))
+        yield "duration", f"{summary.duration:,.2f} s{restarts}"
+    elif stats.samples and summary.has_counter:
+        yield (
+            "duration",
+            "not known: the samples have no time stamps; --rate HZ derives them from the packet counter",
+        )
+    elif stats.samples:
+        yield "duration", "not known: the samples have neither time stamps nor a packet counter"
+    if len(devices) > 1:
+        for device in devices:
+            yield f"BID {device.bid}", _device_samples(device)
     yield "samples", f"{stats.samples:,}"
     if summary.has_counter or not summary.trackers:
         losses = describe_losses(stats.lost_samples, stats.gaps, has_counter=summary.has_counter)
@@ -54,7 +72,13 @@ def _trackers(summary: LogSummary) -> Iterator[str]:
 
 
 def _device(summary: LogSummary) -> Iterator[str]:
-    identity = summary.identity
+    if len(summary.devices) > 1:
+        yield f"{len(summary.devices)} devices on a bus"
+        return
+    yield from _identity(summary.identity)
+
+
+def _identity(identity: Identity) -> Iterator[str]:
     if identity.product_code is None and identity.device_id is None:
         yield "not named in this log"
     if identity.product_code is not None:
@@ -66,13 +90,45 @@ def _device(summary: LogSummary) -> Iterator[str]:
         yield f"firmware {identity.firmware}" + ("" if build is None else f" build {build}")
 
 
+def _device_samples(device: DeviceSummary) -> str:
+    """Returns identity, samples, duration and rate of one of several devices."""
+    samples = format_count(device.samples, "sample")
+    if finite(device.duration) is not None:
+        samples += f" in {device.duration:,.2f} s"
+    parts = [*_identity(device.identity), samples]
+    if rate := _rate(device.rate, device.nominal_rate):
+        parts.append(f"{rate} Hz")
+    if device.lost:
+        parts.append(f"{device.lost:,} lost")
+    return ", ".join(parts) + _restarts(device)
+
+
+def _restarts(device: DeviceSummary) -> str:
+    """Returns how often a device restarted, and after how many seconds that were recorded."""
+    seconds = [f"{time:,.1f}" for time in device.restarts]
+    if not seconds:
+        return ""
+    if len(seconds) == 1:
+        return f", restarted once, after {seconds[0]} s"
+    if len(seconds) > MAX_RESTARTS:
+        return f", restarted {len(seconds):,} times"
+    return f", restarted {len(seconds)} times, after {', '.join(seconds[:-1])} and {seconds[-1]} s"
+
+
 def quantity_rows(summary: LogSummary) -> Iterator[tuple[str, ...]]:
     """Yields the header of the table of quantities, then one row per quantity."""
     yield "quantity", "coord.", "rows", "rate/Hz", "precision", "unit"
     for quantity in summary.quantities:
-        rate = "" if finite(quantity.rate) is None else f"{quantity.rate:,.1f}"
         coordinates, precision = quantity.coordinates or "", quantity.precision or ""
-        yield quantity.name, coordinates, f"{quantity.rows:,}", rate, precision, quantity.unit
+        rows, rate = f"{quantity.rows:,}", _rate(quantity.rate, quantity.nominal_rate)
+        yield quantity.name, coordinates, rows, rate, precision, quantity.unit
+
+
+def _rate(rate: float, nominal: float) -> str:
+    """Returns a mean rate, with the nominal one if it is much higher."""
+    if finite(rate) is None:
+        return ""
+    return f"{rate:,.1f} of {nominal:,.4g}" if rate < MUCH_LOST * nominal else f"{rate:,.1f}"
 
 
 def format_utc(time: np.datetime64) -> str:

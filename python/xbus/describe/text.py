@@ -285,3 +285,14 @@ def packet_dict(packet: _core.Packet) -> dict[str, Any]:
 def finite(number: float) -> float | None:
     """Returns the number, or None for NaN and infinities, which JSON does not have."""
     return number if math.isfinite(number) else None
+
+
+def known_digits(number: float | None) -> float | None:
+    """Returns seconds or Hz to the digits that are known, or None for NaN, infinities and None.
+
+    Time stamps have a resolution of 0.1 ms, those of triggers of 1 us.
+
+    >>> known_digits(9.989999999990687), known_digits(math.nan)
+    (9.99, None)
+    """
+    return round(number, 6) if number is not None and math.isfinite(number) else None

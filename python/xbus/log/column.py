@@ -14,7 +14,9 @@ from xbus.log import export
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.flags import Flags
+from xbus.log.rates import Rates
 from xbus.log.rendering import html_table
+from xbus.log.runs import Runs
 from xbus.protocol.tables import QUANTITIES, Field, Quantity
 
 if TYPE_CHECKING:
@@ -225,48 +227,75 @@ class Column:
     def _refuse(self, attribute: str, others: str) -> NoReturn:
         raise AttributeError(f"{self.name} has no {attribute}; {others}")
 
+    @cached_property
+    def _rates(self) -> Rates:
+        rates = Rates()
+        part = self._part
+        rates.add(Runs().add(part), self.sample - part.first, part.time)
+        return rates
+
     @property
     def rate(self) -> float:
-        """Measured rows per second between the first and the last time stamp; NaN for fewer than two."""
-        stamped = self.time[np.isfinite(self.time)]
-        if len(stamped) < 2 or stamped[-1] <= stamped[0]:
-            return float("nan")
-        return float((len(stamped) - 1) / (stamped[-1] - stamped[0]))
+        """Measured rows per second of a device; NaN for fewer than two time stamps.
+
+        Only time inside `Log.runs` counts. In a log of several devices it is their mean.
+        """
+        return self._rates.mean
+
+    @property
+    def nominal_rate(self) -> float:
+        """Rows per second of a device where no sample is missing, in Hz; NaN if not known.
+
+        The rate that the device is set to, whatever was lost. It comes from the usual interval between two
+        rows without a gap between them. Without a packet counter it comes from the shortest intervals.
+        """
+        return self._rates.nominal(len(self._part), has_counter=self._part.has_counter)
 
     # Tables
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
-        stream = _core.ArrowStream.rows(self._core, self._host_times.known)
-        return stream.__arrow_c_stream__(requested_schema)
+        return self._stream().__arrow_c_stream__(requested_schema)
 
-    def to_arrow(self) -> pa.Table:
-        """Returns a pyarrow table: one row per packet, with ``sample``, ``time`` and the values; no nulls.
+    def _stream(self, *, raw: bool = False) -> _core.ArrowStream:
+        return _core.ArrowStream.rows(self._core, self._host_times.known, raw)
+
+    def to_arrow(self, *, raw: bool = False) -> pa.Table:
+        """Returns a pyarrow table: one row per packet, with ``sample``, ``time`` and the values.
 
         The same as `Log.to_arrow` with the key of the column. ``gnss_sat_info`` has one row per satellite.
+
+        Args:
+            raw: Fields of structs as integers, as on the wire, instead of in their units.
 
         Raises:
             ImportError: The extra ``arrow`` is not installed.
         """
-        table: pa.Table = export.arrow(self)
+        table: pa.Table = export.arrow(self._stream(raw=raw))
         return table
 
-    def to_pandas(self) -> pd.DataFrame:
+    def to_pandas(self, *, raw: bool = False) -> pd.DataFrame:
         """Returns the table of `to_arrow` as a pandas DataFrame.
+
+        Args:
+            raw: Fields of structs as integers, as on the wire, instead of in their units.
 
         Raises:
             ImportError: The extra ``pandas`` is not installed.
         """
-        frame: pd.DataFrame = export.pandas(self)
+        frame: pd.DataFrame = export.pandas(self._stream(raw=raw))
         return frame
 
-    def to_polars(self) -> pl.DataFrame:
+    def to_polars(self, *, raw: bool = False) -> pl.DataFrame:
         """Returns the table of `to_arrow` as a polars DataFrame.
+
+        Args:
+            raw: Fields of structs as integers, as on the wire, instead of in their units.
 
         Raises:
             ImportError: The extra ``polars`` is not installed.
         """
-        frame: pl.DataFrame = export.polars(self)
+        frame: pl.DataFrame = export.polars(self._stream(raw=raw))
         return frame
 
     # Comparison, pickle and print

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from xbus import _core
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.ids import MessageId
+from xbus.protocol.tables import device_of
 from xbus.wire.message import Message
 
-__all__ = ["IDENTITY_MESSAGES", "Identity"]
+__all__ = ["IDENTITY_MESSAGES", "Identity", "identities_of", "identity_of"]
 
 #: The messages that identify the device.
 IDENTITY_MESSAGES = (
@@ -40,15 +41,50 @@ class Identity:
         """
         identity = self
         for message in messages:
-            identity = identity._merged(_identity_of(message))
+            identity = identity.merged(_identity_of(message))
         return identity
 
-    def _merged(self, other: Identity) -> Identity:
+    def merged(self, other: Identity) -> Identity:
+        """Returns this identity with its gaps filled in from another one."""
         known = {key: value for key, value in vars(self).items() if value is not None}
         # FirmwareRev has the build, which Configuration lacks.
         if self.firmware and self.firmware.build is None and other.firmware:
             known["firmware"] = other.firmware
         return replace(other, **known)
+
+
+def identities_of(
+    messages: Iterable[Message], earlier: Mapping[int, Identity] | None = None
+) -> dict[int, Identity]:
+    """Returns the identity of each device, by BID; 1 stands for FF too.
+
+    Args:
+        messages: Messages of all devices; only those of `IDENTITY_MESSAGES` contribute.
+        earlier: What is known from earlier messages.
+    """
+    identities = dict(earlier or {})
+    for message in messages:
+        device = device_of(message.bid)
+        identities[device] = identities.get(device, Identity()).updated([message])
+    return identities
+
+
+def identity_of(identities: Mapping[int, Identity], bids: Sequence[int]) -> Identity:
+    """Returns the identity of the first of the devices that sent samples.
+
+    If it is the only one, messages of other BIDs describe it too.
+
+    Args:
+        identities: The identities by BID, as from `identities_of`.
+        bids: The BIDs of the devices that sent samples.
+    """
+    own = [identities[device] for device in map(device_of, bids[:1]) if device in identities]
+    if len(bids) > 1:
+        return own[0] if own else Identity()
+    identity = Identity()
+    for other in [*own, *identities.values()]:
+        identity = identity.merged(other)
+    return identity
 
 
 def _identity_of(message: Message) -> Identity:

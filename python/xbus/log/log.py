@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -17,17 +17,19 @@ from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.column import Column
 from xbus.log.hostclock import HostClock
-from xbus.log.identity import IDENTITY_MESSAGES, Identity
+from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identity_of
 from xbus.log.messages import Messages, Unknown
 from xbus.log.rendering import html_table, text_table
 from xbus.log.resample import Resampled, check_rate, spans
+from xbus.log.runs import PartRuns, Runs
+from xbus.log.runs import steady_time as steady_time_of
 from xbus.log.source import QuantityFilter
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
 from xbus.log.trackers import Tracker, trackers_of
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
-from xbus.protocol.tables import MESSAGES, QUANTITIES, RECEIVER, UTC_VALID
+from xbus.protocol.tables import QUANTITIES, device_of
 from xbus.protocol.undecoded import Undecoded, describe_undecoded, output_mids
 
 if TYPE_CHECKING:
@@ -35,18 +37,32 @@ if TYPE_CHECKING:
     import polars as pl
     import pyarrow as pa
 
-__all__ = ["Log", "steady_time"]
+__all__ = ["Log", "LogDevice", "steady_time"]
 
 DAMAGE = np.dtype([("offset", "i8"), ("length", "i8"), ("reason", "U12")])
 
 
 def steady_time(log: Log) -> npt.NDArray[np.float64]:
     """Returns the time of each sample, ``(N,)``; NaN for those of the GNSS receiver, which has its own."""
-    time = log.time.copy()
-    for name in RECEIVER:
-        if name in log:
-            time[log[name].sample - log.first_sample] = np.nan
-    return time
+    return steady_time_of(log._core)
+
+
+class LogDevice(NamedTuple):
+    """A device that sent samples of a log.
+
+    Attributes:
+        bid: Bus identifier, as in the first sample.
+        device_id: Device identifier, or None.
+        product_code: Product code, or None.
+        firmware: Firmware revision, or None.
+        samples: Number of its samples.
+    """
+
+    bid: int
+    device_id: int | None
+    product_code: str | None
+    firmware: Firmware | None
+    samples: int
 
 
 class Log(ByQuantity[Column]):
@@ -79,11 +95,11 @@ class Log(ByQuantity[Column]):
         core: _core.Part,
         *,
         quantities: QuantityFilter | None = None,
-        identity: Identity | None = None,
+        identities: Mapping[int, Identity] | None = None,
         host_times: HostTimes | None = None,
     ) -> None:
         self._core, self._filter = core, quantities
-        self._earlier = identity or Identity()
+        self._earlier = dict(identities or {})
         self._host_times = host_times or HostTimes(core)
         self.first_sample: int = core.first
         columns = [
@@ -147,34 +163,87 @@ class Log(ByQuantity[Column]):
         bits of ``valid`` are set. UTC of a GNSS receiver belongs to the device time of its own sample,
         which lags behind that of the neighbours.
         """
-        utc = np.full(len(self), np.datetime64("NaT"), "datetime64[ns]")
-        for name in ("gnss_pvt_data", "utc_time"):
-            if (column := self.get(name)) is not None:
-                is_valid = column["valid"] & UTC_VALID == UTC_VALID
-                is_valid &= ~np.isnat(column.datetime)
-                utc[column.sample[is_valid] - self.first_sample] = column.datetime[is_valid]
-        return read_only(utc)
+        utc = self._core.utc
+        stamps = np.full(len(self), np.datetime64("NaT"), "datetime64[ns]") if utc is None else utc
+        return read_only(stamps.view("datetime64[ns]"))
 
     @cached_property
     def packet_counter(self) -> npt.NDArray[np.int64]:
         """Packet counter of each sample, unwrapped, ``(N,)`` int64; -1 for a sample without one."""
         return self._core.packet_counter
 
+    @property
+    def core(self) -> _core.Part:
+        """The part of the log as the extension module has it."""
+        return self._core
+
+    @property
+    def has_counter(self) -> bool:
+        """Whether a sample has a packet counter, without which losses are not known."""
+        return self._core.has_counter
+
     @cached_property
     def bid(self) -> npt.NDArray[np.uint8]:
         """Bus identifier of the frame of each sample, ``(N,)`` uint8."""
         return self._core.bid
 
+    @cached_property
+    def _all_runs(self) -> tuple[Runs, PartRuns]:
+        runs = Runs()
+        return runs, runs.add(self._core)
+
+    @property
+    def _runs(self) -> Runs:
+        return self._all_runs[0]
+
+    @cached_property
+    def runs(self) -> npt.NDArray[Any]:
+        """The runs of the devices: a structured array of bid, first, last, start and duration, read-only.
+
+        A run is the samples of one device between two of its restarts: a WakeUp, ResetAck or
+        GoToMeasurementAck message, or a clock that steps back by more than a second together with the packet
+        counter. ``first`` and ``last`` are indices of samples, ``start`` is the earliest time stamp on the
+        device clock, and ``duration`` the seconds from there to the latest; NaN for fewer than two time
+        stamps. Time stamps of the GNSS receiver count only if there are no others: without a fix they are
+        arbitrary. In a part of a log, runs start at its first sample.
+
+        >>> import xbus
+        >>> xbus.read_log("tests/captures/walk.mtb").runs["duration"].round(2).tolist()
+        [9.99]
+        """
+        return self._runs.table()
+
     @property
     def duration(self) -> float:
-        """Seconds between the earliest and the latest time stamp; NaN for fewer than two.
+        """Seconds recorded: the sum of the runs of a device, the longest of several devices.
 
-        Time stamps of the GNSS receiver count only if there are no others: without a fix they are arbitrary.
+        NaN if no run has two time stamps.
         """
-        steady = steady_time(self)
-        time = steady if np.isfinite(steady).any() else self.time
-        stamped = time[np.isfinite(time)]
-        return float(stamped.max() - stamped.min()) if len(stamped) > 1 else float("nan")
+        return self._runs.duration
+
+    # The devices
+
+    @cached_property
+    def devices(self) -> tuple[LogDevice, ...]:
+        """The devices that sent samples, in the order of their first samples.
+
+        BID FF and 1 are the same device.
+        """
+        identities = self._identities
+        devices = self._runs.of_devices()
+        return tuple(
+            LogDevice(
+                bid,
+                identity.device_id,
+                identity.product_code,
+                identity.firmware,
+                sum(run.samples for run in runs),
+            )
+            for bid, runs in devices.items()
+            for identity in [
+                identities.get(device_of(bid), Identity()) if len(devices) > 1 else self.identity
+            ]
+        )
 
     # Everything else
 
@@ -266,10 +335,18 @@ class Log(ByQuantity[Column]):
     # The device
 
     @cached_property
-    def identity(self) -> Identity:
-        """Identifier, product code, firmware and configuration of the device, from its messages."""
+    def _identities(self) -> dict[int, Identity]:
+        """The identity of each device up to the end of this part, by BID; 1 stands for FF too."""
         rows = np.flatnonzero(np.isin(self.messages.mid, IDENTITY_MESSAGES))
-        return self._earlier.updated(self.messages[row] for row in rows.tolist())
+        return identities_of((self.messages[row] for row in rows.tolist()), self._earlier)
+
+    @cached_property
+    def identity(self) -> Identity:
+        """Identifier, product code, firmware and configuration of the device, from its messages.
+
+        In a log of several devices, those of the first one; `devices` lists all.
+        """
+        return identity_of(self._identities, list(self._runs.of_devices()))
 
     @property
     def device_id(self) -> int | None:
@@ -293,12 +370,14 @@ class Log(ByQuantity[Column]):
 
     # Tables
 
-    def _stream(self, keys: Key | Iterable[Key] | None = None) -> _core.ArrowStream:
+    def _stream(
+        self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False
+    ) -> _core.ArrowStream:
         host_time = self._host_times.known
         if isinstance(keys, str | int | tuple):
-            return _core.ArrowStream.rows(self[keys]._core, host_time)
+            return _core.ArrowStream.rows(self[keys]._core, host_time, raw)
         columns = [self[key]._core for key in self._chosen(keys)]
-        return _core.ArrowStream.wide(self._core, columns, host_time)
+        return _core.ArrowStream.wide(self._core, columns, host_time, raw)
 
     def _chosen(self, keys: Key | Iterable[Key] | None) -> list[EntryKey]:
         if keys is None:
@@ -363,27 +442,25 @@ class Log(ByQuantity[Column]):
                     )
         if not np.isfinite(self.time).any():
             raise ValueError("the log has no time stamps, without which nothing can be resampled")
-        runs = spans(self.bid, self._restarts(), [steady_time(self), self.time])
+        runs = spans(*self._all_runs)
         return Resampled(rate, runs, columns, max_gap=max_gap, first_sample=self.first_sample)
 
-    def _restarts(self) -> Iterator[tuple[int, int]]:
-        """Yields the bus identifier of a device that restarts, and the index of the next sample."""
-        mids = [row.mid for row in MESSAGES.values() if row.restarts]
-        for row in np.flatnonzero(np.isin(self.messages.mid, mids)).tolist():
-            message = self.messages[row]
-            yield message.bid, message.sample - self.first_sample
-
-    def to_arrow(self, keys: Key | Iterable[Key] | None = None) -> pa.Table:
+    def to_arrow(self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False) -> pa.Table:
         """Returns a pyarrow table.
 
         Without keys, or with a list of them: one row per sample, with the columns ``sample``, ``time``,
-        ``host_time`` if arrivals are known, and one for each component of each quantity
-        (``acceleration_x``), null if the sample lacks the quantity. With one key it has one row per packet
-        of that quantity, without nulls; for ``"gnss_sat_info"`` one row per satellite. The fields' metadata
-        hold unit, coordinates, precision and data identifier.
+        ``host_time`` if arrivals are known, ``bid`` if several devices sent samples, ``utc`` (see `utc`) if
+        ``utc_time`` or ``gnss_pvt_data`` is among the quantities, and one for each component of each quantity
+        (``acceleration_x``), null if the sample lacks the quantity. With one key it has one row per packet of
+        that quantity; for ``"gnss_sat_info"`` one row per satellite. The fields' metadata hold unit,
+        coordinates, precision and data identifier.
+
+        Fields of structs are in their units, null if the device does not provide them. ``utc_time`` is one
+        timestamp, null where the device does not mark it as valid.
 
         Args:
             keys: One key, a list of keys, or None for all quantities.
+            raw: Fields of structs as integers, as on the wire, instead of in their units.
 
         Raises:
             ImportError: The extra ``arrow`` is not installed.
@@ -394,68 +471,89 @@ class Log(ByQuantity[Column]):
         >>> log.to_arrow(["packet_counter", "acceleration"]).column_names
         ['sample', 'time', 'packet_counter', 'acceleration_x', 'acceleration_y', 'acceleration_z']
         """
-        table: pa.Table = export.arrow(self._stream(keys))
+        table: pa.Table = export.arrow(self._stream(keys, raw=raw))
         return table
 
-    def to_pandas(self, keys: Key | Iterable[Key] | None = None) -> pd.DataFrame:
+    def to_pandas(
+        self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False
+    ) -> pd.DataFrame:
         """Returns the table of `to_arrow` as a pandas DataFrame.
 
         Integers with nulls become float64; 64-bit ones become UInt64.
 
         Args:
             keys: One key, a list of keys, or None for all quantities.
+            raw: Fields of structs as integers, as on the wire, instead of in their units.
 
         Raises:
             ImportError: The extra ``pandas`` is not installed.
             KeyError: The log does not have one of the quantities.
         """
-        frame: pd.DataFrame = export.pandas(self._stream(keys))
+        frame: pd.DataFrame = export.pandas(self._stream(keys, raw=raw))
         return frame
 
-    def to_polars(self, keys: Key | Iterable[Key] | None = None) -> pl.DataFrame:
+    def to_polars(
+        self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False
+    ) -> pl.DataFrame:
         """Returns the table of `to_arrow` as a polars DataFrame.
 
         Args:
             keys: One key, a list of keys, or None for all quantities.
+            raw: Fields of structs as integers, as on the wire, instead of in their units.
 
         Raises:
             ImportError: The extra ``polars`` is not installed.
             KeyError: The log does not have one of the quantities.
         """
-        frame: pl.DataFrame = export.polars(self._stream(keys))
+        frame: pl.DataFrame = export.polars(self._stream(keys, raw=raw))
         return frame
 
     def to_parquet(
-        self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None
+        self,
+        path: str | os.PathLike[str],
+        keys: Key | Iterable[Key] | None = None,
+        *,
+        raw: bool = False,
     ) -> None:
         """Writes the table of `to_arrow` to a Parquet file, which appears whole or not at all.
 
         Args:
             path: Path of the file.
             keys: One key, a list of keys, or None for all quantities.
+            raw: Fields of structs as integers, as on the wire, instead of in their units.
 
         Raises:
             ImportError: The extra ``arrow`` is not installed.
             KeyError: The log does not have one of the quantities.
             OSError: The file cannot be written.
         """
-        export.parquet(self._stream(keys), path)
+        export.parquet(self._stream(keys, raw=raw), path)
 
-    def to_csv(self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None) -> None:
+    def to_csv(
+        self,
+        path: str | os.PathLike[str],
+        keys: Key | Iterable[Key] | None = None,
+        *,
+        raw: bool = False,
+    ) -> None:
         """Writes the table of `to_arrow` to a CSV file: a header, empty fields for nulls, dates in UTC.
 
         Args and errors are those of `to_parquet`.
         """
-        export.csv(self._stream(keys), path)
+        export.csv(self._stream(keys, raw=raw), path)
 
     def to_feather(
-        self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None
+        self,
+        path: str | os.PathLike[str],
+        keys: Key | Iterable[Key] | None = None,
+        *,
+        raw: bool = False,
     ) -> None:
         """Writes the table of `to_arrow` to an Arrow file (Feather).
 
         Args and errors are those of `to_parquet`.
         """
-        export.feather(self._stream(keys), path)
+        export.feather(self._stream(keys, raw=raw), path)
 
     def to_npz(self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None) -> None:
         """Writes the values of every quantity to an npz file, which appears whole or not at all.
@@ -509,6 +607,7 @@ class Log(ByQuantity[Column]):
                     "bid",
                     "damage",
                     "gaps",
+                    "runs",
                 )
             )
             and self.messages == other.messages
@@ -562,6 +661,9 @@ class Log(ByQuantity[Column]):
 
 
 def _unpickled(
-    core: _core.Part, quantities: QuantityFilter | None, identity: Identity, host_times: HostTimes
+    core: _core.Part,
+    quantities: QuantityFilter | None,
+    identities: dict[int, Identity],
+    host_times: HostTimes,
 ) -> Log:
-    return Log(core, quantities=quantities, identity=identity, host_times=host_times)
+    return Log(core, quantities=quantities, identities=identities, host_times=host_times)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -42,6 +43,7 @@ def read_log(
     *,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
+    rate: float | None = None,
     strings: Iterable[StringType | str] = (),
     between: Between | None = None,
     allow_restart: bool = False,
@@ -59,6 +61,8 @@ def read_log(
             otherwise it is the given one or, if that does not fit, the order of the times.
         strict: Raise at the first damage instead of reporting it in `Log.damage`.
         quantities: Keys of the quantities to keep, or None for all of them.
+        rate: Rate of the packet counter in Hz, for logs with a counter but no time: samples without a time
+            stamp get the time ``packet_counter / rate``. Devices that send time stamps keep theirs.
         strings: String types without checksum and terminator to parse too: ``["EM1000"]``. All other types
             are always parsed; so is EM1000 if a StringOutputType message in the log enables it.
         between: Read only the samples from the first moment on, up to but without the second. A moment is
@@ -74,7 +78,8 @@ def read_log(
         ImportError: The extra for a URL or a compressed file is not installed.
         OSError: The file cannot be read.
         TypeError: The source, or a key, is of the wrong type.
-        ValueError: A quantity or string type that does not exist, or pieces of different recordings.
+        ValueError: A quantity or string type that does not exist, a rate that is not a positive number, or
+            pieces of different recordings.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -85,7 +90,7 @@ def read_log(
     """
     keep = quantity_filter(quantities)
     source = _one_source(source, between, allow_restart)
-    reader = _reader(source, strict=strict, quantities=keep, strings=mask_of(strings))
+    reader = _reader(source, strict=strict, quantities=keep, strings=mask_of(strings), rate=rate)
     arrivals = arrivals_of(source)
     while reader.advance(STEP):
         pass
@@ -99,6 +104,7 @@ def iter_log(
     block_bytes: int = BLOCK,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
+    rate: float | None = None,
     strings: Iterable[StringType | str] = (),
     between: Between | None = None,
     allow_restart: bool = False,
@@ -113,6 +119,7 @@ def iter_log(
         block_bytes: Approximate size of a part, in bytes of input.
         strict: Raise at the first damage, after the part with the samples before it.
         quantities: As in `read_log`.
+        rate: As in `read_log`.
         strings: As in `read_log`.
         between: As in `read_log`.
         allow_restart: As in `read_log`.
@@ -130,12 +137,17 @@ def iter_log(
     keep = quantity_filter(quantities)
     source = _one_source(source, between, allow_restart)
     reader = _reader(
-        source, strict=strict, quantities=keep, strings=mask_of(strings), part_bytes=block_bytes
+        source,
+        strict=strict,
+        quantities=keep,
+        strings=mask_of(strings),
+        part_bytes=block_bytes,
+        rate=rate,
     )
     arrivals = arrivals_of(source)
 
     def parts() -> Iterator[Log]:
-        identity = Identity()
+        identities: dict[int, Identity] = {}
         clocks: dict[int, HostClock] = {}
         more = True
         while more:
@@ -148,8 +160,8 @@ def iter_log(
             host_times = HostTimes(core, arrivals, clocks)
             if arrivals is not None:
                 clocks = host_times.clocks
-            part = Log(core, quantities=keep, identity=identity, host_times=host_times)
-            identity = part.identity
+            part = Log(core, quantities=keep, identities=identities, host_times=host_times)
+            identities = part._identities
             yield part
             if fault is not None:
                 raise fault
@@ -215,8 +227,11 @@ def _reader(
     quantities: QuantityFilter | None,
     strings: int,
     part_bytes: int | None = None,
+    rate: float | None = None,
 ) -> _core.Reader:
     """Returns a reader at the start of ``source``, for parts of ``part_bytes``, or for one part."""
+    if rate is not None and not 0 < rate < math.inf:
+        raise ValueError(f"rate must be a positive number of Hz, not {rate!r}")
     opened = open_source(source)
     return _core.Reader(
         opened,
@@ -225,4 +240,5 @@ def _reader(
         wanted=quantities,
         strings=strings,
         part_bytes=size_hint(opened) if part_bytes is None else part_bytes,
+        rate=rate,
     )

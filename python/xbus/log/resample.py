@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -13,8 +14,9 @@ from xbus.geometry import quaternion
 from xbus.log import export
 from xbus.log.arrays import read_only
 from xbus.log.column import Column
+from xbus.log.runs import PartRuns, Runs
 from xbus.protocol.keys import ByQuantity, EntryKey, KeyIndex, QuantityKey
-from xbus.protocol.tables import QUANTITIES, Field, Quantity, device_of
+from xbus.protocol.tables import QUANTITIES, Field, Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,29 +58,19 @@ class Span(NamedTuple):
         return self.start + np.arange(steps + 1) / rate
 
 
-def spans(
-    bid: npt.NDArray[np.uint8], restarts: Iterable[tuple[int, int]], times: Sequence[FloatArray]
-) -> Iterator[Span]:
+def spans(runs: Runs, of_samples: PartRuns) -> Iterator[Span]:
     """Yields the time of each run that has time stamps, the runs of one device after those of another.
 
     Args:
-        bid: Bus identifier of each sample, ``(N,)``.
-        restarts: Bus identifier of a device that restarts, and index of the next sample.
-        times: Time of each sample, ``(N,)``, s. The first of them with a time stamp in the run counts.
+        runs: The runs of the log.
+        of_samples: The runs that its samples belong to.
     """
-    devices = device_of(bid)
-    restarts = list(restarts)
-    number = 0
-    for device in np.unique(devices).tolist():
-        samples = np.flatnonzero(devices == device)
-        starts = [at for other, at in restarts if device_of(other) == device]
-        for part in np.split(samples, np.searchsorted(samples, starts)):
-            stamped = (time[part][np.isfinite(time[part])] for time in times)
-            if (stamps := next(filter(len, stamped), None)) is not None:
-                yield Span(
-                    int(bid[part[0]]), number, part, float(stamps.min()), float(stamps.max())
-                )
-            number += len(part) > 0
+    numbers = {id(run): number for number, run in enumerate(runs.all)}
+    for run in itertools.chain.from_iterable(runs.of_devices().values()):
+        if run.span.stamps:
+            number = numbers[id(run)]
+            samples = np.flatnonzero(of_samples.run == number)
+            yield Span(run.bid, number, samples, run.span.start, run.span.end)
 
 
 class Resampled(ByQuantity[npt.NDArray[Any]]):

@@ -189,7 +189,6 @@ class ReportData:
         last_unset: When each flag of `EXPECTED` was last not set.
         tracks: Positions of the device, by quantity.
         positions: Number of rows of ``gnss_pvt_data`` with a fix, and of all rows.
-        restarts: Number of restarts of the device.
         settings: Messages that are not events, without repetitions; at most `MAX_SETTINGS`.
     """
 
@@ -207,13 +206,17 @@ class ReportData:
         self.last_unset: dict[str, float] = {}
         self.tracks: dict[str, Track] = {}
         self.positions = 0, 0
-        self.restarts = 0
         self.settings: list[Setting] = []
         self._series: dict[tuple[str, str | None], Series] = {}
         self._seen: set[tuple[str, str]] = set()
         self._last_step: float | None = None
         for part in parts:
             self._add(part)
+
+    @property
+    def restarts(self) -> int:
+        """Number of restarts of the devices."""
+        return sum(len(device.runs) - 1 for device in self.summary.devices)
 
     @property
     def has_counter(self) -> bool:
@@ -252,8 +255,6 @@ class ReportData:
                 fixes = int(np.count_nonzero(has_fix(column.values)))
                 self.positions = self.positions[0] + fixes, self.positions[1] + len(column)
         self._add_settings(part, x)
-        woken = (part.messages.mid == MessageId.WakeUp) & (part.messages.sample > 0)
-        self.restarts += int(np.count_nonzero(woken))
         if len(x):
             self.end = max(self.end, float(x.max()))
 

@@ -16,16 +16,35 @@ pub fn seconds(name: &str) -> Field {
     Field::new(name, DataType::Float64, true).with_metadata(unit)
 }
 
-/// A point in time in UTC; null for a date that does not exist.
-pub fn utc(name: &str, column: &Column) -> Field {
-    let data_type = DataType::Timestamp(TimeUnit::Nanosecond, Some("UTC".into()));
-    Field::new(name, data_type, true).with_metadata(metadata(column, ""))
+/// The bus identifier of the device.
+pub fn bid() -> Field {
+    Field::new("bid", DataType::UInt8, false)
+}
+
+/// UTC of each sample; null where it is not known.
+pub fn utc() -> Field {
+    Field::new("utc", timestamp(), true)
+}
+
+/// A point in time in UTC; null where the device does not mark it as valid, and for a date that does not exist.
+pub fn utc_of(name: &str, column: &Column) -> Field {
+    Field::new(name, timestamp(), true).with_metadata(metadata(column, ""))
+}
+
+fn timestamp() -> DataType {
+    DataType::Timestamp(TimeUnit::Nanosecond, Some("UTC".into()))
 }
 
 /// One number of each row of a column.
 pub fn number(name: String, column: &Column, nullable: bool) -> Field {
     let unit = column.quantity().map_or("", |quantity| quantity.unit);
     Field::new(name, type_of_values(&column.values), nullable).with_metadata(metadata(column, unit))
+}
+
+/// One field of each record of a column, in its unit.
+pub fn scaled_field(name: String, column: &Column, field: &table::Field, nullable: bool) -> Field {
+    let nullable = nullable || field.missing.is_some();
+    Field::new(name, DataType::Float64, nullable).with_metadata(metadata(column, field.unit))
 }
 
 /// One field of each record of a column, as the raw integer.

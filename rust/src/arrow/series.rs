@@ -15,7 +15,7 @@ use super::fields;
 use crate::column::{Column, Values};
 use crate::log::TimedPart;
 use crate::packet::record_size;
-use crate::table::{Kind, Wire, data_id};
+use crate::table::{self, Kind, Wire, data_id};
 use crate::utc;
 
 const UTC_TIME: u16 = data_id("utc_time");
@@ -38,8 +38,12 @@ enum Source {
     Numbers { column: Arc<Column>, element: usize },
     /// The number at byte `at` of each record.
     Records { column: Arc<Column>, is_entry: bool, at: usize, wire: Wire },
-    /// The time stamps of `UtcTime` records.
-    Utc(Arc<Column>),
+    /// The same in the unit of the field.
+    Scaled { column: Arc<Column>, is_entry: bool, at: usize, field: &'static table::Field },
+    /// Nanoseconds since 1970, [`i64::MIN`] for null.
+    Utc(Arc<Vec<i64>>),
+    /// The bus identifier of each row.
+    Bids(PrimitiveArray<UInt8Type>),
 }
 
 /// The times of the samples, NaN for a sample without one.
@@ -63,116 +67,155 @@ enum Places {
     From(Arc<Vec<usize>>),
 }
 
-/// One row for each sample.
-pub fn wide(part: &Arc<TimedPart>, columns: &[usize], host_times: Option<&Arc<Vec<f64>>>) -> Vec<Series> {
-    let chosen: Vec<_> = columns.iter().map(|&column| &part.part.columns[column]).collect();
-    let others: Vec<_> = chosen.iter().map(AsRef::as_ref).collect();
-    let mut series = stamps(part, 0..part.part.len(), host_times, &Places::Same);
-    for &column in &chosen {
-        let is_dense = part.part.is_dense(column);
-        let places = if is_dense { Places::Same } else { Places::Into(Arc::new(samples_of(part, column))) };
-        series.extend(of_column(column, &places, &others));
+/// What the columns of a table have in common.
+pub struct Shared<'a> {
+    pub part: &'a Arc<TimedPart>,
+    pub host_times: Option<&'a Arc<Vec<f64>>>,
+    /// Whether fields of records are integers as on the wire, not in their units.
+    pub is_raw: bool,
+}
+
+impl Shared<'_> {
+    /// One row for each sample.
+    pub fn wide(&self, columns: &[usize]) -> Vec<Series> {
+        let part = &self.part.part;
+        let chosen: Vec<_> = columns.iter().map(|&column| &part.columns[column]).collect();
+        let others: Vec<_> = chosen.iter().map(AsRef::as_ref).collect();
+        let mut series = self.stamps(0..part.len(), &Places::Same);
+        if let Some(stamps) = utc::nanoseconds_of_samples(part, &chosen) {
+            series.push(Series { field: fields::utc(), source: Source::Utc(Arc::new(stamps)), places: Places::Same });
+        }
+        for &column in &chosen {
+            let is_dense = part.is_dense(column);
+            let places = if is_dense { Places::Same } else { Places::Into(Arc::new(samples_of(self.part, column))) };
+            series.extend(self.of_column(column, &places, &others));
+        }
+        series
     }
-    series
-}
 
-/// One row for each row of a column.
-pub fn rows(part: &Arc<TimedPart>, column: usize, host_times: Option<&Arc<Vec<f64>>>) -> Vec<Series> {
-    let column = &part.part.columns[column];
-    let samples = samples_of(part, column);
-    let mut series = stamps(part, samples.clone(), host_times, &Places::From(Arc::new(samples)));
-    series.extend(of_column(column, &Places::Same, &[column]));
-    series
-}
+    /// One row for each row of a column.
+    pub fn rows(&self, column: usize) -> Vec<Series> {
+        let column = &self.part.part.columns[column];
+        let samples = samples_of(self.part, column);
+        let mut series = self.stamps(samples.iter().copied(), &Places::From(Arc::new(samples.clone())));
+        series.extend(self.of_column(column, &Places::Same, &[column]));
+        series
+    }
 
-/// One row for each entry of a list column: the number of rows, and the series.
-pub fn entries(part: &Arc<TimedPart>, column: usize, host_times: Option<&Arc<Vec<f64>>>) -> (usize, Vec<Series>) {
-    let column = &part.part.columns[column];
-    let kind = column.quantity().map(|quantity| quantity.kind);
-    let (Some(Kind::List(head, entry)), Values::Records(heads)) = (kind, &column.values) else { return (0, vec![]) };
-    let count = |record: &[u8]| usize::from(record[head[0].wire.size()]);
-    let counts = heads.chunks_exact(record_size(head)).map(count);
-    let rows: Vec<usize> = counts.enumerate().flat_map(|(row, count)| std::iter::repeat_n(row, count)).collect();
-    let samples_of_rows = samples_of(part, column);
-    let samples: Vec<usize> = rows.iter().map(|&row| samples_of_rows[row]).collect();
-    let mut series = stamps(part, samples.clone(), host_times, &Places::From(Arc::new(samples)));
-    let rows = Arc::new(rows);
-    for (record, is_entry, places) in [(head, false, Places::From(rows.clone())), (entry, true, Places::Same)] {
+    /// One row for each entry of a list column: the number of rows, and the series.
+    pub fn entries(&self, column: usize) -> (usize, Vec<Series>) {
+        let column = &self.part.part.columns[column];
+        let kind = column.quantity().map(|quantity| quantity.kind);
+        let (Some(Kind::List(head, entry)), Values::Records(heads)) = (kind, &column.values) else {
+            return (0, vec![]);
+        };
+        let count = |record: &[u8]| usize::from(record[head[0].wire.size()]);
+        let counts = heads.chunks_exact(record_size(head)).map(count);
+        let rows: Vec<usize> = counts.enumerate().flat_map(|(row, count)| std::iter::repeat_n(row, count)).collect();
+        let samples_of_rows = samples_of(self.part, column);
+        let samples: Vec<usize> = rows.iter().map(|&row| samples_of_rows[row]).collect();
+        let mut series = self.stamps(samples.iter().copied(), &Places::From(Arc::new(samples.clone())));
+        let rows = Arc::new(rows);
+        for (record, is_entry, places) in [(head, false, Places::From(rows.clone())), (entry, true, Places::Same)] {
+            let name = |field: &table::Field| field.name.to_owned();
+            series.extend(self.of_records(column, record, is_entry, &places, name));
+        }
+        (rows.len(), series)
+    }
+
+    /// The index of the sample of each row, its time, its host time if it is known, and its bus identifier if the part
+    /// has samples of several devices. `samples` count from the beginning of the part.
+    #[allow(clippy::cast_possible_wrap)]
+    fn stamps(&self, samples: impl Iterator<Item = usize> + Clone, places: &Places) -> Vec<Series> {
+        let first = self.part.part.first;
+        let indices = samples.clone().map(|sample| (first + sample as u64) as i64).collect::<Vec<_>>();
+        let times = |name: &str, times: Times| {
+            let is_complete = !times.seconds().iter().any(|time| time.is_nan());
+            Series { field: fields::seconds(name), source: Source::Times(times, is_complete), places: places.clone() }
+        };
+        let mut series = vec![
+            Series {
+                field: fields::sample(),
+                source: Source::Samples(PrimitiveArray::new(indices.into(), None)),
+                places: Places::Same,
+            },
+            times("time", Times::Device(self.part.clone())),
+        ];
+        series.extend(self.host_times.map(|host_times| times("host_time", Times::Host(host_times.clone()))));
+        if let Some(bids) = self.part.part.bids_of_several() {
+            let bids = samples.map(|sample| bids[sample]).collect::<Vec<_>>();
+            let source = Source::Bids(PrimitiveArray::new(bids.into(), None));
+            series.push(Series { field: fields::bid(), source, places: Places::Same });
+        }
+        series
+    }
+
+    /// The fields of the records of a column, or of its entries.
+    fn of_records(
+        &self,
+        column: &Arc<Column>,
+        record: &'static [table::Field],
+        is_entry: bool,
+        places: &Places,
+        name: impl Fn(&table::Field) -> String,
+    ) -> Vec<Series> {
+        let is_nullable = matches!(places, Places::Into(_));
         let mut at = 0;
+        let mut list = vec![];
         for field in record {
-            let source = Source::Records { column: column.clone(), is_entry, at, wire: field.wire };
-            let field_of_table = fields::record_field(field.name.to_owned(), column, field, false);
-            series.push(Series { field: field_of_table, source, places: places.clone() });
+            let column = column.clone();
+            let name = name(field);
+            #[allow(clippy::float_cmp)] // a constant of the table
+            let (field_of_table, source) = if self.is_raw || field.scale == 1.0 {
+                let field_of_table = fields::record_field(name, &column, field, is_nullable);
+                (field_of_table, Source::Records { column, is_entry, at, wire: field.wire })
+            } else {
+                let field_of_table = fields::scaled_field(name, &column, field, is_nullable);
+                (field_of_table, Source::Scaled { column, is_entry, at, field })
+            };
+            list.push(Series { field: field_of_table, source, places: places.clone() });
             at += field.wire.size();
         }
+        list
     }
-    (rows.len(), series)
+
+    /// The series of one column of the log, in a table that has the columns `others`.
+    fn of_column(&self, column: &Arc<Column>, places: &Places, others: &[&Column]) -> Vec<Series> {
+        let (Some(quantity), Some(stem)) = (column.quantity(), fields::stem(column, others)) else { return vec![] };
+        let is_nullable = !matches!(places, Places::Same);
+        let series = |field: Field, source: Source| Series { field, source, places: places.clone() };
+        match quantity.kind {
+            _ if quantity.id == UTC_TIME => {
+                let stamps = utc::valid_nanoseconds_of_column(column).unwrap_or_default();
+                vec![series(fields::utc_of(&stem, column), Source::Utc(Arc::new(stamps)))]
+            }
+            Kind::Struct(record) | Kind::List(record, _) => {
+                self.of_records(column, record, false, places, |field| format!("{stem}_{}", field.name))
+            }
+            _ => {
+                let number = |name: String, element: usize| {
+                    let source = Source::Numbers { column: column.clone(), element };
+                    series(fields::number(name, column, is_nullable), source)
+                };
+                if quantity.components.is_empty() {
+                    return vec![number(stem, 0)];
+                }
+                let mut order: Vec<usize> = (0..quantity.components.len()).collect();
+                if quantity.id == ROTATION_MATRIX {
+                    // Column by column on the wire, row by row in the table: m11, m12, m13, m21, ...
+                    order.sort_by_key(|&element| quantity.components[element]);
+                }
+                let name = |element: usize| format!("{stem}_{}", quantity.components[element]);
+                order.into_iter().map(|element| number(name(element), element)).collect()
+            }
+        }
+    }
 }
 
 /// The sample of each row of a column, counted from the beginning of the part.
 #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // samples of a part
 fn samples_of(part: &TimedPart, column: &Column) -> Vec<usize> {
     part.part.samples_of(column).into_iter().map(|sample| (sample as u64 - part.part.first) as usize).collect()
-}
-
-/// The index of the sample of each row, its time, and its host time if it is known. `samples` count from the beginning
-/// of the part.
-#[allow(clippy::cast_possible_wrap)]
-fn stamps(
-    part: &Arc<TimedPart>,
-    samples: impl IntoIterator<Item = usize>,
-    host_times: Option<&Arc<Vec<f64>>>,
-    places: &Places,
-) -> Vec<Series> {
-    let samples = samples.into_iter().map(|sample| (part.part.first + sample as u64) as i64).collect::<Vec<_>>();
-    let samples = Source::Samples(PrimitiveArray::new(samples.into(), None));
-    let times = |name: &str, times: Times| {
-        let is_complete = !times.seconds().iter().any(|time| time.is_nan());
-        Series { field: fields::seconds(name), source: Source::Times(times, is_complete), places: places.clone() }
-    };
-    let mut series = vec![
-        Series { field: fields::sample(), source: samples, places: Places::Same },
-        times("time", Times::Device(part.clone())),
-    ];
-    series.extend(host_times.map(|host_times| times("host_time", Times::Host(host_times.clone()))));
-    series
-}
-
-/// The series of one column of the log, in a table that has the columns `others`.
-fn of_column(column: &Arc<Column>, places: &Places, others: &[&Column]) -> Vec<Series> {
-    let (Some(quantity), Some(stem)) = (column.quantity(), fields::stem(column, others)) else { return vec![] };
-    let is_nullable = !matches!(places, Places::Same);
-    let series = |field: Field, source: Source| Series { field, source, places: places.clone() };
-    match quantity.kind {
-        _ if quantity.id == UTC_TIME => vec![series(fields::utc(&stem, column), Source::Utc(column.clone()))],
-        Kind::Struct(record) | Kind::List(record, _) => {
-            let mut at = 0;
-            let mut list = vec![];
-            for field in record {
-                let name = format!("{stem}_{}", field.name);
-                let source = Source::Records { column: column.clone(), is_entry: false, at, wire: field.wire };
-                list.push(series(fields::record_field(name, column, field, is_nullable), source));
-                at += field.wire.size();
-            }
-            list
-        }
-        _ => {
-            let number = |name: String, element: usize| {
-                let source = Source::Numbers { column: column.clone(), element };
-                series(fields::number(name, column, is_nullable), source)
-            };
-            if quantity.components.is_empty() {
-                return vec![number(stem, 0)];
-            }
-            let mut order: Vec<usize> = (0..quantity.components.len()).collect();
-            if quantity.id == ROTATION_MATRIX {
-                // Column by column on the wire, row by row in the table: m11, m12, m13, m21, ...
-                order.sort_by_key(|&element| quantity.components[element]);
-            }
-            let name = |element: usize| format!("{stem}_{}", quantity.components[element]);
-            order.into_iter().map(|element| number(name(element), element)).collect()
-        }
-    }
 }
 
 impl Times {
@@ -196,10 +239,10 @@ impl Series {
     pub fn is_lent(&self) -> bool {
         let is_same = matches!(self.places, Places::Same);
         match &self.source {
-            Source::Samples(_) => true,
+            Source::Samples(_) | Source::Bids(_) => true,
             Source::Times(_, is_complete) => is_same && *is_complete,
             Source::Numbers { column, .. } => is_same && column.width == 1,
-            Source::Records { .. } | Source::Utc(_) => false,
+            Source::Records { .. } | Source::Scaled { .. } | Source::Utc(_) => false,
         }
     }
 
@@ -207,6 +250,7 @@ impl Series {
     pub fn array(&self, from: usize, to: usize) -> ArrayRef {
         match &self.source {
             Source::Samples(samples) => Arc::new(samples.slice(from, to - from)),
+            Source::Bids(bids) => Arc::new(bids.slice(from, to - from)),
             Source::Times(times, _) if self.is_lent() => Arc::new(times.lent().slice(from, to - from)),
             Source::Times(times, _) => {
                 let seconds = times.seconds();
@@ -239,9 +283,19 @@ impl Series {
                     Wire::F4 => self.field::<Float32Type, 4>(field, f32::from_ne_bytes, from, to),
                 }
             }
-            Source::Utc(column) => {
-                let records = RecordField::of(column, false, 0);
-                let stamp = |row: usize| utc::nanoseconds(records.bytes(row)).unwrap_or(i64::MIN);
+            Source::Scaled { column, is_entry, at, field } => {
+                let records = RecordField::of(column, *is_entry, *at);
+                let value = |row: usize| scaled(field, records.bytes(row));
+                let array = self.gather::<Float64Type>(from, to, value);
+                if field.missing.is_none() {
+                    return Arc::new(array);
+                }
+                let is_known: NullBuffer = array.values().iter().map(|value| !value.is_nan()).collect();
+                let is_valid = NullBuffer::union(Some(&is_known), array.nulls());
+                Arc::new(PrimitiveArray::<Float64Type>::new(array.values().clone(), is_valid))
+            }
+            Source::Utc(stamps) => {
+                let stamp = |row: usize| stamps[row];
                 let stamps = self.gather::<TimestampNanosecondType>(from, to, stamp);
                 let exists: NullBuffer = stamps.values().iter().map(|stamp| *stamp != i64::MIN).collect();
                 let is_valid = NullBuffer::union(Some(&exists), stamps.nulls());
@@ -303,6 +357,27 @@ impl Series {
             }
         }
     }
+}
+
+/// The number at the start of `bytes` in the unit of its field; NaN for the number that means "not provided".
+fn scaled(field: &table::Field, bytes: &[u8]) -> f64 {
+    let bytes = &bytes[..field.wire.size()];
+    let raw = match (field.wire, bytes) {
+        (Wire::U1, &[byte]) => i64::from(byte),
+        (Wire::I1, &[byte]) => i64::from(byte.cast_signed()),
+        (Wire::U2, &[a, b]) => i64::from(u16::from_ne_bytes([a, b])),
+        (Wire::I2, &[a, b]) => i64::from(i16::from_ne_bytes([a, b])),
+        (Wire::U4, &[a, b, c, d]) => i64::from(u32::from_ne_bytes([a, b, c, d])),
+        (Wire::I4, &[a, b, c, d]) => i64::from(i32::from_ne_bytes([a, b, c, d])),
+        (wire, _) => unreachable!("no field of {wire:?} has a scale"),
+    };
+    if field.missing.is_some_and(|missing| i64::from(missing) == raw) {
+        return f64::NAN;
+    }
+    #[allow(clippy::cast_precision_loss)] // at most 32 bits
+    let raw = raw as f64;
+    // A power of ten is exact as a divisor, not as a factor.
+    raw / (1.0 / field.scale).round()
 }
 
 /// One field of the records of a column, or of the entries of a list column.

@@ -1,7 +1,7 @@
 //! Live samples as parts of a log.
 
 use super::lanes::Block;
-use crate::clock::Gap;
+use crate::clock::{Gap, Restart};
 use crate::hostclock::HostClock;
 use crate::log::{Options, Reader, TimedPart, Times, Wanted};
 
@@ -52,8 +52,12 @@ impl BlockDecoder {
         for (sample, index) in samples.iter().zip(part.first..) {
             times.time.push(sample.moment.seconds);
             times.counter.push(sample.moment.counter);
+            times.has_counter |= sample.moment.counter != -1;
             if sample.moment.lost > 0 {
                 times.gaps.push(Gap { sample: index, lost: sample.moment.lost, bid: sample.bid });
+            }
+            if sample.moment.restarted {
+                times.restarts.push(Restart { sample: index, bid: sample.bid });
             }
         }
         #[allow(clippy::cast_precision_loss)] // seconds since 1970 to a microsecond

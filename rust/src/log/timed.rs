@@ -3,7 +3,7 @@
 use std::sync::OnceLock;
 
 use super::{Part, Reader};
-use crate::clock::{Clocks, Gap, Losses};
+use crate::clock::{Clocks, Gap, Losses, Restart};
 
 /// Times and packet counters of the samples of a part.
 #[derive(Clone, Debug, Default)]
@@ -15,14 +15,13 @@ pub struct Times {
     pub counter: Vec<i64>,
     /// Where samples are missing.
     pub gaps: Vec<Gap>,
+    /// Where devices restarted.
+    pub restarts: Vec<Restart>,
+    /// Whether a sample has a packet counter, without which losses are not known.
+    pub has_counter: bool,
 }
 
 impl Times {
-    fn of(part: &Part, clocks: &mut Clocks) -> Self {
-        let (time, counter, gaps) = part.unwrap(clocks);
-        Self { time, counter, gaps }
-    }
-
     /// Losses according to the counters.
     #[must_use]
     pub fn losses(&self) -> Losses {
@@ -45,14 +44,14 @@ impl TimedPart {
     pub fn take(reader: &mut Reader, clocks: &mut Clocks) -> Self {
         let timed = Self { part: reader.take(), clocks: clocks.clone(), times: OnceLock::new() };
         if !reader.is_finished() {
-            let _ = timed.times.set(Times::of(&timed.part, clocks));
+            let _ = timed.times.set(timed.part.unwrap(clocks));
         }
         timed
     }
 
     /// Times and counters, computed on the first call.
     pub fn times(&self) -> &Times {
-        self.times.get_or_init(|| Times::of(&self.part, &mut self.clocks.clone()))
+        self.times.get_or_init(|| self.part.unwrap(&mut self.clocks.clone()))
     }
 
     /// A part whose times and counters are known already.
@@ -67,7 +66,7 @@ impl TimedPart {
     /// If there is no such column.
     #[must_use]
     pub fn only(&self, column: usize) -> Self {
-        let times = Times { time: self.times().time.clone(), ..Times::default() };
+        let times = Times { counter: vec![], ..self.times().clone() };
         Self::of(self.part.only(column), times)
     }
 }

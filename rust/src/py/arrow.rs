@@ -23,11 +23,12 @@ pub struct ArrowStream(Table);
 #[pymethods]
 impl ArrowStream {
     #[staticmethod]
-    #[pyo3(signature = (part, columns=None, host=None))]
+    #[pyo3(signature = (part, columns=None, host=None, raw=false))]
     fn wide(
         part: &Part,
         columns: Option<Vec<PyRef<'_, Column>>>,
         host: Option<PyReadonlyArray1<'_, f64>>,
+        raw: bool,
     ) -> PyResult<Self> {
         let chosen = match columns {
             Some(columns) if columns.iter().any(|column| !Arc::ptr_eq(&column.part, &part.0)) => {
@@ -36,13 +37,13 @@ impl ArrowStream {
             Some(columns) => columns.iter().map(|column| column.index).collect(),
             None => (0..part.0.part.columns.len()).collect(),
         };
-        Self::of(Table::wide(part.0.clone(), chosen), host)
+        Self::of(Table::wide(part.0.clone(), chosen), host, raw)
     }
 
     #[staticmethod]
-    #[pyo3(signature = (column, host=None))]
-    fn rows(column: &Column, host: Option<PyReadonlyArray1<'_, f64>>) -> PyResult<Self> {
-        Self::of(Table::rows(column.part.clone(), column.index), host)
+    #[pyo3(signature = (column, host=None, raw=false))]
+    fn rows(column: &Column, host: Option<PyReadonlyArray1<'_, f64>>, raw: bool) -> PyResult<Self> {
+        Self::of(Table::rows(column.part.clone(), column.index), host, raw)
     }
 
     /// The interface lets a producer ignore the schema that is requested.
@@ -59,7 +60,8 @@ impl ArrowStream {
 }
 
 impl ArrowStream {
-    fn of(table: Table, host: Option<PyReadonlyArray1<'_, f64>>) -> PyResult<Self> {
+    fn of(table: Table, host: Option<PyReadonlyArray1<'_, f64>>, raw: bool) -> PyResult<Self> {
+        let table = if raw { table.raw() } else { table };
         match host {
             Some(host) => Ok(Self(table.with_host_times(host.as_array().to_vec())?)),
             None => Ok(Self(table)),

@@ -13,7 +13,7 @@ use super::source::Source;
 use crate::clock::Clocks;
 use crate::log::{self, Options, TimedPart, Times, Wanted};
 use crate::scan::Window;
-use crate::state;
+use crate::{state, utc};
 
 /// Reads a log.
 #[pyclass(module = "xbus._core")]
@@ -28,7 +28,7 @@ pub struct Reader {
 #[pymethods]
 impl Reader {
     #[new]
-    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, fast=true))]
+    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, fast=true))]
     #[allow(clippy::too_many_arguments)] // by keyword
     fn new(
         source: &Bound<'_, PyAny>,
@@ -37,12 +37,13 @@ impl Reader {
         wanted: Option<Wanted>,
         strings: u32,
         part_bytes: Option<u64>,
+        rate: Option<f64>,
         fast: bool,
     ) -> PyResult<Self> {
         let options = Options { limit, strict, strings, wanted, fast };
         let (source, total) = Source::open(source)?;
         let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
-        Ok(Self { reader: log::Reader::new(options, part_bytes), clocks: Clocks::default(), source, total })
+        Ok(Self { reader: log::Reader::new(options, part_bytes), clocks: Clocks::new(rate), source, total })
     }
 
     #[getter]
@@ -180,6 +181,11 @@ impl Part {
     }
 
     #[getter]
+    fn has_counter(&self, py: Python<'_>) -> bool {
+        self.times(py).has_counter
+    }
+
+    #[getter]
     fn gaps(&self, py: Python<'_>) -> GapArrays {
         let gaps = &self.times(py).gaps;
         GapArrays {
@@ -191,10 +197,10 @@ impl Part {
 
     #[getter]
     fn restarts(&self, py: Python<'_>) -> RestartArrays {
-        let restarts: Vec<_> = self.0.part.restarts().collect();
+        let restarts = &self.times(py).restarts;
         RestartArrays {
-            sample: hand_over_signed(py, restarts.iter().map(|(sample, _)| *sample)).unbind(),
-            bid: hand_over(py, restarts.iter().map(|(_, bid)| *bid).collect()).unbind(),
+            sample: hand_over_signed(py, restarts.iter().map(|restart| restart.sample)).unbind(),
+            bid: hand_over(py, restarts.iter().map(|restart| restart.bid).collect()).unbind(),
         }
     }
 
@@ -206,6 +212,13 @@ impl Part {
     #[getter]
     fn end<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
         hand_over(py, py.detach(|| self.0.part.ends()))
+    }
+
+    #[getter]
+    fn utc<'py>(&self, py: Python<'py>) -> Option<Array<'py, i64>> {
+        let part = &self.0.part;
+        let columns: Vec<_> = part.columns.iter().collect();
+        py.detach(|| utc::nanoseconds_of_samples(part, &columns)).map(|stamps| hand_over(py, stamps))
     }
 
     #[getter]

@@ -1,0 +1,233 @@
+"""Runs, devices on a bus, losses, rates, and UTC and units in tables."""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import xbus
+from conftest import counter, fine
+from streams import frame, mtdata2, packet
+from test_cli import run
+from xbus.protocol.tables import QUANTITIES
+
+WAKE_UP = 0x3E
+
+
+def samples(
+    count: int, *, rate: int = 100, first: int = 0, ticks: int = 0, bid: int = 0xFF
+) -> list[bytes]:
+    """Returns samples with counter, time and temperature."""
+    return [
+        mtdata2(
+            counter(first + index),
+            fine(ticks + index * 10_000 // rate),
+            packet(0x0810, struct.pack(">f", index)),
+            bid=bid,
+        )
+        for index in range(count)
+    ]
+
+
+def power_cycle() -> bytes:
+    """Returns 10 s at 100 Hz, a restart, and 10 s more."""
+    first = samples(1000, first=30_000, ticks=1_000_000)
+    return b"".join([*first, frame(WAKE_UP), *samples(1000, ticks=5_700)])
+
+
+def info(tmp_path: Path, data: bytes) -> tuple[dict[str, Any], str]:
+    """Returns what ``xbus info`` prints about a log, as JSON and as text."""
+    path = tmp_path / "log.mtb"
+    path.write_bytes(data)
+    facts = json.loads(run("info", str(path), "--json").stdout)[0]
+    return facts, " ".join(run("info", str(path)).stdout.split())
+
+
+def test_power_cycle(tmp_path: Path) -> None:
+    data = power_cycle()
+    log = xbus.read_log(data)
+    assert log.duration == pytest.approx(19.98)
+    assert log["temperature"].rate == pytest.approx(100)
+    assert log["temperature"].nominal_rate == 100
+    assert log.runs.tolist() == [
+        (255, 0, 999, 100.0, pytest.approx(9.99)),
+        (255, 1000, 1999, 0.57, pytest.approx(9.99)),
+    ]
+    assert log.stats.lost_samples == 0
+    facts, text = info(tmp_path, data)
+    assert facts["duration_s"] == 19.98
+    assert [run["duration_s"] for run in facts["runs"]] == [9.99, 9.99]
+    assert {row["rate_hz"] for row in facts["quantities"]} == {100.0}
+    assert "19.98 s, restarted once, after 10.0 s" in text
+
+
+@pytest.mark.parametrize("message", [b"", frame(WAKE_UP)])
+def test_restart_of_counter_and_clock(message: bytes) -> None:
+    """A restart is found with and without the WakeUp."""
+    first = [
+        mtdata2(counter(0x7530), fine(5_000_000)),
+        mtdata2(counter(0x7531), fine(5_000_100)),
+    ]
+    second = [mtdata2(counter(0), fine(6_000)), mtdata2(counter(1), fine(6_100))]
+    log = xbus.read_log(b"".join([*first, message, *second]))
+    assert log.runs["duration"].tolist() == pytest.approx([0.01, 0.01])
+    assert (log.runs["first"].tolist(), log.runs["last"].tolist()) == ([0, 2], [1, 3])
+    assert log.duration == pytest.approx(0.02)
+    assert log["packet_counter"].rate == pytest.approx(100)
+    assert log.stats.lost_samples == 0
+
+
+def test_step_back_of_a_stamp_is_no_restart() -> None:
+    """A clock that steps back while the counter continues is a damaged stamp."""
+    stamps = [100_000, 100_100, 50_000, 100_300]
+    log = xbus.read_log(
+        b"".join(mtdata2(counter(i), fine(ticks)) for i, ticks in enumerate(stamps))
+    )
+    assert len(log.runs) == 1
+
+
+def bus() -> bytes:
+    """Returns 2 s of devices 1 and 2 at 100 Hz, and of 3 at 50 Hz, with identifiers."""
+    one = samples(200, bid=1, first=5, ticks=900_000)
+    two = samples(200, bid=2, first=40_000, ticks=77)
+    three = samples(100, rate=50, bid=3, ticks=5_000)
+    frames = [frame(0x01, bytes.fromhex(f"0080000{bid}"), bid=bid) for bid in (1, 2, 3)]
+    for index in range(200):
+        frames += [one[index], two[index]]
+        if index % 2 == 0:
+            frames.append(three[index // 2])
+    return b"".join(frames)
+
+
+def test_devices_on_a_bus(tmp_path: Path) -> None:
+    data = bus()
+    log = xbus.read_log(data)
+    assert [(row.bid, row.device_id, row.samples) for row in log.devices] == [
+        (1, 0x800001, 200),
+        (2, 0x800002, 200),
+        (3, 0x800003, 100),
+    ]
+    assert log.duration == pytest.approx(1.99)
+    assert log.runs["bid"].tolist() == [1, 2, 3]
+    assert log.to_arrow().column("bid").to_pylist() == log.bid.tolist()
+    assert log.to_arrow("temperature").column("bid").to_pylist() == log.bid.tolist()
+    facts, text = info(tmp_path, data)
+    assert [(row["bid"], row["rate_hz"], row["nominal_rate_hz"]) for row in facts["devices"]] == [
+        (1, 100.0, 100.0),
+        (2, 100.0, 100.0),
+        (3, 50.0, 50.0),
+    ]
+    assert facts["duration_s"] == 1.99
+    assert "BID 2 id 00800002, 200 samples in 1.99 s, 100.0 Hz" in text
+
+
+def test_single_device_has_no_bid_column() -> None:
+    log = xbus.read_log(b"".join(samples(3) + samples(3, first=3, ticks=300, bid=1)))
+    assert "bid" not in log.to_arrow().column_names
+    assert len(log.devices) == 1
+
+
+def test_losses_over_wraps_of_the_counter(tmp_path: Path) -> None:
+    counts = [10, 11, 12, 17, 18]
+    ticks = [1000, 1100, 1200, 6_555_300, 6_555_400]
+    data = b"".join(mtdata2(counter(c), fine(t)) for c, t in zip(counts, ticks, strict=True))
+    log = xbus.read_log(data)
+    assert (log.stats.lost_samples, log.stats.gaps) == (65_540, 1)
+    assert log.packet_counter.tolist() == [10, 11, 12, 65_553, 65_554]
+    assert log["packet_counter"].nominal_rate == 100
+    assert info(tmp_path, data)[0]["lost_samples"] == 65_540
+
+
+@given(st.integers(1, 12), st.integers(0, 65_535), st.sampled_from([50, 100, 400]))
+def test_any_number_of_wraps(wraps: int, step: int, rate: int) -> None:
+    lost = 65_536 * wraps + step
+    before = samples(20, rate=rate)
+    after = samples(5, rate=rate, first=20 + lost, ticks=(20 + lost) * 10_000 // rate)
+    assert xbus.read_log(b"".join(before + after)).stats.lost_samples == lost
+
+
+def test_a_pause_is_no_wrap() -> None:
+    """The counter continues after a pause, so its pace does not explain the time."""
+    data = samples(100) + samples(100, first=100, ticks=5_000_000)
+    assert xbus.read_log(b"".join(data)).stats.lost_samples == 0
+
+
+@pytest.mark.parametrize("rate", [100, 400, 800])
+def test_nominal_rate_with_losses(rate: int) -> None:
+    """The mean rate falls with losses, the nominal rate does not."""
+    kept = np.random.default_rng(rate).random(5000) < 0.1
+    data = b"".join(np.array(samples(5000, rate=rate), object)[kept])
+    column = xbus.read_log(data)["temperature"]
+    assert column.rate < 0.15 * rate
+    assert column.nominal_rate == pytest.approx(rate, rel=2e-3)
+
+
+def test_rate_gives_time_to_logs_without_time_stamps(tmp_path: Path) -> None:
+    values = [*range(65_500, 65_536), *range(64)]
+    data = b"".join(mtdata2(counter(value)) for value in values)
+    log = xbus.read_log(data)
+    assert np.isnan(log.time).all()
+    assert math.isnan(log.duration)
+    text = info(tmp_path, data)[1]
+    assert "no time stamps; --rate HZ derives them from the packet counter" in text
+    log = xbus.read_log(data, rate=100)
+    assert log.time.tolist() == pytest.approx([(65_500 + index) / 100 for index in range(100)])
+    assert log.duration == pytest.approx(0.99)
+    assert log["packet_counter"].rate == pytest.approx(100)
+    parts = xbus.iter_log(data, rate=100, block_bytes=100)
+    assert np.concatenate([part.time for part in parts]).tolist() == log.time.tolist()
+
+
+def test_rate_does_not_replace_time_stamps() -> None:
+    data = b"".join(samples(10))
+    assert xbus.read_log(data, rate=7) == xbus.read_log(data)
+
+
+@pytest.mark.parametrize("rate", [0, -1, math.nan, math.inf])
+def test_rate_must_be_positive(rate: float) -> None:
+    with pytest.raises(ValueError, match="rate must be"):
+        xbus.read_log(b"", rate=rate)
+
+
+UTC = ">IHBBBBBB"
+
+
+def test_utc_in_tables() -> None:
+    """UTC is null where the device does not mark it as valid."""
+    valid = packet(0x1010, struct.pack(UTC, 5, 2026, 7, 1, 12, 0, 0, 7))
+    invalid = packet(0x1010, struct.pack(UTC, 5, 2020, 1, 1, 0, 0, 0, 3))
+    log = xbus.read_log(
+        mtdata2(counter(0), invalid) + mtdata2(counter(1), valid) + mtdata2(counter(2))
+    )
+    table = log.to_arrow()
+    for name in ("utc", "utc_time"):
+        assert [time is None for time in table.column(name).to_pylist()] == [True, False, True]
+        assert str(table.column(name)[1]).startswith("2026-07-01 12:00:00")
+    assert "utc" not in log.to_arrow(["packet_counter"]).column_names
+    assert log.to_arrow(["packet_counter", "utc_time"]).column_names[:3] == [
+        "sample",
+        "time",
+        "utc",
+    ]
+
+
+def test_struct_fields_in_tables_are_in_their_units() -> None:
+    fields = {field.name: 0 for field in QUANTITIES["gnss_pvt_data"].fields}
+    fields |= {"lat": 522_406_918, "hAcc": 2**32 - 1}
+    log = xbus.read_log(xbus.encode_sample({"gnss_pvt_data": fields}))
+    table = log.to_arrow()
+    assert table.column("gnss_pvt_data_lat").to_pylist() == [52.2406918]
+    assert table.schema.field("gnss_pvt_data_lat").metadata[b"unit"] == b"deg"
+    assert table.column("gnss_pvt_data_hAcc").to_pylist() == [None]
+    raw = log.to_arrow(raw=True)
+    assert raw.column("gnss_pvt_data_hAcc").to_pylist() == [2**32 - 1]
+    assert raw.column("gnss_pvt_data_lat").to_pylist() == [522_406_918]
+    assert raw.schema.field("gnss_pvt_data_lat").metadata[b"unit"] == b"1e-7 deg"
