@@ -111,7 +111,7 @@ def test_progress(args: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert text.rpartition("\x1b[2K")[0]  # the line was wiped
     if args[0] == "decode":
         assert text.endswith(
-            "out.csv: 1,040 rows, 65 columns; 9.99 s, no samples lost, no damage\r\n"
+            "out.csv: 1,040 rows, 66 columns; 9.99 s, no samples lost, no damage\r\n"
         )
 
 

@@ -435,8 +435,8 @@ impl ByHand {
         stamps.trigger = triggers.into_iter().flatten().next_back(); // of several lines the highest counts
         assert_eq!(Stamps::read(frame.payload), stamps, "a live sample has the stamps of a logged one");
         let moment = self.clocks.of(frame.bid).sample(stamps);
+        let sample = self.log.offsets.len() as u64;
         if moment.lost > 0 {
-            let sample = self.log.offsets.len() as u64;
             self.log.gaps.push(Gap { sample, lost: moment.lost, bid: frame.bid });
         }
         if moment.restarted {

@@ -142,6 +142,7 @@ impl Change {
 }
 
 /// Clock and counter of one device.
+#[allow(clippy::struct_excessive_bools)] // they change independently
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Clock {
     /// Where the fine time wraps, once the log has named the device.
@@ -357,7 +358,7 @@ impl Pace {
 
 /// The clocks of all devices of a log.
 #[derive(Clone, Debug)]
-pub struct Clocks(Box<[Clock; 256]>);
+pub struct Clocks(Box<[Clock]>);
 
 impl Default for Clocks {
     fn default() -> Self {
@@ -370,7 +371,7 @@ impl Clocks {
     /// time stamps: their time is the counter's.
     #[must_use]
     pub fn new(rate: Option<f64>) -> Self {
-        Self(Box::new([Clock { rate, ..Clock::default() }; 256]))
+        Self(vec![Clock { rate, ..Clock::default() }; 256].into())
     }
 
     /// The clock of the device with this bus identifier.

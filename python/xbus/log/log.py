@@ -455,7 +455,7 @@ class Log(ByQuantity[Column]):
         that quantity; for ``"gnss_sat_info"`` one row per satellite. The fields' metadata hold unit,
         coordinates, precision and data identifier.
 
-        Fields of structs are in their units, null if the device does not provide them. ``utc_time`` is one
+        Fields of structs are in their units, null where the device does not provide them. ``utc_time`` is one
         timestamp, null where the device does not mark it as valid.
 
         Args:

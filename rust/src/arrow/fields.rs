@@ -41,7 +41,7 @@ pub fn number(name: String, column: &Column, nullable: bool) -> Field {
     Field::new(name, type_of_values(&column.values), nullable).with_metadata(metadata(column, unit))
 }
 
-/// One field of each record of a column, in its unit.
+/// One field of each record of a column, in its unit; null where the device does not provide it.
 pub fn scaled_field(name: String, column: &Column, field: &table::Field, nullable: bool) -> Field {
     let nullable = nullable || field.missing.is_some();
     Field::new(name, DataType::Float64, nullable).with_metadata(metadata(column, field.unit))
