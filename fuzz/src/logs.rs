@@ -7,7 +7,7 @@ use xbus::column::{Column, Pieces, Subject, Values};
 use xbus::device;
 use xbus::error::Fault;
 use xbus::frame::Frame;
-use xbus::log::{Options, Part, Reader, Stats, Strings};
+use xbus::log::{Options, Part, Reader, Stats, Strings, Times};
 use xbus::packet::{Coordinates, Form, Packet, Precision, packets};
 use xbus::scan::{Damage, Window};
 use xbus::table::{self, Field, Kind, Quantity, Wire};
