@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from xbus.protocol.values import StringType
     from xbus.sim import Faults, SimulatedDevice
     from xbus.wire.codec import Scanner, encode_frame, encode_packet, encode_sample
+    from xbus.wire.hextext import from_hex
     from xbus.wire.message import Message
     from xbus.wire.strings import String, encode_string, parse_string
 
@@ -67,6 +68,7 @@ _MODULES = {
     "protocol.values": ("StringType",),
     "sim": ("Faults", "SimulatedDevice"),
     "wire.codec": ("Scanner", "encode_frame", "encode_packet", "encode_sample"),
+    "wire.hextext": ("from_hex",),
     "wire.message": ("Message",),
     "wire.strings": ("String", "encode_string", "parse_string"),
 }
@@ -121,6 +123,7 @@ __all__ = [
     "encode_string",
     "errors",
     "find_ports",
+    "from_hex",
     "geometry",
     "iter_log",
     "log",

@@ -9,7 +9,7 @@ import click
 from xbus.cli import batch
 from xbus.cli.decoding import SUFFIXES, Decoding, is_string, suffix_of
 from xbus.cli.export_target import check_output
-from xbus.cli.inputs import label, reading_task, strings_option
+from xbus.cli.inputs import hex_option, label, reading_task, strings_option
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
 from xbus.cli.recordings import (
@@ -121,6 +121,7 @@ def _key(value: str) -> EntryKey:
     help="Write only this Awinda tracker: packet counter and magnetic field. xbus info lists them.",
 )
 @strings_option
+@hex_option
 @restart_option
 @click.option("--strict", is_flag=True, help="Fail at the first damage.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
@@ -142,6 +143,7 @@ def decode(
     max_gap: float | None,
     tracker: str | None,
     strings: tuple[str, ...],
+    is_hex: bool,
     allow_restart: bool,
     strict: bool,
     quiet: bool,
@@ -165,7 +167,13 @@ def decode(
     if tracker and (keys or rate_out):
         raise click.UsageError("--tracker excludes --quantity and --rate-out")
     decoding = Decoding(
-        keys, strings=strings, strict=strict, rate=rate_out, max_gap=max_gap, tracker=tracker
+        keys,
+        strings=strings,
+        strict=strict,
+        rate=rate_out,
+        max_gap=max_gap,
+        tracker=tracker,
+        is_hex=is_hex,
     )
     written = suffix if out is None else suffix_of(out)
     if written != ".npz":

@@ -56,6 +56,7 @@ class Decoding:
         rate: Rows per second to resample to, or None.
         max_gap: As for `Log.resample`.
         tracker: The Awinda tracker to write, or None.
+        is_hex: Whether the files are text with the bytes in hex.
     """
 
     def __init__(
@@ -67,9 +68,11 @@ class Decoding:
         rate: float | None = None,
         max_gap: float | None = None,
         tracker: str | None = None,
+        is_hex: bool = False,
     ) -> None:
         self._keys, self._strings, self._strict = list(keys), strings, strict
         self._rate, self._max_gap, self._tracker = rate, max_gap, tracker
+        self._is_hex = is_hex
 
     @property
     def _key(self) -> EntryKey | None:
@@ -103,7 +106,7 @@ class Decoding:
         from xbus.log.read import read_log
 
         quantities = [key for key in self._keys if not is_string(key)] if self._keys else None
-        with Input(files, progress) as source:
+        with Input(files, progress, is_hex=self._is_hex) as source:
             try:
                 log = read_log(
                     source, strict=self._strict, quantities=quantities, strings=self._strings

@@ -9,7 +9,7 @@ import click
 
 from xbus.cli import batch
 from xbus.cli.export_target import quality_text, writing
-from xbus.cli.inputs import Input, no_frame, strings_option
+from xbus.cli.inputs import Input, hex_option, no_frame, strings_option
 from xbus.cli.printing import print_json, print_line
 from xbus.cli.progress import ShowsProgress
 from xbus.cli.recordings import inputs_argument, restart_option, several_recordings
@@ -21,6 +21,7 @@ __all__ = ["info"]
 @inputs_argument
 @batch.batch_options
 @strings_option
+@hex_option
 @restart_option
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress.")
 @click.option(
@@ -32,6 +33,7 @@ def info(
     skip_existing: bool,
     jobs: int | None,
     strings: tuple[str, ...],
+    is_hex: bool,
     allow_restart: bool,
     quiet: bool,
     as_json: bool,
@@ -51,7 +53,7 @@ def info(
 
     def describe(job: batch.Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
         files = job.recording.files
-        with Input(files, progress) as source:
+        with Input(files, progress, is_hex=is_hex) as source:
             summary = LogSummary(iter_log(source, strings=strings))
         if not summary.stats.frames and not summary.stats.strings:
             raise no_frame(files, summary.stats.bytes)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import select
 import stat
@@ -20,7 +21,7 @@ from xbus.files import is_plain, local_name, open_file
 if TYPE_CHECKING:
     from xbus.log.arrivals import Arrivals
 
-__all__ = ["Input", "label", "no_frame", "reading_task", "strings_option"]
+__all__ = ["Input", "hex_option", "label", "no_frame", "reading_task", "strings_option"]
 
 #: The name of standard input.
 STDIN = "-"
@@ -65,6 +66,15 @@ strings_option = click.option(
 )
 
 
+#: The option for inputs that are text.
+hex_option = click.option(
+    "--hex",
+    "is_hex",
+    is_flag=True,
+    help="IN is text with the bytes in hex, as copied from MT Manager, a terminal or xxd.",
+)
+
+
 def no_frame(names: Sequence[str], size: int) -> Failure:
     """Returns the failure of inputs without an Xbus frame."""
     problem = "the input is empty" if size == 0 else f"none in {size:,} bytes"
@@ -82,6 +92,7 @@ class Input:
     Args:
         names: Paths or URLs, in order; ``-`` is standard input.
         progress: The progress bar to update.
+        is_hex: Whether the files are text with the bytes in hex.
 
     Attributes:
         total: Size of all files in bytes, None if one is a pipe, compressed or remote.
@@ -90,10 +101,14 @@ class Input:
         Failure: A file cannot be read.
     """
 
-    def __init__(self, names: Sequence[str], progress: ShowsProgress | None = None) -> None:
+    def __init__(
+        self, names: Sequence[str], progress: ShowsProgress | None = None, *, is_hex: bool = False
+    ) -> None:
         self._names, self._sizes = list(names), [_size(name) for name in names]
         self.total = None if None in self._sizes else sum(size or 0 for size in self._sizes)
-        self._progress = progress
+        self._progress, self._is_hex = progress, is_hex
+        if is_hex:
+            self.total = None
         self._unopened = list(names)
         self._file: IO[bytes] | None = None
         self._can_select = False
@@ -121,7 +136,7 @@ class Input:
         )
 
     def _close(self) -> None:
-        if self._file is not None and self._starts[-1][1] != STDIN:
+        if self._file is not None and (self._is_hex or self._starts[-1][1] != STDIN):
             self._file.close()
         self._file = None
 
@@ -140,7 +155,7 @@ class Input:
         """Opens the next file."""
         name = self._unopened.pop(0)
         with _reading(name):
-            self._file = _open(name)
+            self._file = _open_hex(name) if self._is_hex else _open(name)
             is_pipe = is_plain(name) and os.name == "posix" and not self.is_regular
             self._can_select = is_pipe and _has_descriptor(self._file)
         self._starts.append((self._position, name))
@@ -214,6 +229,22 @@ def _open(name: str) -> IO[bytes]:
         raw: IO[bytes] = getattr(sys.stdin.buffer, "raw", sys.stdin.buffer)
         return raw
     return open_file(name)
+
+
+def _open_hex(name: str) -> IO[bytes]:
+    """Opens a text with bytes in hex."""
+    from xbus.wire.hextext import from_hex
+
+    file = _open(name)
+    text = b""
+    while data := file.read(1 << 20):
+        text += data
+    if name != STDIN:
+        file.close()
+    try:
+        return io.BytesIO(from_hex(text.decode("utf-8", "replace")))
+    except ValueError as error:
+        raise Failure(f"cannot read {label(name)}: {error}") from error
 
 
 def _has_descriptor(file: IO[bytes]) -> bool:
