@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import errno
 from typing import Any, BinaryIO, Protocol
-from urllib.parse import urlsplit
-from urllib.request import url2pathname
 
 from xbus.extras import require
 
@@ -31,6 +29,10 @@ def local_name(name: str) -> str:
     """Returns the path in a ``file://`` URL; other names unchanged."""
     if not name.lower().startswith("file://"):
         return name
+    # Imported here, as are the decompressors: `xbus --help` must not wait for these.
+    from urllib.parse import urlsplit
+    from urllib.request import url2pathname
+
     parts = urlsplit(name)
     host = "" if parts.netloc in ("", "localhost") else f"//{parts.netloc}"
     return url2pathname(host + parts.path)
@@ -71,7 +73,6 @@ def open_file(name: str) -> BinaryIO:
 
 
 def _decompressor(raw: BinaryIO, suffix: str) -> _Reads:
-    # Imported here: `xbus --help` must not wait for these.
     match suffix:
         case ".gz":
             import gzip

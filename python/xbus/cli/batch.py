@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -227,6 +226,8 @@ def run(
         skip_existing: Leave out jobs whose output file exists.
         quiet: Show no progress.
     """
+    from concurrent.futures import ThreadPoolExecutor, as_completed
+
     outcomes = [Outcome(job) for job in jobs]
     for outcome in outcomes:
         out = outcome.job.out
