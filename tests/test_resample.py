@@ -245,3 +245,37 @@ def test_every_quantity_of_a_recording_is_resampled_or_left_out_on_purpose(tmp_p
     with np.load(tmp_path / "walk.npz") as arrays:
         known = arrays["gnss_pvt_data.known"]["numSV"]
     assert known.tolist() == [False] * first + [True] * (len(found) - first)
+
+
+def test_utc_is_interpolated() -> None:
+    log = xbus.read_log("tests/captures/walk.mtb")
+    known = ~np.isnat(log.utc)
+    found = log.resample(250, ["acceleration", "utc_time"], max_gap=2)
+    assert found.utc.dtype == "datetime64[ns]"
+    # UTC runs as fast as the clock of the device, and no value is outside the known ones.
+    origin = log.utc[known][0] - (log.time[known][0] * 1e9).astype("timedelta64[ns]")
+    error = (found.utc - origin).astype(float) / 1e9 - found.time
+    is_known = ~np.isnat(found.utc)
+    assert np.abs(error[is_known]).max() < 2e-4
+    assert is_known.sum() > 2000
+    assert found.utc[is_known].min() >= log.utc[known].min()
+    table = found.to_arrow()
+    assert table["utc"].null_count == np.isnat(found.utc).sum()
+    assert table.column_names[:3] == ["time", "utc", "acceleration_x"]
+    assert "utc" not in log.resample(250, "acceleration").to_arrow().column_names
+    assert str(table.schema.field("utc").type) == "timestamp[ns, tz=UTC]"
+
+
+def test_a_log_without_utc_has_no_such_column() -> None:
+    found = log_of({"temperature": [1, 2]}, [0, 100]).resample(100)
+    assert np.isnat(found.utc).all()
+    assert found.to_arrow().column_names == ["time", "temperature"]
+
+
+def test_later_parts() -> None:
+    data = stream({"temperature": np.arange(400.0)})
+    *_, last = xbus.iter_log(data, block_bytes=4000)
+    assert last.first_sample > 0
+    found = last.resample(100)["temperature"]
+    assert found[0] == last["temperature"].values[0]
+    assert np.isfinite(found).all()

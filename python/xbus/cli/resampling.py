@@ -38,7 +38,7 @@ def check_resampling(keys: Sequence[EntryKey], rate: float | None, max_gap: floa
             raise click.UsageError(
                 f"--rate-out: {name} is a string, which has no values between two"
             )
-        if row.interpolation is None:
+        if row.interpolation is None and row.name != "utc_time":
             raise click.UsageError(
                 f"--rate-out: {name} has no values between samples; omit one of the two options"
             )

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Log", "LogDevice", "steady_time"]
 
+#: Quantities from which the UTC of samples is known.
+UTC_SOURCES = ("utc_time", "gnss_pvt_data")
+
 DAMAGE = np.dtype([("offset", "i8"), ("length", "i8"), ("reason", "U12")])
 
 
@@ -412,7 +415,8 @@ class Log(ByQuantity[Column]):
 
         Args:
             rate: Rows per second.
-            quantities: One key, or several. Default: all quantities with values between samples.
+            quantities: One key, or several. Default: all quantities with values between samples, and UTC;
+                ``"utc_time"`` among them means `Resampled.utc`.
             max_gap: Longest bridged step between two rows of a quantity, s. Default: 2.5 times its usual
                 step, so that one lost row is bridged.
 
@@ -430,20 +434,29 @@ class Log(ByQuantity[Column]):
         check_rate(rate)
         if max_gap is not None and not max_gap >= 0:
             raise ValueError(f"max_gap must be a number of seconds, at least 0, not {max_gap!r}")
-        if quantities is None:
-            columns = [column for column in self.values() if QUANTITIES[column.name].interpolation]
-        else:
-            columns = [self[key] for key in self._chosen(quantities)]
-            for column in columns:
-                if QUANTITIES[column.name].interpolation is None:
-                    raise ValueError(
-                        f"{column.name} has no values between samples, so it cannot be resampled; "
-                        f"leave it out, or use log[{column.name!r}]"
-                    )
+        columns = [self[key] for key in self._chosen(quantities)]
+        has_utc = any(column.name in UTC_SOURCES for column in columns)
+        for column in columns:
+            can_be = QUANTITIES[column.name].interpolation or column.name == "utc_time"
+            if quantities is not None and not can_be:
+                raise ValueError(
+                    f"{column.name} has no values between samples, so it cannot be resampled; "
+                    f"leave it out, or use log[{column.name!r}]"
+                )
+        columns = [column for column in columns if QUANTITIES[column.name].interpolation]
         if not np.isfinite(self.time).any():
             raise ValueError("the log has no time stamps, without which nothing can be resampled")
-        runs = spans(*self._all_runs)
-        return Resampled(rate, runs, columns, max_gap=max_gap, first_sample=self.first_sample)
+        # UTC in samples of the GNSS receiver is that of its solution, some 10 ms from the time of the sample.
+        steady = steady_time(self)
+        is_steady = bool((~np.isnat(self.utc) & np.isfinite(steady)).any())
+        return Resampled(
+            rate,
+            spans(*self._all_runs),
+            columns,
+            utc=(self.utc, steady if is_steady else self.time) if has_utc else None,
+            max_gap=max_gap,
+            first_sample=self.first_sample,
+        )
 
     def to_arrow(self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False) -> pa.Table:
         """Returns a pyarrow table.

@@ -86,6 +86,8 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
             time stamp.
         run: Index of the run of each row in `Log.runs`, ``(N,)`` int64, read-only.
         bid: Bus identifier of the device of each row, ``(N,)`` uint8, read-only.
+        utc: UTC, ``(N,)`` ``datetime64[ns]``, read-only; interpolated between samples that have it. NaT
+            elsewhere, and if the quantities include neither ``utc_time`` nor ``gnss_pvt_data``.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -102,6 +104,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         spans: Iterable[Span],
         columns: Iterable[Column],
         *,
+        utc: tuple[npt.NDArray[np.datetime64], FloatArray] | None,
         max_gap: float | None,
         first_sample: int,
     ) -> None:
@@ -123,6 +126,19 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
             )
             for column in self._columns
         ]
+        self.utc = read_only(
+            np.concatenate(
+                [
+                    np.empty(0, "datetime64[ns]"),
+                    *(
+                        _unknown_utc(len(grid))
+                        if utc is None
+                        else _interpolated_utc(*utc, span, grid, max_gap)
+                        for span, grid in zip(spans, grids, strict=True)
+                    ),
+                ]
+            )
+        )
         index = KeyIndex(
             QuantityKey(column.name, column.coordinates, column.precision)
             for column in self._columns
@@ -138,7 +154,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         """Returns a pyarrow table: ``time`` and a column for each component; null where a value is unknown.
 
         Names, units and metadata are those of `Log.to_arrow`. With several devices there is a column
-        ``bid``, with several runs a column ``run``.
+        ``bid``, with several runs a column ``run``, and where UTC is known a column ``utc``.
 
         Raises:
             ImportError: The extra ``arrow`` is not installed.
@@ -152,7 +168,9 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
             data = np.ma.getdata(values)
             if data.dtype.kind == "f":
                 mask = np.isnan(data)
-            array = pa_.array(np.ascontiguousarray(data), mask=mask)
+            # NaT becomes null.
+            kind = pa_.timestamp("ns", tz="UTC") if data.dtype.kind == "M" else None
+            array = pa_.array(np.ascontiguousarray(data), kind, mask=mask)
             arrays.append(array)
             fields.append(pa_.field(name, array.type, metadata=metadata))
         table: pa.Table = pa_.Table.from_arrays(arrays, schema=pa_.schema(fields))
@@ -198,14 +216,15 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         export.feather(self, path)
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
-        """Writes ``time``, ``run``, ``bid`` and the values of each quantity to an npz file.
+        """Writes ``time``, ``run``, ``bid``, ``utc`` and the values of each quantity to an npz file.
 
         Beside masked values there is ``NAME.known``, True where the value is known; for records by field.
 
         Raises:
             OSError: The file cannot be written.
         """
-        arrays: dict[str, npt.NDArray[Any]] = {"time": self.time, "run": self.run, "bid": self.bid}
+        names = ("time", "run", "bid", "utc")
+        arrays: dict[str, npt.NDArray[Any]] = {name: getattr(self, name) for name in names}
         for key, values in self.items():
             stem = _stem(key)
             arrays[stem] = np.ma.getdata(values)
@@ -226,6 +245,8 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
             yield "bid", self.bid, {}
         if len(np.unique(self.run)) > 1:
             yield "run", self.run, {}
+        if not np.isnat(self.utc).all():
+            yield "utc", self.utc, {}
         for (key, values), column in zip(self.items(), self._columns, strict=True):
             row, stem = QUANTITIES[column.name], _stem(key)
             metadata = {"data_id": f"0x{column.data_id:04X}"}
@@ -272,12 +293,14 @@ def _rows_of(column: Column, span: Span, first_sample: int) -> npt.NDArray[np.in
     Rows outside the run are left out: samples of a GNSS receiver without a fix have arbitrary times.
     """
     rows = np.flatnonzero(np.isin(column.sample - first_sample, span.samples, kind="table"))
-    time = column.time[rows]
-    is_inside = (time >= span.start - SAME) & (time <= span.end + SAME)
-    rows, time = rows[is_inside], time[is_inside]
-    order = np.argsort(time, kind="stable")
-    rows, time = rows[order], time[order]
-    is_last = np.append(np.diff(time) > SAME, True)[: len(rows)]
+    return np.asarray(rows[_ordered(column.time[rows], span)])
+
+
+def _ordered(time: FloatArray, span: Span) -> npt.NDArray[np.intp]:
+    """Returns the indices of the times in a run, ascending, the last of those that are the same."""
+    rows = np.flatnonzero((time >= span.start - SAME) & (time <= span.end + SAME))
+    rows = rows[np.argsort(time[rows], kind="stable")]
+    is_last = np.append(np.diff(time[rows]) > SAME, True)[: len(rows)]
     return np.asarray(rows[is_last])
 
 
@@ -343,6 +366,30 @@ def interpolated(
         mixed = _MIXES[row.interpolation](values, near)
     mixed[~near.is_between] = np.nan
     return mixed
+
+
+def _unknown_utc(count: int) -> npt.NDArray[np.datetime64]:
+    return np.full(count, np.datetime64("NaT"), "datetime64[ns]")
+
+
+def _interpolated_utc(
+    utc: npt.NDArray[np.datetime64],
+    time: FloatArray,
+    span: Span,
+    grid: FloatArray,
+    max_gap: float | None,
+) -> npt.NDArray[np.datetime64]:
+    """Returns the UTC of the times of a grid, from the samples of the run that have it."""
+    found = _unknown_utc(len(grid))
+    samples = span.samples[~np.isnat(utc[span.samples])]
+    rows = samples[_ordered(time[samples], span)]
+    if len(rows):
+        near = _neighbours(time[rows], grid, max_gap)
+        # Nanoseconds since 1970 exceed the digits of a float64.
+        since = (utc[rows] - utc[rows[0]]).astype(np.int64)
+        nanoseconds = np.rint(_linear(since, near)).astype("timedelta64[ns]")
+        found[near.is_between] = (utc[rows[0]] + nanoseconds)[near.is_between]
+    return found
 
 
 def _linear(values: npt.NDArray[Any], near: _Neighbours) -> FloatArray:
