@@ -89,7 +89,7 @@ def read_log(
     ('roll', 'pitch', 'yaw')
     """
     keep = quantity_filter(quantities)
-    source = _one_source(source, between, allow_restart)
+    source = _one_source(source, between, rate, allow_restart=allow_restart)
     reader = _reader(source, strict=strict, quantities=keep, strings=mask_of(strings), rate=rate)
     arrivals = arrivals_of(source)
     while reader.advance(STEP):
@@ -135,7 +135,7 @@ def iter_log(
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     keep = quantity_filter(quantities)
-    source = _one_source(source, between, allow_restart)
+    source = _one_source(source, between, rate, allow_restart=allow_restart)
     reader = _reader(
         source,
         strict=strict,
@@ -170,7 +170,11 @@ def iter_log(
 
 
 def _one_source(
-    source: Source | Sequence[Source], between: Between | None, allow_restart: bool
+    source: Source | Sequence[Source],
+    between: Between | None,
+    rate: float | None,
+    *,
+    allow_restart: bool,
 ) -> Source:
     """Returns one source for the pieces of a recording, or for a part of it."""
 
@@ -189,25 +193,34 @@ def _one_source(
         if is_given and not hasattr(opened, "seek"):
             raise ValueError("a stream cannot be cut by UTC, because it is read once; use seconds")
         start = opened.tell() if is_given else 0
-        yield from cut_parts(opened)
+        yield from cut_parts(opened, rate)
         if is_given:
             opened.seek(start)
+        else:
+            opened.close()
 
     start, end = seconds_of(between, parts)
-    return _Cut(cut(open_binary(whole()), cut_parts, start, end))
+    opened: Any = open_binary(whole())
+    chunks = cut(opened, lambda tee: cut_parts(tee, rate), start, end)
+    return _Cut(chunks, None if opened is source else opened)
 
 
-def cut_parts(source: Readable) -> Iterator[Log]:
-    """Returns the parts of a log that is cut."""
-    return iter_log(source, block_bytes=CUT_BLOCK, quantities=NEEDED)
+def cut_parts(source: Readable, rate: float | None = None) -> Iterator[Log]:
+    """Returns the parts of a log that is cut; `rate` is as in `read_log`."""
+    return iter_log(source, block_bytes=CUT_BLOCK, quantities=NEEDED, rate=rate)
 
 
 class _Cut:
     """A part of a recording as a file object."""
 
-    def __init__(self, chunks: Iterator[bytes]) -> None:
+    def __init__(self, chunks: Iterator[bytes], owned: Any) -> None:
         self._chunks = chunks
         self._data = b""
+        self._owned = owned
+
+    def __del__(self) -> None:
+        if self._owned is not None:
+            self._owned.close()
 
     def read(self, size: int = -1, /) -> bytes:
         """Returns at most ``size`` bytes; none at the end."""
