@@ -37,6 +37,14 @@ def test_one_quantity() -> None:
     assert pyarrow.feather.read_table("out.arrow").equals(expected)
 
 
+def test_utc_is_a_column() -> None:
+    args = ["--rate-out", "30", "--quantity", "quaternion", "--quantity", "utc_time"]
+    assert run("decode", WALK, "-o", "out.arrow", *args).exit_code == 0
+    table = pyarrow.feather.read_table("out.arrow")
+    assert table.column_names[:3] == ["time", "utc", "quaternion_q0"]
+    assert table["utc"].null_count == 0
+
+
 def test_npz() -> None:
     assert run("decode", WALK, "-o", "out.npz", "--rate-out", "30", "-q").exit_code == 0
     with np.load("out.npz") as arrays:

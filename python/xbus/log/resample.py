@@ -126,19 +126,11 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
             )
             for column in self._columns
         ]
-        self.utc = read_only(
-            np.concatenate(
-                [
-                    np.empty(0, "datetime64[ns]"),
-                    *(
-                        _unknown_utc(len(grid))
-                        if utc is None
-                        else _interpolated_utc(*utc, span, grid, max_gap)
-                        for span, grid in zip(spans, grids, strict=True)
-                    ),
-                ]
-            )
-        )
+        stamps = [
+            _interpolated_utc(utc, span, grid, max_gap)
+            for span, grid in zip(spans, grids, strict=True)
+        ]
+        self.utc = read_only(np.concatenate([np.empty(0, "datetime64[ns]"), *stamps]))
         index = KeyIndex(
             QuantityKey(column.name, column.coordinates, column.precision)
             for column in self._columns
@@ -292,7 +284,10 @@ def _rows_of(column: Column, span: Span, first_sample: int) -> npt.NDArray[np.in
 
     Rows outside the run are left out: samples of a GNSS receiver without a fix have arbitrary times.
     """
-    rows = np.flatnonzero(np.isin(column.sample - first_sample, span.samples, kind="table"))
+    sample = column.sample - first_sample
+    # The runs of one device follow each other, so a log with many costs no more than one.
+    first, end = np.searchsorted(sample, (span.samples[0], span.samples[-1] + 1))
+    rows = first + np.flatnonzero(np.isin(sample[first:end], span.samples, kind="table"))
     return np.asarray(rows[_ordered(column.time[rows], span)])
 
 
@@ -368,19 +363,17 @@ def interpolated(
     return mixed
 
 
-def _unknown_utc(count: int) -> npt.NDArray[np.datetime64]:
-    return np.full(count, np.datetime64("NaT"), "datetime64[ns]")
-
-
 def _interpolated_utc(
-    utc: npt.NDArray[np.datetime64],
-    time: FloatArray,
+    known: tuple[npt.NDArray[np.datetime64], FloatArray] | None,
     span: Span,
     grid: FloatArray,
     max_gap: float | None,
 ) -> npt.NDArray[np.datetime64]:
-    """Returns the UTC of the times of a grid, from the samples of the run that have it."""
-    found = _unknown_utc(len(grid))
+    """Returns the UTC of the times of a grid, from UTC and time of the samples of a log."""
+    found = np.full(len(grid), np.datetime64("NaT"), "datetime64[ns]")
+    if known is None:
+        return found
+    utc, time = known
     samples = span.samples[~np.isnat(utc[span.samples])]
     rows = samples[_ordered(time[samples], span)]
     if len(rows):
