@@ -7,11 +7,13 @@ import fcntl
 import os
 import pty
 import re
+import select
 import signal
 import struct
 import subprocess
 import sys
 import termios
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -69,6 +71,15 @@ class Seen:
         while self.more():
             pass
 
+    def wait_for_exit(self, child: subprocess.Popen[bytes]) -> int:
+        """Returns the exit status. Reads meanwhile: a program waits while its terminal is full."""
+        until = time.monotonic() + 30
+        while child.poll() is None:
+            assert time.monotonic() < until, f"it has not ended:\n{self.text}"
+            if select.select([self._master], [], [], 0.05)[0]:
+                self.more()
+        return child.wait()
+
     def frame_sizes(self) -> list[tuple[int, int]]:
         """Columns and lines of the complete screens among the bytes."""
         frames = re.sub(rb"\x1b\[(?!H)[\d;?]*[A-Za-z]", b"", self.bytes).split(b"\x1b[H")[1:-1]
@@ -112,7 +123,7 @@ def monitoring(
         try:
             yield seen, child
             # The slave end is still open, so that its attributes can be read.
-            assert child.wait(timeout=30) == code
+            assert seen.wait_for_exit(child) == code
             assert termios.tcgetattr(slave) == before
             os.close(slave)
             seen.wait_for_the_end()
