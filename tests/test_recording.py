@@ -397,3 +397,23 @@ def test_existing_recordings_are_not_overwritten(tmp_path: Path) -> None:
         assert taken.read_bytes() != b"yesterday's"
         with device.record(os.devnull, times=False):
             device.read_sample()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="other systems do not remove open files")
+def test_a_failed_recording_does_not_control_the_next_one(tmp_path: Path) -> None:
+    device = xbus.connect("sim:MTi-630")
+    (tmp_path / "a").mkdir()
+    failed = device.record(tmp_path / "a/log.mtb", flush=0, times=False)
+    device.listen(1)
+    (tmp_path / "a/log.mtb").unlink()
+    while failed.is_active:
+        device.listen(0.1)
+    following = device.record(tmp_path / "b.mtb")
+    device.listen(1)
+    assert (failed.is_active, failed.files) == (False, [str(tmp_path / "a/log.mtb")])
+    assert "was removed while it was being written" in str(failed.error)
+    with pytest.raises(OSError, match="was removed"):
+        failed.stop()
+    assert following.is_active
+    following.stop()
+    assert len(xbus.read_log(tmp_path / "b.mtb")) >= 100

@@ -25,6 +25,7 @@ __all__ = [
     "Reader",
     "ReceivedSample",
     "ReceivedString",
+    "Recorder",
     "RequestScanner",
     "RestartArrays",
     "SampleClock",
@@ -735,7 +736,7 @@ class Acquisition:
         *,
         overwrite: bool = False,
         bound: int = 24_000_000,
-    ) -> None:
+    ) -> Recorder:
         """Records every byte from now on, beginning with the frame that is incomplete now.
 
         A full disk, or a disk that is too slow for longer than the queue can hold, ends the recording with
@@ -772,6 +773,16 @@ class Acquisition:
         """Ends the recording with the last whole frame, and returns its last state as `recording` does."""
     def close(self) -> None:
         """Ends the stream, its thread and the recording. What waits can still be taken."""
+
+@final
+class Recorder:
+    """A recording of an `Acquisition`, also after it has ended."""
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """Its state, as `Acquisition.recording` returns it."""
+    def stop(self) -> dict[str, Any]:
+        """Ends it with the last whole frame, and returns its last state. A forked process does nothing."""
 
 @final
 class Cancel:

@@ -680,7 +680,7 @@ class Device:
         """
         is_listening = self._channel.is_listening
         with contextlib.nullcontext() if is_listening else self.configure():
-            self.link.acquisition.record(
+            recorder = self.link.acquisition.record(
                 path,
                 heard_head(self._channel) if is_listening else recording_head(self._channel),
                 flush,
@@ -690,4 +690,4 @@ class Device:
                 times,
                 overwrite=overwrite,
             )
-        return Recording(self.link.acquisition)
+        return Recording(recorder)

@@ -65,47 +65,40 @@ class Recording:
     It runs until it is stopped, the device is closed, or an `error` ends it.
     """
 
-    def __init__(self, acquisition: _core.Acquisition) -> None:
-        self._acquisition = acquisition
-        self._ended: dict[str, object] | None = None
-
-    def _facts(self) -> dict[str, object]:
-        if self._ended is not None:
-            return self._ended
-        return self._acquisition.recording or {}
+    def __init__(self, recorder: _core.Recorder) -> None:
+        self._recorder = recorder
+        self._is_stopped = False
 
     @property
     def files(self) -> list[str]:
         """Paths of the files; the last one is being written."""
-        files = self._facts().get("files", [])
-        assert isinstance(files, list)  # noqa: S101 - see `_core.Acquisition.recording`
-        return [str(path) for path in files]
+        return [str(path) for path in self._recorder.state["files"]]
 
     @property
     def bytes(self) -> int:
         """Received bytes in the files."""
-        return int(str(self._facts().get("bytes", 0)))
+        return int(self._recorder.state["bytes"])
 
     @property
     def frames(self) -> int:
         """Received frames in the files."""
-        return int(str(self._facts().get("frames", 0)))
+        return int(self._recorder.state["frames"])
 
     @property
     def queued_bytes(self) -> int:
         """Received bytes that are not written yet."""
-        return int(str(self._facts().get("queued_bytes", 0)))
+        return int(self._recorder.state["queued_bytes"])
 
     @property
     def error(self) -> str | None:
         """Why the recording ended early, or None. The files are valid up to their end in any case."""
-        error = self._facts().get("error")
+        error = self._recorder.state["error"]
         return None if error is None else str(error)
 
     @property
     def is_active(self) -> bool:
         """Whether the recording is running."""
-        return bool(self._facts().get("active", False)) and self._ended is None
+        return bool(self._recorder.state["active"])
 
     def stop(self) -> None:
         """Writes the remaining bytes, and closes the file.
@@ -113,8 +106,9 @@ class Recording:
         Raises:
             OSError: The recording ended early, for example because the disk was full.
         """
-        if self._ended is None:
-            self._ended = self._acquisition.stop_recording() or {}
+        if not self._is_stopped:
+            self._is_stopped = True
+            self._recorder.stop()
             if self.error is not None:
                 raise OSError(f"the recording ended early: {self.error}")
 

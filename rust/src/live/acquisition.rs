@@ -399,7 +399,7 @@ impl Acquisition {
     ///
     /// # Errors
     /// Those of the system, about the first file; [`io::ErrorKind::AlreadyExists`] if a recording is in progress.
-    pub fn record(&self, recording: Recording) -> io::Result<()> {
+    pub fn record(&self, recording: Recording) -> io::Result<Arc<Recorder>> {
         if self.is_forked() {
             return Err(forked());
         }
@@ -410,9 +410,9 @@ impl Acquisition {
         let strings = self.state().ok_or_else(forked)?.intake.expected();
         let recorder = Arc::new(Recorder::start(recording, self.shared.epoch, strings)?);
         // The state is unlocked before the recorder of a failed recording is dropped, which closes its files.
-        let failed = self.state().ok_or_else(forked)?.recorder.replace(recorder);
+        let failed = self.state().ok_or_else(forked)?.recorder.replace(recorder.clone());
         drop(failed);
-        Ok(())
+        Ok(recorder)
     }
 
     /// The state of the recording, also of one that failed and was not stopped.

@@ -25,7 +25,7 @@ pub use block::{BlockDecoder, DecodedBlock};
 pub use counts::Counts;
 pub use lanes::{Block, Dropped, Event, Item, Sample, Text, Waiting};
 pub use rates::Rates;
-pub use recorder::{Recording, Report, TIMES_HEADER, TIMES_MAGIC, TIMES_VERSION};
+pub use recorder::{Recorder, Recording, Report, TIMES_HEADER, TIMES_MAGIC, TIMES_VERSION};
 
 /// Bytes that arrived together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

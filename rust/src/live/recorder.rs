@@ -186,7 +186,7 @@ impl Recorder {
     ///
     /// # Errors
     /// Those of the system: no such folder, no permission, no space left.
-    pub fn start(recording: Recording, epoch: i64, strings: u32) -> io::Result<Self> {
+    pub(super) fn start(recording: Recording, epoch: i64, strings: u32) -> io::Result<Self> {
         let Recording { flush, bound, .. } = recording;
         let writer = Writer::new(recording, epoch, strings)?;
         let shared = Arc::new(Shared::default());
@@ -199,7 +199,13 @@ impl Recorder {
 
     /// Queues bytes that the intake has decided, the first of which is at `start` in the stream; never waits for the disk.
     /// The pieces may begin before and end after them.
-    pub fn offer<'a>(&self, bytes: &[u8], start: u64, pieces: impl IntoIterator<Item = &'a Piece>, marks: &[Mark]) {
+    pub(super) fn offer<'a>(
+        &self,
+        bytes: &[u8],
+        start: u64,
+        pieces: impl IntoIterator<Item = &'a Piece>,
+        marks: &[Mark],
+    ) {
         if bytes.is_empty() {
             return;
         }
@@ -230,20 +236,36 @@ impl Recorder {
         }
     }
 
-    /// The state of the recording.
+    /// Whether this process has forked from the one that the thread belongs to. A lock may be held there forever.
+    fn is_forked(&self) -> bool {
+        std::process::id() != self.process
+    }
+
+    /// The state of the recording; in a forked process that of none.
+    #[must_use]
     pub fn report(&self) -> Report {
+        if self.is_forked() {
+            return Report::default();
+        }
         let queue = lock(&self.shared.queue);
         Report { queued_bytes: queue.batch.bytes.len(), ..queue.report.clone() }
     }
 
     /// Accepts no more bytes; those in the queue will be written.
     pub fn close(&self) {
+        if self.is_forked() {
+            return;
+        }
         lock(&self.shared.queue).closed = true;
         self.shared.due.notify_one();
     }
 
     /// Waits until all is written, at most for `timeout`; returns whether it is.
+    #[must_use]
     pub fn wait(&self, timeout: Duration) -> bool {
+        if self.is_forked() {
+            return true;
+        }
         let queue = lock(&self.shared.queue);
         let waited = self.shared.done.wait_timeout_while(queue, timeout, |queue| queue.report.active);
         let (queue, _) = waited.unwrap_or_else(PoisonError::into_inner);
@@ -251,7 +273,7 @@ impl Recorder {
     }
 
     /// Accepts no more bytes, and waits until all is written.
-    pub fn stop(&self) {
+    pub(super) fn stop(&self) {
         self.close();
         if let Some(thread) = lock(&self.thread).take() {
             let _ = thread.join();
@@ -262,7 +284,7 @@ impl Recorder {
 impl Drop for Recorder {
     fn drop(&mut self) {
         // A forked process does not have the thread, and would wait for it forever.
-        if std::process::id() == self.process {
+        if !self.is_forked() {
             self.stop();
         }
     }

@@ -1,6 +1,7 @@
 //! Acquisition and recording.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use numpy::PyArray1;
@@ -92,6 +93,24 @@ pub struct Waiting {
     last_sample: Option<f64>,
     last_arrival: Option<f64>,
     dropped_samples: u64,
+}
+
+/// A recording, also after it has ended.
+#[pyclass(module = "xbus._core", frozen)]
+pub struct Recorder(Arc<live::Recorder>);
+
+#[pymethods]
+impl Recorder {
+    #[getter]
+    fn state(&self) -> Report {
+        self.0.report()
+    }
+
+    fn stop(&self, py: Python<'_>) -> PyResult<Report> {
+        self.0.close();
+        wait(py, None, |slice| self.0.wait(slice).then_some(()))?;
+        Ok(self.0.report())
+    }
 }
 
 /// Receives a stream of bytes in a thread, or what is pushed.
@@ -284,7 +303,7 @@ impl Acquisition {
         times: bool,
         overwrite: bool,
         bound: usize,
-    ) -> PyResult<()> {
+    ) -> PyResult<Recorder> {
         let rotate_after = rotate_seconds.map(seconds("rotate_seconds")).transpose()?;
         if rotate_bytes == Some(0) || rotate_after.is_some_and(|duration| duration.is_zero()) {
             return Err(PyValueError::new_err("rotate_bytes and rotate_seconds must be greater than 0"));
@@ -293,7 +312,7 @@ impl Acquisition {
         let head = head.to_vec();
         let recording = Recording { path, overwrite, head, flush, fsync, rotate_bytes, rotate_after, times, bound };
         let name = recording.path.clone();
-        py.detach(|| self.0.record(recording)).map_err(|error| os_error(&error, Some(name)))
+        py.detach(|| self.0.record(recording)).map(Recorder).map_err(|error| os_error(&error, Some(name)))
     }
 
     #[getter]

@@ -34,7 +34,9 @@ mod _core {
     #[pymodule_export]
     use super::hostclock::HostClock;
     #[pymodule_export]
-    use super::live::{Acquisition, Block, BlockDecoder, Cancel, Events, ReceivedSample, ReceivedString, Waiting};
+    use super::live::{
+        Acquisition, Block, BlockDecoder, Cancel, Events, ReceivedSample, ReceivedString, Recorder, Waiting,
+    };
     #[pymodule_export]
     use super::log::{DamageArrays, GapArrays, MessageArrays, Part, Reader, RestartArrays, StringArrays};
     #[pymodule_export]
