@@ -89,6 +89,8 @@ def test_command_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     )
     (found,) = json.loads(run("info", "-", "--hex", "--json", stdin=data.hex().encode()).stdout)
     assert found["samples"] == 1040
+    shown = run("dump", "-", "--hex", "--no-hex", stdin=b"RX: FA FF 31 00 D0").stdout
+    assert "GoToConfigAck" in shown
     Path("bad.txt").write_text("FA FF zz")
     output = sentence(run("info", "bad.txt", "--hex"))
     assert output == "cannot read bad.txt: line 1 of the hex text: 'zz' is not hex"

@@ -237,10 +237,13 @@ def test_only_direct_continuations() -> None:
     def direct(*pieces: bytes) -> int:
         return len(pieces_of(pieces, direct=True).names)
 
-    assert direct(stamped(1), stamped(2)) == 2
+    assert direct(stamped(1, 2), stamped(3)) == 2
+    assert direct(stamped(1, count=7), stamped(2, count=8)) == 2
     assert direct(DATA[:50_000], DATA[50_000:50_009], DATA[50_009:]) == 3
     for one, other, reason in (
-        (stamped(1), stamped(20), "it begins 19.0 s later"),
+        (stamped(1, 2), stamped(20), "it begins 18.00 s later"),
+        (stamped(1), stamped(2), "it begins 1.00 s later"),
+        (stamped(1, count=7), stamped(2, count=18), "it begins 11 samples later"),
         (mtdata2(counter(1)), mtdata2(counter(5000)), "it begins 4,999 samples later"),
         (DATA[:50_000], b"$HEHDT" * 1000, "piece 2 has no samples that show it"),
         (mtdata2(packet(0x0810, b"ab")), mtdata2(packet(0x0810, b"ab")), "neither time stamps nor"),

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from xbus.cli.connection import open_port, port_lost
-from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
+from xbus.cli.inputs import Input, hex_option, label, no_frame, reading_task, strings_option
 from xbus.cli.printing import find_name, is_terminal, print_line
 from xbus.cli.progress import Progress
 from xbus.formatting import format_count
@@ -64,6 +64,7 @@ def _mid(value: str) -> int | str:
     help="Print only this message, by name or number (0x36), without strings and damage; repeatable.",
 )
 @strings_option
+@hex_option
 @click.option(
     "--follow", is_flag=True, help="Wait for more data at the end of the file, until Ctrl-C."
 )
@@ -79,6 +80,7 @@ def dump(
     file: str,
     wanted: list[int | str],
     strings: tuple[str, ...],
+    is_hex: bool,
     follow: bool,
     baudrate: int | None,
     no_hex: bool,
@@ -115,7 +117,7 @@ def dump(
     quiet = follow or is_terminal()
     with (
         Progress(reading_task(file), shown=not quiet) as progress,
-        Input([file], progress) as source,
+        Input([file], progress, is_hex=is_hex) as source,
     ):
         for data in _pieces(source, follow=follow):
             if data is None:

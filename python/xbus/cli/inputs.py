@@ -71,7 +71,7 @@ hex_option = click.option(
     "--hex",
     "is_hex",
     is_flag=True,
-    help="IN is text with the bytes in hex, as copied from MT Manager, a terminal or xxd.",
+    help="The input is text with the bytes in hex, as copied from MT Manager, a terminal or xxd.",
 )
 
 

@@ -34,9 +34,9 @@ WINDOWS = (1 << 16, 1 << 22)
 WRAPS = (429_496.7296, 86_400.0)
 #: The longest step over such a wrap, in s. A longer one is taken for a step back.
 WRAP_STEP = 60.0
-#: The longest gap, in s and in samples, between pieces whose names do not say that they belong together.
-DIRECT_GAP = 10.0
-DIRECT_SAMPLES = 2000
+#: The longest gap, in samples, between pieces whose names do not say that they belong together. Samples whose
+#: frames are cut seem to be missing.
+DIRECT_GAP = 10
 #: The longest piece, in bytes, that may be a part of one frame, so that it need not have a sample.
 FRAGMENT = 4096
 #: The clock of a computer can be set back between two pieces, by this many ns.
@@ -74,10 +74,14 @@ class PiecesError(ValueError):
 
 
 class Stamp(NamedTuple):
-    """Time in s and packet counter of a device at one end of a piece; NaN and -1 if there are none."""
+    """Time in s and packet counter of a device at one end of a piece; NaN and -1 if there are none.
+
+    The interval is the median step of the time near this end.
+    """
 
     time: float
     counter: int
+    interval: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -310,6 +314,7 @@ def _stamps(log: Log, at: int) -> dict[int, Stamp]:
         stamps[bid] = Stamp(
             float(times[at]) if len(times) else math.nan,
             int(counters[at]) % 65536 if len(counters) else -1,
+            float(np.median(np.diff(times))) if len(times) > 1 else math.nan,
         )
     return stamps
 
@@ -430,13 +435,14 @@ def _doubt(base: Piece, one: Piece, other: Piece, last: dict[int, Stamp]) -> str
     for piece, stamps in ((one, last), (other, other.ends.first)):
         if not stamps and (piece.size is None or piece.size > FRAGMENT):
             return f"{piece.name} has no samples that show it"
-    for _, _, time, counter in _steps(last, other.ends.first):
-        if time is not None and time > DIRECT_GAP:
-            return f"it begins {time:,.1f} s later"
-        if time is None and counter is not None and counter > DIRECT_SAMPLES:
-            return f"it begins {counter:,} samples later"
-        if time is None and counter is None:
+    for before, _, time, counter in _steps(last, other.ends.first):
+        if counter is not None:
+            if counter > DIRECT_GAP:
+                return f"it begins {counter:,} samples later"
+        elif time is None:
             return "neither time stamps nor a packet counter show that it does"
+        elif not time <= DIRECT_GAP * before.interval:
+            return f"it begins {time:,.2f} s later"
     return None
 
 
