@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 import xbus
 from conftest import counter, fine
 from streams import frame, mtdata2, packet
-from test_cli import run
+from test_cli import WALK, run
 from xbus.protocol.tables import QUANTITIES
 
 WAKE_UP = 0x3E
@@ -186,6 +187,15 @@ def test_rate_gives_time_to_logs_without_time_stamps(tmp_path: Path) -> None:
     assert np.concatenate([part.time for part in parts]).tolist() == log.time.tolist()
 
 
+def test_rate_option(tmp_path: Path) -> None:
+    (tmp_path / "log.mtb").write_bytes(b"".join(mtdata2(counter(value)) for value in range(101)))
+    path, out = str(tmp_path / "log.mtb"), str(tmp_path / "log.parquet")
+    assert "no time stamps (--rate HZ derives them" in run("decode", path, "-o", out).stderr
+    assert "1.00 s" in run("decode", path, "-o", out, "--rate", "100").stderr
+    assert pq.read_table(out)["time"].to_pylist() == [value / 100 for value in range(101)]
+    assert json.loads(run("info", path, "--rate", "100", "--json").stdout)[0]["duration_s"] == 1.0
+
+
 def test_rate_does_not_replace_time_stamps() -> None:
     data = b"".join(samples(10))
     assert xbus.read_log(data, rate=7) == xbus.read_log(data)
@@ -231,3 +241,15 @@ def test_struct_fields_in_tables_are_in_their_units() -> None:
     assert raw.column("gnss_pvt_data_hAcc").to_pylist() == [2**32 - 1]
     assert raw.column("gnss_pvt_data_lat").to_pylist() == [522_406_918]
     assert raw.schema.field("gnss_pvt_data_lat").metadata[b"unit"] == b"1e-7 deg"
+
+
+def test_raw_option(tmp_path: Path) -> None:
+    out = str(tmp_path / "walk.parquet")
+    log = xbus.read_log(WALK)
+    for options, keys in (([], None), (["--quantity", "gnss_pvt_data"], "gnss_pvt_data")):
+        run("decode", WALK, "-o", out, *options, "--raw")
+        assert pq.read_table(out).equals(log.to_arrow(keys, raw=True))
+        run("decode", WALK, "-o", out, *options)
+        assert pq.read_table(out).equals(log.to_arrow(keys))
+    for wrong in (["-o", "x.npz"], ["-o", "x.csv", "--rate-out", "10"]):
+        assert run("decode", WALK, "--raw", *wrong).exit_code == 2

@@ -9,7 +9,7 @@ import click
 from xbus.cli import batch
 from xbus.cli.decoding import SUFFIXES, Decoding, is_string, suffix_of
 from xbus.cli.export_target import check_output
-from xbus.cli.inputs import hex_option, label, reading_task, strings_option
+from xbus.cli.inputs import hex_option, label, rate_option, reading_task, strings_option
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
 from xbus.cli.recordings import (
@@ -120,6 +120,12 @@ def _key(value: str) -> EntryKey:
     metavar="ID",
     help="Write only this Awinda tracker: packet counter and magnetic field. xbus info lists them.",
 )
+@rate_option
+@click.option(
+    "--raw",
+    is_flag=True,
+    help="Write fields of structs, such as gnss_pvt_data_lat, as integers, as on the wire.",
+)
 @strings_option
 @hex_option
 @restart_option
@@ -142,6 +148,8 @@ def decode(
     rate_out: float | None,
     max_gap: float | None,
     tracker: str | None,
+    rate: float | None,
+    raw: bool,
     strings: tuple[str, ...],
     is_hex: bool,
     allow_restart: bool,
@@ -174,8 +182,14 @@ def decode(
         max_gap=max_gap,
         tracker=tracker,
         is_hex=is_hex,
+        counter_rate=rate,
+        raw=raw,
     )
     written = suffix if out is None else suffix_of(out)
+    if raw and (rate_out or tracker or written == ".npz"):
+        raise click.UsageError(
+            "--raw excludes --rate-out and --tracker, and .npz files always have the integers"
+        )
     if written != ".npz":
         from xbus.extras import require
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
@@ -57,6 +56,8 @@ class Decoding:
         max_gap: As for `Log.resample`.
         tracker: The Awinda tracker to write, or None.
         is_hex: Whether the files are text with the bytes in hex.
+        counter_rate: Rate of the packet counter in Hz, for logs without time stamps, or None.
+        raw: Write fields of structs as integers, as on the wire.
     """
 
     def __init__(
@@ -69,10 +70,12 @@ class Decoding:
         max_gap: float | None = None,
         tracker: str | None = None,
         is_hex: bool = False,
+        counter_rate: float | None = None,
+        raw: bool = False,
     ) -> None:
         self._keys, self._strings, self._strict = list(keys), strings, strict
         self._rate, self._max_gap, self._tracker = rate, max_gap, tracker
-        self._is_hex = is_hex
+        self._is_hex, self._counter_rate, self._raw = is_hex, counter_rate, raw
 
     @property
     def _key(self) -> EntryKey | None:
@@ -109,7 +112,11 @@ class Decoding:
         with Input(files, progress, is_hex=self._is_hex) as source:
             try:
                 log = read_log(
-                    source, strict=self._strict, quantities=quantities, strings=self._strings
+                    source,
+                    strict=self._strict,
+                    quantities=quantities,
+                    rate=self._counter_rate,
+                    strings=self._strings,
                 )
             except DecodeError as error:
                 problem, _, _ = str(error).partition(";")
@@ -154,7 +161,9 @@ class Decoding:
                 written += batch.num_rows
                 progress.update(task, size * written // max(rows, 1), size)
 
-        reader = RecordBatchReader.from_stream(table)
+        reader = RecordBatchReader.from_stream(
+            table.arrow_stream(raw=True) if self._raw and hasattr(table, "arrow_stream") else table
+        )
         with writing(out):
             stream = RecordBatchReader.from_batches(reader.schema, counted(reader))
             getattr(export, writer)(stream, out)
@@ -188,13 +197,15 @@ class Decoding:
 
     def _summary(self, log: Log, rows: int, columns: int) -> dict[str, Any]:
         """Returns the summary for JSON."""
+        from xbus.describe.text import known_digits
+
         stats = log.stats
         keys = [key if isinstance(key, str) else ":".join(key) for key in self._keys]
         return {
             "quantities": keys or None,
             "rows": rows,
             "columns": columns,
-            "duration_s": log.duration if math.isfinite(log.duration) else None,
+            "duration_s": known_digits(log.duration),
             "bytes": stats.bytes,
             "frames": stats.frames,
             "samples": stats.samples,

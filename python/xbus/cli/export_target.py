@@ -71,6 +71,8 @@ def quality_text(log: Log | LogSummary) -> str:
     """Returns duration, losses and damage as one line."""
     stats = log.stats
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
+    if stats.samples and not parts and log.has_counter:
+        parts.append("no time stamps (--rate HZ derives them from the packet counter)")
     if stats.strings:
         parts.append(format_count(stats.strings, "string"))
     parts.append(_losses(log))

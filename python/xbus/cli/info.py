@@ -9,7 +9,7 @@ import click
 
 from xbus.cli import batch
 from xbus.cli.export_target import quality_text, writing
-from xbus.cli.inputs import Input, hex_option, no_frame, strings_option
+from xbus.cli.inputs import Input, hex_option, no_frame, rate_option, strings_option
 from xbus.cli.printing import print_json, print_line
 from xbus.cli.progress import ShowsProgress
 from xbus.cli.recordings import inputs_argument, restart_option, several_recordings
@@ -20,6 +20,7 @@ __all__ = ["info"]
 @click.command(epilog="Example: xbus info walk.mtb")
 @inputs_argument
 @batch.batch_options
+@rate_option
 @strings_option
 @hex_option
 @restart_option
@@ -32,6 +33,7 @@ def info(
     out_dir: str | None,
     skip_existing: bool,
     jobs: int | None,
+    rate: float | None,
     strings: tuple[str, ...],
     is_hex: bool,
     allow_restart: bool,
@@ -54,7 +56,7 @@ def info(
     def describe(job: batch.Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
         files = job.recording.files
         with Input(files, progress, is_hex=is_hex) as source:
-            summary = LogSummary(iter_log(source, strings=strings))
+            summary = LogSummary(iter_log(source, rate=rate, strings=strings))
         if not summary.stats.frames and not summary.stats.strings:
             raise no_frame(files, summary.stats.bytes)
         values = summary.to_dict(files[0]) | {"files": files}

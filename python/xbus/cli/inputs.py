@@ -21,7 +21,15 @@ from xbus.files import is_plain, local_name, open_file
 if TYPE_CHECKING:
     from xbus.log.arrivals import Arrivals
 
-__all__ = ["Input", "hex_option", "label", "no_frame", "reading_task", "strings_option"]
+__all__ = [
+    "Input",
+    "hex_option",
+    "label",
+    "no_frame",
+    "rate_option",
+    "reading_task",
+    "strings_option",
+]
 
 #: The name of standard input.
 STDIN = "-"
@@ -55,6 +63,13 @@ def _strings(
     return values
 
 
+#: The option for logs with a packet counter and without time stamps.
+rate_option = click.option(
+    "--rate",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ",
+    help="Rate of the packet counter: gives a time to samples without time stamps.",
+)
 #: The option for a string type that is not parsed by default.
 strings_option = click.option(
     "--string",

@@ -255,9 +255,10 @@ class Column:
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
-        return self._stream().__arrow_c_stream__(requested_schema)
+        return self.arrow_stream().__arrow_c_stream__(requested_schema)
 
-    def _stream(self, *, raw: bool = False) -> _core.ArrowStream:
+    def arrow_stream(self, *, raw: bool = False) -> _core.ArrowStream:
+        """Returns the table of `to_arrow` as a stream for libraries that speak the Arrow C interface."""
         return _core.ArrowStream.rows(self._core, self._host_times.known, raw)
 
     def to_arrow(self, *, raw: bool = False) -> pa.Table:
@@ -271,7 +272,7 @@ class Column:
         Raises:
             ImportError: The extra ``arrow`` is not installed.
         """
-        table: pa.Table = export.arrow(self._stream(raw=raw))
+        table: pa.Table = export.arrow(self.arrow_stream(raw=raw))
         return table
 
     def to_pandas(self, *, raw: bool = False) -> pd.DataFrame:
@@ -283,7 +284,7 @@ class Column:
         Raises:
             ImportError: The extra ``pandas`` is not installed.
         """
-        frame: pd.DataFrame = export.pandas(self._stream(raw=raw))
+        frame: pd.DataFrame = export.pandas(self.arrow_stream(raw=raw))
         return frame
 
     def to_polars(self, *, raw: bool = False) -> pl.DataFrame:
@@ -295,7 +296,7 @@ class Column:
         Raises:
             ImportError: The extra ``polars`` is not installed.
         """
-        frame: pl.DataFrame = export.polars(self._stream(raw=raw))
+        frame: pl.DataFrame = export.polars(self.arrow_stream(raw=raw))
         return frame
 
     # Comparison, pickle and print

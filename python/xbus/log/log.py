@@ -373,9 +373,10 @@ class Log(ByQuantity[Column]):
 
     # Tables
 
-    def _stream(
+    def arrow_stream(
         self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False
     ) -> _core.ArrowStream:
+        """Returns the table of `to_arrow` as a stream for libraries that speak the Arrow C interface."""
         host_time = self._host_times.known
         if isinstance(keys, str | int | tuple):
             return _core.ArrowStream.rows(self[keys]._core, host_time, raw)
@@ -391,7 +392,7 @@ class Log(ByQuantity[Column]):
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
-        return self._stream().__arrow_c_stream__(requested_schema)
+        return self.arrow_stream().__arrow_c_stream__(requested_schema)
 
     def resample(
         self,
@@ -484,7 +485,7 @@ class Log(ByQuantity[Column]):
         >>> log.to_arrow(["packet_counter", "acceleration"]).column_names
         ['sample', 'time', 'packet_counter', 'acceleration_x', 'acceleration_y', 'acceleration_z']
         """
-        table: pa.Table = export.arrow(self._stream(keys, raw=raw))
+        table: pa.Table = export.arrow(self.arrow_stream(keys, raw=raw))
         return table
 
     def to_pandas(
@@ -502,7 +503,7 @@ class Log(ByQuantity[Column]):
             ImportError: The extra ``pandas`` is not installed.
             KeyError: The log does not have one of the quantities.
         """
-        frame: pd.DataFrame = export.pandas(self._stream(keys, raw=raw))
+        frame: pd.DataFrame = export.pandas(self.arrow_stream(keys, raw=raw))
         return frame
 
     def to_polars(
@@ -518,7 +519,7 @@ class Log(ByQuantity[Column]):
             ImportError: The extra ``polars`` is not installed.
             KeyError: The log does not have one of the quantities.
         """
-        frame: pl.DataFrame = export.polars(self._stream(keys, raw=raw))
+        frame: pl.DataFrame = export.polars(self.arrow_stream(keys, raw=raw))
         return frame
 
     def to_parquet(
@@ -540,7 +541,7 @@ class Log(ByQuantity[Column]):
             KeyError: The log does not have one of the quantities.
             OSError: The file cannot be written.
         """
-        export.parquet(self._stream(keys, raw=raw), path)
+        export.parquet(self.arrow_stream(keys, raw=raw), path)
 
     def to_csv(
         self,
@@ -553,7 +554,7 @@ class Log(ByQuantity[Column]):
 
         Args and errors are those of `to_parquet`.
         """
-        export.csv(self._stream(keys, raw=raw), path)
+        export.csv(self.arrow_stream(keys, raw=raw), path)
 
     def to_feather(
         self,
@@ -566,7 +567,7 @@ class Log(ByQuantity[Column]):
 
         Args and errors are those of `to_parquet`.
         """
-        export.feather(self._stream(keys, raw=raw), path)
+        export.feather(self.arrow_stream(keys, raw=raw), path)
 
     def to_npz(self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None) -> None:
         """Writes the values of every quantity to an npz file, which appears whole or not at all.
