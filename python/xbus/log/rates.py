@@ -122,9 +122,11 @@ def _usual_rate(counts: dict[int, int]) -> float:
     if not total:
         return float("nan")
     median = _quantile(counts, total / 2)
+    if not median:
+        return float("nan")
     usual = {
         us: rows for us, rows in counts.items() if median / TOLERANCE < us < median * TOLERANCE
     }
     mean = sum(us * rows for us, rows in usual.items()) / sum(usual.values())
     # Time stamps have a resolution of 0.1 ms, so a rate is known to about three digits.
-    return round(1e6 / mean, 1 if mean < 1e5 else 3) if mean else float("nan")
+    return round(1e6 / mean, 1 if mean < 1e5 else 3)
