@@ -156,8 +156,12 @@ def test_info() -> None:
 def test_report() -> None:
     for name, source in (("a", WALK), ("b", FIELD)):
         Path(f"{name}.mtb").write_bytes(Path(source).read_bytes())
-    result = run("report", ".", "--out-dir", "out")
+    result = run("report", ".", "--out-dir", "out", "--json")
     assert result.exit_code == 0
+    first, second = json.loads(result.stdout)
+    assert (first["out"], first["samples"], second["damage"]) == ("out/a.html", 1040, 12)
+    result = run("report", "a.mtb", "-o", "a.html", "--json", "--quiet")
+    assert json.loads(result.stdout) == first | {"files": ["a.mtb"], "out": "a.html"}
     assert "<title>b.mtb" in Path("out/b.html").read_text("utf-8")
     assert sorted(path.name for path in Path("out").iterdir()) == ["a.html", "b.html"]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from dataclasses import asdict
 from typing import Any
 
 import click
@@ -10,6 +11,7 @@ import click
 from xbus.cli import batch
 from xbus.cli.export_target import check_output, quality_text, writing
 from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
+from xbus.cli.printing import print_json
 from xbus.cli.progress import Progress, ShowsProgress
 from xbus.cli.recordings import (
     inputs_argument,
@@ -40,6 +42,12 @@ def _out(
 @strings_option
 @restart_option
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
+@click.option(
+    "--json",
+    "as_json",
+    is_flag=True,
+    help="Print the summary on stdout: a JSON object, or a list of them with --out-dir.",
+)
 def report(
     names: tuple[str, ...],
     out: str | None,
@@ -50,6 +58,7 @@ def report(
     strings: tuple[str, ...],
     allow_restart: bool,
     quiet: bool,
+    as_json: bool,
 ) -> None:
     """Creates HTML reports about recordings.
 
@@ -83,18 +92,20 @@ def report(
         heading = job.recording.title if title is None else title
         with writing(target):
             write_page(data, target, title=heading, plotly=plotly)
-        return quality_text(data.summary), {}
+        return quality_text(data.summary), asdict(stats) | {"damage": len(data.summary.damage)}
 
     if out_dir is not None:
         recordings = several_recordings(names, allow_restart=allow_restart)
         work = batch.plan(recordings, out_dir, ".html")
         outcomes = batch.run(work, write, workers=jobs, skip_existing=skip_existing, quiet=quiet)
-        batch.finish(outcomes, quiet=quiet, as_json=False)
+        batch.finish(outcomes, quiet=quiet, as_json=as_json)
         return
     assert out is not None  # noqa: S101 - see `check_targets`
     recording = one_recording(names, allow_restart=allow_restart)
     recording.show_notes()
     with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:
-        text, _ = write(batch.Job(recording, out), progress)
+        text, values = write(batch.Job(recording, out), progress)
+    if as_json:
+        print_json({"files": recording.files, "out": out} | values)
     if not quiet:
         click.echo(f"{label(out)}: {text}", err=True)
