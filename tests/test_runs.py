@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import xbus
-from conftest import counter, fine
+from conftest import counter, differences, facts, fine
 from streams import frame, mtdata2, packet
 from test_cli import WALK, run
 from xbus.protocol.tables import QUANTITIES
@@ -128,6 +128,57 @@ def test_devices_on_a_bus(tmp_path: Path) -> None:
     ]
     assert facts["duration_s"] == 1.99
     assert "BID 2 id 00800002, 200 samples in 1.99 s, 100.0 Hz" in text
+
+
+@given(
+    st.lists(st.tuples(st.integers(1, 3), st.integers(0, 3)), min_size=1, max_size=60),
+    st.integers(1, 500),
+)
+def test_interleaved_devices_equal_each_alone(order: list[tuple[int, int]], block: int) -> None:
+    """Some samples are lost, and devices restart; each has its own counter, time and messages."""
+    alone: dict[int, list[bytes]] = {}
+    together: list[bytes] = []
+    counts = {1: 10, 2: 65_530, 3: 0}
+    for bid, what in order:
+        if what == 3:
+            sent = frame(WAKE_UP, bid=bid)
+        else:
+            counts[bid] += 1 + what
+            value = packet(0x0810, struct.pack(">f", len(together)))
+            more = (
+                [packet(0x7020, bytes(4) + b"\1" + bytes(7))] if what else [packet(0xE990, b"abc")]
+            )
+            sent = mtdata2(counter(counts[bid]), fine(counts[bid] * 100), value, *more, bid=bid)
+        alone.setdefault(bid, []).append(sent)
+        together.append(sent)
+    data = b"".join(together)
+    log = xbus.read_log(data)
+    for device in log.devices:
+        own = log.device(device.bid)
+        expected = facts(xbus.read_log(b"".join(alone[device.bid])))
+        parts = xbus.iter_log(data, bid=device.bid, block_bytes=block)
+        for found in (facts(own), facts(*parts)):
+            for content in (found, expected):
+                content["messages"] = [(m[0], m[1], m[2], m[4]) for m in content["messages"]]
+                del content["offset"]
+            assert differences(found, expected) == []
+            expected = facts(xbus.read_log(b"".join(alone[device.bid])))
+        assert own.runs.tolist() == [
+            (bid, first, last, start, pytest.approx(duration, nan_ok=True))
+            for bid, first, last, start, duration in xbus.read_log(
+                b"".join(alone[device.bid])
+            ).runs.tolist()
+        ]
+
+
+def test_device_that_is_not_there() -> None:
+    log = xbus.read_log(bus())
+    assert log.device(0x800003).bid.tolist() == [3] * 100
+    assert xbus.read_log(bus(), bid=3) == log.device(3)
+    with pytest.raises(
+        ValueError, match="no samples of device 9; the log has those of BID 1, 2, 3"
+    ):
+        log.device(9)
 
 
 def test_single_device_has_no_bid_column() -> None:

@@ -406,6 +406,13 @@ class Part:
             ValueError: Another version of xbus saved the state, or it is damaged.
         """
     def __reduce__(self) -> tuple[type[Part], tuple[bytes]]: ...
+    def of_device(self, bid: int, first: int) -> Part:
+        """Returns the samples and messages of one device.
+
+        Args:
+            bid: BID of the device.
+            first: Index of its first sample.
+        """
     def only(self, column: Column) -> Part:
         """Returns the same samples and times with one of the columns, and nothing else."""
     def __len__(self) -> int:

@@ -29,7 +29,7 @@ from xbus.log.strings import Strings
 from xbus.log.trackers import Tracker, trackers_of
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
-from xbus.protocol.tables import QUANTITIES, device_of
+from xbus.protocol.tables import MASTER, QUANTITIES, device_of
 from xbus.protocol.undecoded import Undecoded, describe_undecoded, output_mids
 
 if TYPE_CHECKING:
@@ -336,6 +336,50 @@ class Log(ByQuantity[Column]):
         return Stats(**self._core.stats)
 
     # The device
+
+    def device(self, which: int) -> Log:
+        """Returns the log of one device alone, whose samples are counted from 0.
+
+        Offsets are those in the whole input. Strings and damage name no device and are left out.
+
+        Args:
+            which: BID (1 for FF too) or device identifier.
+
+        Raises:
+            ValueError: The log has no samples of this device.
+
+        >>> import xbus
+        >>> frames = [xbus.encode_sample({"temperature": 20.0 + bid}, bid=bid) for bid in (1, 2, 1)]
+        >>> xbus.read_log(b"".join(frames)).device(2)["temperature"].values.tolist()
+        [22.0]
+        """
+        for device in self.devices:
+            if which == device.device_id or device_of(device.bid) == _device(which):
+                return self.of_device(device.bid)
+        found = ", ".join(str(device.bid) for device in self.devices) or "none"
+        raise ValueError(f"no samples of device {which}; the log has those of BID {found}")
+
+    def of_device(self, bid: int, first_sample: int = 0) -> Log:
+        """Returns the part of one device, which may have no samples in it.
+
+        Args:
+            bid: BID of the device.
+            first_sample: Number of samples of the device before this part.
+        """
+        core = self._core.of_device(bid, first_sample)
+        device = device_of(bid)
+        is_own = device_of(self.bid) == device
+        times = self._host_times
+        host_times = HostTimes.known_already(
+            core,
+            None if times.known is None else times.known[is_own],
+            {other: clock for other, clock in times.clocks.items() if other == device},
+            np.empty(0),
+            times.fault,
+        )
+        identity = self._identities.get(device) if len(self.devices) > 1 else self.identity
+        identities = {} if identity is None else {device: identity}
+        return Log(core, quantities=self._filter, identities=identities, host_times=host_times)
 
     @cached_property
     def _identities(self) -> dict[int, Identity]:
@@ -672,6 +716,10 @@ class Log(ByQuantity[Column]):
             )
             for key, column in self.items()
         ]
+
+
+def _device(which: int) -> int | None:
+    return device_of(which) if 0 <= which <= MASTER else None
 
 
 def _unpickled(

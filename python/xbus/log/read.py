@@ -43,6 +43,7 @@ def read_log(
     *,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
+    bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
     between: Between | None = None,
@@ -61,6 +62,7 @@ def read_log(
             otherwise it is the given one or, if that does not fit, the order of the times.
         strict: Raise at the first damage instead of reporting it in `Log.damage`.
         quantities: Keys of the quantities to keep, or None for all of them.
+        bid: Keep only the device with this BID, as `Log.device` does; None for all devices.
         rate: Rate of the packet counter in Hz, for logs with a counter but no time: samples without a time
             stamp get the time ``packet_counter / rate``. Devices that send time stamps keep theirs.
         strings: String types without checksum and terminator to parse too: ``["EM1000"]``. All other types
@@ -95,7 +97,8 @@ def read_log(
     while reader.advance(STEP):
         pass
     part = reader.take()
-    return Log(part, quantities=keep, host_times=HostTimes(part, arrivals))
+    log = Log(part, quantities=keep, host_times=HostTimes(part, arrivals))
+    return log if bid is None else log.device(bid)
 
 
 def iter_log(
@@ -104,6 +107,7 @@ def iter_log(
     block_bytes: int = BLOCK,
     strict: bool = False,
     quantities: Iterable[Key] | None = None,
+    bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
     between: Between | None = None,
@@ -119,6 +123,7 @@ def iter_log(
         block_bytes: Approximate size of a part, in bytes of input.
         strict: Raise at the first damage, after the part with the samples before it.
         quantities: As in `read_log`.
+        bid: As in `read_log`. Parts without samples of the device are empty.
         rate: As in `read_log`.
         strings: As in `read_log`.
         between: As in `read_log`.
@@ -149,6 +154,7 @@ def iter_log(
     def parts() -> Iterator[Log]:
         identities: dict[int, Identity] = {}
         clocks: dict[int, HostClock] = {}
+        first_sample = 0
         more = True
         while more:
             fault = None
@@ -162,6 +168,9 @@ def iter_log(
                 clocks = host_times.clocks
             part = Log(core, quantities=keep, identities=identities, host_times=host_times)
             identities = part._identities
+            if bid is not None:
+                part = part.of_device(bid, first_sample)
+                first_sample += len(part)
             yield part
             if fault is not None:
                 raise fault

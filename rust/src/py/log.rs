@@ -103,6 +103,10 @@ impl Part {
         Self(Arc::new(self.0.only(column.index)))
     }
 
+    fn of_device(&self, py: Python<'_>, bid: u8, first: u64) -> Self {
+        Self(Arc::new(py.detach(|| self.0.of_device(bid, first))))
+    }
+
     fn __len__(&self) -> usize {
         self.0.part.len()
     }
