@@ -73,5 +73,11 @@ def test_wrong_calls(args: list[str], text: str) -> None:
 def test_a_log_without_time_stamps() -> None:
     Path("x.mtb").write_bytes(encode_sample({"temperature": 20.0}))
     result = run("decode", "x.mtb", "-o", "out.csv", "--rate-out", "10")
-    assert "x.mtb has no time stamps; omit --rate-out" in sentence(result)
+    assert "x.mtb has no time stamps; --rate HZ derives them" in sentence(result)
     assert not Path("out.csv").exists()
+    counted = [encode_sample({"packet_counter": at, "temperature": at}) for at in range(5)]
+    Path("x.mtb").write_bytes(b"".join(counted))
+    assert (
+        run("decode", "x.mtb", "-o", "out.csv", "--rate-out", "10", "--rate", "20").exit_code == 0
+    )
+    assert Path("out.csv").read_text().splitlines()[2].startswith("0.1,2")

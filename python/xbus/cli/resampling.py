@@ -63,6 +63,7 @@ def resampled(
 
     if not np.isfinite(log.time).any():
         raise Failure(
-            f"{names} has no time stamps; omit --rate-out to write the samples as they are"
+            f"{names} has no time stamps; --rate HZ derives them from the packet counter, without --rate-out "
+            "the samples are written as they are"
         )
     return log.resample(rate, list(keys) or None, max_gap=max_gap)

@@ -490,7 +490,10 @@ class Log(ByQuantity[Column]):
                 )
         columns = [column for column in columns if QUANTITIES[column.name].interpolation]
         if not np.isfinite(self.time).any():
-            raise ValueError("the log has no time stamps, without which nothing can be resampled")
+            raise ValueError(
+                "the log has no time stamps, without which nothing can be resampled; "
+                "read_log(..., rate=100) derives them from the packet counter"
+            )
         # UTC in samples of the GNSS receiver is that of its solution, some 10 ms from the time of the sample.
         steady = steady_time(self)
         is_steady = bool((~np.isnat(self.utc) & np.isfinite(steady)).any())
