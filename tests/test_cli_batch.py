@@ -151,6 +151,8 @@ def test_info() -> None:
     (expected,) = json.loads(run("info", "--json", "logs/a.mtb").stdout)
     assert json.loads(Path("out/a.json").read_text()) == expected
     assert [path.name for path in Path("out").iterdir()] == ["a.json"]
+    result = run("info", WALK, "--skip-existing")
+    assert (result.exit_code, "--skip-existing needs --out-dir" in result.stderr) == (2, True)
 
 
 def test_report() -> None:

@@ -68,6 +68,8 @@ def info(
             file.write((json.dumps(values, indent=2, allow_nan=False) + "\n").encode())
         return quality_text(summary), values
 
+    if skip_existing and out_dir is None:
+        raise click.UsageError("--skip-existing needs --out-dir")
     recordings = several_recordings(names, allow_restart=allow_restart)
     if out_dir is None:
         work = [batch.Job(recording, None) for recording in recordings]
