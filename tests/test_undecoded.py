@@ -53,6 +53,13 @@ def test_decode_fails_if_nothing_is_decoded(data: bytes, suffix: str) -> None:
     assert not Path(f"out{suffix}").exists()
 
 
+def test_a_quantity_that_is_not_there_is_another_failure() -> None:
+    args = ["-o", "out.csv", "--quantity", "acceleration"]
+    result = run("decode", written(SAMPLES + LEGACY), *args)
+    assert "no acceleration in x.mtb" in sentence(result)
+    assert "nothing was decoded" in sentence(run("decode", written(LEGACY), *args))
+
+
 @pytest.mark.parametrize("data", [LEGACY, UNKNOWN], ids=["legacy", "unknown"])
 def test_everything_names_what_is_left_out(data: bytes) -> None:
     file = written(SAMPLES + data)
