@@ -517,6 +517,69 @@ fn devices_on_a_bus_have_separate_clocks_and_counters() {
     assert_eq!(log.bids, [1, 2, 0xFF, 2, 1]);
 }
 
+/// A sample with this counter and fine time.
+fn stamped(counter: u16, ticks: u32) -> Vec<u8> {
+    sample(&[(0x1020, &counter.to_be_bytes()), (0x1060, &ticks.to_be_bytes())])
+}
+
+fn restarts(log: &Log) -> Vec<u64> {
+    log.restarts.iter().map(|restart| restart.sample).collect()
+}
+
+#[test]
+fn losses_include_wraps_of_the_counter_that_the_time_shows() {
+    let stamps = [(10, 1000), (11, 1100), (12, 1200), (17, 6_555_300), (18, 6_555_400)];
+    let log = read(&stamps.map(|(counter, ticks)| stamped(counter, ticks)).concat());
+    assert_eq!((log.losses().samples, log.losses().gaps), (65_540, 1));
+    assert_eq!(log.counters, [10, 11, 12, 65_553, 65_554]);
+    // A pause, after which the counter continues, is no wrap.
+    let pause = [(10, 1000), (11, 1100), (12, 4_000_000), (13, 4_000_100)];
+    assert_eq!(read(&pause.map(|(counter, ticks)| stamped(counter, ticks)).concat()).losses().samples, 0);
+}
+
+#[test]
+fn runs_start_where_clock_and_counter_start_again() {
+    let (first, second) =
+        ([stamped(0x7530, 5_000_000), stamped(0x7531, 5_000_100)], [stamped(0, 6000), stamped(1, 6100)]);
+    for between in [vec![], frame(0x3E, &[]), frame(0x11, &[])] {
+        let log = read(&[&first.concat()[..], &between, &second.concat()].concat());
+        assert_eq!((restarts(&log), log.losses().samples), (vec![2], 0), "{between:02X?}");
+    }
+    // The first run needs no sample before it, and a damaged stamp is no restart.
+    assert_eq!(restarts(&read(&[&frame(0x3E, &[])[..], &first.concat()].concat())), [0; 0]);
+    let damaged = [stamped(1, 100_000), stamped(2, 50_000), stamped(3, 100_200)].concat();
+    assert_eq!(restarts(&read(&damaged)), [0; 0]);
+}
+
+#[test]
+fn one_device_of_a_bus_is_as_if_alone() {
+    let of = |bid, counter: u8| frame_of(bid, table::MTDATA2, &packet(0x1020, &[0, counter]));
+    let (one, two) = ([of(1, 5), of(0xFF, 7)], [of(2, 100), frame_of(2, 0x42, &[4]), of(2, 101)]);
+    let stream = [&one[0], &two[0], &two[1], &one[1], &two[2]].map(Clone::clone).concat();
+    let timed = |bytes: &[u8]| {
+        let mut reader = Reader::new(Options::default(), 0);
+        reader.read(Window { bytes, offset: 0, last: true }, u64::MAX).unwrap();
+        TimedPart::take(&mut reader, &mut Clocks::default())
+    };
+    for (bid, alone) in [(1, one.concat()), (0xFF, one.concat()), (2, two.concat())] {
+        let (found, expected) = (timed(&stream).of_device(bid, 7), timed(&alone));
+        assert_eq!(found.part.stats, expected.part.stats, "{bid}");
+        assert_eq!(found.part.bids(), expected.part.bids(), "{bid}");
+        assert_eq!(found.times().counter, expected.times().counter, "{bid}");
+        assert_eq!(found.times().gaps.len(), expected.times().gaps.len(), "{bid}");
+        assert_eq!(found.part.first, 7);
+    }
+}
+
+#[test]
+fn a_rate_gives_time_to_samples_without_time_stamps() {
+    let stream = [counted(100, 0x4020, &[0x41; 12]), counted(150, 0x4020, &[0x41; 12])].concat();
+    let mut reader = Reader::new(Options::default(), 0);
+    reader.read(Window { bytes: &stream, offset: 0, last: true }, u64::MAX).unwrap();
+    let part = TimedPart::take(&mut reader, &mut Clocks::new(Some(100.0)));
+    assert_eq!(part.times().time, [1.0, 1.5]);
+}
+
 #[test]
 fn gnss_samples_do_not_move_the_clock() {
     let gnss = |ticks: i64| [&packet(0x7010, &[0; 94])[..], &fine(ticks)[4..11]].concat();
