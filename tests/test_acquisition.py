@@ -114,6 +114,7 @@ def test_nothing_is_lost_while_python_holds_its_lock(pty: tuple[int, str], tmp_p
         "files": [tmp_path / "log.mtb"],
         "bytes": len(data),
         "frames": 60_000,
+        "samples": 60_000,
         "queued_bytes": 0,
         "active": False,
         "error": None,

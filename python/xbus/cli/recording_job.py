@@ -187,9 +187,7 @@ class RecordingJob:
         """Returns a line about the recording: files, duration, counts and losses."""
         stats, before, files = self.device.stats, self.before, self.recording.files
         names = label(files[0]) + (f" to {label(files[-1])}" if len(files) > 1 else "")
-        # The totals of the device continue after the recording has ended.
-        messages = stats.messages - before.messages
-        parts = [format_count(self.recording.frames - messages, "sample")]
+        parts = [format_count(self.recording.samples, "sample")]
         if strings := sum(stats.strings.values()) - sum(before.strings.values()):
             parts.append(format_count(strings, "string"))
         for mid, count in _undecoded(stats).items():

@@ -85,6 +85,11 @@ class Recording:
         return int(self._recorder.state["frames"])
 
     @property
+    def samples(self) -> int:
+        """Received samples in the files."""
+        return int(self._recorder.state["samples"])
+
+    @property
     def queued_bytes(self) -> int:
         """Received bytes that are not written yet."""
         return int(self._recorder.state["queued_bytes"])

@@ -109,13 +109,11 @@ impl Intake {
             self.damage(damage, lanes);
             let (offset, bytes) = (window.offset + at as u64, &window.bytes[at..at + length]);
             let arrival = self.arrival(offset + length as u64);
-            self.marks.push(Mark { end: at + length, length, is_frame: place.is_none() });
-            match place {
-                None => self.frame(offset, bytes, arrival, lanes),
-                Some(place) => {
-                    self.counts.string(place);
-                    lanes.add_string(Text { offset, arrival, place, bytes: bytes.into() });
-                }
+            let is_sample = place.is_none() && self.frame(offset, bytes, arrival, lanes);
+            self.marks.push(Mark { end: at + length, length, is_frame: place.is_none(), is_sample });
+            if let Some(place) = place {
+                self.counts.string(place);
+                lanes.add_string(Text { offset, arrival, place, bytes: bytes.into() });
             }
         }
         self.counts.checksum_errors = self.scanner.checksum_errors;
@@ -144,7 +142,8 @@ impl Intake {
         }
     }
 
-    fn frame(&mut self, offset: u64, bytes: &[u8], arrival: i64, lanes: &mut Lanes) {
+    /// Counts and hands out a frame; returns whether it is that of a sample.
+    fn frame(&mut self, offset: u64, bytes: &[u8], arrival: i64, lanes: &mut Lanes) -> bool {
         let frame = Frame::of(bytes);
         let is_wanted = self.is_wanted(frame.bid);
         let clock = self.clocks.of(frame.bid);
@@ -165,7 +164,7 @@ impl Intake {
                 let sample = Sample { offset, length, bid, leads, arrival, moment, host_time };
                 lanes.add_sample(sample, bytes);
             }
-            return;
+            return true;
         }
         if let Some(change) = Change::of(frame.mid, frame.payload) {
             clock.change(change);
@@ -174,6 +173,7 @@ impl Intake {
         if is_wanted && !self.early.contains(&offset) {
             lanes.add_event(Event::Message { offset, bytes: bytes.into() });
         }
+        false
     }
 
     /// The messages in the undecided bytes, as if the stream ended with them. They are not handed out again. The bytes stay

@@ -98,6 +98,8 @@ pub struct Report {
     pub bytes: u64,
     /// Frames in the files.
     pub frames: u64,
+    /// Samples among them.
+    pub samples: u64,
     /// Bytes that wait for the disk.
     pub queued_bytes: usize,
     /// Whether it is in progress.
@@ -115,6 +117,8 @@ pub struct Mark {
     pub length: usize,
     /// Whether it is a frame.
     pub is_frame: bool,
+    /// Whether it is the frame of a sample.
+    pub is_sample: bool,
 }
 
 /// What waits for the disk.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::file::LogFile;
-use super::{Batch, Recording, Report};
+use super::{Batch, Mark, Recording, Report};
 use crate::frame::{Frame, field};
 use crate::strings::enabled_strings;
 use crate::table::{BARE_STRINGS, STRING_OUTPUT_TYPE};
@@ -29,6 +29,7 @@ pub struct Writer {
     /// Bytes written, in all files.
     written: u64,
     frames: u64,
+    samples: u64,
 }
 
 impl Writer {
@@ -46,6 +47,7 @@ impl Writer {
             strings: vec![],
             written: 0,
             frames: 0,
+            samples: 0,
         })
     }
 
@@ -68,7 +70,13 @@ impl Writer {
 
     /// The state of the recording, as far as the writer knows it.
     pub fn report(&self) -> Report {
-        Report { files: self.files.clone(), bytes: self.written, frames: self.frames, ..Report::default() }
+        Report {
+            files: self.files.clone(),
+            bytes: self.written,
+            frames: self.frames,
+            samples: self.samples,
+            ..Report::default()
+        }
     }
 
     /// Writes a batch. If it fails, the file may end inside a frame: see [`Self::truncate`].
@@ -144,7 +152,9 @@ impl Writer {
         if let Some(last) = batch.marks[first..done].last() {
             self.output.whole = place(last.end as u64);
         }
-        self.frames += batch.marks[first..done].iter().filter(|mark| mark.is_frame).count() as u64;
+        let count = |is: fn(&Mark) -> bool| batch.marks[first..done].iter().filter(|mark| is(mark)).count() as u64;
+        self.frames += count(|mark| mark.is_frame);
+        self.samples += count(|mark| mark.is_sample);
         result.map_err(of_file(&self.output.path))?;
         for piece in batch.pieces.iter().skip_while(|piece| piece.end <= begin) {
             self.output.add_time(place(piece.end.min(to)), piece.arrival.saturating_add(self.epoch));
