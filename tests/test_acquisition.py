@@ -545,7 +545,12 @@ def test_time_outs() -> None:
 
 def test_a_wait_for_more_than_fits_ends_when_the_lane_is_full() -> None:
     acquisition = Acquisition(None, bound=880)
-    assert wait_for(acquisition, lambda: acquisition.push(streams.ahrs(11)), samples=100) is True
+    ended: list[bool] = []
+    waiter = threading.Thread(target=lambda: ended.append(acquisition.wait(LONG, samples=100)))
+    waiter.start()
+    while waiter.is_alive():  # the wait may begin when the lane is full already
+        acquisition.push(streams.ahrs(11))
+    assert ended == [True]
     assert acquisition.waiting.samples == 10
 
 

@@ -214,20 +214,21 @@ def test_tables_fit_the_terminal(columns: int) -> None:
 def test_quantities() -> None:
     head, *rows = run("quantities").stdout.splitlines()
     assert head.split() == [
-        *["id", "name", "manual", "layout", "unit", "coordinates", "products", "source"]
+        *["id", "name", "manual", "layout", "unit", "axes", "coordinates", "products", "source"]
     ]
     assert [row.split()[:3] for row in rows] == [
         [f"0x{quantity.id:04X}", quantity.name, quantity.manual] for quantity in QUANTITIES.values()
     ]
     (row,) = run("quantities", "0x5040").stdout.splitlines()[1:]
     assert re.split(r"  +", row) == [
-        *["0x5040", "lat_lon", "LatLon", "2 real", "deg", "7 710 670 680", "5.3.6"]
+        *["0x5040", "lat_lon", "LatLon", "2 real", "deg", "earth", "7 710 670 680", "5.3.6"]
     ]
     at = head.index
     for quantity, row in zip(QUANTITIES.values(), rows, strict=True):
         cell = row[at("coordinates") : at("products")].strip()
         assert cell == ("ENU NED NWU" if quantity.coordinates else "")
-        assert row[at("unit") : at("coordinates")].strip() == quantity.unit
+        assert row[at("unit") : at("axes")].strip() == quantity.unit
+        assert row[at("axes") : at("coordinates")].strip() == (quantity.axes or "")
 
 
 def test_layouts() -> None:

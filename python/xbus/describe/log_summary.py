@@ -414,7 +414,7 @@ class LogSummary:
             "damage": [dict(zip(DAMAGE.names or (), row, strict=True)) for row in self.damage],
             "malformed": stats.malformed,
             "messages": dict(self.messages),
-            "strings": dict(self.strings),
+            "strings": dict(sorted(self.strings.items())),
             "events": [
                 {
                     "offset": event.offset,

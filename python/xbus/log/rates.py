@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -79,7 +80,7 @@ class Rates:
         """Rows per second; NaN for fewer than two time stamps in each run."""
         spans = [(rows - 1, last - first) for rows, first, last in self._stamps.values()]
         spans = [(steps, span) for steps, span in spans if span > 0]
-        seconds = sum(span for _, span in spans)
+        seconds = math.fsum(span for _, span in spans)  # the same in any order
         return sum(steps for steps, _ in spans) / seconds if seconds else float("nan")
 
     def nominal(self, samples: int, *, has_counter: bool) -> float:
