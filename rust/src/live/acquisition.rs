@@ -152,8 +152,8 @@ impl Acquisition {
     pub fn new(bound: usize, bid: u8, epoch: Option<i64>) -> Self {
         let epoch = epoch.unwrap_or_else(time::epoch);
         let state = State {
-            intake: Intake::new(bid, epoch),
-            lanes: Lanes::new(bound),
+            intake: Intake::new(bid),
+            lanes: Lanes::new(bound, epoch),
             meter: Meter::default(),
             awaited: Awaited::NOTHING,
             hurry: false,
@@ -328,8 +328,7 @@ impl Acquisition {
         if samples.is_some_and(|samples| state.lanes.samples() < samples) {
             return None;
         }
-        let clocks = state.intake.host_clocks();
-        Some(Block { clocks, ..state.lanes.take_block(samples) })
+        Some(state.lanes.take_block(samples))
     }
 
     /// Takes all events, and returns the number of those that were ever added. If `early`, also the messages among the bytes

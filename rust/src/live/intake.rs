@@ -1,31 +1,27 @@
 //! The scan of a live stream. Everything that is known about the stream is found here, once.
 
-use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::collections::{BTreeSet, VecDeque};
 
 use super::lanes::{Event, Lanes, Sample, Text};
 use super::recorder::{Mark, Recorder};
 use super::{Counts, Piece};
 use crate::clock::{Change, Clocks, Stamps};
 use crate::frame::{Frame, MASTER, device_of};
-use crate::hostclock::HostClock;
 use crate::input::PushBuffer;
 use crate::packet::is_well_formed;
 use crate::scan::{Damage, Scanner, Step};
 use crate::table::{self, LONGEST_PAYLOAD};
 
-/// Scans a stream that is received in pieces, counts what it finds, and gives each sample its times.
+/// Scans a stream that is received in pieces, counts what it finds, and gives each sample its device time.
 #[derive(Debug)]
 pub struct Intake {
     /// Bus identifier of the device whose frames go to the lanes; [`MASTER`] for those of all devices.
     bid: u8,
-    /// What to add to arrivals for nanoseconds since 1970.
-    epoch: i64,
     scanner: Scanner,
     undecided: PushBuffer,
     /// The pieces of the undecided bytes.
     pieces: VecDeque<Piece>,
     clocks: Clocks,
-    host_clocks: BTreeMap<u8, HostClock>,
     counts: Counts,
     /// Where the messages begin that were handed out before they were decided: positions among the undecided bytes.
     early: BTreeSet<u64>,
@@ -36,15 +32,13 @@ pub struct Intake {
 impl Intake {
     /// An intake at the beginning of a stream.
     #[must_use]
-    pub fn new(bid: u8, epoch: i64) -> Self {
+    pub fn new(bid: u8) -> Self {
         Self {
             bid,
-            epoch,
             scanner: Scanner::new(LONGEST_PAYLOAD),
             undecided: PushBuffer::default(),
             pieces: VecDeque::new(),
             clocks: Clocks::default(),
-            host_clocks: BTreeMap::new(),
             counts: Counts::default(),
             early: BTreeSet::new(),
             marks: vec![],
@@ -72,11 +66,6 @@ impl Intake {
     /// Looks also for these strings: see [`Scanner::expect`].
     pub fn expect(&mut self, strings: u32) {
         self.scanner.expect(strings);
-    }
-
-    /// The clocks of the host for the devices, by bus identifier.
-    pub(super) fn host_clocks(&self) -> Vec<(u8, HostClock)> {
-        self.host_clocks.iter().map(|(bid, clock)| (*bid, clock.clone())).collect()
     }
 
     /// Adds a piece that arrives now.
@@ -151,17 +140,11 @@ impl Intake {
             let stamps = Stamps::read(frame.payload);
             let moment = clock.sample(stamps);
             self.counts.sample(frame.payload, moment.lost);
-            let host_time = if moment.seconds.is_nan() {
-                f64::NAN
-            } else {
-                let clock = self.host_clocks.entry(device_of(frame.bid)).or_default();
-                clock.update(moment.seconds, arrival.saturating_add(self.epoch), stamps.lead())
-            };
             if is_wanted {
                 #[allow(clippy::cast_possible_truncation)] // at most 65535 and a header
                 let length = bytes.len() as u32;
                 let (bid, leads) = (frame.bid, stamps.lead());
-                let sample = Sample { offset, length, bid, leads, arrival, moment, host_time };
+                let sample = Sample { offset, length, bid, leads, arrival, moment, host_time: f64::NAN };
                 lanes.add_sample(sample, bytes);
             }
             return true;
@@ -209,7 +192,7 @@ mod tests {
     #[test]
     fn early_messages_are_forgotten_when_their_bytes_are_decided() {
         let frame = |mid, payload: &[u8]| Frame { bid: MASTER, mid, payload }.encode().unwrap();
-        let (mut intake, mut lanes) = (Intake::new(MASTER, 0), Lanes::new(1000));
+        let (mut intake, mut lanes) = (Intake::new(MASTER), Lanes::new(1000, 0));
         // A sample with a packet of an unlisted quantity that holds a message.
         let inside = frame(table::ERROR, &[0]);
         let sample = frame(table::MTDATA2, &[&[0xF0, 0x10, 100][..], &inside, &[0; 94]].concat());

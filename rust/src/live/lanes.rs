@@ -3,11 +3,11 @@
 //! They wait apart from each other, so a program that waits for the answer to a command leaves the samples for those who
 //! read them. Each lane is bounded: the oldest entries are dropped, and counted.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 use super::most_entries;
 use crate::clock::Moment;
-use crate::frame::Frame;
+use crate::frame::{Frame, device_of};
 use crate::hostclock::HostClock;
 use crate::scan::{self, Damage};
 
@@ -26,7 +26,7 @@ pub struct Sample {
     pub arrival: i64,
     /// When it was measured, on the clock of the device, and what is missing before it.
     pub moment: Moment,
-    /// When it was measured, in seconds since 1970 on the clock of the host; NaN if that is not known.
+    /// When it was measured, in seconds since 1970 on the clock of the host; NaN if that is not known, and in the lane.
     pub host_time: f64,
 }
 
@@ -137,6 +137,9 @@ pub struct Dropped {
 pub struct Lanes {
     /// Most bytes of each lane.
     bound: usize,
+    epoch: i64,
+    /// The clocks of the host for the devices, as of the last sample that left its lane.
+    clocks: BTreeMap<u8, HostClock>,
     samples: VecDeque<Sample>,
     /// The frames of the samples.
     frames: VecDeque<u8>,
@@ -170,9 +173,12 @@ pub struct Waiting {
 }
 
 impl Lanes {
-    pub fn new(bound: usize) -> Self {
+    /// Lanes of `bound` bytes each. `epoch` is what to add to arrivals for nanoseconds since 1970.
+    pub fn new(bound: usize, epoch: i64) -> Self {
         Self {
             bound,
+            epoch,
+            clocks: BTreeMap::new(),
             samples: VecDeque::new(),
             frames: VecDeque::new(),
             strings: VecDeque::new(),
@@ -273,15 +279,27 @@ impl Lanes {
         self.dropped
     }
 
-    fn pop_sample(&mut self) -> Option<Sample> {
-        let sample = self.samples.pop_front()?;
-        self.frames.drain(..sample.length as usize);
+    /// Removes the oldest sample, and gives it its host time. All samples pass here, in order, so that host times are those
+    /// of a log, whoever takes them. A recording that nobody reads does not need them.
+    fn leave(&mut self) -> Option<Sample> {
+        let mut sample = self.samples.pop_front()?;
+        if !sample.moment.seconds.is_nan() {
+            let clock = self.clocks.entry(device_of(sample.bid)).or_default();
+            let arrival = sample.arrival.saturating_add(self.epoch);
+            sample.host_time = clock.update(sample.moment.seconds, arrival, sample.leads);
+        }
         Some(sample)
+    }
+
+    fn pop_sample(&mut self) {
+        if let Some(sample) = self.leave() {
+            self.frames.drain(..sample.length as usize);
+        }
     }
 
     /// Takes the oldest sample, and its frame.
     pub fn take_sample(&mut self) -> Option<(Sample, Vec<u8>)> {
-        let sample = self.samples.pop_front()?;
+        let sample = self.leave()?;
         Some((sample, self.frames.drain(..sample.length as usize).collect()))
     }
 
@@ -305,7 +323,7 @@ impl Lanes {
     /// Takes this number of samples, and the strings before the last of them; or all samples and strings.
     pub fn take_block(&mut self, samples: Option<usize>) -> Block {
         let count = samples.unwrap_or(usize::MAX).min(self.samples.len());
-        let taken: Vec<_> = self.samples.drain(..count).collect();
+        let taken: Vec<_> = std::iter::from_fn(|| self.leave()).take(count).collect();
         let bytes = taken.iter().map(|sample| sample.length as usize).sum();
         let frames = copied(&self.frames, bytes);
         self.frames.drain(..bytes);
@@ -313,7 +331,8 @@ impl Lanes {
         let before = self.strings.partition_point(|text| text.offset < end);
         let strings: Vec<_> = self.strings.drain(..before).collect();
         self.string_bytes -= strings.iter().map(|text| text.bytes.len()).sum::<usize>();
-        Block { frames, samples: taken, strings, clocks: vec![] }
+        let clocks = self.clocks.iter().map(|(bid, clock)| (*bid, clock.clone())).collect();
+        Block { frames, samples: taken, strings, clocks }
     }
 
     /// Takes everything, in the order in which it was received.
@@ -332,7 +351,7 @@ impl Lanes {
     /// Removes the samples and strings that wait, and returns how many there were.
     pub fn clear_data(&mut self) -> usize {
         let count = self.samples.len() + self.strings.len();
-        self.samples.clear();
+        while self.leave().is_some() {}
         self.frames.clear();
         self.strings.clear();
         self.string_bytes = 0;

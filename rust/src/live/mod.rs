@@ -6,8 +6,8 @@
 //!        or push          └─ recorder   every byte to disk, in a second thread                     bounded, ends when it is full
 //! ```
 //!
-//! The intake scans the stream, once, and gives every sample its times. All others use what it has found. The threads do not
-//! need Python: a program that is busy for seconds finds in the lanes what was received meanwhile.
+//! The intake scans the stream, once, and gives every sample its device time. All others use what it has found. The threads
+//! do not need Python: a program that is busy for seconds finds in the lanes what was received meanwhile.
 
 mod acquisition;
 mod block;
