@@ -115,6 +115,8 @@ def test_nothing_is_lost_while_python_holds_its_lock(pty: tuple[int, str], tmp_p
         "bytes": len(data),
         "frames": 60_000,
         "samples": 60_000,
+        "message_counts": {},
+        "strings": 0,
         "queued_bytes": 0,
         "active": False,
         "error": None,

@@ -773,8 +773,9 @@ class Acquisition:
     def recording(self) -> dict[str, Any] | None:
         """State of the recording, also of one that failed and was not stopped; None if there is none.
 
-        Keys: ``files``; ``bytes``, ``frames`` and ``samples`` received that are in them; ``queued_bytes``;
-        ``active``; ``error``, why it failed, or None.
+        Keys: ``files``; received ``bytes``, ``frames``, ``samples`` and ``strings`` that are in them, and
+        ``message_counts`` of other messages by message identifier; ``queued_bytes``; ``active``; ``error``,
+        why it failed, or None.
         """
     def stop_recording(self) -> dict[str, Any] | None:
         """Ends the recording with the last whole frame, and returns its last state as `recording` does."""

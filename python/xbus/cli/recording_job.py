@@ -185,14 +185,15 @@ class RecordingJob:
 
     def summary(self) -> str:
         """Returns a line about the recording: files, duration, counts and losses."""
-        stats, before, files = self.device.stats, self.before, self.recording.files
+        stats, files = self.device.stats, self.recording.files
         names = label(files[0]) + (f" to {label(files[-1])}" if len(files) > 1 else "")
         parts = [format_count(self.recording.samples, "sample")]
-        if strings := sum(stats.strings.values()) - sum(before.strings.values()):
+        if strings := self.recording.strings:
             parts.append(format_count(strings, "string"))
-        for mid, count in _undecoded(stats).items():
-            if new := count - before.message_counts.get(mid, 0):
-                parts.append(f"{format_count(new, 'message')} {output_name(mid)}")
+        counts = self.recording.message_counts
+        parts += [
+            f"{format_count(counts[mid], 'message')} {output_name(mid)}" for mid in output_mids(counts)
+        ]
         if self.corrections is not None:
             parts.append(f"{format_count(self.corrections.forwarder.messages, 'correction')} sent")
         parts.append(format_size(self.recording.bytes))

@@ -90,6 +90,16 @@ class Recording:
         return int(self._recorder.state["samples"])
 
     @property
+    def strings(self) -> int:
+        """Received strings in the files."""
+        return int(self._recorder.state["strings"])
+
+    @property
+    def message_counts(self) -> dict[int, int]:
+        """Number of received messages in the files that are not samples, by message identifier."""
+        return dict(self._recorder.state["message_counts"])
+
+    @property
     def queued_bytes(self) -> int:
         """Received bytes that are not written yet."""
         return int(self._recorder.state["queued_bytes"])

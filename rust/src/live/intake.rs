@@ -6,7 +6,7 @@ use super::lanes::{Event, Lanes, Sample, Text};
 use super::recorder::{Mark, Recorder};
 use super::{Counts, Piece};
 use crate::clock::{Change, Clocks, Stamps};
-use crate::frame::{Frame, MASTER, device_of};
+use crate::frame::{Frame, MASTER, device_of, field};
 use crate::input::PushBuffer;
 use crate::packet::is_well_formed;
 use crate::scan::{Damage, Scanner, Step};
@@ -99,7 +99,8 @@ impl Intake {
             let (offset, bytes) = (window.offset + at as u64, &window.bytes[at..at + length]);
             let arrival = self.arrival(offset + length as u64);
             let is_sample = place.is_none() && self.frame(offset, bytes, arrival, lanes);
-            self.marks.push(Mark { end: at + length, length, is_frame: place.is_none(), is_sample });
+            let mid = if place.is_none() { Some(bytes[field::MID]) } else { None };
+            self.marks.push(Mark { end: at + length, length, mid, is_sample });
             if let Some(place) = place {
                 self.counts.string(place);
                 lanes.add_string(Text { offset, arrival, place, bytes: bytes.into() });

@@ -33,6 +33,7 @@ mod file;
 mod times;
 mod writer;
 
+use std::collections::BTreeMap;
 use std::io;
 use std::path::PathBuf;
 use std::sync::{Arc, Condvar, Mutex, PoisonError};
@@ -100,12 +101,32 @@ pub struct Report {
     pub frames: u64,
     /// Samples among them.
     pub samples: u64,
+    /// Other messages among them, by message identifier.
+    pub message_counts: BTreeMap<u8, u64>,
+    /// Strings in the files.
+    pub strings: u64,
     /// Bytes that wait for the disk.
     pub queued_bytes: usize,
     /// Whether it is in progress.
     pub active: bool,
     /// Why it failed.
     pub error: Option<String>,
+}
+
+impl Report {
+    /// Counts what is in a file.
+    fn count(&mut self, mark: &Mark) {
+        let Some(mid) = mark.mid else {
+            self.strings += 1;
+            return;
+        };
+        self.frames += 1;
+        if mark.is_sample {
+            self.samples += 1;
+        } else {
+            *self.message_counts.entry(mid).or_default() += 1;
+        }
+    }
 }
 
 /// A frame or string, in bytes to record.
@@ -115,8 +136,8 @@ pub struct Mark {
     pub end: usize,
     /// Its bytes.
     pub length: usize,
-    /// Whether it is a frame.
-    pub is_frame: bool,
+    /// Message identifier of a frame; `None` for a string.
+    pub mid: Option<u8>,
     /// Whether it is the frame of a sample.
     pub is_sample: bool,
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::file::LogFile;
-use super::{Batch, Mark, Recording, Report};
+use super::{Batch, Recording, Report};
 use crate::frame::{Frame, field};
 use crate::strings::enabled_strings;
 use crate::table::{BARE_STRINGS, STRING_OUTPUT_TYPE};
@@ -18,7 +18,6 @@ pub struct Writer {
     output: LogFile,
     /// Whether the next bytes belong into another file.
     full: bool,
-    files: Vec<PathBuf>,
     /// Number of the last file.
     number: usize,
     /// Whether strings without a checksum were enabled before the recording.
@@ -26,10 +25,8 @@ pub struct Writer {
     /// The last `StringOutputType` frame that was received, if it matters: every file repeats which strings without a
     /// checksum are enabled.
     strings: Vec<u8>,
-    /// Bytes written, in all files.
-    written: u64,
-    frames: u64,
-    samples: u64,
+    /// The files, and what is in them.
+    report: Report,
 }
 
 impl Writer {
@@ -37,7 +34,7 @@ impl Writer {
     pub fn new(recording: Recording, epoch: i64, strings: u32) -> io::Result<Self> {
         let output = LogFile::new(&recording, &[], recording.path.clone(), epoch)?;
         Ok(Self {
-            files: vec![recording.path.clone()],
+            report: Report { files: vec![recording.path.clone()], ..Report::default() },
             recording,
             epoch,
             output,
@@ -45,9 +42,6 @@ impl Writer {
             number: 0,
             had_strings: strings != 0,
             strings: vec![],
-            written: 0,
-            frames: 0,
-            samples: 0,
         })
     }
 
@@ -70,13 +64,7 @@ impl Writer {
 
     /// The state of the recording, as far as the writer knows it.
     pub fn report(&self) -> Report {
-        Report {
-            files: self.files.clone(),
-            bytes: self.written,
-            frames: self.frames,
-            samples: self.samples,
-            ..Report::default()
-        }
+        self.report.clone()
     }
 
     /// Writes a batch. If it fails, the file may end inside a frame: see [`Self::truncate`].
@@ -90,7 +78,7 @@ impl Writer {
                 self.flush(true)?;
                 self.full = true;
             }
-            if mark.is_frame {
+            if mark.mid.is_some() {
                 self.learn(&batch.bytes[mark.end - mark.length..mark.end]);
             }
         }
@@ -129,7 +117,7 @@ impl Writer {
             }
         };
         self.output = output;
-        self.files.push(path);
+        self.report.files.push(path);
         self.full = false;
         Ok(())
     }
@@ -145,16 +133,16 @@ impl Writer {
         let result = self.output.write(&batch.bytes[begin as usize..to as usize]);
         let taken = begin + (self.output.length - length);
         *from = taken;
-        self.written += taken - begin;
+        self.report.bytes += taken - begin;
         let place = |position: u64| length + (position - begin);
         // The frames and strings that the file has now, up to the last whole one.
         let (first, done) = (batch.mark_after(begin), batch.mark_after(taken));
         if let Some(last) = batch.marks[first..done].last() {
             self.output.whole = place(last.end as u64);
         }
-        let count = |is: fn(&Mark) -> bool| batch.marks[first..done].iter().filter(|mark| is(mark)).count() as u64;
-        self.frames += count(|mark| mark.is_frame);
-        self.samples += count(|mark| mark.is_sample);
+        for mark in &batch.marks[first..done] {
+            self.report.count(mark);
+        }
         result.map_err(of_file(&self.output.path))?;
         for piece in batch.pieces.iter().skip_while(|piece| piece.end <= begin) {
             self.output.add_time(place(piece.end.min(to)), piece.arrival.saturating_add(self.epoch));
@@ -167,7 +155,7 @@ impl Writer {
 
     /// Truncates the file after its last whole frame; a file without any is removed.
     pub fn truncate(&mut self) {
-        self.written -= self.output.truncate();
+        self.report.bytes -= self.output.truncate();
     }
 }
 
