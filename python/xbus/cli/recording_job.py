@@ -192,7 +192,8 @@ class RecordingJob:
             parts.append(format_count(strings, "string"))
         counts = self.recording.message_counts
         parts += [
-            f"{format_count(counts[mid], 'message')} {output_name(mid)}" for mid in output_mids(counts)
+            f"{format_count(counts[mid], 'message')} {output_name(mid)}"
+            for mid in output_mids(counts)
         ]
         if self.corrections is not None:
             parts.append(f"{format_count(self.corrections.forwarder.messages, 'correction')} sent")
