@@ -7,6 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 __all__ = [
+    "EXTENDED_HEADER_SIZE",
+    "PACKET_HEADER",
+    "UTC_VALID",
     "Acquisition",
     "ArrowStream",
     "Block",
@@ -59,6 +62,12 @@ __all__ = [
 ]
 
 __version__: str
+#: Bytes of a frame before the payload, in the extended form (section 5.1).
+EXTENDED_HEADER_SIZE: int
+#: Bytes of a packet before its data (section 5.3.6).
+PACKET_HEADER: int
+#: The bits that mark date, time and UTC as valid (Tables 25 and 35). Higher bits may also be set.
+UTC_VALID: int
 
 def quantities() -> list[dict[str, Any]]:
     """The data identifiers, row by row: see `xbus.protocol.tables.Quantity`."""
@@ -747,7 +756,7 @@ class Acquisition:
         """Records every byte from now on, beginning with the frame that is incomplete now.
 
         A full disk, or a disk that is too slow for longer than the queue can hold, ends the recording with
-        an error in `recording`; the file is readable to its end in any case.
+        an error in `Recorder.state`; the file is readable to its end in any case.
 
         Args:
             path: The first file; ``log.mtb`` is followed by ``log-0001.mtb`` and so on.
@@ -770,15 +779,8 @@ class Acquisition:
             ValueError: A number is out of range.
         """
     @property
-    def recording(self) -> dict[str, Any] | None:
-        """State of the recording, also of one that failed and was not stopped; None if there is none.
-
-        Keys: ``files``; received ``bytes``, ``frames``, ``samples`` and ``strings`` that are in them, and
-        ``message_counts`` of other messages by message identifier; ``queued_bytes``; ``active``; ``error``,
-        why it failed, or None.
-        """
-    def stop_recording(self) -> dict[str, Any] | None:
-        """Ends the recording with the last whole frame, and returns its last state as `recording` does."""
+    def recording(self) -> Recorder | None:
+        """The recording in progress; None if there is none."""
     def close(self) -> None:
         """Ends the stream, its thread and the recording. What waits can still be taken."""
 
@@ -788,7 +790,12 @@ class Recorder:
 
     @property
     def state(self) -> dict[str, Any]:
-        """Its state, as `Acquisition.recording` returns it."""
+        """Its state.
+
+        Keys: ``files``; received ``bytes``, ``frames``, ``samples`` and ``strings`` that are in them, and
+        ``message_counts`` of other messages by message identifier; ``queued_bytes``; ``active``; ``error``,
+        why it failed, or None.
+        """
     def stop(self) -> dict[str, Any]:
         """Ends it with the last whole frame, and returns its last state. A forked process does nothing."""
 

@@ -261,11 +261,6 @@ class LogSummary:
         return any(quantity.name == "packet_counter" for quantity in self.quantities)
 
     @property
-    def has_time(self) -> bool:
-        """Whether samples have time stamps."""
-        return any(run.span.stamps for run in self.runs)
-
-    @property
     def identity(self) -> Identity:
         """Identifier, product code, firmware and configuration of the device; of the first of several."""
         return identity_of(self._identities, list(self._runs.of_devices()))
@@ -282,9 +277,7 @@ class LogSummary:
         return [
             DeviceSummary(
                 bid,
-                self._identities.get(device_of(bid), Identity())
-                if len(devices) > 1
-                else self.identity,
+                identity_of(self._identities, list(devices), bid),
                 runs,
                 self._device_rates[device_of(bid)],
                 has_counter=self.has_counter,

@@ -24,7 +24,7 @@ from xbus.errors import (
     XbusError,
     XbusTimeout,
 )
-from xbus.log.identity import IDENTITY_MESSAGES, Identity
+from xbus.log.identity import HEAD_MESSAGES, Identity
 from xbus.protocol.ids import MessageId
 from xbus.protocol.products import product_of_code, support
 from xbus.protocol.tables import MESSAGES
@@ -60,8 +60,6 @@ WAKE_UP_SECONDS = 1.5
 SILENCE_SECONDS = 0.1
 #: Seconds between two attempts to open a port that was lost.
 REOPEN_INTERVAL = 0.1
-#: Messages about the device that a recording should start with.
-HEARD_MESSAGES = (*IDENTITY_MESSAGES, MessageId.ReqStringOutputTypeAck)
 
 
 class Trace(Protocol):
@@ -194,7 +192,7 @@ class Channel:
         if self.trace is not None:
             self.trace.received(item)
         event = self.session.handle(item)
-        if isinstance(item, _core.ScannedFrame) and item.mid in HEARD_MESSAGES:
+        if isinstance(item, _core.ScannedFrame) and item.mid in HEAD_MESSAGES:
             self._hear(item)
         if isinstance(event, Notice):
             if event.mid != MessageId.MTData:  # an output, which would replace all notices

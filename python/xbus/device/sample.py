@@ -19,9 +19,6 @@ from xbus.wire.struct import struct_of
 
 __all__ = ["Sample"]
 
-#: Bytes of a packet before its data.
-PACKET_HEADER = 3
-
 
 class Sample(Mapping[EntryKey, Any]):
     """One MTData2 message: a mapping from quantity to value, in the order of its packets.
@@ -189,7 +186,7 @@ def _layout_of(headers: bytes) -> _Layout:
     found: dict[tuple[str, str | None], tuple[QuantityKey, _Place]] = {}
     start = 0
     for data_id, size, is_known in struct.iter_unpack(">HB?", headers):
-        start += PACKET_HEADER
+        start += _core.PACKET_HEADER
         # A packet of a size that its identifier does not have is unknown.
         if is_known:
             key = key_of(data_id)

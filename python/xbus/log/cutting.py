@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.log.identity import IDENTITY_MESSAGES
+from xbus.log.identity import HEAD_MESSAGES
 from xbus.log.log import Log
 from xbus.log.pacing import ReplayPace
 from xbus.log.source import Readable
@@ -33,10 +33,6 @@ NEEDED = (*RECEIVER, "utc_time")
 #: Reads the parts of a log from an input.
 Parts = Callable[[Readable], Iterator[Log]]
 
-#: The messages at the start of a recording, of which each piece has a copy.
-HEAD_MESSAGES = (*IDENTITY_MESSAGES, MessageId.ReqStringOutputTypeAck, MessageId.EmtsData)
-#: Bytes of a frame up to its length.
-LONGEST_HEAD = 6
 #: A sample belongs to a moment if its time differs by less than this, in s: less than any tick.
 TOLERANCE = 1e-6
 
@@ -77,7 +73,7 @@ class _Tee:
 
 
 class _Head:
-    """The frames that every piece starts with: the latest of each of the messages at the start of the log."""
+    """The frames that every piece starts with: the latest of each of `HEAD_MESSAGES`."""
 
     def __init__(self) -> None:
         self._frames: dict[tuple[bool, int, int], bytes] = {}
@@ -210,7 +206,7 @@ def split_by_device(source: Readable, parts: Parts) -> Iterator[Chunk]:
         order = np.argsort(starts)
         pieces: dict[int, list[bytes]] = {}
         for start, bid in zip(starts[order].tolist(), bids[order].tolist(), strict=True):
-            size = _core.frame_size(data[start : start + LONGEST_HEAD])
+            size = _core.frame_size(data[start : start + _core.EXTENDED_HEADER_SIZE])
             assert size is not None  # noqa: S101 - a frame that was accepted
             pieces.setdefault(bid, []).append(data[start : start + size])
         for bid, found in pieces.items():

@@ -11,7 +11,7 @@ from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import device_of
 from xbus.wire.message import Message
 
-__all__ = ["IDENTITY_MESSAGES", "Identity", "identities_of", "identity_of"]
+__all__ = ["HEAD_MESSAGES", "IDENTITY_MESSAGES", "Identity", "identities_of", "identity_of"]
 
 #: The messages that identify the device.
 IDENTITY_MESSAGES = (
@@ -20,6 +20,8 @@ IDENTITY_MESSAGES = (
     MessageId.FirmwareRev,
     MessageId.ProductCode,
 )
+#: The messages at the start of a recording: they say what the device is and how it was set.
+HEAD_MESSAGES = (*IDENTITY_MESSAGES, MessageId.ReqStringOutputTypeAck, MessageId.EmtsData)
 
 
 @dataclass(frozen=True)
@@ -69,20 +71,24 @@ def identities_of(
     return identities
 
 
-def identity_of(identities: Mapping[int, Identity], bids: Sequence[int]) -> Identity:
-    """Returns the identity of the first of the devices that sent samples.
+def identity_of(
+    identities: Mapping[int, Identity], bids: Sequence[int], bid: int | None = None
+) -> Identity:
+    """Returns the identity of one of the devices that sent samples.
 
     If it is the only one, messages of other BIDs describe it too.
 
     Args:
         identities: The identities by BID, as from `identities_of`.
         bids: The BIDs of the devices that sent samples.
+        bid: The BID of the device; None for the first.
     """
-    own = [identities[device] for device in map(device_of, bids[:1]) if device in identities]
+    if bid is None:
+        bid = bids[0] if bids else None
+    identity = Identity() if bid is None else identities.get(device_of(bid), Identity())
     if len(bids) > 1:
-        return own[0] if own else Identity()
-    identity = Identity()
-    for other in [*own, *identities.values()]:
+        return identity
+    for other in identities.values():
         identity = identity.merged(other)
     return identity
 

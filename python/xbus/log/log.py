@@ -232,7 +232,6 @@ class Log(ByQuantity[Column]):
 
         BID FF and 1 are the same device.
         """
-        identities = self._identities
         devices = self._runs.of_devices()
         return tuple(
             LogDevice(
@@ -243,9 +242,7 @@ class Log(ByQuantity[Column]):
                 sum(run.samples for run in runs),
             )
             for bid, runs in devices.items()
-            for identity in [
-                identities.get(device_of(bid), Identity()) if len(devices) > 1 else self.identity
-            ]
+            for identity in [identity_of(self._identities, list(devices), bid)]
         )
 
     # Everything else
@@ -377,8 +374,8 @@ class Log(ByQuantity[Column]):
             np.empty(0),
             times.fault,
         )
-        identity = self._identities.get(device) if len(self.devices) > 1 else self.identity
-        identities = {} if identity is None else {device: identity}
+        bids = [found.bid for found in self.devices]
+        identities = {device: identity_of(self._identities, bids, bid)}
         return Log(core, quantities=self._filter, identities=identities, host_times=host_times)
 
     @cached_property

@@ -24,14 +24,14 @@ from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.log import Log, steady_time
 from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary
 from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import device_of
+from xbus.protocol.tables import PRODUCTS, device_of
 
 __all__ = ["PieceName", "Pieces", "PiecesError", "piece_name", "pieces_of"]
 
 #: Bytes at each end of a piece to search for samples: the second number if the first has none.
 WINDOWS = (1 << 16, 1 << 22)
-#: The times after which SampleTimeFine starts again from zero, in s (2^32 and 864,000,000 ticks).
-WRAPS = (429_496.7296, 86_400.0)
+#: The times after which SampleTimeFine, in ticks of 0.1 ms, starts again from zero, in s.
+WRAPS = tuple({product.fine_wrap / 10_000 for product in PRODUCTS.values()})
 #: The longest step over such a wrap, in s. A longer one is taken for a step back.
 WRAP_STEP = 60.0
 #: The longest gap, in samples, between pieces whose names do not say that they belong together. Samples whose

@@ -315,4 +315,4 @@ STATUS_FLAGS = {row["name"]: StatusFlag(**row) for row in _core.status_flags()}
 #: What the numbers in Error and Warning messages mean.
 RESULT_CODES = dict(_core.result_codes())
 #: The bits that mark date, time and UTC as valid (Tables 25 and 35). Higher bits may also be set.
-UTC_VALID = 0b111
+UTC_VALID = _core.UTC_VALID

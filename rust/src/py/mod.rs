@@ -50,9 +50,12 @@ mod _core {
     #[pymodule_export]
     use crate::table::message_name;
 
-    /// The version is written in Cargo.toml only.
+    /// Numbers that are written in one place: the version in Cargo.toml, the others beside the code that they belong to.
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        module.add("EXTENDED_HEADER_SIZE", crate::frame::EXTENDED_HEADER_SIZE)?;
+        module.add("PACKET_HEADER", crate::packet::PACKET_HEADER)?;
+        module.add("UTC_VALID", crate::utc::UTC_VALID)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }
 }
