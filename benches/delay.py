@@ -87,7 +87,7 @@ def disk(device: Device, count: int) -> list[float]:
     stop = threading.Event()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "log.mtb"
-        device.link.acquisition.record(path)
+        recorder = device.link.acquisition.record(path)
 
         def watch() -> None:
             with path.open("rb") as file:
@@ -102,7 +102,7 @@ def disk(device: Device, count: int) -> list[float]:
         watcher.start()
         for _ in range(count):
             device.read_sample()
-        device.link.acquisition.stop_recording()
+        recorder.stop()
         stop.wait(0.1)
         stop.set()
         watcher.join()

@@ -66,7 +66,7 @@ def main() -> None:
         path = Path(folder) / "log.mtb"
         link = SerialLink(serial.Serial(os.ttyname(slave), 4_000_000), owned=True)
         os.close(slave)
-        link.acquisition.record(path)
+        recorder = link.acquisition.record(path)
         writer = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, pass_fds=(master,))
         reader, most_queued = Reader(link), 0
         while writer.poll() is None:
@@ -78,7 +78,7 @@ def main() -> None:
         while link.wait(0.5, samples=1):
             reader.read()
         stats = link.acquisition.stats(link.clock())
-        link.acquisition.stop_recording()
+        recorder.stop()
         link.close()
         recorded = path.read_bytes()
     assert reader.count == int(samples), f"{reader.count} samples read, {samples} written"

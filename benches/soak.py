@@ -78,7 +78,7 @@ def main() -> None:
         path, report = Path(folder) / "log.mtb", Path(folder) / "written"
         link = SerialLink(serial.Serial(os.ttyname(slave), 4_000_000), owned=True)
         os.close(slave)
-        link.acquisition.record(path)
+        recorder = link.acquisition.record(path)
         command = [sys.executable, __file__, "write", str(master), str(seconds)]
         with report.open("w") as output:  # too long for the buffer of a pipe
             writer = subprocess.Popen(command, stdout=output, pass_fds=(master,))
@@ -92,7 +92,7 @@ def main() -> None:
         while discard(link):
             pass
         stats = link.acquisition.stats(link.clock())
-        link.acquisition.stop_recording()
+        recorder.stop()
         link.close()
         log = xbus.read_log(path)
     lost = stats["counts"]["losses"]["samples"]

@@ -7,7 +7,7 @@ use std::fs;
 use std::thread;
 use std::time::{Duration, Instant};
 
-use common::{LONG, SAMPLE, folder, frame, frame_of, sample, sample_of, samples};
+use common::{LONG, SAMPLE, folder, frame, frame_of, sample, sample_of, samples, stop};
 use xbus::frame::{MASTER, PREAMBLE};
 use xbus::live::{Acquisition, Cancel, Dropped, Event, Item, Need, QUEUE, Recording};
 use xbus::scan::plain;
@@ -518,7 +518,7 @@ fn any_arrival_is_valid() {
     for epoch in [i64::MIN, 0, i64::MAX] {
         let acquisition = Acquisition::new(QUEUE, MASTER, Some(epoch));
         let rotate_after = Some(Duration::from_secs(1));
-        acquisition.record(Recording { rotate_after, overwrite: true, ..Recording::to(&path) }).unwrap();
+        let recorder = acquisition.record(Recording { rotate_after, overwrite: true, ..Recording::to(&path) }).unwrap();
         let mut decoder = xbus::live::BlockDecoder::new(None, epoch);
         for (counter, arrival) in (0..).zip([i64::MIN, -1, 0, i64::MAX, i64::MIN]) {
             let time = [[0x10, 0x60, 4, 0, 0, 0, 7].as_slice(), &[0x10, 0x20, 2, 0, counter]].concat();
@@ -529,7 +529,7 @@ fn any_arrival_is_valid() {
             let block = decoder.decode(acquisition.take_block(None).unwrap());
             assert_eq!((block.part.part.len(), block.string_times.len()), (1, 1));
         }
-        let report = acquisition.stop_recording(LONG).unwrap();
+        let report = stop(&recorder);
         assert_eq!((report.error, report.frames), (None, 5));
     }
 }
@@ -578,7 +578,7 @@ mod ports {
         let path = folder("burst").join("log.mtb");
         let acquisition = acquisition();
         acquisition.open(slave.as_raw_fd()).unwrap();
-        acquisition.record(Recording::to(&path)).unwrap();
+        let recorder = acquisition.record(Recording::to(&path)).unwrap();
         assert_eq!(acquisition.open(slave.as_raw_fd()).unwrap_err().kind(), ErrorKind::AlreadyExists);
         drop(slave); // its number is free for other files now
         let _others = [(); 4].map(|()| File::open("/dev/zero").unwrap());
@@ -590,7 +590,7 @@ mod ports {
         assert_eq!(acquisition.ended().unwrap(), "the port is gone: unplugged, or closed on the other side");
         let stats = acquisition.stats(0);
         assert_eq!((stats.counts.samples, stats.counts.skipped_bytes, stats.overruns), (60_000, 0, None));
-        assert_eq!(acquisition.stop_recording(LONG).unwrap().frames, 60_000);
+        assert_eq!(stop(&recorder).frames, 60_000);
         assert!(fs::read(path).unwrap() == stream);
     }
 
@@ -635,7 +635,7 @@ mod ports {
     fn a_new_port_continues_the_stream() {
         let acquisition = acquisition();
         let path = folder("again").join("log.mtb");
-        acquisition.record(Recording::to(&path)).unwrap();
+        let recorder = acquisition.record(Recording::to(&path)).unwrap();
         for (offset, part) in [(0, samples(3)), (3 * 25 + 10, samples(5))] {
             let (reader, mut writer) = pipe().unwrap();
             acquisition.open(reader.as_raw_fd()).unwrap();
@@ -650,7 +650,7 @@ mod ports {
         }
         let counts = acquisition.stats(0).counts;
         assert_eq!((counts.samples, counts.skipped_bytes), (8, 20));
-        assert_eq!(acquisition.stop_recording(LONG).unwrap().frames, 8);
+        assert_eq!(stop(&recorder).frames, 8);
         assert_eq!(fs::metadata(path).unwrap().len(), 8 * 25 + 20);
     }
 

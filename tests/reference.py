@@ -728,7 +728,7 @@ class Device:
     def unseen(self, now: int) -> int:
         """Returns what the counter counted unseen since the last sample: 65,536 for each of its wraps.
 
-        The time between the two samples tells, at the pace of the counter until then.
+        It follows from the time between the two samples, at the pace of the counter until then.
         """
         if self.anchor is None:
             return 0

@@ -93,13 +93,13 @@ def test_nothing_is_lost_while_python_holds_its_lock(pty: tuple[int, str], tmp_p
     data = streams.hr(60_000)
     with serial.Serial(name, 115200, timeout=0) as port:
         acquisition = Acquisition(port.fileno())
-        acquisition.record(tmp_path / "log.mtb", head=streams.frame(0x0D))
+        recorder = acquisition.record(tmp_path / "log.mtb", head=streams.frame(0x0D))
         process = send(ours, data)
         hold_the_lock_while(process)
         waiting = acquisition.waiting.samples
         assert waiting * 27 > len(data) - PTY, "it came while no other thread could run"
         assert take(acquisition, 60_000) == data
-        report = acquisition.stop_recording()
+        report = recorder.stop()
         acquisition.close()
     stats = acquisition.stats(time.monotonic())
     counts = stats["counts"]
@@ -142,11 +142,11 @@ def test_the_port_is_unchanged(pty: tuple[int, str]) -> None:
 def test_times(tmp_path: Path) -> None:
     acquisition = Acquisition(None)
     before = time.time_ns()
-    acquisition.record(tmp_path / "log.mtb", rotate_bytes=10_000)
+    recorder = acquisition.record(tmp_path / "log.mtb", rotate_bytes=10_000)
     data = streams.ahrs(400)
     for at in range(0, len(data), 1000):
         acquisition.push(data[at : at + 1000])
-    acquisition.stop_recording()
+    recorder.stop()
     after = time.time_ns()
     logs = sorted(tmp_path.glob("*.mtb"), key=lambda path: (len(path.name), path.name))
     assert [log.name for log in logs] == ["log.mtb", "log-0001.mtb", "log-0002.mtb", "log-0003.mtb"]
@@ -401,14 +401,15 @@ def test_recordings_hold_every_byte_in_whole_frames(
         acquisition = Acquisition(None)
         acquisition.push(data[:skipped])
         before = acquisition.stats(0.0)["counts"]["frames"]
-        acquisition.record(Path(folder, "log.mtb"), rotate_bytes=rotate, flush=0, times=False)
+        recorder = acquisition.record(
+            Path(folder, "log.mtb"), rotate_bytes=rotate, flush=0, times=False
+        )
         for at in range(skipped, len(data), size):
             acquisition.push(data[at : at + size])
         if ends:
             acquisition.end("over")
         frames = acquisition.stats(0.0)["counts"]["frames"] - before
-        report = acquisition.stop_recording()
-        assert report is not None
+        report = recorder.stop()
         assert (report["error"], report["frames"]) == (None, frames)
         acquisition.push(data)
         acquisition.end("over")
@@ -434,14 +435,14 @@ def test_a_recording_that_is_stopped_ends_with_a_whole_frame(tmp_path: Path) -> 
     data = streams.ahrs(3)
     acquisition = Acquisition(None)
     acquisition.push(data[:44])
-    acquisition.record(tmp_path / "one.mtb")
+    recorder = acquisition.record(tmp_path / "one.mtb")
     acquisition.push(data[44:200])
-    assert acquisition.stop_recording() is not None
-    acquisition.record(tmp_path / "two.mtb")
+    assert recorder.stop()["active"] is False
+    assert acquisition.recording is None
+    recorder = acquisition.record(tmp_path / "two.mtb")
     acquisition.push(data[200:260])
     acquisition.end("over")
-    report = acquisition.stop_recording()
-    assert report is not None
+    report = recorder.stop()
     assert (report["bytes"], report["frames"]) == (260 - 176, 0)
     assert (tmp_path / "one.mtb").read_bytes() == data[:176]
     assert (tmp_path / "two.mtb").read_bytes() == data[176:260]
@@ -558,7 +559,7 @@ def test_a_wait_for_more_than_fits_ends_when_the_lane_is_full() -> None:
 
 def test_another_port_can_follow(tmp_path: Path) -> None:
     acquisition = Acquisition(None)
-    acquisition.record(tmp_path / "log.mtb")
+    recorder = acquisition.record(tmp_path / "log.mtb")
     data = streams.ahrs(10)
     for turn in range(3):
         theirs, ours = os.pipe()
@@ -580,8 +581,7 @@ def test_another_port_can_follow(tmp_path: Path) -> None:
     assert acquisition.stats(0.0)["counts"]["samples"] == 30
     acquisition.close()
     assert (tmp_path / "log.mtb").read_bytes() == data * 3
-    report = acquisition.recording
-    assert report is not None
+    report = recorder.state
     assert (report["active"], report["frames"]) == (False, 30)
 
 
@@ -595,7 +595,6 @@ def test_invalid_arguments_are_rejected(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="flush must be a number of seconds, not NaN"):
         acquisition.record(tmp_path / "log.mtb", flush=float("nan"))
     assert acquisition.recording is None
-    assert acquisition.stop_recording() is None
     acquisition.record(tmp_path / "log.mtb")
     with pytest.raises(RuntimeError, match="a recording is in progress"):
         acquisition.record(tmp_path / "log.mtb")
@@ -654,10 +653,10 @@ import resource, sys
 from xbus._core import Acquisition
 resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
 acquisition = Acquisition(None)
-acquisition.record(sys.argv[1], head=sys.stdin.buffer.read(21))
+recorder = acquisition.record(sys.argv[1], head=sys.stdin.buffer.read(21))
 print("ready", flush=True)
 acquisition.push(sys.stdin.buffer.read())
-report = acquisition.stop_recording()
+report = recorder.stop()
 print(report["bytes"], report["frames"], report["active"], report["error"])
 """
 

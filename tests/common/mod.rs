@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use xbus::frame::{Frame, MASTER};
+use xbus::live::{Recorder, Report};
 use xbus::table::MTDATA2;
 
 /// A test fails after this time.
@@ -42,4 +43,11 @@ pub fn folder(name: &str) -> PathBuf {
     let _ = fs::remove_dir_all(&folder);
     fs::create_dir_all(&folder).unwrap();
     folder
+}
+
+/// Ends a recording, and returns its last state.
+pub fn stop(recorder: &Recorder) -> Report {
+    recorder.close();
+    assert!(recorder.wait(LONG), "it can be stopped");
+    recorder.report()
 }

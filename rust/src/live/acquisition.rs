@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 use super::intake::Intake;
 use super::lanes::{Block, Dropped, Event, Item, Lanes, Sample, Text, Waiting};
 use super::rates::{Meter, Rates};
-use super::recorder::{Recorder, Recording, Report};
+use super::recorder::{Recorder, Recording};
 use super::time::{self, monotonic};
 use super::{Counts, PIECE, lock};
 
@@ -403,7 +403,7 @@ impl Acquisition {
             return Err(forked());
         }
         let _starting = lock(&self.starting);
-        if self.recording().is_some_and(|report| report.active) {
+        if self.recording().is_some() {
             return Err(io::Error::new(io::ErrorKind::AlreadyExists, "a recording is in progress"));
         }
         let strings = self.state().ok_or_else(forked)?.intake.expected();
@@ -414,26 +414,13 @@ impl Acquisition {
         Ok(recorder)
     }
 
-    /// The state of the recording, also of one that failed and was not stopped.
+    /// The recording in progress.
     #[must_use]
-    pub fn recording(&self) -> Option<Report> {
-        self.state()?.recorder.as_ref().map(|recorder| recorder.report())
+    pub fn recording(&self) -> Option<Arc<Recorder>> {
+        self.state()?.recorder.clone().filter(|recorder| recorder.report().active)
     }
 
-    /// Ends the recording with the last whole frame: nothing that is incomplete now is in it. Waits until all is written, at
-    /// most for `timeout`. Returns the last state; `None` if it is not yet written, and if there is no recording.
-    #[must_use]
-    pub fn stop_recording(&self, timeout: Duration) -> Option<Report> {
-        let recorder = self.state()?.recorder.clone()?;
-        recorder.close();
-        if !recorder.wait(timeout) {
-            return None;
-        }
-        self.state()?.recorder.take_if(|current| Arc::ptr_eq(current, &recorder));
-        Some(recorder.report())
-    }
-
-    /// Ends the stream, its thread and the recording. What waits can still be taken, and so can the recording's state.
+    /// Ends the stream, its thread and the recording. What waits can still be taken.
     pub fn close(&self) {
         if self.is_forked() {
             return;

@@ -279,8 +279,8 @@ impl Lanes {
         self.dropped
     }
 
-    /// Removes the oldest sample, and gives it its host time. All samples pass here, in order, so that host times are those
-    /// of a log, whoever takes them. A recording that nobody reads does not need them.
+    /// Removes the oldest sample, and gives it its host time. All samples pass here, in order, so that host times equal those
+    /// of a log. They are not computed earlier, because a recording without a reader does not need them.
     fn leave(&mut self) -> Option<Sample> {
         let mut sample = self.samples.pop_front()?;
         if !sample.moment.seconds.is_nan() {

@@ -276,7 +276,8 @@ impl Recorder {
         Report { queued_bytes: queue.batch.bytes.len(), ..queue.report.clone() }
     }
 
-    /// Accepts no more bytes; those in the queue will be written.
+    /// Ends the recording with the last whole frame: nothing that is incomplete now is in it. The bytes in the queue will be
+    /// written.
     pub fn close(&self) {
         if self.is_forked() {
             return;

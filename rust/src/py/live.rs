@@ -316,17 +316,8 @@ impl Acquisition {
     }
 
     #[getter]
-    fn recording(&self) -> Option<Report> {
-        self.0.recording()
-    }
-
-    fn stop_recording(&self, py: Python<'_>) -> PyResult<Option<Report>> {
-        // If another thread stops it at the same time, that thread gets the report.
-        let stopped = |slice| match self.0.stop_recording(slice) {
-            None if self.0.recording().is_some() => None,
-            report => Some(report),
-        };
-        Ok(wait(py, None, stopped)?.flatten())
+    fn recording(&self) -> Option<Recorder> {
+        self.0.recording().map(Recorder)
     }
 
     fn close(&self, py: Python<'_>) {
