@@ -8,13 +8,13 @@ import threading
 import time
 import weakref
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import serial
 
 from xbus import _core
 from xbus.device.ports import SYSFS, is_usb_of_device, latency_timer, port_of, serial_number_of
-from xbus.wire.link import Link
+from xbus.wire.link import Link, Need
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -108,19 +108,9 @@ class SerialLink:
             # The rest of an incomplete frame will not come at the other rate.
             self.acquisition.interrupt()
 
-    def wait(
-        self,
-        timeout: float,
-        *,
-        samples: int | None = None,
-        strings: bool = False,
-        events: int | None = None,
-        cancel: _core.Cancel | None = None,
-    ) -> bool:
+    def wait(self, timeout: float, **need: Unpack[Need]) -> bool:
         """Waits up to ``timeout`` seconds: see `_core.Acquisition.wait`."""
-        return self.acquisition.wait(
-            timeout, samples=samples, strings=strings, events=events, cancel=cancel
-        )
+        return self.acquisition.wait(timeout, **need)
 
     def write(self, data: bytes) -> None:
         """Sends bytes."""

@@ -64,7 +64,7 @@ class Reader:
 
         Raises:
             StateError: The device is in Config State, in which it sends no samples.
-            ValueError: So many samples do not fit into the queue.
+            ValueError: This number of samples does not fit into the queue.
             XbusTimeout: No sample came in time.
         """
         channel, acquisition = self._channel, self._acquisition

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+from typing import Unpack
 
 from xbus import _core
 from xbus.sim.device import SimulatedDevice
 from xbus.sim.options import device_of
+from xbus.wire.link import Need
 
 __all__ = ["SimLink"]
 
@@ -55,20 +57,10 @@ class SimLink:
             None, bid=self._bid, bound=self._bound, strings=self._strings, epoch=0
         )
 
-    def wait(
-        self,
-        timeout: float,
-        *,
-        samples: int | None = None,
-        strings: bool = False,
-        events: int | None = None,
-        cancel: _core.Cancel | None = None,
-    ) -> bool:
+    def wait(self, timeout: float, **need: Unpack[Need]) -> bool:
         """Waits up to ``timeout`` seconds of device time: see `_core.Acquisition.wait`."""
         until = self.device.time + max(timeout, self.SHORTEST_ADVANCE)
-        while not self.acquisition.wait(
-            0, samples=samples, strings=strings, events=events, cancel=cancel
-        ):
+        while not self.acquisition.wait(0, **need):
             left = until - self.device.time
             if left < self.SHORTEST_ADVANCE / 2:
                 return False

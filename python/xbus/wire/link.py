@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, TypedDict, Unpack
 
 from xbus import _core
 
-__all__ = ["Link"]
+__all__ = ["Link", "Need"]
+
+
+class Need(TypedDict, total=False):
+    """What a wait is for: the keyword arguments of `_core.Acquisition.wait`."""
+
+    samples: int | None
+    strings: bool
+    events: int | None
+    cancel: _core.Cancel | None
 
 
 class Link(Protocol):
@@ -29,16 +38,8 @@ class Link(Protocol):
     def trouble(self) -> str | None:
         """What is wrong with the port, and the remedy; None if no problem is known."""
 
-    def wait(
-        self,
-        timeout: float,
-        *,
-        samples: int | None = None,
-        strings: bool = False,
-        events: int | None = None,
-        cancel: _core.Cancel | None = None,
-    ) -> bool:
-        """Waits up to ``timeout`` seconds for what the arguments name: see `_core.Acquisition.wait`."""
+    def wait(self, timeout: float, **need: Unpack[Need]) -> bool:
+        """Waits up to ``timeout`` seconds for one of what is needed: see `_core.Acquisition.wait`."""
 
     def write(self, data: bytes) -> None:
         """Sends bytes.
