@@ -171,6 +171,16 @@ def test_interleaved_devices_equal_each_alone(order: list[tuple[int, int]], bloc
         ]
 
 
+def test_a_device_without_identity_has_none() -> None:
+    """What one device of a bus says about itself describes no other."""
+    named = frame(0x01, bytes.fromhex("00800002"), bid=2)
+    log = xbus.read_log(named + b"".join(samples(2, bid=1) + samples(2, bid=2)))
+    assert [(device.bid, device.device_id) for device in log.devices] == [(1, None), (2, 0x800002)]
+    assert (log.identity.device_id, log.device(2).identity.device_id) == (None, 0x800002)
+    alone = xbus.read_log(named + b"".join(samples(2, bid=1)))
+    assert alone.identity.device_id == 0x800002
+
+
 def test_device_that_is_not_there() -> None:
     log = xbus.read_log(bus())
     assert log.device(0x800003).bid.tolist() == [3] * 100
@@ -210,6 +220,14 @@ def test_a_pause_is_no_wrap() -> None:
     """The counter continues after a pause, so its pace does not explain the time."""
     data = samples(100) + samples(100, first=100, ticks=5_000_000)
     assert xbus.read_log(b"".join(data)).stats.lost_samples == 0
+
+
+def test_nominal_rate_without_two_samples_in_a_row() -> None:
+    """Every second sample is lost: the counter has the rate."""
+    log = xbus.read_log(b"".join(mtdata2(counter(2 * i), fine(200 * i)) for i in range(100)))
+    assert log.stats.lost_samples == 99
+    assert log["packet_counter"].rate == pytest.approx(50)
+    assert log["packet_counter"].nominal_rate == 100
 
 
 @pytest.mark.parametrize("rate", [100, 400, 800])

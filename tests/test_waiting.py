@@ -21,6 +21,7 @@ import pytest
 
 import xbus
 from xbus import Device, Disconnected, SimulatedDevice, XbusTimeout, connect
+from xbus.device.reader import ASYNC_WAITS
 from xbus.protocol.values import State
 from xbus.sim import serving
 
@@ -171,6 +172,21 @@ def test_a_cancelled_block_returns_at_once_and_loses_nothing(
     counters = [device.read_sample()["packet_counter"] for _ in range(50)]
     assert counters == list(range(first + 1, first + 51))
     assert device.stats.dropped_samples == 0
+
+
+def test_cancelled_waits_leave_their_threads(device: Device) -> None:
+    """More of them than threads that may wait: the next wait begins at once."""
+
+    async def run() -> int:
+        for _ in range(ASYNC_WAITS + 1):
+            waiting = asyncio.ensure_future(anext(device.blocks(samples=100_000)))
+            await asyncio.sleep(0.01)
+            waiting.cancel()
+            with pytest.raises(asyncio.CancelledError):
+                await waiting
+        return len(await asyncio.wait_for(anext(device.blocks(samples=10)), 10 * 0.01 + LATE))
+
+    assert asyncio.run(run()) == 10
 
 
 def test_other_tasks_run_while_many_samples_wait() -> None:

@@ -160,8 +160,6 @@ class SerialLink:
     def abandon(self) -> None:
         """Gives up the port without a trace, in a forked process: it belongs to the parent."""
         self._finalizer.detach()
-        if self._owned and _descriptor(self._port) is not None:
-            self._port.close()
         # Closing a socket or an RFC 2217 port would end the connection of the parent.
         self._port.is_open = False
 
