@@ -182,7 +182,9 @@ def _write(
 ) -> list[str]:
     """Writes each piece to a file, and returns the names."""
     from xbus.log.export import replacing
+    from xbus.log.pieces import name_of_piece
 
+    path = _out_path(recording, folder)
     outs: dict[int, str] = {}
     opened: dict[int, Any] = {}
     with contextlib.ExitStack() as files:
@@ -191,7 +193,7 @@ def _write(
                 if not by_device:
                     files.close()  # the previous piece is complete
                     opened.clear()
-                out = _piece_path(recording, folder, f"bid{piece}" if by_device else len(outs))
+                out = _path_of_device(path, piece) if by_device else name_of_piece(path, len(outs))
                 check_output(recording.files, out)
                 outs[piece] = out
                 opened[piece] = files.enter_context(_file(out, replacing))
@@ -206,13 +208,16 @@ def _file(out: str, replacing: Any) -> Iterator[Any]:
         yield file
 
 
-def _piece_path(recording: Recording, folder: str, number: int | str) -> str:
+def _out_path(recording: Recording, folder: str) -> str:
+    """Returns the path of the first piece, which has the name of the recording."""
     name = os.path.basename(local_name(recording.files[0]))  # noqa: PTH119
     name = "standard-input.mtb" if name == STDIN else name
-    stem, suffix = os.path.splitext(name[: len(name) - len(suffix_of_compression(name))])  # noqa: PTH122
-    if isinstance(number, int):
-        number = f"{number:04}" if number else ""
-    return os.path.join(folder, stem + (f"-{number}" if number else "") + suffix)  # noqa: PTH118
+    return os.path.join(folder, name[: len(name) - len(suffix_of_compression(name))])  # noqa: PTH118
+
+
+def _path_of_device(path: str, bid: int) -> str:
+    stem, suffix = os.path.splitext(path)  # noqa: PTH122
+    return f"{stem}-bid{bid}{suffix}"
 
 
 @contextlib.contextmanager

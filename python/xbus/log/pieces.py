@@ -26,7 +26,7 @@ from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import PRODUCTS, device_of
 
-__all__ = ["PieceName", "Pieces", "PiecesError", "piece_name", "pieces_of"]
+__all__ = ["PieceName", "Pieces", "PiecesError", "name_of_piece", "piece_name", "pieces_of"]
 
 #: Bytes at each end of a piece to search for samples: the second number if the first has none.
 WINDOWS = (1 << 16, 1 << 22)
@@ -125,6 +125,16 @@ def piece_name(path: str) -> PieceName:
     if found is None:
         return PieceName(os.path.join(folder, name), 0)  # noqa: PTH118
     return PieceName(os.path.join(folder, found[1] + suffix), int(found[2]))  # noqa: PTH118
+
+
+def name_of_piece(recording: str, number: int) -> str:
+    """Returns the name of a piece, as the recorder gives it: the inverse of `piece_name`.
+
+    >>> name_of_piece("logs/walk.mtb", 12), name_of_piece("logs/walk.mtb", 0)
+    ('logs/walk-0012.mtb', 'logs/walk.mtb')
+    """
+    stem, suffix = os.path.splitext(recording)  # noqa: PTH122 - pathlib is slow to import
+    return f"{stem}-{number:04}{suffix}" if number else recording
 
 
 class Pieces:
@@ -447,11 +457,9 @@ def _doubt(base: Piece, one: Piece, other: Piece, last: dict[int, Stamp]) -> str
 
 
 def _missing(name: str, numbers: range) -> str:
-    stem, suffix = os.path.splitext(piece_name(name).recording)  # noqa: PTH122
-    first = f"{stem}-{numbers[0]:04}{suffix}"
-    if len(numbers) == 1:
-        return f"{first} is missing"
-    return f"{first} to {stem}-{numbers[-1]:04}{suffix} are missing"
+    recording = piece_name(name).recording
+    first, last = (name_of_piece(recording, number) for number in (numbers[0], numbers[-1]))
+    return f"{first} is missing" if first == last else f"{first} to {last} are missing"
 
 
 def _hex(ids: frozenset[int]) -> str:
