@@ -158,9 +158,9 @@ def test_a_recording_of_a_url_goes_on(tmp_path: Path) -> None:
                 device.read_sample()
         assert recording.error is None
         assert device.link.acquisition is acquisition
-        assert device.stats.samples > 100
+        assert device.stats.samples >= 100
     log = xbus.read_log(tmp_path / "log.mtb")
-    assert len(log) > 100
+    assert len(log) >= 100  # the gap may be counted before its first sample is read
     assert log.stats.skipped_bytes < 100
 
 
