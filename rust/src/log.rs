@@ -5,14 +5,16 @@
 
 mod device;
 mod timed;
+mod track;
+mod unwrap;
 
 use std::io::Read;
 use std::sync::Arc;
 
 use rustc_hash::FxHashMap;
 
-use crate::clock::{Change, Clocks, Gap, Restart, Stamps, TRIGGER_STAMP};
-use crate::column::{Column, Packets, Pieces, Progress, Subject, Values};
+use crate::clock::Change;
+use crate::column::{Column, Packets, Pieces, Progress};
 use crate::error::{Fault, ReadError};
 use crate::frame::{Frame, HEADER_SIZE, Header, MAX_PAYLOAD, device_of};
 use crate::huge_pages;
@@ -20,7 +22,9 @@ use crate::input::Stream;
 use crate::layout::{Batch, Layout, Layouts, Slot};
 use crate::packet::{Coordinates, PACKET_HEADER, packets};
 use crate::scan::{Damage, Scanner, Step, Window, is_bid};
-use crate::table::{self, ClockRole, QUANTITIES, Quantity};
+use crate::table::{self, Quantity};
+
+use track::Track;
 
 pub use timed::{TimedPart, Times};
 
@@ -270,114 +274,6 @@ impl Part {
             *bid = *first[usize::from(device_of(*bid))].get_or_insert(*bid);
         }
         Some(bids)
-    }
-
-    /// Times and packet counters of the samples, gaps and restarts. `clocks` are those at the beginning of the part, and
-    /// on return those at its end.
-    #[must_use]
-    pub fn unwrap(&self, clocks: &mut Clocks) -> Times {
-        let [mut counter] = self.tracks(ClockRole::Counter);
-        let [mut fine] = self.tracks(ClockRole::Fine);
-        let [mut coarse] = self.tracks(ClockRole::Coarse);
-        let mut triggers = self.tracks::<3>(ClockRole::Trigger);
-        let mut gnss = self.tracks::<2>(ClockRole::Receiver);
-        let mut changes = self.changes.iter().peekable();
-        let (mut gaps, mut restarts) = (vec![], vec![]);
-        let (mut times, mut counters) = (huge_pages::with_capacity(self.len()), huge_pages::with_capacity(self.len()));
-        for ((&layout, bid), sample) in self.layout.iter().zip(self.bids()).zip(self.first..) {
-            while let Some((_, bid, change)) = changes.next_if(|change| change.0 <= sample) {
-                clocks.of(*bid).change(*change);
-            }
-            let stamps = Stamps {
-                #[allow(clippy::cast_possible_truncation)] // a U2
-                counter: counter.last(layout, sample).map(|counter| counter as u16),
-                fine: fine.last(layout, sample),
-                coarse: coarse.last(layout, sample),
-                // Every track must advance, even if a later one decides.
-                trigger: triggers.iter_mut().fold(None, |stamp, track| track.last(layout, sample).or(stamp)),
-                gnss: gnss.iter_mut().map(|track| track.rows(layout, sample)).sum::<usize>() > 0,
-            };
-            let moment = clocks.of(bid).sample(stamps);
-            times.push(moment.seconds);
-            counters.push(moment.counter);
-            if moment.lost > 0 {
-                gaps.push(Gap { sample, lost: moment.lost, bid });
-            }
-            if moment.restarted {
-                restarts.push(Restart { sample, bid });
-            }
-        }
-        changes.for_each(|(_, bid, change)| clocks.of(*bid).change(*change));
-        let has_counter = counters.iter().any(|counter| *counter != -1);
-        Times { time: times, counter: counters, gaps, restarts, has_counter }
-    }
-
-    /// The columns of the `N` quantities that have this role, by identifier.
-    fn tracks<const N: usize>(&self, role: ClockRole) -> [Track<'_>; N] {
-        let mut quantities = QUANTITIES.iter().filter(|quantity| quantity.clock == Some(role));
-        let tracks = std::array::from_fn(|_| {
-            let id = quantities.next().expect("a quantity for each track").id;
-            let is = |column: &&Column| matches!(column.subject, Subject::Known(quantity, _) if quantity.id == id);
-            Track::new(self, self.columns.iter().map(Arc::as_ref).find(is))
-        });
-        assert!(quantities.next().is_none(), "a track for each quantity");
-        tracks
-    }
-}
-
-/// Follows the rows of one column through the samples of its part.
-struct Track<'a> {
-    column: Option<&'a Column>,
-    /// Whether a layout feeds the column, by layout plus one.
-    fed: [bool; 256],
-    single: &'a [u64],
-    row: usize,
-}
-
-impl<'a> Track<'a> {
-    fn new(part: &Part, column: Option<&'a Column>) -> Self {
-        let mut fed = [false; 256];
-        if let Some(column) = column {
-            let feeds = |slot: &Slot| std::ptr::eq(Arc::as_ptr(&part.columns[slot.column]), column);
-            for (fed, layout) in fed[1..].iter_mut().zip(&part.layouts) {
-                *fed = layout.slots.iter().any(feeds);
-            }
-        }
-        Self { column, fed, single: column.map_or(&[], |column| &column.single), row: 0 }
-    }
-
-    /// Number of rows of the next sample.
-    #[inline]
-    fn rows(&mut self, layout: u8, sample: u64) -> usize {
-        if self.column.is_none() {
-            return 0; // most logs have no trigger, no GNSS data and no coarse time
-        }
-        let rows = if layout == 0 {
-            let rows = self.single.iter().take_while(|single| **single == sample).count();
-            self.single = &self.single[rows..];
-            rows
-        } else {
-            usize::from(self.fed[usize::from(layout)])
-        };
-        self.row += rows;
-        rows
-    }
-
-    /// The last row of the next sample: its number, or the time stamp of a trigger.
-    fn last(&mut self, layout: u8, sample: u64) -> Option<u32> {
-        if self.rows(layout, sample) == 0 {
-            return None;
-        }
-        let column = self.column?;
-        match &column.values {
-            Values::U16(values) => Some(values[self.row - 1].into()),
-            Values::U32(values) => Some(values[self.row - 1]),
-            Values::Records(bytes) => {
-                let record = &bytes[(self.row - 1) * column.width..];
-                record[TRIGGER_STAMP..].first_chunk().map(|bytes| u32::from_ne_bytes(*bytes))
-            }
-            _ => None,
-        }
     }
 }
 
