@@ -15,12 +15,13 @@ use fuzz::checks;
 type Check = fn(&[u8]);
 
 /// The fuzz targets, and what each calls.
-const TARGETS: [(&str, Check); 5] = [
+const TARGETS: [(&str, Check); 6] = [
     ("chunking", checks::chunking),
     ("codec", checks::codec),
     ("decode", checks::decode),
     ("fast_is_plain", checks::fast_is_plain),
     ("parts", checks::parts),
+    ("unwrap", checks::unwrap),
 ];
 
 fn folder(target: &str) -> PathBuf {
@@ -63,6 +64,11 @@ fn fast_is_plain() {
 #[test]
 fn parts() {
     replay("parts");
+}
+
+#[test]
+fn unwrap() {
+    replay("unwrap");
 }
 
 /// If they differ, the test rewrites the files and fails once.

@@ -8,7 +8,7 @@ use std::io::{self, Read};
 
 use proptest::prelude::*;
 
-use fuzz::checks::{decode, fast_is_plain, parts};
+use fuzz::checks::{self, decode, fast_is_plain, parts};
 use fuzz::logs::{Bits, Log};
 use fuzz::streams::{Random, extended, frame, frame_of, packet, sample};
 use xbus::clock::Clocks;
@@ -52,6 +52,12 @@ proptest! {
     #[test]
     fn parts_are_equal_on_both_paths(input in prop::collection::vec(any::<u8>(), 3..60)) {
         fast_is_plain(&input);
+    }
+
+    /// Each input is a seed and a recipe for counters and clocks.
+    #[test]
+    fn times_and_counters_are_unwrapped_as_sample_by_sample(input in prop::collection::vec(any::<u8>(), 3..60)) {
+        checks::unwrap(&input);
     }
 }
 

@@ -1,16 +1,17 @@
 //! The laws. Each function takes any bytes and panics if the law does not hold.
 
-use xbus::clock::Clocks;
+use xbus::clock::{Clocks, Gap, Restart};
 use xbus::error::Fault;
-use xbus::log::{Options, Reader};
+use xbus::log::{Options, Reader, Times};
 use xbus::packet::{Coordinates, Packet, Precision, packets};
 use xbus::scan::Window;
 use xbus::table::{Kind, QUANTITIES};
 use xbus::value::{Number, is_canonical, numbers, write_as, write_packet};
 
-use super::logs::{ByHand, Log};
+use super::logs::{Bits, ByHand, Log};
 use super::scans::{Scan, credit_suffices};
-use super::streams::{Input, Random};
+use super::stamps;
+use super::streams::{Input, Random, seed_of};
 
 /// Payload limits: shorter than most messages, around the longest standard form, and those of a live port and a log.
 const LIMITS: [usize; 6] = [16, 254, 255, 8185, 65535, 65535];
@@ -86,6 +87,60 @@ pub fn parts(data: &[u8]) {
         let fast = options.fast != random.once_in(4);
         let joined = Log::apart(&stream, Options { fast, ..options.clone() }, &mut random).expect("not strict");
         joined.same_as(&whole, "joined, whole");
+    }
+}
+
+/// Times and counters are the same sample by sample and in stretches, wherever parts end, and so are the clocks at the end.
+pub fn unwrap(data: &[u8]) {
+    let (seed, recipe) = seed_of(data);
+    let mut random = Random::new(seed);
+    let stream = stamps::stream(recipe, &mut random);
+    let rate = random.pick(&[None, None, Some(100.0), Some(0.3)]);
+    let window = Window { bytes: &stream, offset: 0, last: true };
+    let start = |fast| (Reader::new(Options { fast, ..Options::default() }, 0), Clocks::new(rate));
+    let (mut reader, mut plain) = start(true);
+    reader.read(window, u64::MAX).expect("not strict");
+    let whole = Timeline::of(reader.take().unwrap_plainly(&mut plain));
+    if rate.is_none() && stream.len() < 20_000 {
+        let ByHand { log, .. } = ByHand::read(&stream, &Scan::whole(&stream, usize::from(u16::MAX)));
+        assert_eq!((&log.times, &log.counters), (&whole.times, &whole.counters), "by hand");
+        assert_eq!((&log.gaps, &log.restarts), (&whole.gaps, &whole.restarts), "by hand");
+    }
+    for longest in [stream.len() + 1, random.pick(&[100, 3000, 100_000])] {
+        let (mut reader, mut clocks) = start(!random.once_in(8));
+        let mut joined = Timeline::default();
+        while !reader.is_finished() {
+            reader.read(window, reader.at() + 1 + random.below(longest) as u64).expect("not strict");
+            joined.join(reader.take().unwrap(&mut clocks));
+        }
+        assert_eq!(joined, whole);
+        assert_eq!(clocks, plain);
+    }
+}
+
+/// The contents of [`Times`], with times as bits.
+#[derive(Debug, Default, PartialEq)]
+struct Timeline {
+    times: Vec<Bits>,
+    counters: Vec<i64>,
+    gaps: Vec<Gap>,
+    restarts: Vec<Restart>,
+    has_counter: bool,
+}
+
+impl Timeline {
+    fn of(times: Times) -> Self {
+        let mut timeline = Self::default();
+        timeline.join(times);
+        timeline
+    }
+
+    fn join(&mut self, next: Times) {
+        self.times.extend(next.time.iter().map(|time| Bits(time.to_bits())));
+        self.counters.extend(next.counter);
+        self.gaps.extend(next.gaps);
+        self.restarts.extend(next.restarts);
+        self.has_counter |= next.has_counter;
     }
 }
 

@@ -10,4 +10,5 @@ pub mod checks;
 pub mod logs;
 pub mod scans;
 pub mod seeds;
+pub mod stamps;
 pub mod streams;

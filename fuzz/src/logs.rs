@@ -128,7 +128,12 @@ impl Log {
             sample: strings.sample[i],
             bytes: texts.next().expect("one each"),
         };
-        let Times { time: times, counter: counters, gaps, restarts, .. } = part.unwrap(clocks);
+        let mut plain = clocks.clone();
+        let Times { time: times, counter: counters, gaps, restarts, has_counter } = part.unwrap_plainly(&mut plain);
+        let fast = part.unwrap(clocks);
+        assert!(fast.time.iter().map(|time| time.to_bits()).eq(times.iter().map(|time| time.to_bits())));
+        assert_eq!((&fast.counter, &fast.gaps, &fast.restarts), (&counters, &gaps, &restarts));
+        assert_eq!((fast.has_counter, &*clocks), (has_counter, &plain));
         let log = Self {
             first: part.first,
             columns: part.columns.iter().map(|column| Contents::of(part, column)).collect(),

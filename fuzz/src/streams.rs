@@ -101,8 +101,7 @@ pub struct Input {
 impl Input {
     /// The first bytes are the seed of the choices. The rest is the stream, or a recipe for a stream.
     pub fn of(data: &[u8]) -> Self {
-        let (seed, rest) = data.split_at(data.len().min(SEED));
-        let seed = seed.iter().fold(0, |seed, byte| seed << 8 | u64::from(*byte));
+        let (seed, rest) = seed_of(data);
         let mut random = Random::new(seed);
         let longest = random.pick(&[600, 600, 600, 6000, 6000, 40_000]);
         let stream = if seed % 2 == 0 { rest.to_vec() } else { stream(rest, longest, &mut random) };
@@ -113,17 +112,30 @@ impl Input {
 /// Bytes of the seed. An odd one makes the rest a recipe.
 pub const SEED: usize = 3;
 
+/// The seed of the random choices, and the rest of the fuzzer's bytes.
+pub fn seed_of(data: &[u8]) -> (u64, &[u8]) {
+    let (seed, rest) = data.split_at(data.len().min(SEED));
+    (seed.iter().fold(0, |seed, byte| seed << 8 | u64::from(*byte)), rest)
+}
+
 /// A recipe. Any bytes are a recipe: each step takes the bytes that it needs, and zeros follow the end.
-struct Recipe<'a>(&'a [u8]);
+pub struct Recipe<'a>(pub &'a [u8]);
 
 impl Recipe<'_> {
-    fn byte(&mut self) -> u8 {
+    /// Whether all bytes are used.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// The next byte.
+    pub fn byte(&mut self) -> u8 {
         let Some((byte, rest)) = self.0.split_first() else { return 0 };
         self.0 = rest;
         *byte
     }
 
-    fn below(&mut self, limit: usize) -> usize {
+    /// A number below `limit`, which is not 0.
+    pub fn below(&mut self, limit: usize) -> usize {
         usize::from(self.byte()) % limit
     }
 }
@@ -147,7 +159,7 @@ pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
     let mut recipe = Recipe(recipe);
     let mut layouts: Vec<Layout> = vec![];
     let mut stream = vec![];
-    while !recipe.0.is_empty() && stream.len() < longest {
+    while !recipe.is_empty() && stream.len() < longest {
         match recipe.byte() % 21 {
             // A new layout, and the first message that has it.
             0..=3 => {

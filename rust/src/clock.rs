@@ -2,10 +2,14 @@
 //!
 //! Everything is decided from what came before, so a log that is read in parts gives the same as one that is read whole.
 
+mod even;
+
 use crate::device;
 use crate::frame::device_of;
 use crate::packet::{Reading, packets};
 use crate::table::{self, ClockRole, Series, Wire};
+
+pub use even::Stretch;
 
 /// What the packets of one sample say about when it was taken; the last one counts where there are several.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -143,7 +147,7 @@ impl Change {
 
 /// Clock and counter of one device.
 #[allow(clippy::struct_excessive_bools)] // they change independently
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Clock {
     /// Where the fine time wraps, once the log has named the device.
     wrap: Option<i64>,
@@ -301,7 +305,7 @@ impl Clock {
 }
 
 /// How fast a counter counts, measured since the last restart. It shows how often the counter wrapped inside a gap.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Pace {
     /// Fine time and counter, both unwrapped, of the last sample that has both.
     last: Option<(i64, i64)>,
@@ -333,12 +337,17 @@ impl Pace {
             return self.wraps_of_gap(elapsed, step);
         }
         if step > 0 {
-            (self.ticks, self.counts) = (self.ticks + elapsed, self.counts + step);
-            if self.counts > MEMORY {
-                (self.ticks, self.counts) = (self.ticks / 2, self.counts / 2);
-            }
+            self.add(elapsed, step);
         }
         0
+    }
+
+    #[inline(always)]
+    fn add(&mut self, elapsed: i64, step: i64) {
+        (self.ticks, self.counts) = (self.ticks + elapsed, self.counts + step);
+        if self.counts > MEMORY {
+            (self.ticks, self.counts) = (self.ticks / 2, self.counts / 2);
+        }
     }
 
     #[cold]
@@ -357,7 +366,7 @@ impl Pace {
 }
 
 /// The clocks of all devices of a log.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Clocks(Box<[Clock]>);
 
 impl Default for Clocks {

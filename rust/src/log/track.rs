@@ -28,6 +28,37 @@ impl<'a> Track<'a> {
         Self { column, fed, single: column.map_or(&[], |column| &column.single), row: 0 }
     }
 
+    /// Whether the column exists.
+    pub const fn has_rows(&self) -> bool {
+        self.column.is_some()
+    }
+
+    /// Whether samples of a layout, counted from 1, have a row.
+    pub const fn is_fed(&self, layout: u8) -> bool {
+        self.fed[layout as usize]
+    }
+
+    /// The packet counters from the next sample on, if samples of this layout have one.
+    pub fn counts(&self, layout: u8) -> Option<&'a [u16]> {
+        match &self.column?.values {
+            Values::U16(values) if self.is_fed(layout) => Some(&values[self.row..]),
+            _ => None,
+        }
+    }
+
+    /// The fine times from the next sample on, if samples of this layout have one.
+    pub fn ticks(&self, layout: u8) -> Option<&'a [u32]> {
+        match &self.column?.values {
+            Values::U32(values) if self.is_fed(layout) => Some(&values[self.row..]),
+            _ => None,
+        }
+    }
+
+    /// Passes samples of one layout.
+    pub fn skip(&mut self, layout: u8, samples: usize) {
+        self.row += if self.is_fed(layout) { samples } else { 0 };
+    }
+
     /// Number of rows of the next sample.
     #[inline]
     pub fn rows(&mut self, layout: u8, sample: u64) -> usize {
