@@ -28,10 +28,11 @@
 //!   `(1 + 2^15) * ticks`, so it is not a wrap; each even sample adds one to `counts` and at least one to `ticks`, and
 //!   halving both keeps their order, so one comparison proves it for all. And it adds the sample to `ticks` and `counts`:
 //!   the sum is added at once, and the stretch ends at the sample after which they are halved.
+//! - *Coarse time* that equals the seconds of the fine time changes nothing in `Clock::seconds`; any other is refused.
 //! - *What is not there* does not change. Without a fine time neither time nor pace does, and without a counter neither
 //!   counter nor pace.
 //!
-//! Samples with coarse time, triggers or data of a GNSS receiver are not in a stretch.
+//! Samples with triggers, data of a GNSS receiver or nothing but coarse time are not in a stretch.
 
 use std::iter::repeat_n;
 
@@ -46,6 +47,8 @@ pub struct Stretch<'a> {
     pub counter: Option<&'a [u16]>,
     /// `SampleTimeFine` of each, 0.1 ms, likewise.
     pub fine: Option<&'a [u32]>,
+    /// `SampleTimeCoarse` of each, s, likewise. Only samples with fine time have it.
+    pub coarse: Option<&'a [u32]>,
 }
 
 /// Most samples at a time. Their stamps and results stay in the first-level cache.
@@ -97,6 +100,10 @@ impl Clock {
             n = even(last as u32, &fine[..n], |before, fine| {
                 (fine > before) & (fine.wrapping_sub(before) <= LONGEST_STEP as u32)
             });
+            if let Some(coarse) = stretch.coarse {
+                let both = fine[..n].iter().zip(coarse);
+                n = both.take_while(|(fine, coarse)| **fine / TICKS as u32 == **coarse).count();
+            }
         }
         n
     }
@@ -166,6 +173,8 @@ mod tests {
         /// Added to counter and fine time.
         jump: (u16, u32),
         has: (bool, bool),
+        /// Difference of the coarse time from the seconds of the fine time, if samples with fine time have it.
+        coarse: Option<u32>,
         samples: usize,
         /// Ticks from one sample to the next.
         step: u32,
@@ -187,9 +196,19 @@ mod tests {
         let has = vec![(true, true), (true, true), (true, false), (true, false), (false, true), (false, false)];
         let steps = vec![0, 1, 1, 1, 5, 100, 1000, 32_767, 32_768, 32_769, 32_770, 70_000];
         let jump = (select(counters), select(times));
+        let coarse = select(vec![None, None, Some(0), Some(0), Some(1), Some(86_400)]);
         let samples = select(vec![1, 1, 2, 3, 32, 33, 34, 600, 2200]);
-        (select(changes), prop::bool::weighted(0.2), jump, select(has), samples, select(steps))
-            .prop_map(|(change, gnss, jump, has, samples, step)| Segment { change, gnss, jump, has, samples, step })
+        (select(changes), prop::bool::weighted(0.2), jump, select(has), coarse, samples, select(steps)).prop_map(
+            |(change, gnss, jump, has, coarse, samples, step)| Segment {
+                change,
+                gnss,
+                jump,
+                has,
+                coarse,
+                samples,
+                step,
+            },
+        )
     }
 
     /// A clock at the beginning of a log or somewhere in it.
@@ -228,6 +247,9 @@ mod tests {
                     (count, ticks)
                 };
                 let (counter, fine): (Vec<u16>, Vec<u32>) = (0..segment.samples).map(|_| next()).unzip();
+                let seconds = |ticks: &u32| (ticks / 10_000).wrapping_add(segment.coarse.unwrap_or(0));
+                let coarse: Vec<u32> = fine.iter().map(seconds).collect();
+                let has_coarse = segment.has.1 && segment.coarse.is_some();
                 let (mut times, mut counters) = (vec![], vec![]);
                 let mut at = 0;
                 while at < segment.samples {
@@ -235,11 +257,13 @@ mod tests {
                         samples: segment.samples - at,
                         counter: segment.has.0.then_some(&counter[at..]),
                         fine: segment.has.1.then_some(&fine[at..]),
+                        coarse: has_coarse.then_some(&coarse[at..]),
                     };
                     let even = fast.even(stretch, &mut times, &mut counters);
                     let stamps = |at| Stamps {
                         counter: segment.has.0.then_some(counter[at]),
                         fine: segment.has.1.then_some(fine[at]),
+                        coarse: has_coarse.then_some(coarse[at]),
                         ..Stamps::default()
                     };
                     let mut moments = vec![];
@@ -267,16 +291,28 @@ mod tests {
     fn even_samples_are_passed_in_few_calls() {
         let counter: Vec<u16> = (0..30_000_u32).map(|i| (50_000 + i) as u16).collect();
         let fine: Vec<u32> = (0..30_000).map(|i| 1_000_000 + 100 * i).collect();
-        for (counter, fine) in
-            [(Some(&counter), Some(&fine)), (Some(&counter), None), (None, Some(&fine)), (None, None)]
-        {
+        let coarse: Vec<u32> = fine.iter().map(|fine| fine / 10_000).collect();
+        let all = Stretch { samples: 30_000, counter: Some(&counter), fine: Some(&fine), coarse: Some(&coarse) };
+        let rows = [
+            all,
+            Stretch { coarse: None, ..all },
+            Stretch { counter: None, coarse: None, ..all },
+            Stretch { fine: None, coarse: None, ..all },
+            Stretch { counter: None, fine: None, coarse: None, ..all },
+        ];
+        for row in rows {
             let mut clock = Clock::default();
             clock.sample(Stamps { counter: Some(49_999), fine: Some(999_900), ..Stamps::default() });
             let (mut times, mut counters, mut calls) = (vec![], vec![], 0);
             while times.len() < 30_000 {
                 let at = times.len();
-                let (counter, fine) = (counter.map(|counter| &counter[at..]), fine.map(|fine| &fine[at..]));
-                clock.even(Stretch { samples: 30_000 - at, counter, fine }, &mut times, &mut counters);
+                let rest = Stretch {
+                    samples: 30_000 - at,
+                    counter: row.counter.map(|counter| &counter[at..]),
+                    fine: row.fine.map(|fine| &fine[at..]),
+                    coarse: row.coarse.map(|coarse| &coarse[at..]),
+                };
+                clock.even(rest, &mut times, &mut counters);
                 calls += 1;
             }
             assert!(calls < 90, "{calls}");

@@ -38,16 +38,16 @@ impl<'a> Track<'a> {
         self.fed[layout as usize]
     }
 
-    /// The packet counters from the next sample on, if samples of this layout have one.
-    pub fn counts(&self, layout: u8) -> Option<&'a [u16]> {
+    /// The numbers from the next sample on, if samples of this layout have one.
+    pub fn u16s(&self, layout: u8) -> Option<&'a [u16]> {
         match &self.column?.values {
             Values::U16(values) if self.is_fed(layout) => Some(&values[self.row..]),
             _ => None,
         }
     }
 
-    /// The fine times from the next sample on, if samples of this layout have one.
-    pub fn ticks(&self, layout: u8) -> Option<&'a [u32]> {
+    /// The same for a column of longer numbers.
+    pub fn u32s(&self, layout: u8) -> Option<&'a [u32]> {
         match &self.column?.values {
             Values::U32(values) if self.is_fed(layout) => Some(&values[self.row..]),
             _ => None,

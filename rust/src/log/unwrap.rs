@@ -112,18 +112,19 @@ impl<'a> Unwrapper<'a> {
 
     /// For each layout, counted from 1, the first one of the same kind: of the same device, with the same stamps.
     fn kinds(&self) -> [u8; 256] {
-        let rare = || std::iter::once(&self.coarse).chain(&self.triggers).chain(&self.gnss);
+        let is_plain = |layout: u8| {
+            let mut late = self.triggers.iter().chain(&self.gnss);
+            late.any(|track| track.is_fed(layout)) || self.coarse.is_fed(layout) && !self.fine.is_fed(layout)
+        };
         let traits = |layout: u8| {
             let device = device_of(self.part.layouts[usize::from(layout) - 1].bid);
-            (device, self.counter.is_fed(layout), self.fine.is_fed(layout))
+            (device, [&self.counter, &self.fine, &self.coarse].map(|track| track.is_fed(layout)))
         };
         let mut kinds = [PLAIN; 256];
-        for layout in (1..=u8::MAX).take(self.part.layouts.len()) {
-            if !rare().any(|track| track.is_fed(layout)) {
-                let mut before = kinds[1..usize::from(layout)].iter().copied().filter(|kind| *kind != PLAIN);
-                let kind = before.find(|kind| traits(*kind) == traits(layout)).unwrap_or(layout);
-                kinds[usize::from(layout)] = kind;
-            }
+        for layout in (1..=u8::MAX).take(self.part.layouts.len()).filter(|layout| !is_plain(*layout)) {
+            let mut before = kinds[1..usize::from(layout)].iter().copied().filter(|kind| *kind != PLAIN);
+            let kind = before.find(|kind| traits(*kind) == traits(layout)).unwrap_or(layout);
+            kinds[usize::from(layout)] = kind;
         }
         kinds
     }
@@ -141,10 +142,12 @@ impl<'a> Unwrapper<'a> {
     /// Unwraps the next samples, which are of one kind, as long as they are even. Returns their number.
     fn even(&mut self, kind: u8, samples: usize) -> usize {
         let clock = self.clocks.of(self.part.layouts[usize::from(kind) - 1].bid);
-        let stretch = Stretch { samples, counter: self.counter.counts(kind), fine: self.fine.ticks(kind) };
+        let (counter, fine, coarse) = (self.counter.u16s(kind), self.fine.u32s(kind), self.coarse.u32s(kind));
+        let stretch = Stretch { samples, counter, fine, coarse };
         let even = clock.even(stretch, &mut self.times.time, &mut self.times.counter);
         self.counter.skip(kind, even);
         self.fine.skip(kind, even);
+        self.coarse.skip(kind, even);
         even
     }
 
