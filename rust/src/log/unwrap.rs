@@ -31,8 +31,7 @@ impl Part {
         while from < self.len() {
             let until = unwrapper.change(from).min(self.len());
             let kind = kinds[usize::from(self.layout[from])];
-            let alike = self.layout[from..until].iter().take_while(|layout| kinds[usize::from(**layout)] == kind);
-            let end = from + alike.count();
+            let end = from + alike(&self.layout[from..until], &kinds);
             while from < end {
                 let even = if kind == PLAIN { 0 } else { unwrapper.even(kind, end - from) };
                 if even == 0 {
@@ -70,6 +69,21 @@ impl Part {
 
 /// The kind of layouts whose samples go the plain way, and of samples without a known layout.
 const PLAIN: u8 = 0;
+/// Layouts that are compared at once.
+const BLOCK: usize = 64;
+
+/// How many samples at the beginning are of one kind, by their layouts. Most often they have even the same layout.
+fn alike(layouts: &[u8], kinds: &[u8; 256]) -> usize {
+    let kind = |layout: u8| kinds[usize::from(layout)];
+    let first = layouts[0];
+    let is_alike = |block: &&[u8]| {
+        let is_same = block.iter().fold(true, |all, layout| all & (*layout == first));
+        is_same || block.iter().all(|layout| kind(*layout) == kind(first))
+    };
+    let blocks = BLOCK * layouts.chunks(BLOCK).take_while(is_alike).count();
+    let rest = layouts.get(blocks..).unwrap_or_default();
+    layouts.len().min(blocks) + rest.iter().take_while(|layout| kind(**layout) == kind(first)).count()
+}
 
 /// A position in a part, the clocks there, and the result so far.
 struct Unwrapper<'a> {
