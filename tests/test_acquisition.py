@@ -606,12 +606,15 @@ def test_invalid_arguments_are_rejected(tmp_path: Path) -> None:
 # In separate processes
 
 
-def run(code: str, *arguments: str, fd: int) -> subprocess.Popen[str]:
-    """Starts a process that runs this code with a descriptor as input, and waits until it is ready."""
+def run(code: str, *arguments: str, fd: int) -> subprocess.Popen[bytes]:
+    """Starts a process that runs this code with a descriptor as input, and waits until it is ready.
+
+    Its output has no buffer: `communicate` would not return what `readline` has read ahead.
+    """
     command = [sys.executable, "-c", code, *arguments]
-    process = subprocess.Popen(command, stdin=fd, stdout=subprocess.PIPE, text=True)  # noqa: S603
+    process = subprocess.Popen(command, stdin=fd, stdout=subprocess.PIPE, bufsize=0)  # noqa: S603
     assert process.stdout is not None
-    assert process.stdout.readline() == "ready\n"
+    assert process.stdout.readline() == b"ready\n"
     return process
 
 
@@ -668,8 +671,9 @@ def test_a_full_disk_ends_the_recording_after_a_whole_frame(tmp_path: Path) -> N
         process = run(FULL, str(tmp_path / "log.mtb"), fd=file.fileno())
     output, _ = process.communicate(timeout=LONG)
     whole = (50_000 - 21) // 88
-    assert output.startswith(f"{whole * 88} {whole} False {tmp_path / 'log.mtb'}: File too large")
-    assert output.endswith("the recording ends with the last whole frame\n")
+    printed = output.decode()
+    assert printed.startswith(f"{whole * 88} {whole} False {tmp_path / 'log.mtb'}: File too large")
+    assert printed.endswith("the recording ends with the last whole frame\n")
     assert (tmp_path / "log.mtb").read_bytes() == head + data[: whole * 88]
 
 
@@ -691,7 +695,7 @@ def test_ctrl_c_interrupts_a_wait(pty: tuple[int, str]) -> None:
         process = run(WAIT, fd=port.fileno())
         process.send_signal(signal.SIGINT)
         output, _ = process.communicate(timeout=LONG)
-    assert output == "heard\n"
+    assert output == b"heard\n"
 
 
 def test_the_reader_uses_little_cpu_time(pty: tuple[int, str]) -> None:

@@ -45,9 +45,12 @@ def sentence(result: Result) -> str:
 
 
 def start(*args: str, **options: object) -> subprocess.Popen[bytes]:
-    """Starts a command in a separate process, with pipes."""
+    """Starts a command in a separate process, with pipes.
+
+    The pipes have no buffer: `communicate` would not return the lines that `readline` has read ahead.
+    """
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": ENVIRONMENT}
-    return subprocess.Popen([*PROGRAM, *args], **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
+    return subprocess.Popen([*PROGRAM, *args], bufsize=0, **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
 
 
 def shell(line: str, *args: str) -> tuple[int, str]:
@@ -331,9 +334,10 @@ def test_a_signal_while_writing_leaves_no_partial_file(
     number: int, code: int, tmp_path: Path
 ) -> None:
     patched = (
-        "import signal, sys, numpy; from xbus.cli import main\n"
+        "import sys, time, numpy; from xbus.cli import main\n"
         "def stuck(out, **arrays):\n"
-        "    out.write(b'half'); out.flush(); print('now', flush=True); signal.pause()\n"
+        "    out.write(b'half'); out.flush(); print('now', flush=True)\n"
+        "    while True: time.sleep(0.1)\n"  # a pause could begin after the signal
         "numpy.savez = stuck; main(sys.argv[1:])"
     )
     out = tmp_path / "walk.npz"

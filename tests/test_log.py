@@ -365,17 +365,17 @@ def test_ctrl_c_ends_the_wait_for_a_named_pipe(tmp_path: Path, has_writer: bool)
     os.mkfifo(path)
     command = [sys.executable, "-c", INTERRUPTED, str(path)]
     with (
-        subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process,  # noqa: S603
+        subprocess.Popen(command, stdout=subprocess.PIPE, bufsize=0) as process,  # noqa: S603
         contextlib.ExitStack() as files,
     ):
         assert process.stdout is not None
-        assert process.stdout.readline() == "ready\n"
+        assert process.stdout.readline() == b"ready\n"
         if has_writer:
             files.enter_context(path.open("wb"))  # returns when the reader has opened the pipe
         while Path(f"/proc/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] != "S":
             pass
         process.send_signal(signal.SIGINT)
-        assert process.communicate(timeout=30)[0] == "interrupted\n"
+        assert process.communicate(timeout=30)[0] == b"interrupted\n"
 
 
 def test_files_are_read_from_their_position() -> None:

@@ -24,7 +24,7 @@ from xbus.protocol import State
 from xbus.sim import PtyServer, serve, serving
 
 #: Seconds after which a test fails.
-LONG = 30.0
+LONG = 60.0
 FASTEST = {
     "packet_counter": None,
     "sample_time_fine": None,
