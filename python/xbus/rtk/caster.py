@@ -175,8 +175,10 @@ class Caster:
             return None
         self.state = "connecting"
         self._received_at = time.monotonic()
-        self._connection = _Connection(self._request, self._position)
-        return self._connection
+        connection = self._connection = _Connection(self._request, self._position)
+        if self._closed.is_set():  # meanwhile, when `close` did not see this connection yet
+            connection.close()
+        return connection
 
     def _ended(self, connection: _Connection, reason: str | None) -> None:
         if self._closed.is_set():
