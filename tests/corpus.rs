@@ -20,6 +20,7 @@ const TARGETS: [(&str, Check); 6] = [
     ("codec", checks::codec),
     ("decode", checks::decode),
     ("fast_is_plain", checks::fast_is_plain),
+    ("parallel", checks::parallel),
     ("parts", checks::parts),
     ("unwrap", checks::unwrap),
 ];
@@ -59,6 +60,11 @@ fn decode() {
 #[test]
 fn fast_is_plain() {
     replay("fast_is_plain");
+}
+
+#[test]
+fn parallel() {
+    replay("parallel");
 }
 
 #[test]

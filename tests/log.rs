@@ -8,7 +8,7 @@ use std::io::{self, Read};
 
 use proptest::prelude::*;
 
-use fuzz::checks::{self, decode, fast_is_plain, parts};
+use fuzz::checks::{self, decode, fast_is_plain, parallel, parts};
 use fuzz::logs::{Bits, Log};
 use fuzz::streams::{Random, extended, frame, frame_of, packet, sample};
 use xbus::clock::Clocks;
@@ -42,6 +42,11 @@ proptest! {
     #[test]
     fn joined_parts_equal_the_whole_log(input in prop::collection::vec(any::<u8>(), 3..60)) {
         parts(&input);
+    }
+
+    #[test]
+    fn threads_do_not_change_the_log(input in prop::collection::vec(any::<u8>(), 3..60)) {
+        parallel(&input);
     }
 
     #[test]

@@ -2,16 +2,16 @@
 
 use xbus::clock::{Clocks, Gap, Restart};
 use xbus::error::Fault;
-use xbus::log::{Options, Reader, Times};
+use xbus::log::{self, Blocks, Options, Reader, Times};
 use xbus::packet::{Coordinates, Packet, Precision, packets};
 use xbus::scan::Window;
-use xbus::table::{Kind, QUANTITIES};
+use xbus::table::{self, Kind, QUANTITIES};
 use xbus::value::{Number, is_canonical, numbers, write_as, write_packet};
 
 use super::logs::{Bits, ByHand, Log};
 use super::scans::{Scan, credit_suffices};
 use super::stamps;
-use super::streams::{Input, Random, seed_of};
+use super::streams::{Input, Random, extended, packet, seed_of};
 
 /// Payload limits: shorter than most messages, around the longest standard form, and those of a live port and a log.
 const LIMITS: [usize; 6] = [16, 254, 255, 8185, 65535, 65535];
@@ -142,6 +142,40 @@ impl Timeline {
         self.restarts.extend(next.restarts);
         self.has_counter |= next.has_counter;
     }
+}
+
+/// Threads that read blocks of any size read what one thread reads.
+pub fn parallel(data: &[u8]) {
+    let Input { mut random, mut stream } = Input::of(data);
+    if random.once_in(2) {
+        stream = nested(&stream);
+    }
+    let options = options(&mut random);
+    let whole = Log::whole(&stream, options.clone());
+    for _ in 0..3 {
+        let blocks = Blocks { size: random.pick(&[1, 30, 300, 5000]), threads: 2 + random.below(3) };
+        let mut reader = Reader::new(options.clone(), stream.len() as u64);
+        let mut clocks = Clocks::default();
+        let mut joined = Log::default();
+        let step = random.pick(&[100, 5000, stream.len() + 1]);
+        while !reader.is_finished() {
+            let until = reader.at() + 1 + random.below(step) as u64;
+            reader.read_parallel(log::Input::Memory(&stream), until, blocks).expect("not strict");
+            if random.once_in(2) || reader.is_finished() {
+                joined.join(Log::of(&reader.take(), &mut clocks));
+            }
+        }
+        joined.same_as(&whole, "parallel, whole");
+    }
+}
+
+/// A stream in which a block can begin inside a message that has frames in it: the stream, as it is and as packets.
+fn nested(stream: &[u8]) -> Vec<u8> {
+    let messages = stream.chunks(3000).map(|piece| {
+        let packets: Vec<_> = piece.chunks(250).flat_map(|data| packet(0xF1F0, data)).collect();
+        [&extended(0xFF, table::MTDATA2, &packets)[..], piece].concat()
+    });
+    messages.collect::<Vec<_>>().concat()
 }
 
 /// Options with any limit and any choice of quantities.

@@ -43,9 +43,61 @@ impl Pieces {
         self.bytes.extend_from_slice(piece);
         self.ends.push(self.bytes.len() as u64);
     }
+
+    /// Adds all pieces of another one.
+    pub fn append(&mut self, other: &Self) {
+        let before = self.bytes.len() as u64;
+        self.bytes.extend_from_slice(&other.bytes);
+        self.ends.extend(other.ends.iter().map(|end| before + end));
+    }
 }
 
 impl Values {
+    /// No numbers, of the same type.
+    #[must_use]
+    pub const fn like(&self) -> Self {
+        match self {
+            Self::U8(_) => Self::U8(vec![]),
+            Self::U16(_) => Self::U16(vec![]),
+            Self::U32(_) => Self::U32(vec![]),
+            Self::U64(_) => Self::U64(vec![]),
+            Self::I8(_) => Self::I8(vec![]),
+            Self::I16(_) => Self::I16(vec![]),
+            Self::I32(_) => Self::I32(vec![]),
+            Self::F32(_) => Self::F32(vec![]),
+            Self::F64(_) => Self::F64(vec![]),
+            Self::Records(_) => Self::Records(vec![]),
+            Self::Raw(_) => Self::Raw(Pieces { bytes: vec![], ends: vec![] }),
+        }
+    }
+
+    /// Appends numbers. If the two types differ, the result has the wider one.
+    ///
+    /// # Panics
+    /// If one type is not wider than the other.
+    pub fn append(&mut self, other: &Self, progress: Progress) {
+        match (&mut *self, other) {
+            (Self::F32(narrow), Self::F64(_)) => *self = Self::F64(widened(narrow, progress)),
+            (Self::U32(narrow), Self::U64(_)) => *self = Self::U64(widened(narrow, progress)),
+            _ => {}
+        }
+        match (self, other) {
+            (Self::U8(out), Self::U8(more)) | (Self::Records(out), Self::Records(more)) => extend(out, more, progress),
+            (Self::U16(out), Self::U16(more)) => extend(out, more, progress),
+            (Self::U32(out), Self::U32(more)) => extend(out, more, progress),
+            (Self::U64(out), Self::U64(more)) => extend(out, more, progress),
+            (Self::U64(out), Self::U32(more)) => extend(out, &widened(more, progress), progress),
+            (Self::I8(out), Self::I8(more)) => extend(out, more, progress),
+            (Self::I16(out), Self::I16(more)) => extend(out, more, progress),
+            (Self::I32(out), Self::I32(more)) => extend(out, more, progress),
+            (Self::F32(out), Self::F32(more)) => extend(out, more, progress),
+            (Self::F64(out), Self::F64(more)) => extend(out, more, progress),
+            (Self::F64(out), Self::F32(more)) => extend(out, &widened(more, progress), progress),
+            (Self::Raw(out), Self::Raw(more)) => out.append(more),
+            (out, more) => unreachable!("{more:?} to {out:?}"),
+        }
+    }
+
     /// An empty column of the type that holds this number.
     #[must_use]
     pub const fn of(wire: Wire) -> Self {
@@ -222,6 +274,26 @@ impl Column {
         }
     }
 
+    /// An empty column for the same packets.
+    #[must_use]
+    pub fn like(&self) -> Self {
+        let (values, entries, single) = (self.values.like(), vec![], vec![]);
+        Self { mixed_ids: false, mixed_precisions: false, values, entries, rows: 0, single, ..*self }
+    }
+
+    /// Appends the rows of another column for the same packets, whose samples are counted from sample `first` on.
+    pub fn append(&mut self, other: &Self, first: u64, progress: Progress) {
+        self.mixed_ids |= other.mixed_ids || other.id != self.id;
+        let is_real = |column: &Self| matches!(column.quantity().map(|quantity| quantity.kind), Some(Kind::Real(_)));
+        let differ = is_real(self) && Precision::of(other.id) != Precision::of(self.id);
+        self.mixed_precisions |= other.mixed_precisions || differ;
+        self.values.append(&other.values, progress);
+        self.entries.extend_from_slice(&other.entries);
+        self.rows += other.rows;
+        huge_pages::reserve(&mut self.single, other.single.len(), progress);
+        self.single.extend(other.single.iter().map(|sample| first + sample));
+    }
+
     /// Appends a row for each packet, byte-swapped. [`Self::admit`] must have prepared the column for them.
     ///
     /// # Panics
@@ -263,6 +335,11 @@ impl Column {
         }
         self.rows += more;
     }
+}
+
+fn extend<T: Copy>(out: &mut Vec<T>, more: &[T], progress: Progress) {
+    huge_pages::reserve(out, more.len(), progress);
+    out.extend_from_slice(more);
 }
 
 fn widened<T: Copy, U: From<T>>(narrow: &[T], progress: Progress) -> Vec<U> {

@@ -1,6 +1,8 @@
 //! Buffers for input that is read or pushed in pieces. Each hands a [`Window`] to a scanner and keeps the bytes that the
 //! scanner has not decided yet.
 
+use std::borrow::Borrow;
+use std::fs::File;
 use std::io::{self, Read};
 
 use crate::scan::Window;
@@ -28,6 +30,12 @@ impl<R: Read> Stream<R> {
     #[must_use]
     pub fn new(input: R) -> Self {
         Self { input, buffer: vec![0; 2 * PIECE], filled: 0, offset: 0, ended: false }
+    }
+
+    /// A stream that begins at this position of an input.
+    #[must_use]
+    pub fn at(input: R, position: u64) -> Self {
+        Self { offset: position, ..Self::new(input) }
     }
 
     /// Drops the bytes before `position` and reads one piece more, or up to the end of the input.
@@ -58,6 +66,32 @@ impl<R: Read> Stream<R> {
     #[must_use]
     pub fn window(&self) -> Window<'_> {
         Window { bytes: &self.buffer[..self.filled], offset: self.offset, last: self.ended }
+    }
+}
+
+/// A file, read from a position on. Several of these can read one file at the same time.
+#[derive(Debug)]
+pub struct FileFrom<F> {
+    file: F,
+    position: u64,
+}
+
+impl<F: Borrow<File>> FileFrom<F> {
+    /// A reader of `file` that begins at `position`.
+    #[must_use]
+    pub const fn new(file: F, position: u64) -> Self {
+        Self { file, position }
+    }
+}
+
+impl<F: Borrow<File>> Read for FileFrom<F> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        #[cfg(unix)]
+        let read = std::os::unix::fs::FileExt::read_at(self.file.borrow(), buffer, self.position)?;
+        #[cfg(windows)]
+        let read = std::os::windows::fs::FileExt::seek_read(self.file.borrow(), buffer, self.position)?;
+        self.position += read as u64;
+        Ok(read)
     }
 }
 

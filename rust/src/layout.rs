@@ -332,6 +332,20 @@ impl Layouts {
         self.start_to_use(number as u8);
     }
 
+    /// The number of a layout that another part has learned. `columns` are the places here of that part's columns. `None` if
+    /// there are too many layouts.
+    pub fn adopt(&mut self, layout: &Layout, columns: &[usize]) -> Option<u8> {
+        let number = self.known.iter().position(|known| known.blocks == layout.blocks).unwrap_or(self.known.len());
+        if number == MAX_LAYOUTS {
+            return None;
+        }
+        if number == self.known.len() {
+            let slots = layout.slots.iter().map(|slot| Slot { column: columns[slot.column], ..*slot }).collect();
+            self.known.push(Layout { slots, ..layout.clone() });
+        }
+        u8::try_from(number).ok()
+    }
+
     fn start_to_use(&mut self, number: u8) {
         self.by_length.resize(256, 0);
         let layout = &self.known[usize::from(number)];

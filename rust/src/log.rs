@@ -4,6 +4,8 @@
 //! are the log: a part depends on the input before it, never on the input after it.
 
 mod device;
+mod join;
+mod parallel;
 mod timed;
 mod track;
 mod unwrap;
@@ -21,11 +23,12 @@ use crate::huge_pages;
 use crate::input::Stream;
 use crate::layout::{Batch, Layout, Layouts, Slot};
 use crate::packet::{Coordinates, PACKET_HEADER, packets};
-use crate::scan::{Damage, Scanner, Step, Window, is_bid};
+use crate::scan::{Damage, Scanner, Seam, Step, Window, is_bid};
 use crate::table::{self, Quantity};
 
 use track::Track;
 
+pub use parallel::{Blocks, Input};
 pub use timed::{TimedPart, Times};
 
 /// Quantities to keep, each in one coordinate system or in any.
@@ -311,7 +314,13 @@ impl Reader {
     /// not known. It only decides how much memory columns reserve.
     #[must_use]
     pub fn new(options: Options, part_bytes: u64) -> Self {
-        let mut scanner = Scanner::new(options.limit);
+        Self::from_seam(options, Seam::default(), part_bytes)
+    }
+
+    /// A reader that starts at a seam: see [`Self::new`]. It counts samples from 0 on.
+    #[must_use]
+    pub fn from_seam(options: Options, seam: Seam, part_bytes: u64) -> Self {
+        let mut scanner = seam.scanner(options.limit);
         scanner.expect(options.strings);
         Self {
             options,
@@ -322,7 +331,7 @@ impl Reader {
             places: FxHashMap::default(),
             slots: vec![],
             part: Part::default(),
-            began: 0,
+            began: seam.at,
             part_bytes,
             checksum_errors: 0,
             end: u64::MAX,
@@ -576,9 +585,14 @@ impl Reader {
 
     /// Returns what has been read since the last call.
     pub fn take(&mut self) -> Part {
+        self.columns.iter_mut().for_each(Column::trim);
+        self.take_untrimmed()
+    }
+
+    /// Like [`Self::take`], for a part that is not kept.
+    fn take_untrimmed(&mut self) -> Part {
         let next = Part { first: self.next_sample(), ..Part::default() };
         let mut part = std::mem::replace(&mut self.part, next);
-        self.columns.iter_mut().for_each(Column::trim);
         // Each part learns its layouts again, so that layouts from long ago do not slow down a long log.
         self.places.clear();
         part.columns = self.columns.drain(..).map(Arc::new).collect();

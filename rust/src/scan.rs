@@ -18,6 +18,9 @@
 //! scanner passes pays in; and strings are short and contain no byte that begins another string.
 
 pub mod plain;
+mod seam;
+
+pub use seam::Seam;
 
 use crate::frame::{self, EXTENDED, EXTENDED_FROM, Frame, HEADER_SIZE, Header, MAX_PAYLOAD, PREAMBLE, field};
 use crate::packet::{PACKET_HEADER, Packet};

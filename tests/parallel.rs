@@ -1,0 +1,149 @@
+//! Logs read on several threads equal logs read on one.
+
+#[allow(dead_code)] // each test takes what it needs
+#[path = "../fuzz/src/lib.rs"]
+mod fuzz;
+
+use std::fs::File;
+use std::io::Write;
+
+use fuzz::logs::Log;
+use fuzz::streams::{Random, extended, frame, packet, sample};
+use xbus::clock::Clocks;
+use xbus::error::{Fault, ReadError};
+use xbus::log::{Blocks, Input, Options, Part, Reader};
+use xbus::scan::Reason;
+
+fn parallel(input: Input<'_>, length: usize, options: &Options, blocks: Blocks) -> Result<Part, ReadError> {
+    let mut reader = Reader::new(options.clone(), length as u64);
+    while !reader.is_finished() {
+        reader.read_parallel(input, reader.at() + length.max(1) as u64, blocks)?;
+    }
+    Ok(reader.take())
+}
+
+/// Reads a stream from memory and from a file, in blocks of several sizes, and compares with one thread.
+fn check(stream: &[u8]) -> Log {
+    let options = Options::default();
+    let whole = Log::whole(stream, options.clone());
+    let mut file = tempfile();
+    file.write_all(stream).unwrap();
+    for count in [2, 5, 40] {
+        let size = stream.len() as u64 / count + 1;
+        for threads in [1, 2, 3] {
+            let blocks = Blocks { size, threads };
+            for input in [Input::Memory(stream), Input::File(&file)] {
+                let part = parallel(input, stream.len(), &options, blocks).unwrap();
+                let log = Log::of(&part, &mut Clocks::default());
+                log.same_as(&whole, &format!("blocks of {size}, {threads} threads"));
+            }
+        }
+    }
+    whole
+}
+
+/// A file without a name.
+fn tempfile() -> File {
+    let path =
+        std::env::temp_dir().join(format!("xbus-parallel-{}-{:?}", std::process::id(), std::thread::current().id()));
+    let file = File::options().read(true).write(true).create_new(true).open(&path).unwrap();
+    std::fs::remove_file(path).unwrap();
+    file
+}
+
+fn inertial(i: u16) -> Vec<u8> {
+    let time = (u32::from(i) * 100).to_be_bytes();
+    sample(&[(0x1020, &i.to_be_bytes()), (0x1060, &time), (0x4020, &[i.to_be_bytes()[1]; 12])])
+}
+
+#[test]
+fn sound_logs() {
+    let stream: Vec<u8> = [frame(0x3E, &[]), frame(0x01, &[0x03, 0x60, 0x08, 0xA6])]
+        .into_iter()
+        .chain((0..3000).map(inertial))
+        .flatten()
+        .collect();
+    let log = check(&stream);
+    assert_eq!((log.stats.samples, log.stats.messages, log.stats.skipped_bytes), (3000, 2, 0));
+    check(&[]);
+    check(&inertial(1));
+    check(&inertial(1)[..9]);
+}
+
+/// New columns, wider columns, other layouts and a restart in later blocks.
+#[test]
+fn logs_that_change() {
+    let stream: Vec<u8> = (0..2000_u16)
+        .flat_map(|i| match i % 1000 {
+            400 => frame(0x3E, &[]),
+            500..600 => sample(&[(0x1020, &(i - 500).to_be_bytes()), (0x4023, &[0x40; 24])]),
+            700..720 => {
+                sample(&[(0x2030, &[0x41; 12]), (0xF123, &[1; 9]), (0x8020, &[0x42; 12]), (0x8020, &[0x43; 12])])
+            }
+            990..995 => b"$GPHDT,12.3,T*0F\r\n".to_vec(),
+            _ => inertial(i),
+        })
+        .collect();
+    let log = check(&stream);
+    assert_eq!(log.column("acceleration").numbers, "f8");
+    assert_eq!(log.restarts.len(), 2);
+}
+
+/// More layouts than a part can have numbers for.
+#[test]
+fn logs_with_many_layouts() {
+    let layout = |i: u16| sample(&[(0xF000 + i % 100 * 16, &vec![1; usize::from(i % 77)]), (0x1020, &i.to_be_bytes())]);
+    let stream: Vec<u8> = (0..4000).flat_map(|i: u16| std::iter::repeat_n(layout(i / 8), 8).flatten()).collect();
+    let log = check(&stream);
+    assert!(log.columns.len() > 90);
+}
+
+/// A block that begins inside a message finds the frames in the message's data, which are none.
+#[test]
+fn frames_in_frames() {
+    let inner: Vec<u8> = (0..7).flat_map(inertial).collect();
+    let packets: Vec<u8> = std::iter::repeat_n(packet(0xF1F0, &inner[..220]), 200).flatten().collect();
+    let stream = [extended(0xFF, 0x36, &packets), inertial(1)].concat().repeat(6);
+    let log = check(&stream);
+    assert_eq!((log.stats.samples, log.stats.skipped_bytes), (12, 0));
+}
+
+/// Ten bytes of EM1000 are a string only if the device has said before that it sends them.
+#[test]
+fn strings_that_a_message_enables() {
+    let em1000 = [0, 0x90, 1, 0, 2, 0, 3, 0, 4, 0];
+    let stream = [&inertial(0)[..], &em1000.repeat(300), &frame(0x8F, &[0, 0x20]), &em1000.repeat(300)].concat();
+    let log = check(&stream);
+    assert_eq!((log.stats.strings, log.stats.skipped_bytes), (300, 3000));
+}
+
+#[test]
+fn damaged_and_hostile_logs() {
+    let mut random = Random::new(7);
+    let mut stream: Vec<u8> = (0..5000).flat_map(inertial).collect();
+    for _ in 0..2000 {
+        let at = random.below(stream.len());
+        stream[at] ^= 1 << random.below(8);
+    }
+    assert!(check(&stream).damage.len() > 1000);
+    check(&[0xFA; 50_000]);
+    check(&[0xFA, 0xFF, 0x36, 0xFF, 0x20, 0x00, 0x10, 0x20, 0x00].repeat(5000));
+}
+
+/// Threads stop at the same fault, with the same samples before it.
+#[test]
+fn strict_logs() {
+    let mut stream: Vec<u8> = (0..3000).flat_map(inertial).collect();
+    let place = 2500 * inertial(0).len();
+    stream[place + 10] ^= 1;
+    stream[place + 1000] ^= 1;
+    let options = Options { strict: true, ..Options::default() };
+    for threads in [1, 3] {
+        let blocks = Blocks { size: 5000, threads };
+        let mut reader = Reader::new(options.clone(), 0);
+        let error = reader.read_parallel(Input::Memory(&stream), stream.len() as u64, blocks).unwrap_err();
+        let ReadError::Fault(fault) = error else { panic!("{error}") };
+        assert_eq!(fault, Fault::Damage { offset: place as u64, reason: Reason::Checksum });
+        assert_eq!(reader.take().len(), 2500);
+    }
+}
