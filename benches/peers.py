@@ -2,8 +2,8 @@
 
 Three parsers read the same quantities of the same recording in one process, with equal results: a loop over
 ``struct.unpack``; numpy with one fixed layout, which needs a recording without damage whose messages all have
-the same packets; and `xbus.read_log`, which works for any recording. Times are relative to a copy of the
-bytes.
+the same packets; and `xbus.read_log`, which works for any recording. Each uses one thread. Times are relative
+to a copy of the bytes.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def by_numpy(data: bytes) -> dict[str, Any]:
 
 
 def by_xbus(data: bytes) -> dict[str, Any]:
-    log = xbus.read_log(data)
+    log = xbus.read_log(data, threads=1)
     return {name: log[name].values for name, *_ in PACKETS}
 
 

@@ -82,7 +82,7 @@ def main() -> None:
         record(path)
         samples = len(xbus.read_log(path))
         print(f"{MINUTES:g} min, {samples:,} samples, {path.stat().st_size >> 20} MiB")
-        times = ratio(1, lambda: write_report(path, page), lambda: xbus.read_log(path))
+        times = ratio(1, lambda: write_report(path, page), lambda: xbus.read_log(path, threads=1))
         size = page.stat().st_size
         print(f"report: {times:.1f} times read_log, a page of {size / 1e6:.1f} MB")
         assert largest_drawn(page, "acceleration_hr") == SPIKE

@@ -15,7 +15,7 @@ use fuzz::checks;
 type Check = fn(&[u8]);
 
 /// The fuzz targets, and what each calls.
-const TARGETS: [(&str, Check); 6] = [
+const TARGETS: [(&str, Check); 7] = [
     ("chunking", checks::chunking),
     ("codec", checks::codec),
     ("decode", checks::decode),

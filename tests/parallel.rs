@@ -126,7 +126,7 @@ fn damaged_and_hostile_logs() {
         stream[at] ^= 1 << random.below(8);
     }
     assert!(check(&stream).damage.len() > 1000);
-    check(&[0xFA; 50_000]);
+    check(&vec![0xFA; 50_000]);
     check(&[0xFA, 0xFF, 0x36, 0xFF, 0x20, 0x00, 0x10, 0x20, 0x00].repeat(5000));
 }
 

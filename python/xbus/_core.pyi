@@ -369,6 +369,7 @@ class Reader:
         strings: int = 0,
         part_bytes: int | None = None,
         rate: float | None = None,
+        threads: int = 1,
         fast: bool = True,
     ) -> Reader:
         """Opens a log.
@@ -382,6 +383,7 @@ class Reader:
             strings: See `Scanner`.
             part_bytes: Approximate bytes of input in a part. Decides how much memory columns reserve.
             rate: Rate of the packet counter in Hz, from which samples without time stamps get their time.
+            threads: Number of threads for arrays and files.
             fast: Use the fast path. False is for tests.
 
         Raises:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -30,7 +31,7 @@ from xbus.wire.strings import mask_of
 
 __all__ = ["cut_parts", "iter_log", "read_log"]
 
-#: Bytes read at a time: Ctrl-C and progress are handled between two reads.
+#: Bytes that a thread reads at a time: Ctrl-C and progress are handled between two reads.
 STEP = 32 << 20
 #: Default size of a part of a log, in bytes of input.
 BLOCK = 64 << 20
@@ -48,6 +49,7 @@ def read_log(
     strings: Iterable[StringType | str] = (),
     between: Between | None = None,
     allow_restart: bool = False,
+    threads: int | None = None,
 ) -> Log:
     """Reads a whole log.
 
@@ -74,14 +76,16 @@ def read_log(
             sample indices and the unwrapping of times start there, and `Log.host_time` is not known.
         allow_restart: Accept that the device restarted between two pieces. This is always accepted if the
             names say that the recorder started one file after the other.
+        threads: Number of threads that decode; None for one per processor. It never changes the result.
+            Only arrays and single, uncompressed files of more than 1 MiB are read by several threads.
 
     Raises:
         DecodeError: With ``strict``, at the first damage.
         ImportError: The extra for a URL or a compressed file is not installed.
         OSError: The file cannot be read.
         TypeError: The source, or a key, is of the wrong type.
-        ValueError: A quantity or string type that does not exist, a rate that is not a positive number, or
-            pieces of different recordings.
+        ValueError: A quantity or string type that does not exist, a rate that is not a positive number,
+            fewer threads than one, or pieces of different recordings.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -92,9 +96,20 @@ def read_log(
     """
     keep = quantity_filter(quantities)
     source = _one_source(source, between, rate, allow_restart=allow_restart)
-    reader = _reader(source, strict=strict, quantities=keep, strings=mask_of(strings), rate=rate)
+    if threads is None:
+        threads = os.cpu_count() or 1
+    elif threads < 1:
+        raise ValueError(f"threads must be at least 1, not {threads}")
+    reader = _reader(
+        source,
+        strict=strict,
+        quantities=keep,
+        strings=mask_of(strings),
+        rate=rate,
+        threads=threads,
+    )
     arrivals = arrivals_of(source)
-    while reader.advance(STEP):
+    while reader.advance(STEP * threads):
         pass
     part = reader.take()
     log = Log(part, quantities=keep, host_times=HostTimes(part, arrivals))
@@ -250,6 +265,7 @@ def _reader(
     strings: int,
     part_bytes: int | None = None,
     rate: float | None = None,
+    threads: int = 1,
 ) -> _core.Reader:
     """Returns a reader at the start of ``source``, for parts of ``part_bytes``, or for one part."""
     if rate is not None and not 0 < rate < math.inf:
@@ -263,4 +279,5 @@ def _reader(
         strings=strings,
         part_bytes=size_hint(opened) if part_bytes is None else part_bytes,
         rate=rate,
+        threads=threads,
     )

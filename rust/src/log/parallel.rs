@@ -43,13 +43,22 @@ pub enum Input<'a> {
     File(&'a File),
 }
 
-/// How an input is cut into blocks, and who reads them.
+/// How an input is cut into blocks, and how many threads read them.
 #[derive(Clone, Copy, Debug)]
 pub struct Blocks {
     /// Bytes of a block.
     pub size: u64,
     /// Number of threads.
     pub threads: usize,
+}
+
+impl Blocks {
+    /// Blocks that are small enough for their columns to stay in the cache, and large enough for the work between two blocks
+    /// not to matter.
+    #[must_use]
+    pub const fn of(threads: usize) -> Self {
+        Self { size: 1 << 20, threads }
+    }
 }
 
 /// An input, read from a position on.
@@ -59,6 +68,13 @@ enum Cursor<'a> {
 }
 
 impl<'a> Input<'a> {
+    fn end(self) -> io::Result<u64> {
+        match self {
+            Self::Memory(bytes) => Ok(bytes.len() as u64),
+            Self::File(file) => Ok(file.metadata()?.len()),
+        }
+    }
+
     fn from(self, position: u64) -> Cursor<'a> {
         match self {
             Self::Memory(bytes) => Cursor::Memory(bytes),
@@ -137,7 +153,8 @@ impl Reader {
     /// [`ReadError::Fault`] as [`Self::read`]; [`ReadError::Io`] if the input cannot be read.
     pub fn read_parallel(&mut self, input: Input<'_>, until: u64, blocks: Blocks) -> Result<(), ReadError> {
         let from = self.at();
-        let count = usize::try_from((until - from).div_ceil(blocks.size)).unwrap_or(usize::MAX);
+        let length = until.min(input.end()?).saturating_sub(from);
+        let count = usize::try_from(length.div_ceil(blocks.size)).unwrap_or(usize::MAX);
         let Some(seam) = self.scanner.seam().filter(|_| blocks.threads > 1 && count > 1) else {
             return input.from(from).read(self, until);
         };

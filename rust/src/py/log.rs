@@ -11,8 +11,7 @@ use super::array::{Array, hand_over, hand_over_signed, lend};
 use super::column::Column;
 use super::source::Source;
 use crate::clock::Clocks;
-use crate::log::{self, Options, TimedPart, Times, Wanted};
-use crate::scan::Window;
+use crate::log::{self, Blocks, Input, Options, TimedPart, Times, Wanted};
 use crate::{state, utc};
 
 /// Reads a log.
@@ -21,6 +20,7 @@ pub struct Reader {
     reader: log::Reader,
     clocks: Clocks,
     source: Source,
+    blocks: Blocks,
     #[pyo3(get)]
     total: Option<u64>,
 }
@@ -28,7 +28,7 @@ pub struct Reader {
 #[pymethods]
 impl Reader {
     #[new]
-    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, fast=true))]
+    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, fast=true))]
     #[allow(clippy::too_many_arguments)] // by keyword
     fn new(
         source: &Bound<'_, PyAny>,
@@ -38,12 +38,14 @@ impl Reader {
         strings: u32,
         part_bytes: Option<u64>,
         rate: Option<f64>,
+        threads: usize,
         fast: bool,
     ) -> PyResult<Self> {
         let options = Options { limit, strict, strings, wanted, fast };
-        let (source, total) = Source::open(source)?;
+        let (source, total) = Source::open(source, threads)?;
         let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
-        Ok(Self { reader: log::Reader::new(options, part_bytes), clocks: Clocks::new(rate), source, total })
+        let reader = log::Reader::new(options, part_bytes);
+        Ok(Self { reader, clocks: Clocks::new(rate), source, blocks: Blocks::of(threads), total })
     }
 
     #[getter]
@@ -52,14 +54,15 @@ impl Reader {
     }
 
     fn advance(&mut self, py: Python<'_>, size: u64) -> PyResult<bool> {
-        let Self { reader, source, .. } = self;
+        let Self { reader, source, blocks, .. } = self;
         let until = reader.at().saturating_add(size);
         match source {
             Source::Array(array) => {
                 let array: PyReadonlyArray1<'_, u8> = array.bind(py).try_readonly()?;
                 let bytes = array.as_slice()?;
-                py.detach(|| reader.read(Window { bytes, offset: 0, last: true }, until))?;
+                py.detach(|| reader.read_parallel(Input::Memory(bytes), until, *blocks))?;
             }
+            Source::File(file) => py.detach(|| reader.read_parallel(Input::File(file), until, *blocks))?,
             Source::Stream(stream) => py.detach(|| reader.read_stream(stream, until))?,
         }
         Ok(!reader.is_finished())

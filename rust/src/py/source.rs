@@ -11,15 +11,17 @@ use pyo3::prelude::*;
 use super::convert::os_error;
 use crate::input::Stream;
 
-/// An array, which is not copied, or a stream.
+/// An array, which is not copied, a file that several threads read, or a stream.
 pub enum Source {
     Array(Py<PyArray1<u8>>),
+    File(File),
     Stream(Stream<Box<dyn Read + Send + Sync>>),
 }
 
 impl Source {
-    /// Opens a uint8 array, a path, or an object with a method `read`; with its length in bytes, if that is known.
-    pub fn open(source: &Bound<'_, PyAny>) -> PyResult<(Self, Option<u64>)> {
+    /// Opens a uint8 array, a path, or an object with a method `read`, for this number of threads; with its length in bytes,
+    /// if that is known.
+    pub fn open(source: &Bound<'_, PyAny>, threads: usize) -> PyResult<(Self, Option<u64>)> {
         if let Ok(array) = source.cast::<PyArray1<u8>>() {
             let length = array.readonly().as_slice()?.len();
             return Ok((Self::Array(array.clone().unbind()), Some(length as u64)));
@@ -28,7 +30,8 @@ impl Source {
         match fs::metadata(&path) {
             Ok(metadata) if metadata.is_file() => {
                 let file = File::open(&path).map_err(|error| os_error(&error, Some(path)))?;
-                Ok((Self::stream(file), Some(metadata.len())))
+                let source = if threads > 1 { Self::File(file) } else { Self::stream(file) };
+                Ok((source, Some(metadata.len())))
             }
             // Python's own file reacts to Ctrl-C while it waits for a pipe or a device, and names the path in its errors.
             _ => {
