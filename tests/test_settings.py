@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from xbus import (
@@ -278,6 +278,7 @@ ANY = st.recursive(
 
 
 @given(ANY)
+@example("line\nend\x1f")  # of a product, in the comment at the start
 @pytest.mark.parametrize("name", ["product", *SETTINGS])
 def test_a_value_of_any_type_is_refused_or_can_be_written(name: str, value: Any) -> None:
     settings, problem = None, ""

@@ -109,7 +109,8 @@ class Settings:
         # A number of your choice, 0 to 65535
         location_id = 7
         """
-        title = f"Settings of an {self.product or 'Xsens MTi'}"
+        product = self.product or ""
+        title = f"Settings of an {product if product.isprintable() and product else 'Xsens MTi'}"
         parts = [f"# {title}. A setting that is left out, or commented out, stays as it is.\n"]
         if self.product is not None:
             parts.append(f"product = {format_value(self.product)}\n")
