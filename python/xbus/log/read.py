@@ -77,7 +77,7 @@ def read_log(
         allow_restart: Accept that the device restarted between two pieces. This is always accepted if the
             names say that the recorder started one file after the other.
         threads: Number of threads that decode; None for one per processor. It never changes the result.
-            Only arrays and single, uncompressed files of more than 1 MiB are read by several threads.
+            Only arrays and single, uncompressed files of more than 2 MiB are read by several threads.
 
     Raises:
         DecodeError: With ``strict``, at the first damage.

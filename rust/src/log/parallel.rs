@@ -57,7 +57,7 @@ impl Blocks {
     /// not to matter.
     #[must_use]
     pub const fn of(threads: usize) -> Self {
-        Self { size: 1 << 20, threads }
+        Self { size: 2 << 20, threads }
     }
 }
 
