@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         XbusError,
         XbusTimeout,
     )
-    from xbus.log import Column, HostClock, Log, Stats, iter_log, read_log
+    from xbus.log import Column, HostClock, Log, LogPart, Stats, iter_log, read_log, split_log
     from xbus.protocol.configuration import Configuration, Firmware
     from xbus.protocol.ids import Coordinates, DataId, MessageId, Precision
     from xbus.protocol.values import StringType
@@ -62,7 +62,7 @@ _MODULES = {
         "XbusError",
         "XbusTimeout",
     ),
-    "log": ("Column", "HostClock", "Log", "Stats", "iter_log", "read_log"),
+    "log": ("Column", "HostClock", "Log", "LogPart", "Stats", "iter_log", "read_log", "split_log"),
     "protocol.configuration": ("Configuration", "Firmware"),
     "protocol.ids": ("Coordinates", "DataId", "MessageId", "Precision"),
     "protocol.values": ("StringType",),
@@ -99,6 +99,7 @@ __all__ = [
     "Firmware",
     "HostClock",
     "Log",
+    "LogPart",
     "Message",
     "MessageId",
     "Precision",
@@ -134,6 +135,7 @@ __all__ = [
     "restore_communication",
     "rtk",
     "sim",
+    "split_log",
     "wire",
 ]
 

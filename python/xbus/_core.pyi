@@ -371,6 +371,7 @@ class Reader:
         rate: float | None = None,
         threads: int = 1,
         fast: bool = True,
+        state: bytes | None = None,
     ) -> Reader:
         """Opens a log.
 
@@ -385,11 +386,16 @@ class Reader:
             rate: Rate of the packet counter in Hz, from which samples without time stamps get their time.
             threads: Number of threads for arrays and files.
             fast: Use the fast path. False is for tests.
+            state: `state` of another reader, which goes on from there; None for the start. A file object
+                stands there already.
 
         Raises:
             OSError: The file cannot be opened.
-            ValueError: No such quantity.
+            ValueError: No such quantity, or a state of another version of xbus.
         """
+    @property
+    def state(self) -> bytes | None:
+        """What the reader remembers after `take`; None if no other can go on from there."""
     @property
     def total(self) -> int | None:
         """Bytes of input; None if that is not known."""

@@ -148,6 +148,7 @@ impl Change {
 /// Clock and counter of one device.
 #[allow(clippy::struct_excessive_bools)] // they change independently
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Clock {
     /// Where the fine time wraps, once the log has named the device.
     wrap: Option<i64>,
@@ -306,6 +307,7 @@ impl Clock {
 
 /// How fast a counter counts, measured since the last restart. It shows how often the counter wrapped inside a gap.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 struct Pace {
     /// Fine time and counter, both unwrapped, of the last sample that has both.
     last: Option<(i64, i64)>,
@@ -367,6 +369,7 @@ impl Pace {
 
 /// The clocks of all devices of a log.
 #[derive(Clone, Debug, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Clocks(Box<[Clock]>);
 
 impl Default for Clocks {

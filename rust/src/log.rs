@@ -302,6 +302,16 @@ pub struct Reader {
     finished: bool,
 }
 
+/// A place between two parts of a log, at which a reader can start.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Place {
+    /// What the scanner remembers.
+    pub seam: Seam,
+    /// Index of the next sample.
+    pub sample: u64,
+}
+
 /// What each column has one of: a quantity in a coordinate system, or an identifier that the tables do not explain.
 #[derive(Clone, Copy, PartialEq, Eq, Hash, Debug)]
 enum Key {
@@ -314,12 +324,13 @@ impl Reader {
     /// not known. It only decides how much memory columns reserve.
     #[must_use]
     pub fn new(options: Options, part_bytes: u64) -> Self {
-        Self::from_seam(options, Seam::default(), part_bytes)
+        Self::resume(options, Place::default(), part_bytes)
     }
 
-    /// A reader that starts at a seam: see [`Self::new`]. It counts samples from 0 on.
+    /// A reader that goes on from a place in the input: see [`Self::new`].
     #[must_use]
-    pub fn from_seam(options: Options, seam: Seam, part_bytes: u64) -> Self {
+    pub fn resume(options: Options, place: Place, part_bytes: u64) -> Self {
+        let Place { seam, sample } = place;
         let mut scanner = seam.scanner(options.limit);
         scanner.expect(options.strings);
         Self {
@@ -330,13 +341,20 @@ impl Reader {
             columns: vec![],
             places: FxHashMap::default(),
             slots: vec![],
-            part: Part::default(),
+            part: Part { first: sample, ..Part::default() },
             began: seam.at,
             part_bytes,
             checksum_errors: 0,
             end: u64::MAX,
             finished: false,
         }
+    }
+
+    /// The place at which a part has been taken, if another reader can go on from there.
+    #[must_use]
+    pub fn place(&self) -> Option<Place> {
+        let is_taken = self.began == self.at();
+        self.scanner.seam().filter(|_| is_taken).map(|seam| Place { seam, sample: self.next_sample() })
     }
 
     /// Position in the input. The bytes before it are not needed any more.

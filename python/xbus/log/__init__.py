@@ -4,6 +4,7 @@ from xbus.log.column import Column
 from xbus.log.hostclock import HostClock
 from xbus.log.log import Log
 from xbus.log.messages import Messages, Unknown
+from xbus.log.parts import LogPart, split_log
 from xbus.log.read import iter_log, read_log
 from xbus.log.resample import Resampled
 from xbus.log.stats import Stats
@@ -14,6 +15,7 @@ __all__ = [
     "Column",
     "HostClock",
     "Log",
+    "LogPart",
     "Messages",
     "Resampled",
     "Stats",
@@ -22,4 +24,5 @@ __all__ = [
     "Unknown",
     "iter_log",
     "read_log",
+    "split_log",
 ]

@@ -22,7 +22,7 @@ from xbus.files import is_plain, local_name, suffix_of_compression
 from xbus.log.arrivals import Arrivals, arrivals_of, joined
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.log import Log, steady_time
-from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary
+from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary, skip
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import PRODUCTS, device_of
 
@@ -158,6 +158,15 @@ class Pieces:
         """Size of all pieces in bytes, 0 if not known."""
         sizes = [piece.size for piece in self._pieces]
         return 0 if None in sizes else sum(size or 0 for size in sizes)
+
+    def skip(self, size: int) -> None:
+        """Goes forward by ``size`` bytes from the start, without opening the pieces before."""
+        while (
+            self._unopened and (skipped := self._unopened[0].size) is not None and skipped <= size
+        ):
+            self._unopened.pop(0)
+            size -= skipped
+        skip(self, size)
 
     def read(self, size: int = -1, /) -> bytes:
         """Returns at most ``size`` bytes; none after the last piece."""

@@ -29,7 +29,7 @@ from xbus.protocol.keys import Key
 from xbus.protocol.values import StringType
 from xbus.wire.strings import mask_of
 
-__all__ = ["cut_parts", "iter_log", "read_log"]
+__all__ = ["BLOCK", "STEP", "cut_parts", "iter_log", "read_log", "reader_of", "thread_count"]
 
 #: Bytes that a thread reads at a time: Ctrl-C and progress are handled between two reads.
 STEP = 32 << 20
@@ -96,11 +96,8 @@ def read_log(
     """
     keep = quantity_filter(quantities)
     source = _one_source(source, between, rate, allow_restart=allow_restart)
-    if threads is None:
-        threads = os.cpu_count() or 1
-    elif threads < 1:
-        raise ValueError(f"threads must be at least 1, not {threads}")
-    reader = _reader(
+    threads = thread_count(threads)
+    reader = reader_of(
         source,
         strict=strict,
         quantities=keep,
@@ -156,7 +153,7 @@ def iter_log(
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     keep = quantity_filter(quantities)
     source = _one_source(source, between, rate, allow_restart=allow_restart)
-    reader = _reader(
+    reader = reader_of(
         source,
         strict=strict,
         quantities=keep,
@@ -229,6 +226,17 @@ def _one_source(
     return _Cut(chunks, None if opened is source else opened)
 
 
+def thread_count(threads: int | None) -> int:
+    """Returns the number of threads to use: one per processor for None.
+
+    Raises:
+        ValueError: Fewer than one.
+    """
+    if threads is not None and threads < 1:
+        raise ValueError(f"threads must be at least 1, not {threads}")
+    return threads or os.cpu_count() or 1
+
+
 def cut_parts(source: Readable, rate: float | None = None) -> Iterator[Log]:
     """Returns the parts of a log that is cut; `rate` is as in `read_log`."""
     return iter_log(source, block_bytes=CUT_BLOCK, quantities=NEEDED, rate=rate)
@@ -257,7 +265,7 @@ class _Cut:
         return data
 
 
-def _reader(
+def reader_of(
     source: Source,
     *,
     strict: bool,
@@ -266,8 +274,12 @@ def _reader(
     part_bytes: int | None = None,
     rate: float | None = None,
     threads: int = 1,
+    state: bytes | None = None,
 ) -> _core.Reader:
-    """Returns a reader at the start of ``source``, for parts of ``part_bytes``, or for one part."""
+    """Returns a reader for parts of ``part_bytes``, or for one part.
+
+    It is at the start of ``source``, or where another reader had ``state``.
+    """
     if rate is not None and not 0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of Hz, not {rate!r}")
     opened = open_source(source)
@@ -280,4 +292,5 @@ def _reader(
         part_bytes=size_hint(opened) if part_bytes is None else part_bytes,
         rate=rate,
         threads=threads,
+        state=state,
     )

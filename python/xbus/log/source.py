@@ -23,6 +23,7 @@ __all__ = [
     "open_source",
     "quantity_filter",
     "size_hint",
+    "skip",
 ]
 
 #: The quantities to keep: the name of each, and its coordinate system or None for any.
@@ -41,6 +42,8 @@ class Readable(Protocol):
 #: The input of a log: a path or URL, an object that holds bytes, or a binary file object.
 Source = str | os.PathLike[str] | bytes | bytearray | memoryview | npt.NDArray[np.uint8] | Readable
 
+#: Bytes that are skipped at once in a file object that cannot seek.
+SKIPPED = 1 << 20
 #: The longest payload of a 16-bit length. Logs have messages that are longer than the manual allows.
 LONGEST = 0xFFFF
 
@@ -121,6 +124,15 @@ def open_binary(source: Source) -> BinaryIO | Readable:
     if isinstance(source, str | os.PathLike):
         return open_file(os.fsdecode(os.fspath(source)))
     return source if isinstance(source, Readable) else io.BytesIO(array_of(source).data)
+
+
+def skip(file: BinaryIO | Readable, size: int) -> None:
+    """Goes forward in a file object. What cannot seek is read."""
+    if hasattr(file, "seek"):
+        file.seek(size, os.SEEK_CUR)
+        return
+    while size and (data := file.read(min(size, SKIPPED))):
+        size -= len(data)
 
 
 def array_of(source: Source) -> npt.NDArray[np.uint8]:

@@ -28,7 +28,7 @@ use std::io;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
 
-use super::{Options, Part, Reader};
+use super::{Options, Part, Place, Reader};
 use crate::error::ReadError;
 use crate::frame::MAX_PAYLOAD;
 use crate::input::{FileFrom, Stream};
@@ -219,7 +219,7 @@ impl<'a> Work<'a> {
     }
 
     fn decode(&self, seam: Seam, until: u64) -> Result<Decoded, ReadError> {
-        let mut reader = Reader::from_seam(self.options.clone(), seam, until.saturating_sub(seam.at));
+        let mut reader = Reader::resume(self.options.clone(), Place { seam, sample: 0 }, until.saturating_sub(seam.at));
         self.input.from(seam.at).read(&mut reader, until)?;
         let part = reader.take_untrimmed();
         Ok(Decoded { part, finished: reader.finished, scanner: reader.scanner })

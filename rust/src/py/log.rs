@@ -11,7 +11,7 @@ use super::array::{Array, hand_over, hand_over_signed, lend};
 use super::column::Column;
 use super::source::Source;
 use crate::clock::Clocks;
-use crate::log::{self, Blocks, Input, Options, TimedPart, Times, Wanted};
+use crate::log::{self, Blocks, Input, Options, Place, TimedPart, Times, Wanted};
 use crate::{state, utc};
 
 /// Reads a log.
@@ -28,7 +28,7 @@ pub struct Reader {
 #[pymethods]
 impl Reader {
     #[new]
-    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, fast=true))]
+    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, fast=true, state=None))]
     #[allow(clippy::too_many_arguments)] // by keyword
     fn new(
         source: &Bound<'_, PyAny>,
@@ -40,12 +40,23 @@ impl Reader {
         rate: Option<f64>,
         threads: usize,
         fast: bool,
+        state: Option<&[u8]>,
     ) -> PyResult<Self> {
         let options = Options { limit, strict, strings, wanted, fast };
-        let (source, total) = Source::open(source, threads)?;
+        let (place, clocks) = match state {
+            Some(state) => state::from_bytes(state)?,
+            None => (Place::default(), Clocks::new(rate)),
+        };
+        let (source, total) = Source::open(source, place.seam.at, threads)?;
         let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
-        let reader = log::Reader::new(options, part_bytes);
-        Ok(Self { reader, clocks: Clocks::new(rate), source, blocks: Blocks::of(threads), total })
+        let reader = log::Reader::resume(options, place, part_bytes);
+        Ok(Self { reader, clocks, source, blocks: Blocks::of(threads), total })
+    }
+
+    #[getter]
+    fn state<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyBytes>> {
+        let place = self.reader.place()?;
+        Some(PyBytes::new(py, &state::to_bytes(&(place, &self.clocks))))
     }
 
     #[getter]

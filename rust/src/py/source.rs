@@ -9,7 +9,7 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 
 use super::convert::os_error;
-use crate::input::Stream;
+use crate::input::{FileFrom, Stream};
 
 /// An array, which is not copied, a file that several threads read, or a stream.
 pub enum Source {
@@ -19,30 +19,32 @@ pub enum Source {
 }
 
 impl Source {
-    /// Opens a uint8 array, a path, or an object with a method `read`, for this number of threads; with its length in bytes,
-    /// if that is known.
-    pub fn open(source: &Bound<'_, PyAny>, threads: usize) -> PyResult<(Self, Option<u64>)> {
+    /// Opens a uint8 array, a path, or an object with a method `read`, with its length in bytes if that is known. It is read
+    /// from position `at` on, where the object stands already, by this number of threads.
+    pub fn open(source: &Bound<'_, PyAny>, at: u64, threads: usize) -> PyResult<(Self, Option<u64>)> {
         if let Ok(array) = source.cast::<PyArray1<u8>>() {
             let length = array.readonly().as_slice()?.len();
             return Ok((Self::Array(array.clone().unbind()), Some(length as u64)));
         }
-        let Ok(path) = source.extract::<PathBuf>() else { return Ok((Self::stream(PyInput::of(source, false)), None)) };
+        let Ok(path) = source.extract::<PathBuf>() else {
+            return Ok((Self::stream(PyInput::of(source, false), at), None));
+        };
         match fs::metadata(&path) {
             Ok(metadata) if metadata.is_file() => {
                 let file = File::open(&path).map_err(|error| os_error(&error, Some(path)))?;
-                let source = if threads > 1 { Self::File(file) } else { Self::stream(file) };
+                let source = if threads > 1 { Self::File(file) } else { Self::stream(FileFrom::new(file, at), at) };
                 Ok((source, Some(metadata.len())))
             }
             // Python's own file reacts to Ctrl-C while it waits for a pipe or a device, and names the path in its errors.
             _ => {
                 let file = source.py().import("io")?.call_method1("open", (path, "rb", 0))?;
-                Ok((Self::stream(PyInput::of(&file, true)), None))
+                Ok((Self::stream(PyInput::of(&file, true), at), None))
             }
         }
     }
 
-    fn stream(input: impl Read + Send + Sync + 'static) -> Self {
-        Self::Stream(Stream::new(Box::new(input)))
+    fn stream(input: impl Read + Send + Sync + 'static, at: u64) -> Self {
+        Self::Stream(Stream::at(Box::new(input), at))
     }
 }
 
