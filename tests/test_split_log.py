@@ -188,6 +188,15 @@ def test_inputs_without_samples_have_one_part(data: bytes) -> None:
     assert part.read() == xbus.read_log(data)
 
 
+@pytest.mark.parametrize("hole", [bytes(3 << 20), b"\xfa" * (3 << 20), b"$" * (3 << 20)])
+def test_parts_do_not_end_in_damage(hole: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(streams.ahrs(2000) + hole + streams.ahrs(2000, seed=2) + hole)
+    parts = split_log(path, block_bytes=100_000)
+    assert [len(part.read().damage) for part in parts] == [0, 1, 0, 1]
+    assert differences(facts(*read_shuffled(parts)), facts(xbus.read_log(path))) == []
+
+
 def test_large_inputs_are_split_by_several_threads(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     path.write_bytes(streams.ahrs(120_000))

@@ -394,8 +394,11 @@ class Reader:
             ValueError: No such quantity, or a state of another version of xbus.
         """
     @property
+    def can_split(self) -> bool:
+        """Whether a part can end here from which another reader goes on: not in the middle of damage."""
+    @property
     def state(self) -> bytes | None:
-        """What the reader remembers after `take`; None if no other can go on from there."""
+        """What the reader remembers after `take`; None if a part cannot end here (`can_split`)."""
     @property
     def total(self) -> int | None:
         """Bytes of input; None if that is not known."""

@@ -350,11 +350,10 @@ impl Reader {
         }
     }
 
-    /// The place at which a part has been taken, if another reader can go on from there.
+    /// The present place, if another reader can go on from here: not while bytes are being refused.
     #[must_use]
     pub fn place(&self) -> Option<Place> {
-        let is_taken = self.began == self.at();
-        self.scanner.seam().filter(|_| is_taken).map(|seam| Place { seam, sample: self.next_sample() })
+        self.scanner.seam().map(|seam| Place { seam, sample: self.next_sample() })
     }
 
     /// Position in the input. The bytes before it are not needed any more.

@@ -162,8 +162,10 @@ def split_log(
     more = True
     while more:
         start, state = reader.position, reader.state
-        assert state is not None  # noqa: S101 - a part ends with a frame or string
+        assert state is not None  # noqa: S101 - see below
         more = reader.advance(block_bytes)
+        while more and not reader.can_split:  # a part ends with a frame or string, not in damage
+            more = reader.advance(1)
         core = reader.take()
         end = reader.position
         if end == start and parts:

@@ -54,6 +54,11 @@ impl Reader {
     }
 
     #[getter]
+    fn can_split(&self) -> bool {
+        self.reader.place().is_some()
+    }
+
+    #[getter]
     fn state<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyBytes>> {
         let place = self.reader.place()?;
         Some(PyBytes::new(py, &state::to_bytes(&(place, &self.clocks))))
