@@ -4,7 +4,8 @@
 //!
 //! 1. finds the first frame from the block's first byte on. Where it ends is the block's *seam*;
 //! 2. decodes from its seam to the seam of the next block, into columns that are small enough for the cache;
-//! 3. waits until it is the block's turn, and appends the columns to those of the [`Reader`].
+//! 3. appends the columns to those of the [`Reader`] when all blocks before are there, or leaves that to the thread that
+//!    reads the missing one.
 //!
 //! ```text
 //! block        |---- 0 ----|---- 1 ----|---- 2 ----|     cut at any byte
@@ -12,17 +13,18 @@
 //! decoded      0------------------>1--------->2------    from seam to seam
 //! ```
 //!
-//! A seam is a guess: a scanner that has read everything before may see the bytes around it in another way. So, when it is
-//! the block's turn, its seam is compared with that of the reader, which has all blocks before it. Equal seams have equal
-//! continuations (see [`Seam`]), and the block is appended. Otherwise the reader reads the block itself, on the thread whose
-//! turn it is. Damaged and hostile input therefore costs time, at most twice that of one thread, and nothing else.
+//! A seam is a guess: a scanner that has read everything before may see the bytes around it in another way. So, before a
+//! block is appended, its seam is compared with that of the reader, which has all blocks before it. Equal seams have equal
+//! continuations (see [`Seam`]). Otherwise the reader reads the block itself. Damaged and hostile input therefore costs
+//! time, at most twice that of one thread, and nothing else.
 //!
 //! # What makes it fast
 //!
 //! The first touch of fresh memory is a quarter of the cost of decoding (see [`crate::layout`]). Blocks are decoded into
 //! memory that malloc hands out again and again, so only the copy to the reader's columns touches fresh memory, and only
-//! that copy is made in turns. All columns end up contiguous.
+//! that copy is made by one thread at a time. All columns end up contiguous.
 
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -118,9 +120,11 @@ impl Cursor<'_> {
 
 /// A block that a thread has decoded.
 struct Decoded {
-    part: Part,
-    scanner: Scanner,
-    finished: bool,
+    seam: Seam,
+    /// Where it should end.
+    until: u64,
+    /// What was read; `None` after an error, which the reader finds again.
+    read: Option<(Part, Scanner, bool)>,
 }
 
 /// What the threads share.
@@ -133,18 +137,30 @@ struct Work<'a> {
     /// The seam of each block; `None` for a block without one.
     seams: Vec<OnceLock<Option<Seam>>>,
     next: AtomicUsize,
-    turn: Mutex<Turn<'a>>,
-    turned: Condvar,
+    queue: Mutex<Queue>,
+    moved: Condvar,
+    joint: Mutex<Joint<'a>>,
 }
 
-/// Whose turn it is, and what only that thread may touch.
-struct Turn<'a> {
-    block: usize,
+/// Decoded blocks that wait for those before them.
+#[derive(Default)]
+struct Queue {
+    /// The next block to be joined.
+    next: usize,
+    /// `None` for a block without a seam.
+    decoded: BTreeMap<usize, Option<Decoded>>,
+    /// Whether no more blocks are wanted: after an error, or after a thread has panicked.
+    is_over: bool,
+}
+
+/// Where the blocks are joined, by one thread at a time.
+struct Joint<'a> {
     reader: &'a mut Reader,
     result: Result<(), ReadError>,
-    /// Whether a thread has panicked; the others must not wait for it.
-    is_abandoned: bool,
 }
+
+/// Most blocks that a thread decodes ahead of the joined ones. Threads seldom wait for each other, and memory is bounded.
+const AHEAD: usize = 2;
 
 impl Reader {
     /// Reads on as [`Self::read`] does until the position reaches `until` or the input ends, on several threads.
@@ -168,8 +184,9 @@ impl Reader {
             until,
             seams,
             next: AtomicUsize::new(0),
-            turn: Turn { block: 0, reader: self, result: Ok(()), is_abandoned: false }.into(),
-            turned: Condvar::new(),
+            queue: Mutex::default(),
+            moved: Condvar::new(),
+            joint: Joint { reader: self, result: Ok(()) }.into(),
         };
         std::thread::scope(|scope| {
             for _ in 1..blocks.threads.min(count) {
@@ -177,52 +194,94 @@ impl Reader {
             }
             work.run();
         });
-        work.turn.into_inner().unwrap_or_else(PoisonError::into_inner).result
+        work.joint.into_inner().unwrap_or_else(PoisonError::into_inner).result
     }
 }
 
-impl<'a> Work<'a> {
-    /// Takes blocks and reads them, until there are none left.
+impl Work<'_> {
+    /// Takes blocks, decodes them and joins what can be joined, until there are none left.
     fn run(&self) {
-        let guard = AbandonOnPanic(self);
+        let guard = EndOnPanic(self);
         loop {
             let block = self.next.fetch_add(1, Ordering::Relaxed);
-            if block >= self.seams.len() {
+            if block >= self.seams.len() || !self.wait(block) {
                 break;
             }
-            let Some(seam) = self.seam(block) else {
-                let Some(turn) = self.wait(block) else { break };
-                self.end_turn(turn);
-                continue;
-            };
-            let until = self.end_of(block, seam);
-            // Whatever goes wrong goes wrong again when the reader reads the block, which then reports it.
-            let decoded = self.decode(seam, until).ok();
-            let Some(mut turn) = self.wait(block) else { break };
-            turn.result = match decoded {
-                _ if turn.reader.is_finished() || turn.reader.at() >= until => Ok(()),
-                Some(Decoded { part, scanner, finished }) if turn.reader.scanner.seam() == Some(seam) => {
-                    turn.reader.append(part, &scanner, finished);
-                    Ok(())
-                }
-                _ => self.input.from(turn.reader.at()).read(turn.reader, until),
-            };
-            self.end_turn(turn);
+            let decoded = self.seam(block).map(|seam| self.decode(block, seam));
+            self.queue().decoded.insert(block, decoded);
+            self.join();
         }
         std::mem::forget(guard);
+    }
+
+    /// Waits until not too many blocks before this one are missing. Returns whether the block is wanted.
+    fn wait(&self, block: usize) -> bool {
+        let is_early = |queue: &mut Queue| !queue.is_over && block >= queue.next + AHEAD * self.blocks.threads;
+        let queue = self.moved.wait_while(self.queue(), is_early).unwrap_or_else(PoisonError::into_inner);
+        !queue.is_over
+    }
+
+    /// Joins the blocks that are next, unless another thread does.
+    fn join(&self) {
+        while let Ok(mut joint) = self.joint.try_lock() {
+            while let Some(decoded) = self.pop() {
+                if let Some(decoded) = decoded {
+                    joint.result = self.append(joint.reader, decoded);
+                }
+                self.queue().is_over |= joint.result.is_err();
+                self.moved.notify_all();
+            }
+            drop(joint);
+            // Another thread may have added the next block before it found the joint locked.
+            let queue = self.queue();
+            if queue.is_over || !queue.decoded.contains_key(&queue.next) {
+                break;
+            }
+        }
+    }
+
+    fn pop(&self) -> Option<Option<Decoded>> {
+        let mut queue = self.queue();
+        let next = queue.next;
+        let decoded = queue.decoded.remove(&next).filter(|_| !queue.is_over)?;
+        queue.next += 1;
+        Some(decoded)
+    }
+
+    fn queue(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Appends a block whose seam is that of the reader. The reader reads any other block itself.
+    fn append(&self, reader: &mut Reader, decoded: Decoded) -> Result<(), ReadError> {
+        let Decoded { seam, until, read } = decoded;
+        if reader.is_finished() || reader.at() >= until {
+            return Ok(());
+        }
+        match read {
+            Some((part, scanner, finished)) if reader.scanner.seam() == Some(seam) => {
+                reader.append(part, &scanner, finished);
+                Ok(())
+            }
+            _ => self.input.from(reader.at()).read(reader, until),
+        }
+    }
+
+    fn decode(&self, block: usize, seam: Seam) -> Decoded {
+        let until = self.end_of(block, seam);
+        let place = Place { seam, sample: 0 };
+        let mut reader = Reader::resume(self.options.clone(), place, until.saturating_sub(seam.at));
+        let read = self.input.from(seam.at).read(&mut reader, until).ok().map(|()| {
+            let part = reader.take_untrimmed();
+            (part, reader.scanner, reader.finished)
+        });
+        Decoded { seam, until, read }
     }
 
     /// Where a block ends: at the next seam, or where the work ends.
     fn end_of(&self, block: usize, seam: Seam) -> u64 {
         let mut seams = (block + 1..self.seams.len()).filter_map(|next| self.seam(next).map(|seam| seam.at));
         seams.find(|next| *next > seam.at).unwrap_or(u64::MAX).min(self.until)
-    }
-
-    fn decode(&self, seam: Seam, until: u64) -> Result<Decoded, ReadError> {
-        let mut reader = Reader::resume(self.options.clone(), Place { seam, sample: 0 }, until.saturating_sub(seam.at));
-        self.input.from(seam.at).read(&mut reader, until)?;
-        let part = reader.take_untrimmed();
-        Ok(Decoded { part, finished: reader.finished, scanner: reader.scanner })
     }
 
     /// The seam of a block, found by the first thread that needs it.
@@ -234,28 +293,14 @@ impl<'a> Work<'a> {
             self.input.guess_seam(&self.options, known, from, to).ok().flatten()
         })
     }
-
-    /// Waits for the turn of a block; `None` if the work has ended before.
-    fn wait(&self, block: usize) -> Option<MutexGuard<'_, Turn<'a>>> {
-        let turn = self.turn.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_early = |turn: &mut Turn<'_>| turn.block < block && turn.result.is_ok() && !turn.is_abandoned;
-        let turn = self.turned.wait_while(turn, is_early).unwrap_or_else(PoisonError::into_inner);
-        (turn.result.is_ok() && !turn.is_abandoned).then_some(turn)
-    }
-
-    fn end_turn(&self, mut turn: MutexGuard<'_, Turn<'a>>) {
-        turn.block += 1;
-        drop(turn);
-        self.turned.notify_all();
-    }
 }
 
 /// Ends the work of the other threads if its own panics.
-struct AbandonOnPanic<'a, 'b>(&'a Work<'b>);
+struct EndOnPanic<'a, 'b>(&'a Work<'b>);
 
-impl Drop for AbandonOnPanic<'_, '_> {
+impl Drop for EndOnPanic<'_, '_> {
     fn drop(&mut self) {
-        self.0.turn.lock().unwrap_or_else(PoisonError::into_inner).is_abandoned = true;
-        self.0.turned.notify_all();
+        self.0.queue().is_over = true;
+        self.0.moved.notify_all();
     }
 }
