@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import errno
-from typing import Any, BinaryIO, Protocol
+from collections.abc import Callable, Iterator
+from typing import Any, BinaryIO, TypeAlias
 
 from xbus.extras import require
 
@@ -65,37 +66,34 @@ def open_file(name: str) -> BinaryIO:
         raw = open(path, "rb", buffering=0)  # noqa: PTH123, SIM115 - the caller closes the file
     if suffix := suffix_of_compression(path):
         try:
-            return _Decompressed(_decompressor(raw, suffix), raw, name)  # type: ignore[return-value]
+            return _Decompressed(_reader(raw, suffix), raw, name)  # type: ignore[return-value]
         except ImportError:
             raw.close()
             raise
     return raw  # type: ignore[no-any-return]
 
 
-def _decompressor(raw: BinaryIO, suffix: str) -> _Reads:
+def _reader(raw: BinaryIO, suffix: str) -> _Read:
+    """Returns the function that decompresses a file. It returns what one read of a pipe yields."""
     match suffix:
         case ".gz":
             import gzip
 
-            return gzip.GzipFile(fileobj=raw)
+            return gzip.GzipFile(fileobj=raw).read1
         case ".xz":
             import lzma
 
-            return lzma.LZMAFile(raw)
+            return lzma.LZMAFile(raw).read1
         case ".bz2":
             import bz2
 
-            return bz2.BZ2File(raw)
+            return bz2.BZ2File(raw).read1
         case _:
-            return _Zstandard(raw)
+            return _Zstandard(raw).read
 
 
-class _Reads(Protocol):
-    """What a decompressor can do."""
-
-    def read(self, size: int = ..., /) -> bytes:
-        """Returns at most ``size`` bytes; none at the end."""
-        ...
+#: Returns at most this number of bytes; none at the end.
+_Read: TypeAlias = Callable[[int], bytes]
 
 
 class _Zstandard:
@@ -107,29 +105,28 @@ class _Zstandard:
         self._decompressor = library.ZstdDecompressor()
         self._raw = raw
         self._frame: Any = None
-        self._decompressed = b""
+        self._decompressed = memoryview(b"")
 
-    def read(self, size: int = -1) -> bytes:
+    def read(self, size: int) -> bytes:
         """Returns at most ``size`` bytes; none at the end."""
-        while not self._decompressed or size < 0:
+        while not self._decompressed:
             compressed = self._raw.read(CHUNK)
             if not compressed:
                 if self._frame is not None:
                     raise EOFError("the file ends before the compressed data does")
                 break
             try:
-                self._feed(compressed)
+                self._decompressed = memoryview(b"".join(self._feed(compressed)))
             except self._error as error:
                 raise EOFError(str(error)) from error
-        size = len(self._decompressed) if size < 0 else size
         data, self._decompressed = self._decompressed[:size], self._decompressed[size:]
-        return data
+        return bytes(data)
 
-    def _feed(self, compressed: bytes) -> None:
+    def _feed(self, compressed: bytes) -> Iterator[bytes]:
         while compressed:
             if self._frame is None:
                 self._frame = self._decompressor.decompressobj()
-            self._decompressed += self._frame.decompress(compressed)
+            yield self._frame.decompress(compressed)
             compressed = b""
             if self._frame.eof:
                 compressed, self._frame = self._frame.unused_data, None
@@ -138,17 +135,19 @@ class _Zstandard:
 class _Decompressed:
     """A file as its decompressor reads it, with errors of the decompressor as OSError."""
 
-    def __init__(self, decompressor: _Reads, raw: BinaryIO, name: str) -> None:
-        self._decompressor, self._raw, self._name = decompressor, raw, name
+    def __init__(self, read: _Read, raw: BinaryIO, name: str) -> None:
+        self._read, self._raw, self._name = read, raw, name
 
     def read(self, size: int = -1, /) -> bytes:
-        """Returns at most ``size`` bytes; none at the end."""
+        """Returns at most ``size`` bytes, from a pipe what it yields; none at the end."""
         import lzma
         import zlib
 
+        if size < 0:
+            return b"".join(iter(lambda: self.read(CHUNK), b""))
         reason: Exception
         try:
-            return self._decompressor.read(size)
+            return self._read(size)
         except (EOFError, zlib.error, lzma.LZMAError) as error:
             reason = error
         except OSError as error:

@@ -4,11 +4,14 @@
 use std::borrow::Borrow;
 use std::fs::File;
 use std::io::{self, Read};
+use std::ops::Range;
 
 use crate::scan::Window;
 
-/// Bytes to read at a time: enough to make system calls cheap, few enough for the second-level cache.
+/// Most bytes to read at a time: enough to make system calls cheap, few enough for the second-level cache.
 const PIECE: usize = 1 << 19;
+/// Fewest bytes to ask for, so that parts of a few bytes do not cost a system call each.
+const LEAST: usize = 1 << 12;
 
 /// An input that is read piece by piece into one buffer, which is used again for every piece.
 ///
@@ -18,9 +21,9 @@ const PIECE: usize = 1 << 19;
 pub struct Stream<R> {
     input: R,
     buffer: Vec<u8>,
-    /// Bytes of the buffer that are filled.
-    filled: usize,
-    /// Position of the buffer's first byte in the input.
+    /// The part of the buffer with bytes that are read and not dropped.
+    held: Range<usize>,
+    /// Position of the first of them in the input.
     offset: u64,
     ended: bool,
 }
@@ -29,7 +32,7 @@ impl<R: Read> Stream<R> {
     /// A stream at the beginning of `input`.
     #[must_use]
     pub fn new(input: R) -> Self {
-        Self { input, buffer: vec![0; 2 * PIECE], filled: 0, offset: 0, ended: false }
+        Self { input, buffer: vec![], held: 0..0, offset: 0, ended: false }
     }
 
     /// A stream that begins at this position of an input.
@@ -38,34 +41,42 @@ impl<R: Read> Stream<R> {
         Self { offset: position, ..Self::new(input) }
     }
 
-    /// Drops the bytes before `position` and reads one piece more, or up to the end of the input.
+    /// Drops the bytes before `position` and reads more, at least one byte unless the input has ended. It asks for what is
+    /// missing up to `until`, within limits. One read suffices: a pipe returns what it holds.
     ///
     /// # Errors
     /// Any error of the input but [`io::ErrorKind::Interrupted`], which is retried.
-    pub fn fill(&mut self, position: u64) -> io::Result<()> {
+    pub fn fill(&mut self, position: u64, until: u64) -> io::Result<()> {
         #[allow(clippy::cast_possible_truncation)] // a position in the buffer
-        let done = (position - self.offset) as usize;
-        self.buffer.copy_within(done..self.filled, 0);
-        (self.filled, self.offset) = (self.filled - done, position);
-        if self.buffer.len() - self.filled < PIECE {
-            self.buffer.resize(self.filled + PIECE, 0);
+        (self.held.start += (position - self.offset) as usize);
+        self.offset = position;
+        // Every byte that moves is paid for by one that was dropped, so the cost is linear even if each read returns one byte.
+        if self.held.len() <= self.held.start {
+            self.buffer.copy_within(self.held.clone(), 0);
+            self.held = 0..self.held.len();
         }
-        let wanted = self.filled + PIECE;
-        while self.filled < wanted && !self.ended {
-            match self.input.read(&mut self.buffer[self.filled..wanted]) {
-                Ok(0) => self.ended = true,
-                Ok(more) => self.filled += more,
+        let missing = until.saturating_sub(position + self.held.len() as u64);
+        let end = self.held.end + usize::try_from(missing).unwrap_or(PIECE).clamp(LEAST, PIECE);
+        if self.buffer.len() < end {
+            self.buffer.resize(end, 0);
+        }
+        loop {
+            match self.input.read(&mut self.buffer[self.held.end..end]) {
+                Ok(more) => {
+                    self.held.end += more;
+                    self.ended = more == 0;
+                    return Ok(());
+                }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => return Err(error),
             }
         }
-        Ok(())
     }
 
     /// The bytes in the buffer.
     #[must_use]
     pub fn window(&self) -> Window<'_> {
-        Window { bytes: &self.buffer[..self.filled], offset: self.offset, last: self.ended }
+        Window { bytes: &self.buffer[self.held.clone()], offset: self.offset, last: self.ended }
     }
 }
 
@@ -81,6 +92,14 @@ impl<F: Borrow<File>> FileFrom<F> {
     #[must_use]
     pub const fn new(file: F, position: u64) -> Self {
         Self { file, position }
+    }
+}
+
+impl<F: Borrow<File>> Stream<FileFrom<F>> {
+    /// Drops all bytes, and goes on at `position` of the file.
+    pub fn go_to(&mut self, position: u64) {
+        self.input.position = position;
+        (self.held, self.offset, self.ended) = (0..0, position, false);
     }
 }
 
@@ -127,9 +146,10 @@ impl PushBuffer {
 mod tests {
     use super::*;
 
-    /// Returns at most 1000 bytes a call, and is interrupted before each.
+    /// Returns at most `most` bytes a call, and is interrupted before each.
     struct Slow<'a> {
         bytes: &'a [u8],
+        most: usize,
         interrupted: bool,
     }
 
@@ -139,28 +159,51 @@ mod tests {
             if self.interrupted {
                 return Err(io::ErrorKind::Interrupted.into());
             }
-            let most = buffer.len().min(1000);
+            let most = buffer.len().min(self.most);
             self.bytes.read(&mut buffer[..most])
         }
     }
 
     #[test]
-    fn a_stream_keeps_what_is_not_released() {
+    fn a_stream_keeps_what_is_not_dropped() {
         let bytes: Vec<u8> = (0..=250).cycle().take(3 * PIECE + 7).collect();
-        let mut stream = Stream::new(Slow { bytes: &bytes, interrupted: false });
-        let mut position = 0;
-        loop {
-            stream.fill(position as u64).unwrap();
-            let window = stream.window();
-            assert_eq!(window.offset, position as u64);
-            assert_eq!(window.bytes, &bytes[position..position + window.bytes.len()]);
-            if window.last {
-                assert_eq!(position + window.bytes.len(), bytes.len());
-                break;
+        for (most, until) in [(1000, 0), (PIECE, u64::MAX), (usize::MAX, 2 * PIECE as u64)] {
+            let mut stream = Stream::new(Slow { bytes: &bytes, most, interrupted: false });
+            let (mut position, mut end) = (0, 0);
+            loop {
+                stream.fill(position as u64, until).unwrap();
+                let window = stream.window();
+                assert_eq!(window.offset, position as u64);
+                assert_eq!(window.bytes, &bytes[position..position + window.bytes.len()]);
+                if window.last {
+                    assert_eq!(position + window.bytes.len(), bytes.len());
+                    break;
+                }
+                assert!(position + window.bytes.len() > end);
+                end = position + window.bytes.len();
+                position += window.bytes.len() / 3;
             }
-            assert!(window.bytes.len() >= PIECE);
-            position += PIECE / 3;
+            assert!(stream.buffer.len() <= 4 * PIECE);
         }
+    }
+
+    #[test]
+    fn a_stream_reads_once_and_what_is_missing() {
+        let bytes = vec![1; 4 * PIECE];
+        let filled = |position, until| {
+            let mut stream = Stream::new(&bytes[..]);
+            stream.fill(0, LEAST as u64).unwrap();
+            stream.fill(position, until).unwrap();
+            position + stream.window().bytes.len() as u64
+        };
+        let [least, piece] = [LEAST as u64, PIECE as u64];
+        assert_eq!(filled(100, 100_000), 100_000);
+        assert_eq!(filled(100, 0), 2 * least);
+        assert_eq!(filled(100, u64::MAX), least + piece);
+
+        let mut slow = Stream::new(Slow { bytes: &bytes, most: 10, interrupted: false });
+        slow.fill(0, u64::MAX).unwrap();
+        assert_eq!(slow.window().bytes.len(), 10);
     }
 
     #[test]
@@ -171,7 +214,7 @@ mod tests {
                 Err(io::ErrorKind::UnexpectedEof.into())
             }
         }
-        assert_eq!(Stream::new(Broken).fill(0).unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
+        assert_eq!(Stream::new(Broken).fill(0, 1).unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
     }
 
     #[test]

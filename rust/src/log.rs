@@ -379,16 +379,19 @@ impl Reader {
         result
     }
 
-    /// Reads frames from a stream until the position reaches `until` or the stream ends.
+    /// Reads frames from a stream until the position reaches `until` or the stream ends. It returns as soon as the bytes
+    /// for that have been received, and reads more only if the ones in the buffer do not suffice.
     ///
     /// # Errors
     /// [`ReadError::Fault`] as [`Self::read`]; [`ReadError::Io`] if the stream cannot be read.
     pub fn read_stream(&mut self, stream: &mut Stream<impl Read>, until: u64) -> Result<(), ReadError> {
-        while self.at() < until && !self.finished {
-            stream.fill(self.at())?;
+        loop {
             self.read(stream.window(), until)?;
+            if self.at() >= until || self.finished {
+                return Ok(());
+            }
+            stream.fill(self.at(), until)?;
         }
-        Ok(())
     }
 
     fn read_frames(&mut self, window: Window<'_>, until: u64) -> Result<(), Fault> {

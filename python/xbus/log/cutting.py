@@ -53,13 +53,14 @@ class _Tee:
     """An input that keeps the bytes that were read from it until they are taken."""
 
     def __init__(self, source: Readable) -> None:
-        self._source = source
+        #: From a buffered pipe, ``read1`` returns what is there.
+        self._read = getattr(source, "read1", source.read)
         self._kept = bytearray()
         self._start = 0
 
     def read(self, size: int = -1, /) -> bytes:
         """Returns at most ``size`` bytes."""
-        data = self._source.read(size)
+        data: bytes = self._read(size)
         self._kept += data
         return data
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import sys
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
@@ -131,7 +132,7 @@ def iter_log(
     joined, the parts equal the result of `read_log`.
 
     Args:
-        source: As in `read_log`.
+        source: As in `read_log`. A part from a pipe or socket is returned as soon as its bytes are there.
         block_bytes: Approximate size of a part, in bytes of input.
         strict: Raise at the first damage, after the part with the samples before it.
         quantities: As in `read_log`.
@@ -247,7 +248,7 @@ class _Cut:
 
     def __init__(self, chunks: Iterator[bytes], owned: Any) -> None:
         self._chunks = chunks
-        self._data = b""
+        self._data = memoryview(b"")
         self._owned = owned
 
     def __del__(self) -> None:
@@ -256,13 +257,15 @@ class _Cut:
 
     def read(self, size: int = -1, /) -> bytes:
         """Returns at most ``size`` bytes; none at the end."""
-        while not self._data or size < 0:
-            if (data := next(self._chunks, None)) is None:
+        if size < 0:
+            size = sys.maxsize
+            self._data = memoryview(b"".join([self._data, *self._chunks]))
+        while not self._data:
+            if (chunk := next(self._chunks, None)) is None:
                 break
-            self._data += data
-        size = len(self._data) if size < 0 else size
+            self._data = memoryview(chunk)
         data, self._data = self._data[:size], self._data[size:]
-        return data
+        return bytes(data)
 
 
 def reader_of(

@@ -97,11 +97,11 @@ impl<'a> Input<'a> {
                 scanner.step(Window { bytes: &bytes[..end], offset: 0, last: end == bytes.len() })
             }
             Cursor::File(mut stream) => loop {
-                stream.fill(scanner.at())?;
                 let step = scanner.step(stream.window());
                 if step != Step::More || scanner.at() >= to {
                     break step;
                 }
+                stream.fill(scanner.at(), from)?;
             },
         };
         let (Step::Frame { length, .. } | Step::String { length, .. }) = step else { return Ok(None) };
@@ -110,6 +110,12 @@ impl<'a> Input<'a> {
 }
 
 impl Cursor<'_> {
+    fn go_to(&mut self, position: u64) {
+        if let Self::File(stream) = self {
+            stream.go_to(position);
+        }
+    }
+
     fn read(&mut self, reader: &mut Reader, until: u64) -> Result<(), ReadError> {
         match self {
             Self::Memory(bytes) => Ok(reader.read(Window { bytes, offset: 0, last: true }, until)?),
@@ -147,8 +153,7 @@ struct Work<'a> {
 struct Queue {
     /// The next block to be joined.
     next: usize,
-    /// `None` for a block without a seam.
-    decoded: BTreeMap<usize, Option<Decoded>>,
+    decoded: BTreeMap<usize, Decoded>,
     /// Whether no more blocks are wanted: after an error, or after a thread has panicked.
     is_over: bool,
 }
@@ -202,12 +207,13 @@ impl Work<'_> {
     /// Takes blocks, decodes them and joins what can be joined, until there are none left.
     fn run(&self) {
         let guard = EndOnPanic(self);
+        let mut cursor = self.input.from(self.from);
         loop {
             let block = self.next.fetch_add(1, Ordering::Relaxed);
             if block >= self.seams.len() || !self.wait(block) {
                 break;
             }
-            let decoded = self.seam(block).map(|seam| self.decode(block, seam));
+            let decoded = self.decode(block, &mut cursor);
             self.queue().decoded.insert(block, decoded);
             self.join();
         }
@@ -225,9 +231,7 @@ impl Work<'_> {
     fn join(&self) {
         while let Ok(mut joint) = self.joint.try_lock() {
             while let Some(decoded) = self.pop() {
-                if let Some(decoded) = decoded {
-                    joint.result = self.append(joint.reader, decoded);
-                }
+                joint.result = self.append(joint.reader, decoded);
                 self.queue().is_over |= joint.result.is_err();
                 self.moved.notify_all();
             }
@@ -240,7 +244,7 @@ impl Work<'_> {
         }
     }
 
-    fn pop(&self) -> Option<Option<Decoded>> {
+    fn pop(&self) -> Option<Decoded> {
         let mut queue = self.queue();
         let next = queue.next;
         let decoded = queue.decoded.remove(&next).filter(|_| !queue.is_over)?;
@@ -267,11 +271,15 @@ impl Work<'_> {
         }
     }
 
-    fn decode(&self, block: usize, seam: Seam) -> Decoded {
+    fn decode(&self, block: usize, cursor: &mut Cursor<'_>) -> Decoded {
+        let Some(seam) = self.seam(block) else {
+            return Decoded { seam: Seam::default(), until: 0, read: None }; // the blocks before reach further
+        };
         let until = self.end_of(block, seam);
         let place = Place { seam, sample: 0 };
         let mut reader = Reader::resume(self.options.clone(), place, until.saturating_sub(seam.at));
-        let read = self.input.from(seam.at).read(&mut reader, until).ok().map(|()| {
+        cursor.go_to(seam.at);
+        let read = cursor.read(&mut reader, until).ok().map(|()| {
             let part = reader.take_untrimmed();
             (part, reader.scanner, reader.finished)
         });

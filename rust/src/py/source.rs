@@ -11,6 +11,8 @@ use pyo3::prelude::*;
 use super::convert::os_error;
 use crate::input::{FileFrom, Stream};
 
+pyo3::import_exception!(io, UnsupportedOperation);
+
 /// An array, which is not copied, a file that several threads read, or a stream.
 pub enum Source {
     Array(Py<PyArray1<u8>>),
@@ -51,20 +53,35 @@ impl Source {
 /// A Python object with a method `read`.
 struct PyInput {
     object: Py<PyAny>,
+    /// Whether to call `read1`, which returns what is there; `read` of a buffered file waits for all bytes.
+    has_read1: bool,
     /// Whether it is closed at the end: a file that was opened here.
     is_owned: bool,
 }
 
 impl PyInput {
     fn of(object: &Bound<'_, PyAny>, is_owned: bool) -> Self {
-        Self { object: object.clone().unbind(), is_owned }
+        Self { object: object.clone().unbind(), has_read1: object.hasattr("read1").unwrap_or(false), is_owned }
+    }
+
+    fn call<'py>(&mut self, py: Python<'py>, size: usize) -> PyResult<Bound<'py, PyAny>> {
+        let object = self.object.bind(py);
+        if self.has_read1 {
+            let data = object.call_method1("read1", (size,));
+            // A class derived from io.BufferedIOBase that defines only `read` has a `read1` that raises this.
+            if !data.as_ref().is_err_and(|error| error.is_instance_of::<UnsupportedOperation>(py)) {
+                return data;
+            }
+            self.has_read1 = false;
+        }
+        object.call_method1("read", (size,))
     }
 }
 
 impl Read for PyInput {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         Python::attach(|py| {
-            let data = self.object.bind(py).call_method1("read", (buffer.len(),))?;
+            let data = self.call(py, buffer.len())?;
             let bytes: &[u8] = data
                 .extract()
                 .map_err(|_| PyTypeError::new_err("read() must return bytes; open the file in binary mode"))?;
