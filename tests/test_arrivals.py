@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import io
+import json
+import lzma
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -364,6 +369,72 @@ def test_side_files(tmp_path: Path, side: bytes, known: int, fault: str | None) 
     joined = np.concatenate([item.host_time for item in xbus.iter_log(path, block_bytes=300)])
     np.testing.assert_array_equal(joined, log.host_time)
     assert {item.times_fault for item in xbus.iter_log(path, block_bytes=300)} == {log.times_fault}
+
+
+@pytest.mark.parametrize("is_side_compressed", [False, True])
+@pytest.mark.parametrize("suffix", [".gz", ".xz", ".bz2"])
+def test_compressed_logs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str, is_side_compressed: bool
+) -> None:
+    """The side file has the name of the log before compression."""
+    monkeypatch.chdir(tmp_path)
+    compressors: dict[str, Callable[[bytes], bytes]] = {
+        ".gz": gzip.compress,
+        ".xz": lzma.compress,
+        ".bz2": bz2.compress,
+    }
+    compress = compressors[suffix]
+    whole = xbus.read_log(written(tmp_path, DATA, GOOD)).host_time
+    for old in tmp_path.iterdir():
+        old.unlink()
+    side = "a.mtb.times" + suffix * is_side_compressed
+    for half, name in ((DATA, "a"), (DATA[:1000], "b")):
+        Path(f"{name}.mtb{suffix}").write_bytes(compress(half))
+        Path(side.replace("a", name, 1)).write_bytes(compress(GOOD) if is_side_compressed else GOOD)
+    log = xbus.read_log(f"a.mtb{suffix}")
+    assert log.host_time.tolist() == whole.tolist()
+    part = xbus.read_log(f"a.mtb{suffix}", between=(0.2, 0.5))
+    assert part.host_time.tolist() == whole[20:50].tolist()
+    assert run("decode", f"a.mtb{suffix}", "-o", "a.npz").exit_code == 0
+    assert np.load("a.npz")["host_time"].tolist() == whole.tolist()
+    # A side file for more than the log has is detected here too.
+    fault = xbus.read_log(f"b.mtb{suffix}").times_fault
+    assert fault is not None
+    assert f"is for {END} bytes, but the log has 1000" in fault
+    # A side file that a pattern names is no recording.
+    result = run("info", f"a.mtb{suffix}", side, "--json")
+    assert [found["file"] for found in json.loads(result.stdout)] == [f"a.mtb{suffix}"]
+
+
+def test_compressed_pieces(tmp_path: Path) -> None:
+    """The arrivals of a piece are not those of the next one, whatever the size of the compressed file."""
+    names, hosts = [], []
+    for number in range(2):
+        samples = [
+            mtdata2(counter(at), fine(5000 + 100 * at))
+            for at in range(100 * number, 100 * number + 100)
+        ]
+        data, pieces = recording(samples)
+        side = HEAD + records(*((end, time + number * 10**9) for end, time in pieces))
+        names.append(tmp_path / f"{number}.mtb.gz")
+        names[-1].write_bytes(gzip.compress(data))
+        names[-1].with_suffix(".times").write_bytes(side)
+        plain = written(tmp_path, data, side, f"plain{number}.mtb")
+        hosts.append(plain)
+    expected_times = xbus.read_log(hosts).host_time
+    assert np.isfinite(expected_times).all()
+    assert xbus.read_log(names).host_time.tolist() == expected_times.tolist()
+    out = tmp_path / "all.npz"
+    assert run("decode", *map(str, names), "-o", str(out)).exit_code == 0
+    assert np.load(out)["host_time"].tolist() == expected_times.tolist()
+
+
+def test_text_in_hex_has_no_arrivals(tmp_path: Path) -> None:
+    path = tmp_path / "a.mtb"
+    path.write_text(DATA.hex())
+    path.with_name("a.mtb.times").write_bytes(GOOD)
+    assert run("decode", str(path), "--hex", "-o", str(tmp_path / "a.npz")).exit_code == 0
+    assert "host_time" not in np.load(tmp_path / "a.npz")
 
 
 def test_unreadable_side_files(tmp_path: Path) -> None:

@@ -204,7 +204,12 @@ def product_code(payload: bytes) -> str | None:
 class SampleClock:
     """The clocks of devices: times of samples by the rules by which a log has them."""
 
-    def __new__(cls) -> SampleClock: ...
+    def __new__(cls, rate: float | None = None) -> SampleClock:
+        """Creates the clocks.
+
+        Args:
+            rate: Rate of the packet counter in Hz, which gives a time to samples without time stamps.
+        """
     def message(self, bid: int, mid: int, payload: bytes) -> None:
         """Takes note of a message that is not a sample: it may name the device, or start a new run."""
     def sample(self, bid: int, payload: bytes) -> tuple[float, bool]:

@@ -11,15 +11,20 @@ import click
 
 from xbus.cli.export_target import check_output, writing
 from xbus.cli.failure import Failure
+from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import STDIN, Input, label, no_frame, reading_task
 from xbus.cli.progress import Progress
-from xbus.cli.recordings import Recording, inputs_argument, one_recording, restart_option
+from xbus.cli.recordings import Recording
 from xbus.cli.rotation import parse_rotation
 from xbus.files import local_name, suffix_of_compression
 from xbus.formatting import format_count, format_size
 
 if TYPE_CHECKING:
-    from xbus.log.cutting import Chunk, Moment
+    from xbus.log.arrivals import Arrivals
+    from xbus.log.cutting import Chunk
+    from xbus.log.log import Log
+    from xbus.log.moments import Moment
+    from xbus.log.source import Readable
 
 __all__ = ["cut", "split"]
 
@@ -39,8 +44,21 @@ def _moment(
     return value
 
 
+def _out(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    value: str,
+) -> str:
+    """Returns a path without the suffix of a compressed file, which readers would decompress."""
+    if suffix := suffix_of_compression(value):
+        raise click.BadParameter(
+            f"the file is not compressed; omit {suffix}, and compress it later"
+        )
+    return value
+
+
 @click.command(epilog="Example: xbus cut walk.mtb --from 60 --to 120 -o part.mtb")
-@inputs_argument
+@input_options()
 @click.option(
     "--from",
     "start",
@@ -55,58 +73,78 @@ def _moment(
     metavar="TIME",
     help="Moment to end before. Default: the end.",
 )
-@click.option("-o", "out", metavar="OUT", required=True, help="File to write.")
-@restart_option
+@click.option("-o", "out", callback=_out, metavar="OUT", required=True, help="File to write.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 def cut(
-    names: tuple[str, ...],
+    inputs: InputOptions,
     start: Moment | None,
     end: Moment | None,
     out: str,
-    allow_restart: bool,
     quiet: bool,
 ) -> None:
     """Cuts a part out of a recording.
 
     OUT has whole frames, byte for byte, with the Configuration of the device at the start. It begins with the
-    first sample at or after --from, and ends before the first sample at or after --to.
+    first sample at or after --from, and ends before the first sample at or after --to. With --bid, OUT has
+    only the frames of this device, and times are those of this device. If the arrivals are known, OUT.times
+    has those of OUT.
 
     IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input; the pieces of one recording
     are joined. The recording is read in parts and need not fit into memory.
     """
+    from xbus.cli.piece_file import piece_file
     from xbus.log.cutting import cut as cut_bytes
-    from xbus.log.cutting import seconds_of
-    from xbus.log.export import replacing
-    from xbus.log.read import cut_parts
+    from xbus.log.moments import seconds_of
 
     if start is None and end is None:
         raise click.UsageError("a part needs --from, --to, or both")
-    recording = one_recording(names, allow_restart=allow_restart, remedy=ONE_BY_ONE)
+    recording = inputs.recording(remedy=ONE_BY_ONE)
     files = recording.files
     check_output(files, out)
     recording.show_notes()
     with Progress(reading_task(files[0]), shown=not quiet) as progress, _time_errors(recording):
 
-        def parts() -> Iterator[Any]:
+        def parts() -> Iterator[Log]:
             if STDIN in files:
                 raise ValueError("standard input is read once; use seconds")
-            with Input(files, progress) as source:
-                yield from cut_parts(source)
+            with inputs.opened(files, progress) as source:
+                yield from _parts(source, inputs, bid=inputs.bid)
 
         bounds = seconds_of((start, end), parts)
-        size = 0
-        with Input(files, progress) as source, writing(out), replacing(out) as file:
-            for data in cut_bytes(source, cut_parts, *bounds):
-                file.write(data)
-                size += len(data)
-            if not size:
-                raise Failure(f"{recording.heading} has no samples between these times")
+        with inputs.opened(files, progress) as source:
+            arrivals = _arrivals(source)
+            chunks = cut_bytes(
+                source,
+                lambda tee: _parts(tee, inputs),
+                *bounds,
+                bid=inputs.bid,
+                arrivals=arrivals,
+            )
+            with piece_file(out, arrivals) as piece:
+                for chunk in chunks:
+                    piece.write(chunk)
+                if not piece.size:
+                    raise Failure(f"{recording.heading} has no samples between these times")
     if not quiet:
-        click.echo(f"{label(out)}: {format_size(size)}", err=True)
+        click.echo(f"{label(out)}: {format_size(piece.size)}", err=True)
+
+
+def _parts(source: Readable, inputs: InputOptions, bid: int | None = None) -> Iterator[Log]:
+    from xbus.log.read import cut_parts
+
+    return cut_parts(source, rate=inputs.rate, strings=inputs.strings, bid=bid)
+
+
+def _arrivals(source: Input) -> Arrivals | None:
+    """Returns the arrivals of the bytes of a recording, and prints what is wrong with a side file."""
+    arrivals = source.arrivals()
+    if arrivals is not None and arrivals.fault:
+        click.echo(f"xbus: {arrivals.fault}", err=True)
+    return arrivals
 
 
 @click.command(epilog="Example: xbus split night.mtb --time 1h --out-dir hours")
-@inputs_argument
+@input_options()
 @click.option("--size", metavar="SIZE", help="Start a new file at this size: 100MB, 2GB.")
 @click.option("--time", metavar="TIME", help="Start a new file after this time: 90s, 30min, 1h.")
 @click.option("--device", "by_device", is_flag=True, help="Write a file for each device on a bus.")
@@ -116,49 +154,62 @@ def cut(
     required=True,
     help="Folder to write to. It is created if necessary.",
 )
-@restart_option
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 def split(
-    names: tuple[str, ...],
+    inputs: InputOptions,
     size: str | None,
     time: str | None,
     by_device: bool,
     out_dir: str,
-    allow_restart: bool,
     quiet: bool,
 ) -> None:
     """Splits a recording by size, time or device.
 
     The files have whole frames, byte for byte. By size and time they are walk.mtb, walk-0001.mtb, ..., each
     with the Configuration of the device at the start, and other commands join them again. By device they are
-    walk-bid1.mtb, ..., and leave out strings and damage, which name no device.
+    walk-bid1.mtb, ..., each with what identifies the device, and leave out strings and damage, which name no
+    device. If the arrivals are known, each file has a side file with its own (walk-0001.mtb.times).
 
     IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input; the pieces of one recording
     are joined. The recording is read in parts and need not fit into memory.
     """
     from xbus.log import cutting
-    from xbus.log.read import cut_parts
 
     if sum((size is not None, time is not None, by_device)) != 1:
         raise click.UsageError("choose one of --size, --time and --device")
+    if by_device and inputs.bid is not None:
+        raise click.UsageError(
+            "--device writes a file for each device; xbus cut --bid --from 0 writes that of one"
+        )
     limit = _limit(size, time)
-    recording = one_recording(names, allow_restart=allow_restart, remedy="split each by itself")
+    recording = inputs.recording(remedy="split each by itself")
     files = recording.files
     recording.show_notes()
     with writing(out_dir):
         os.makedirs(out_dir, exist_ok=True)  # noqa: PTH103 - pathlib is slow to import
-    with (
-        Progress(reading_task(files[0]), shown=not quiet) as progress,
-        _time_errors(recording),
-        Input(files, progress) as source,
-    ):
+
+    def parts(source: Readable) -> Iterator[Log]:
+        return _parts(source, inputs)
+
+    with Progress(reading_task(files[0]), shown=not quiet) as progress, _time_errors(recording):
         if by_device:
-            chunks = cutting.split_by_device(source, cut_parts)
-        elif "rotate_bytes" in limit:
-            chunks = cutting.split_by_size(source, cut_parts, limit["rotate_bytes"])
-        else:
-            chunks = cutting.split_by_time(source, cut_parts, limit["rotate_seconds"])
-        written = _write(chunks, recording, out_dir, by_device=by_device)
+            if STDIN in files:
+                raise Failure(
+                    "--device reads a recording twice, and standard input can be read once; save it to a file"
+                )
+            with inputs.opened(files, progress) as source:
+                heads = cutting.device_heads(parts(source))
+        with inputs.opened(files, progress) as source:
+            arrivals = _arrivals(source)
+            if by_device:
+                chunks = cutting.split_by_device(source, parts, heads)
+            elif "rotate_bytes" in limit:
+                chunks = cutting.split_by_size(source, parts, limit["rotate_bytes"], bid=inputs.bid)
+            else:
+                chunks = cutting.split_by_time(
+                    source, parts, limit["rotate_seconds"], bid=inputs.bid
+                )
+            written = _write(chunks, recording, out_dir, arrivals, by_device=by_device)
         if not written:
             raise no_frame(files, 0)
     if not quiet:
@@ -178,34 +229,33 @@ def _limit(size: str | None, time: str | None) -> dict[str, Any]:
 
 
 def _write(
-    chunks: Iterator[Chunk], recording: Recording, folder: str, *, by_device: bool
+    chunks: Iterator[Chunk],
+    recording: Recording,
+    folder: str,
+    arrivals: Arrivals | None,
+    *,
+    by_device: bool,
 ) -> list[str]:
     """Writes each piece to a file, and returns the names."""
-    from xbus.log.export import replacing
+    from xbus.cli.piece_file import PieceFile, piece_file
     from xbus.log.pieces import name_of_piece
 
     path = _out_path(recording, folder)
-    outs: dict[int, str] = {}
-    opened: dict[int, Any] = {}
+    outs: list[str] = []
+    opened: dict[int, PieceFile] = {}
     with contextlib.ExitStack() as files:
-        for piece, data in chunks:
+        for chunk in chunks:
+            piece = chunk.piece
             if piece not in opened:
                 if not by_device:
                     files.close()  # the previous piece is complete
                     opened.clear()
                 out = _path_of_device(path, piece) if by_device else name_of_piece(path, len(outs))
                 check_output(recording.files, out)
-                outs[piece] = out
-                opened[piece] = files.enter_context(_file(out, replacing))
-            with writing(outs[piece]):
-                opened[piece].write(data)
-    return list(outs.values())
-
-
-@contextlib.contextmanager
-def _file(out: str, replacing: Any) -> Iterator[Any]:
-    with writing(out), replacing(out) as file:
-        yield file
+                outs.append(out)
+                opened[piece] = files.enter_context(piece_file(out, arrivals))
+            opened[piece].write(chunk)
+    return outs
 
 
 def _out_path(recording: Recording, folder: str) -> str:

@@ -9,15 +9,10 @@ import click
 from xbus.cli import batch
 from xbus.cli.decoding import SUFFIXES, Decoding, is_string, suffix_of
 from xbus.cli.export_target import check_output
-from xbus.cli.inputs import hex_option, label, rate_option, reading_task, strings_option
+from xbus.cli.input_options import InputOptions, input_options
+from xbus.cli.inputs import label, reading_task
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
-from xbus.cli.recordings import (
-    inputs_argument,
-    one_recording,
-    restart_option,
-    several_recordings,
-)
 from xbus.cli.resampling import check_resampling
 
 if TYPE_CHECKING:
@@ -77,7 +72,7 @@ def _key(value: str) -> EntryKey:
 
 
 @click.command(epilog="Example: xbus decode walk.mtb -o walk.parquet")
-@inputs_argument
+@input_options()
 @click.option(
     "-o",
     "out",
@@ -120,15 +115,11 @@ def _key(value: str) -> EntryKey:
     metavar="ID",
     help="Write only this Awinda tracker: packet counter and magnetic field. xbus info lists them.",
 )
-@rate_option
 @click.option(
     "--raw",
     is_flag=True,
     help="Write fields of structs, such as gnss_pvt_data_lat, as integers, as on the wire.",
 )
-@strings_option
-@hex_option
-@restart_option
 @click.option("--strict", is_flag=True, help="Fail at the first damage.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 @click.option(
@@ -138,7 +129,7 @@ def _key(value: str) -> EntryKey:
     help="Print the summary on stdout: a JSON object, or a list of them with --out-dir.",
 )
 def decode(
-    names: tuple[str, ...],
+    inputs: InputOptions,
     out: str | None,
     out_dir: str | None,
     skip_existing: bool,
@@ -148,11 +139,7 @@ def decode(
     rate_out: float | None,
     max_gap: float | None,
     tracker: str | None,
-    rate: float | None,
     raw: bool,
-    strings: tuple[str, ...],
-    is_hex: bool,
-    allow_restart: bool,
     strict: bool,
     quiet: bool,
     as_json: bool,
@@ -175,15 +162,7 @@ def decode(
     if tracker and (keys or rate_out):
         raise click.UsageError("--tracker excludes --quantity and --rate-out")
     decoding = Decoding(
-        keys,
-        strings=strings,
-        strict=strict,
-        rate=rate_out,
-        max_gap=max_gap,
-        tracker=tracker,
-        is_hex=is_hex,
-        counter_rate=rate,
-        raw=raw,
+        inputs, keys, strict=strict, rate=rate_out, max_gap=max_gap, tracker=tracker, raw=raw
     )
     written = suffix if out is None else suffix_of(out)
     if raw and (rate_out or tracker or written == ".npz"):
@@ -195,9 +174,8 @@ def decode(
 
         require("pyarrow", "arrow", f"to write {written} files")
     if out_dir is not None:
-        recordings = several_recordings(names, allow_restart=allow_restart)
         outcomes = batch.run(
-            batch.plan(recordings, out_dir, suffix),
+            batch.plan(inputs.recordings(), out_dir, suffix),
             decoding.decode,
             workers=jobs,
             skip_existing=skip_existing,
@@ -206,7 +184,7 @@ def decode(
         batch.finish(outcomes, quiet=quiet, as_json=as_json)
         return
     assert out is not None  # noqa: S101 - see `check_targets`
-    recording = one_recording(names, allow_restart=allow_restart)
+    recording = inputs.recording()
     check_output(recording.files, out)
     recording.show_notes()
     with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:

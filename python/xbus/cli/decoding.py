@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from xbus.cli.batch import Job
 from xbus.cli.export_target import check_output, quality_text, writing
 from xbus.cli.failure import Failure
-from xbus.cli.inputs import Input, label, no_frame
+from xbus.cli.input_options import InputOptions
+from xbus.cli.inputs import label, no_frame
 from xbus.cli.progress import ShowsProgress
 from xbus.cli.resampling import resampled
 from xbus.cli.undecoded import check_decoded, tracker_of, undecoded_lines
@@ -49,33 +50,28 @@ class Decoding:
     """Decodes recordings with the same options.
 
     Args:
+        inputs: How to read them.
         keys: The quantities, or one string type; none for all quantities.
-        strings: String types to parse, as in `read_log`.
         strict: Fail at the first damage.
         rate: Rows per second to resample to, or None.
         max_gap: As for `Log.resample`.
         tracker: The Awinda tracker to write, or None.
-        is_hex: Whether the files are text with the bytes in hex.
-        counter_rate: Rate of the packet counter in Hz, for logs without time stamps, or None.
         raw: Write fields of structs as integers, as on the wire.
     """
 
     def __init__(
         self,
+        inputs: InputOptions,
         keys: Sequence[EntryKey],
         *,
-        strings: Sequence[str] = (),
         strict: bool = False,
         rate: float | None = None,
         max_gap: float | None = None,
         tracker: str | None = None,
-        is_hex: bool = False,
-        counter_rate: float | None = None,
         raw: bool = False,
     ) -> None:
-        self._keys, self._strings, self._strict = list(keys), strings, strict
+        self._inputs, self._keys, self._strict, self._raw = inputs, list(keys), strict, raw
         self._rate, self._max_gap, self._tracker = rate, max_gap, tracker
-        self._is_hex, self._counter_rate, self._raw = is_hex, counter_rate, raw
 
     @property
     def _key(self) -> EntryKey | None:
@@ -112,14 +108,10 @@ class Decoding:
         from xbus.log.read import read_log
 
         quantities = [key for key in self._keys if not is_string(key)] if self._keys else None
-        with Input(files, progress, is_hex=self._is_hex) as source:
+        with self._inputs.opened(files, progress) as source:
             try:
                 log = read_log(
-                    source,
-                    strict=self._strict,
-                    quantities=quantities,
-                    rate=self._counter_rate,
-                    strings=self._strings,
+                    source, strict=self._strict, quantities=quantities, **self._inputs.for_log
                 )
             except DecodeError as error:
                 problem, _, _ = str(error).partition(";")

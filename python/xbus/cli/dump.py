@@ -13,9 +13,12 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from xbus.cli.connection import open_port, port_lost
-from xbus.cli.inputs import Input, hex_option, label, no_frame, reading_task, strings_option
+from xbus.cli.failure import Failure
+from xbus.cli.input_options import InputOptions, input_options
+from xbus.cli.inputs import Input, label, no_frame, reading_task
 from xbus.cli.printing import find_name, is_terminal, print_line
 from xbus.cli.progress import Progress
+from xbus.cli.recordings import Recording
 from xbus.formatting import format_count
 
 if TYPE_CHECKING:
@@ -24,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["dump"]
 
+#: The schemes of pyserial's URLs; other URLs are those of files.
+PORT_SCHEMES = ("alt", "cp2110", "hwgrep", "loop", "rfc2217", "socket", "spy")
 #: Bytes to read at a time.
 BLOCK = 1 << 18
 #: Interval to check whether a file has grown, or the port is gone, in seconds.
@@ -54,7 +59,7 @@ def _mid(value: str) -> int | str:
 
 
 @click.command(epilog="Example: xbus dump --mid Error --mid Warning walk.mtb")
-@click.argument("file", type=click.Path(readable=False), metavar="FILE|PORT")
+@input_options(metavar="IN...|PORT")
 @click.option(
     "--mid",
     "wanted",
@@ -63,8 +68,6 @@ def _mid(value: str) -> int | str:
     metavar="MID",
     help="Print only this message, by name or number (0x36), without strings and damage; repeatable.",
 )
-@strings_option
-@hex_option
 @click.option(
     "--follow", is_flag=True, help="Wait for more data at the end of the file, until Ctrl-C."
 )
@@ -77,10 +80,8 @@ def _mid(value: str) -> int | str:
 @click.option("--no-hex", is_flag=True, help="Omit the frame in hex.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per line.")
 def dump(
-    file: str,
+    inputs: InputOptions,
     wanted: list[int | str],
-    strings: tuple[str, ...],
-    is_hex: bool,
     follow: bool,
     baudrate: int | None,
     no_hex: bool,
@@ -92,36 +93,45 @@ def dump(
     the content, and the frame. Precision and coordinates are in parentheses unless they are Float32 and
     ENU. Strings and damage have separate lines.
 
-    FILE can be a pipe, or - for standard input. With --follow it can also be a PORT: a serial port, a
-    pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. Nothing is sent to the device.
+    IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input; the pieces of one recording
+    are joined. With --follow it is one file that grows, or a PORT: a serial port, a pyserial URL
+    (socket://HOST:PORT), or sim:PRODUCT for a virtual device. Nothing is sent to the device.
     """
     from xbus.cli.dump_lines import DumpFormatter
     from xbus.protocol.products import DEFAULT_BAUDRATE
+    from xbus.protocol.tables import device_of
 
     def new_formatter() -> DumpFormatter:
-        return DumpFormatter(wanted, strings=strings, with_hex=not no_hex, as_json=as_json)
+        return DumpFormatter(wanted, **inputs.for_log, with_hex=not no_hex, as_json=as_json)
 
-    is_port = _is_port(file)
-    if is_port and not follow:
+    ports = [name for name in inputs.names if _is_port(name)]
+    if ports and not follow:
         raise click.UsageError(
-            f"{label(file)} is a port and has no end; add --follow to print messages until Ctrl-C"
+            f"{label(ports[0])} is a port and has no end; add --follow to print messages until Ctrl-C"
         )
-    if not is_port and baudrate is not None:
-        raise click.UsageError(f"{label(file)} is not a port and has no --baudrate")
-    formatter = new_formatter()
-    if is_port:
+    if follow and len(inputs.names) > 1:
+        raise click.UsageError("--follow is for one file or port")
+    if not ports and baudrate is not None:
+        raise click.UsageError(f"{label(inputs.names[0])} is not a port and has no --baudrate")
+    if ports:
+        if inputs.is_hex:
+            raise click.UsageError(f"{label(ports[0])} is a port; --hex is for files")
         # Trying other rates would send requests.
-        _listen(file, baudrate or DEFAULT_BAUDRATE, formatter)
+        _listen(ports[0], baudrate or DEFAULT_BAUDRATE, new_formatter())
         return
+    recording = Recording(list(inputs.names)) if follow else inputs.recording("dump each by itself")
+    recording.show_notes()
+    files = recording.files
+    formatter = new_formatter()
     # A progress bar would mix with lines on the terminal.
     quiet = follow or is_terminal()
     with (
-        Progress(reading_task(file), shown=not quiet) as progress,
-        Input([file], progress, is_hex=is_hex) as source,
+        Progress(reading_task(files[0]), shown=not quiet) as progress,
+        inputs.opened(files, progress) as source,
     ):
-        for data in _pieces(source, follow=follow):
+        for data in _growing(source) if follow else _blocks(source):
             if data is None:
-                text = f"{label(file)} was truncated; reading from its start"
+                text = f"{label(files[0])} was truncated; reading from its start"
                 click.echo(f"xbus: {text}", err=True)
                 formatter = new_formatter()
             elif lines := formatter.feed(data):
@@ -129,12 +139,16 @@ def dump(
         if lines := formatter.close():
             print_line("\n".join(lines))
     if not formatter.frames:
-        raise no_frame([file], formatter.size)
+        raise no_frame(files, formatter.size)
+    if inputs.bid is not None and device_of(inputs.bid) not in formatter.devices:
+        found = ", ".join(map(str, sorted(formatter.devices))) or "no BID, only strings"
+        names = ", ".join(map(label, files))
+        raise Failure(f"no messages of BID {inputs.bid} in {names}; it has those of {found}")
 
 
 def _is_port(name: str) -> bool:
-    """Returns whether this is a port: a URL, a virtual device, or a terminal device of the system."""
-    if "://" in name or name.startswith("sim:"):
+    """Returns whether this is a port: a URL of pyserial, a virtual device, or a terminal device."""
+    if name.startswith(("sim:", *(f"{scheme}://" for scheme in PORT_SCHEMES))):
         return True
     if os.name == "nt":
         return re.fullmatch(r"(\\\\\.\\)?COM\d+", name, re.IGNORECASE) is not None
@@ -214,13 +228,18 @@ def _print_totals(port: str, baudrate: int, counts: dict[str, Any]) -> None:
     click.echo(f"xbus: {text}", err=True)
 
 
-def _pieces(source: Input, *, follow: bool) -> Iterator[bytes | None]:
-    """Yields the bytes; None if the file was truncated and is read again."""
+def _blocks(source: Input) -> Iterator[bytes]:
+    while data := source.read(BLOCK):
+        yield data
+
+
+def _growing(source: Input) -> Iterator[bytes | None]:
+    """Yields the bytes of a file, and what is appended; None if the file was truncated and is read again."""
     source.open_next()
     while True:
         if data := source.read_current(BLOCK):
             yield data
-        elif not follow or not source.is_regular:
+        elif not source.is_regular:
             return
         elif source.rewind_if_truncated():
             yield None

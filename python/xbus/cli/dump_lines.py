@@ -11,6 +11,7 @@ from xbus import _core
 from xbus.describe.text import describe_message, describe_packet, message_dict, packet_dict
 from xbus.log.source import LONGEST
 from xbus.protocol.ids import MessageId
+from xbus.protocol.tables import device_of
 from xbus.wire.codec import Damage, ScannedItem, Scanner, encode_frame, named_item
 from xbus.wire.message import Message
 from xbus.wire.strings import String
@@ -26,12 +27,15 @@ class DumpFormatter:
 
     Args:
         wanted: Names and numbers of messages; if empty, all messages, strings and damage.
+        bid: Only the messages of this device, without strings and damage, which name no device; None for all.
+        rate: Rate of the packet counter, as in `read_log`.
         strings: String types to parse, as in `read_log`.
         with_hex: Whether each line ends with the bytes of the frame or string.
         as_json: Whether lines are JSON objects instead of text.
 
     Attributes:
         frames: Number of frames and strings, wanted or not.
+        devices: The BIDs of the frames; 1 stands for FF too.
         size: Number of bytes fed.
         damaged_bytes: Number of bytes that are neither frame nor string.
     """
@@ -40,18 +44,22 @@ class DumpFormatter:
         self,
         wanted: Iterable[int | str],
         *,
+        bid: int | None = None,
+        rate: float | None = None,
         strings: Iterable[str] = (),
         with_hex: bool,
         as_json: bool,
     ) -> None:
         # The same limit as in `read_log`, with the same result.
         self._scanner = Scanner(LONGEST, strings=strings)
-        self._clock = _core.SampleClock()
+        self._clock = _core.SampleClock(rate)
         self._wanted = frozenset(wanted)
+        self._device = None if bid is None else device_of(bid)
         self._hex = with_hex
         self._json = as_json
         self._kept = bytearray()
         self.frames = 0
+        self.devices: set[int] = set()
         self.size = 0
         self.damaged_bytes = 0
 
@@ -76,19 +84,29 @@ class DumpFormatter:
         for item in found:
             if isinstance(item, Damage):
                 self.damaged_bytes += item.length
-                if not self._wanted:
+                if self._has_all:
                     lines.append(_damage(item, as_json=self._json))
                 continue
             self.frames += 1
             if isinstance(item, String):
-                if not self._wanted:
+                if self._has_all:
                     lines.append(_string(item, with_hex=self._hex, as_json=self._json))
                 continue
             time = self._time(item)
-            if not self._wanted or item.mid in self._wanted or item.name in self._wanted:
+            self.devices.add(device_of(item.bid))
+            if self._is_wanted(item):
                 frame = self._frame(item) if self._hex else None
                 lines.append(_json(item, time, frame) if self._json else _text(item, time, frame))
         return lines
+
+    @property
+    def _has_all(self) -> bool:
+        return not self._wanted and self._device is None
+
+    def _is_wanted(self, message: Message) -> bool:
+        if self._device not in (None, device_of(message.bid)):
+            return False
+        return not self._wanted or message.mid in self._wanted or message.name in self._wanted
 
     def _time(self, message: Message) -> float | None:
         """Returns the time of a sample, as `Log.time`; None if it has none, and for other messages."""

@@ -9,34 +9,26 @@ import click
 
 from xbus.cli import batch
 from xbus.cli.export_target import quality_text, writing
-from xbus.cli.inputs import Input, hex_option, no_frame, rate_option, strings_option
+from xbus.cli.input_options import InputOptions, input_options
+from xbus.cli.inputs import no_frame
 from xbus.cli.printing import print_json, print_line
 from xbus.cli.progress import ShowsProgress
-from xbus.cli.recordings import inputs_argument, restart_option, several_recordings
 
 __all__ = ["info"]
 
 
 @click.command(epilog="Example: xbus info walk.mtb")
-@inputs_argument
+@input_options()
 @batch.batch_options
-@rate_option
-@strings_option
-@hex_option
-@restart_option
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress.")
 @click.option(
     "--json", "as_json", is_flag=True, help="Print a JSON list with an object for each recording."
 )
 def info(
-    names: tuple[str, ...],
+    inputs: InputOptions,
     out_dir: str | None,
     skip_existing: bool,
     jobs: int | None,
-    rate: float | None,
-    strings: tuple[str, ...],
-    is_hex: bool,
-    allow_restart: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
@@ -55,8 +47,8 @@ def info(
 
     def describe(job: batch.Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
         files = job.recording.files
-        with Input(files, progress, is_hex=is_hex) as source:
-            summary = LogSummary(iter_log(source, rate=rate, strings=strings))
+        with inputs.opened(files, progress) as source:
+            summary = LogSummary(iter_log(source, **inputs.for_log))
         if not summary.stats.frames and not summary.stats.strings:
             raise no_frame(files, summary.stats.bytes)
         values = summary.to_dict(files[0]) | {"files": files}
@@ -70,7 +62,7 @@ def info(
 
     if skip_existing and out_dir is None:
         raise click.UsageError("--skip-existing needs --out-dir")
-    recordings = several_recordings(names, allow_restart=allow_restart)
+    recordings = inputs.recordings()
     if out_dir is None:
         work = [batch.Job(recording, None) for recording in recordings]
     else:

@@ -23,10 +23,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Input",
-    "hex_option",
     "label",
     "no_frame",
-    "rate_option",
     "reading_task",
     "strings_option",
 ]
@@ -63,13 +61,6 @@ def _strings(
     return values
 
 
-#: The option for logs with a packet counter and without time stamps.
-rate_option = click.option(
-    "--rate",
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="HZ",
-    help="Rate of the packet counter: gives a time to samples without time stamps.",
-)
 #: The option for a string type that is not parsed by default.
 strings_option = click.option(
     "--string",
@@ -78,15 +69,6 @@ strings_option = click.option(
     callback=_strings,
     metavar="NAME",
     help="Also parse this string type. Needed only for EM1000, which has no checksum and no terminator.",
-)
-
-
-#: The option for inputs that are text.
-hex_option = click.option(
-    "--hex",
-    "is_hex",
-    is_flag=True,
-    help="The input is text with the bytes in hex, as copied from MT Manager, a terminal or xxd.",
 )
 
 
@@ -145,10 +127,7 @@ class Input:
         """Returns the arrival times of the bytes from the side files; None if a file has none."""
         from xbus.log.arrivals import arrivals_of, joined
 
-        files = zip(self._names, self._sizes, strict=True)
-        return joined(
-            (None if size is None else arrivals_of(name), size or 0) for name, size in files
-        )
+        return None if self._is_hex else joined(map(arrivals_of, self._names))
 
     def _close(self) -> None:
         if self._file is not None and (self._is_hex or self._starts[-1][1] != STDIN):

@@ -21,25 +21,12 @@ if TYPE_CHECKING:
 __all__ = [
     "Recording",
     "find_files",
-    "inputs_argument",
     "one_recording",
-    "restart_option",
     "several_recordings",
 ]
 
 #: The suffix of the recordings in a folder; compressed ones have another suffix behind it.
 SUFFIX = ".mtb"
-#: The suffix of the arrivals that belong to a recording.
-SIDE_SUFFIX = ".times"
-
-inputs_argument = click.argument(
-    "names", type=click.Path(readable=False), metavar="IN...", nargs=-1, required=True
-)
-restart_option = click.option(
-    "--allow-restart",
-    is_flag=True,
-    help="Join pieces although the device restarted between them. Not needed for the files of xbus record.",
-)
 
 
 @dataclass(frozen=True)
@@ -83,12 +70,15 @@ def find_files(names: Sequence[str]) -> list[str]:
     Raises:
         Failure: A folder or a pattern without recordings.
     """
+    from xbus.log.arrivals import side_files
+
     found: dict[str, str] = {}
     for name in names:
         for file in _expand(name):
             key = file if file == STDIN or is_url(file) else os.path.abspath(local_name(file))  # noqa: PTH100
             found.setdefault(key, file)
-    recordings = [file for key, file in found.items() if not _is_side_file(key, found)]
+    sides = {side for key in found for side in side_files(key)}
+    recordings = [file for key, file in found.items() if key not in sides]
     return recordings or list(found.values())
 
 
@@ -117,11 +107,9 @@ def _expand(name: str) -> Iterator[str]:
         yield name
 
 
-def _is_side_file(path: str, found: dict[str, str]) -> bool:
-    return path.endswith(SIDE_SUFFIX) and path[: -len(SIDE_SUFFIX)] in found
-
-
-def several_recordings(names: Sequence[str], *, allow_restart: bool = False) -> list[Recording]:
+def several_recordings(
+    names: Sequence[str], *, allow_restart: bool = False, is_hex: bool = False
+) -> list[Recording]:
     """Returns the recordings that arguments name.
 
     Files with the names of one recording (``walk.mtb``, ``walk-0001.mtb``, ...) are its pieces, in the order
@@ -130,9 +118,12 @@ def several_recordings(names: Sequence[str], *, allow_restart: bool = False) -> 
     Args:
         names: Files, folders, patterns and URLs.
         allow_restart: As in `xbus.read_log`.
+        is_hex: Whether the files are text with the bytes in hex. Each is a recording.
     """
     from xbus.log.pieces import piece_name
 
+    if is_hex:
+        return [Recording([file]) for file in find_files(names)]
     groups: dict[str, list[str]] = {}
     for file in find_files(names):
         is_numbered = file != STDIN
@@ -182,13 +173,14 @@ def _note(error: PiecesError) -> str:
 
 
 def one_recording(
-    names: Sequence[str], *, allow_restart: bool = False, remedy: str = "add --out-dir DIR"
+    names: Sequence[str], *, allow_restart: bool, is_hex: bool, remedy: str
 ) -> Recording:
     """Returns the recording of which arguments name the pieces.
 
     Args:
         names: Files, folders, patterns and URLs.
         allow_restart: As in `xbus.read_log`.
+        is_hex: Whether the files are text with the bytes in hex.
         remedy: What to do with different recordings, for the error message.
 
     Raises:
@@ -201,9 +193,11 @@ def one_recording(
     if STDIN in files and len(files) > 1:
         raise click.UsageError("- is a whole recording and cannot be joined with other inputs")
     _check_existence(files)
-    recordings = several_recordings(names, allow_restart=allow_restart)
+    recordings = several_recordings(names, allow_restart=allow_restart, is_hex=is_hex)
     if len(recordings) == 1:
         return recordings[0]
+    if is_hex:
+        raise click.UsageError(f"text in hex is one recording per file; {remedy}")
     try:
         pieces = pieces_of(files, allow_restart=allow_restart, direct=True)
     except PiecesError as error:

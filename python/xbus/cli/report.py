@@ -10,15 +10,10 @@ import click
 
 from xbus.cli import batch
 from xbus.cli.export_target import check_output, quality_text, writing
-from xbus.cli.inputs import Input, label, no_frame, reading_task, strings_option
+from xbus.cli.input_options import InputOptions, input_options
+from xbus.cli.inputs import label, no_frame, reading_task
 from xbus.cli.printing import print_json
 from xbus.cli.progress import Progress, ShowsProgress
-from xbus.cli.recordings import (
-    inputs_argument,
-    one_recording,
-    restart_option,
-    several_recordings,
-)
 
 __all__ = ["report"]
 
@@ -35,12 +30,10 @@ def _out(
 
 
 @click.command(epilog="Example: xbus report walk.mtb -o walk.html")
-@inputs_argument
+@input_options()
 @click.option("-o", "out", callback=_out, metavar="OUT", help="HTML file to write.")
 @batch.batch_options
 @click.option("--title", metavar="TEXT", help="Title of the page. Default: the names of the files.")
-@strings_option
-@restart_option
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 @click.option(
     "--json",
@@ -49,14 +42,12 @@ def _out(
     help="Print the summary on stdout: a JSON object, or a list of them with --out-dir.",
 )
 def report(
-    names: tuple[str, ...],
+    inputs: InputOptions,
     out: str | None,
     out_dir: str | None,
     skip_existing: bool,
     jobs: int | None,
     title: str | None,
-    strings: tuple[str, ...],
-    allow_restart: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
@@ -83,8 +74,8 @@ def report(
         files, target = job.recording.files, job.out
         assert target is not None  # noqa: S101 - jobs of this command write files
         check_output(files, target)
-        with Input(files, progress) as source:
-            data = gather(source, strings)
+        with inputs.opened(files, progress) as source:
+            data = gather(source, **inputs.for_log)
         stats = data.summary.stats
         if not stats.frames and not stats.strings:
             raise no_frame(files, stats.bytes)
@@ -95,13 +86,12 @@ def report(
         return quality_text(data.summary), asdict(stats) | {"damage": len(data.summary.damage)}
 
     if out_dir is not None:
-        recordings = several_recordings(names, allow_restart=allow_restart)
-        work = batch.plan(recordings, out_dir, ".html")
+        work = batch.plan(inputs.recordings(), out_dir, ".html")
         outcomes = batch.run(work, write, workers=jobs, skip_existing=skip_existing, quiet=quiet)
         batch.finish(outcomes, quiet=quiet, as_json=as_json)
         return
     assert out is not None  # noqa: S101 - see `check_targets`
-    recording = one_recording(names, allow_restart=allow_restart)
+    recording = inputs.recording()
     recording.show_notes()
     with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:
         text, values = write(batch.Job(recording, out), progress)

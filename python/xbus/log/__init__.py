@@ -2,7 +2,7 @@
 
 from xbus.log.column import Column
 from xbus.log.hostclock import HostClock
-from xbus.log.log import Log
+from xbus.log.log import Log, LogDevice, MissingDeviceError
 from xbus.log.messages import Messages, Unknown
 from xbus.log.parts import LogPart, split_log
 from xbus.log.read import iter_log, read_log
@@ -15,8 +15,10 @@ __all__ = [
     "Column",
     "HostClock",
     "Log",
+    "LogDevice",
     "LogPart",
     "Messages",
+    "MissingDeviceError",
     "Resampled",
     "Stats",
     "Strings",

@@ -1,36 +1,42 @@
 """The side file of a recording, with the arrivals of its bytes.
 
-``NAME.mtb.times`` belongs to ``NAME.mtb``. It begins with a header of 24 bytes: ``XBUSTIME``, the version
-(1) and the size of a record (16) as U4, and the nanoseconds to add to the steady clock of the host for the
-time since 1970, as I8. Each record is about a piece of bytes that was read at once: the offset in
-``NAME.mtb`` at which it ends (U8), and its arrival on the clock of the host, in ns since 1970 (I8). All
-numbers are little-endian. An incomplete last record is ignored.
+``NAME.mtb.times`` belongs to ``NAME.mtb``, and to ``NAME.mtb.gz``, its compressed form. The side file may be
+compressed in the same way (``NAME.mtb.times.gz``). Offsets are those of the decompressed bytes.
+
+It begins with a header of 24 bytes: ``XBUSTIME``, the version (1) and the size of a record (16) as U4, and
+the nanoseconds to add to the steady clock of the host for the time since 1970, as I8. Each record is about a
+piece of bytes that was read at once: the offset in ``NAME.mtb`` at which it ends (U8), and its arrival on the
+clock of the host, in ns since 1970 (I8). All numbers are little-endian. An incomplete last record is ignored.
 """
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, BinaryIO, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.files import is_plain, local_name
+from xbus.files import is_url, local_name, open_file, suffix_of_compression
 from xbus.log.arrays import read_only
 from xbus.log.hostclock import HostClock
 from xbus.log.source import Source
 from xbus.protocol.tables import LATE, device_of
 
-__all__ = ["Arrivals", "HostTimes", "arrivals_of", "joined"]
+__all__ = ["SUFFIX", "Arrivals", "HostTimes", "arrivals_of", "joined", "side_files"]
 
+#: Suffix of a side file.
 SUFFIX = ".times"
 HEAD = np.dtype([("magic", "S8"), ("version", "<u4"), ("size", "<u4"), ("epoch", "<i8")])
 RECORD = np.dtype([("end", "<u8"), ("arrival", "<i8")])
 EXPECTED = (b"XBUSTIME", 1, RECORD.itemsize)
+#: Bytes to decompress at a time.
+BLOCK = 1 << 20
 #: A power cut can cost the log more of its end than the side file, but not more than this, in ns.
 LOST = 60 * 10**9
 
@@ -42,17 +48,46 @@ class Arrivals:
     Attributes:
         end: Byte offset in the log at which each piece ends, ``(n,)`` int64, ascending.
         time: When the piece arrived, in ns since 1970, ``(n,)`` int64.
+        size: Size of the log in bytes.
         fault: What is wrong with the side file, or None.
     """
 
     end: npt.NDArray[np.int64]
     time: npt.NDArray[np.int64]
+    size: int
     fault: str | None = None
 
     def of(self, end: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Returns the arrivals of the bytes before ascending offsets; fewer if not all are known."""
         known = np.searchsorted(end, self.end[-1], side="right") if len(self.end) else 0
         return self.time[np.searchsorted(self.end, end[:known])]
+
+    def of_ranges(
+        self, start: npt.NDArray[np.int64], end: npt.NDArray[np.int64]
+    ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Returns the arrivals of ranges of the log that are joined, as `end` and `time`.
+
+        Args:
+            start: Offset at which each range begins, ``(n,)``, ascending.
+            end: Offset at which it ends.
+        """
+        if not len(start) or not len(self.end):
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        inner = self.end[slice(*np.searchsorted(self.end, [start[0], end[-1]]))]
+        ends = np.union1d(inner, end)
+        ends = ends[ends <= self.end[-1]]
+        ranges = np.searchsorted(end, ends)
+        is_inside = ends > start[ranges]
+        ends, ranges = ends[is_inside], ranges[is_inside]
+        sizes = end - start
+        return ends - start[ranges] + (np.cumsum(sizes) - sizes)[ranges], self.of(ends)
+
+    def to_bytes(self) -> bytes:
+        """Returns the content of a side file."""
+        head = np.array([(*EXPECTED, 0)], HEAD)
+        records = np.empty(len(self.end), RECORD)
+        records["end"], records["arrival"] = self.end, self.time
+        return head.tobytes() + records.tobytes()
 
 
 @runtime_checkable
@@ -110,6 +145,14 @@ class HostTimes:
 
     @cached_property
     def _computed(self) -> tuple[npt.NDArray[np.float64] | None, dict[int, HostClock]]:
+        return self._compute(len(self.part))
+
+    def clocks_before(self, row: int) -> dict[int, HostClock]:
+        """Returns the clock of each device as of the sample before a row of the part."""
+        return self._compute(row)[1]
+
+    def _compute(self, rows: int) -> tuple[npt.NDArray[np.float64] | None, dict[int, HostClock]]:
+        """Returns the host times of the first rows, NaN for the others, and the clocks after them."""
         part = self.part
         clocks = {bid: clock.copy() for bid, clock in self._earlier.items()}
         if self._arrivals is None:
@@ -119,12 +162,12 @@ class HostTimes:
             if column.name in LATE:
                 leads[column.sample - part.first] = False
         time = np.full(len(part), np.nan)
-        arrival = self._arrivals.of(part.end)
+        arrival = self._arrivals.of(part.end)[:rows]
         bids = device_of(part.bid)[: len(arrival)]
         for bid in np.unique(bids).tolist():
             clock = clocks.setdefault(bid, HostClock())
-            rows = np.flatnonzero(bids == bid)
-            time[rows] = clock.update(part.time[rows], arrival[rows], leads[rows])
+            own = np.flatnonzero(bids == bid)
+            time[own] = clock.update(part.time[own], arrival[own], leads[own])
         return (read_only(time) if clocks else None), clocks
 
     @property
@@ -162,6 +205,17 @@ class HostTimes:
         return HostTimes.known_already, state
 
 
+def side_files(path: str) -> tuple[str, ...]:
+    """Returns the names that the side file of a log can have, the first one that exists counts.
+
+    >>> side_files("walk.mtb"), side_files("walk.mtb.gz")
+    (('walk.mtb.times',), ('walk.mtb.times', 'walk.mtb.times.gz'))
+    """
+    compression = suffix_of_compression(path)
+    side = path[: len(path) - len(compression)] + SUFFIX
+    return (side, side + compression) if compression else (side,)
+
+
 def arrivals_of(source: Source) -> Arrivals | None:
     """Returns the arrivals in the side file of a log, or None without one.
 
@@ -169,19 +223,34 @@ def arrivals_of(source: Source) -> Arrivals | None:
     """
     if isinstance(source, Timed):
         return source.arrivals()
-    if not isinstance(source, str | os.PathLike) or not is_plain(os.fsdecode(source)):
+    if not isinstance(source, str | os.PathLike):
         return None
     path = local_name(os.fsdecode(source))
-    side = path + SUFFIX
-    try:
-        with open(side, "rb") as file:  # noqa: PTH123
-            data = file.read()
-        size = os.stat(path).st_size  # noqa: PTH116
-    except FileNotFoundError:
+    if is_url(path):
         return None
-    except OSError as error:
-        return _none(f"{side} cannot be read: {error.strerror}")
-    return _arrivals(data, side, size)
+    for side in side_files(path):
+        try:
+            with contextlib.closing(open_file(side)) as file:
+                data = b"".join(_blocks(file))
+            return _arrivals(data, side, _content_size(path))
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            return _none(f"{side} cannot be read: {error.strerror}")
+    return None
+
+
+def _content_size(path: str) -> int:
+    """Returns the size of a local file in bytes, decompressed."""
+    if not suffix_of_compression(path):
+        return os.stat(path).st_size  # noqa: PTH116
+    with contextlib.closing(open_file(path)) as file:
+        return sum(map(len, _blocks(file)))
+
+
+def _blocks(file: BinaryIO) -> Iterator[bytes]:
+    while data := file.read(BLOCK):
+        yield data
 
 
 def _arrivals(data: bytes, side: str, size: int) -> Arrivals:
@@ -195,36 +264,34 @@ def _arrivals(data: bytes, side: str, size: int) -> Arrivals:
     if len(falls):
         # Which of the two is wrong is not known; those before are as good as in a file that was cut there.
         fault = f"{side} is damaged: offsets descend after record {falls[0]}; the rest is not used"
-        return Arrivals(end[: falls[0]], time[: falls[0]], fault)
+        return Arrivals(end[: falls[0]], time[: falls[0]], size, fault)
     within = int(np.searchsorted(end, size))  # the piece that contains the end of the log
     if within == len(end) or end[-1] == size:
-        return Arrivals(end, time)
+        return Arrivals(end, time, size)
     fault = f"{side} is for {end[-1]} bytes, but the log has {size}"
     if abs(int(time[-1]) - int(time[within])) > LOST:
         return _none(f"{fault}: it belongs to another log")
-    return Arrivals(end, time, fault)
+    return Arrivals(end, time, size, fault)
 
 
-def joined(several: Iterable[tuple[Arrivals | None, int]]) -> Arrivals | None:
-    """Returns the arrivals of files that are one recording, up to the first file without all arrivals.
-
-    Args:
-        several: The arrivals of each file, and its size in bytes.
-    """
+def joined(several: Iterable[Arrivals | None]) -> Arrivals | None:
+    """Returns the arrivals of files that are one recording, up to the first file without all arrivals."""
     ends, times, faults, start = [], [], [], 0
-    for arrivals, size in several:
+    for arrivals in several:
         if arrivals is None:
             break
         ends.append(arrivals.end + start)
         times.append(arrivals.time)
         faults += [arrivals.fault] if arrivals.fault else []
-        start += size
-        if arrivals.fault or not len(arrivals.end) or arrivals.end[-1] < size:
+        start += arrivals.size
+        if arrivals.fault or not len(arrivals.end) or arrivals.end[-1] < arrivals.size:
             break  # the arrivals of the next file must not stand for the rest of this one
     if not ends:
         return None
-    return Arrivals(np.concatenate(ends), np.concatenate(times), faults[0] if faults else None)
+    return Arrivals(
+        np.concatenate(ends), np.concatenate(times), start, faults[0] if faults else None
+    )
 
 
 def _none(fault: str) -> Arrivals:
-    return Arrivals(np.empty(0, np.int64), np.empty(0, np.int64), fault)
+    return Arrivals(np.empty(0, np.int64), np.empty(0, np.int64), 0, fault)

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from datetime import UTC, datetime
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.log.arrivals import Arrivals
 from xbus.log.identity import HEAD_MESSAGES
-from xbus.log.log import Log
+from xbus.log.log import Log, MissingDeviceError
 from xbus.log.pacing import ReplayPace
 from xbus.log.source import Readable
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import RECEIVER, device_of
 from xbus.wire.codec import encode_frame
+from xbus.wire.message import Message
 
 __all__ = [
-    "NEEDED", "Between", "Chunk", "Moment", "Parts", "cut", "seconds_of", "split_by_device", "split_by_size",
-    "split_by_time",
+    "NEEDED", "Chunk", "Parts", "cut", "device_heads", "split_by_device", "split_by_size", "split_by_time",
 ]  # fmt: skip
 
-#: A place in a recording: seconds since its first sample, or UTC as a datetime or text in ISO 8601.
-Moment = float | str | datetime | np.datetime64
-#: From the first moment on, up to but without the second; None for the start and the end.
-Between = tuple[Moment | None, Moment | None]
 #: Quantities to read from a log that is cut.
 NEEDED = (*RECEIVER, "utc_time")
 #: Reads the parts of a log from an input.
@@ -37,26 +33,45 @@ Parts = Callable[[Readable], Iterator[Log]]
 TOLERANCE = 1e-6
 
 
+#: The ranges of frames that are repeated.
+NOWHERE = np.empty(0, np.int64)
+
+
 class Chunk(NamedTuple):
     """Bytes of a piece.
 
     Attributes:
         piece: Number of the piece; the BID of a device.
         data: The next bytes of the piece.
+        start: Offset in the recording at which each range of bytes in ``data`` begins, ``(n,)`` int64. No
+            ranges stand for frames that are repeated at the start of a piece.
+        end: Offset at which it ends.
     """
 
     piece: int
     data: bytes
+    start: npt.NDArray[np.int64] = NOWHERE
+    end: npt.NDArray[np.int64] = NOWHERE
 
 
 class _Tee:
-    """An input that keeps the bytes that were read from it until they are taken."""
+    """An input that keeps the bytes that were read from it until they are taken.
 
-    def __init__(self, source: Readable) -> None:
+    Args:
+        source: The input.
+        arrivals: When its bytes arrived, or None if that is not known.
+    """
+
+    def __init__(self, source: Readable, arrivals: Arrivals | None = None) -> None:
         #: From a buffered pipe, ``read1`` returns what is there.
         self._read = getattr(source, "read1", source.read)
+        self._arrivals = arrivals
         self._kept = bytearray()
         self._start = 0
+
+    def arrivals(self) -> Arrivals | None:
+        """Returns the arrivals of the bytes."""
+        return self._arrivals
 
     def read(self, size: int = -1, /) -> bytes:
         """Returns at most ``size`` bytes."""
@@ -64,37 +79,78 @@ class _Tee:
         self._kept += data
         return data
 
-    def take(self, end: int) -> bytes:
-        """Returns the bytes up to an offset that were not taken yet."""
-        count = end - self._start
+    def take(self, piece: int, end: int) -> Chunk:
+        """Returns the bytes up to an offset that were not taken yet, as bytes of a piece."""
+        start, count = self._start, end - self._start
         data = bytes(self._kept[:count])
         del self._kept[:count]
         self._start = end
-        return data
+        return Chunk(piece, data, np.array([start]), np.array([end]))
 
 
 class _Head:
-    """The frames that every piece starts with: the latest of each of `HEAD_MESSAGES`."""
+    """The frames that every piece starts with: the latest of each of `HEAD_MESSAGES`.
 
-    def __init__(self) -> None:
+    Args:
+        bid: The only device in the pieces, or None. The messages of other BIDs describe it too as long as it
+            is the only one that sends samples, as in `identity_of`.
+    """
+
+    def __init__(self, bid: int | None = None) -> None:
+        self._bid = bid
         self._frames: dict[tuple[bool, int, int], bytes] = {}
 
     def add(self, part: Log, start: int, end: float) -> None:
         """Adds the messages of a part between two offsets."""
-        messages = part.messages
-        is_head = np.isin(messages.mid, HEAD_MESSAGES)
-        is_head &= (messages.offset >= start) & (messages.offset < end)
-        for row in np.flatnonzero(is_head).tolist():
-            message = messages[row]
-            frame = encode_frame(message.mid, message.payload, bid=message.bid)
-            is_other = message.mid != MessageId.Configuration
-            self._frames[is_other, message.mid, message.bid] = frame
+        for message in _head_messages(part):
+            if start <= message.offset < end:
+                frame = encode_frame(message.mid, message.payload, bid=message.bid)
+                is_other = message.mid != MessageId.Configuration
+                self._frames[is_other, message.mid, message.bid] = frame
 
-    def __bytes__(self) -> bytes:
-        return b"".join(frame for _, frame in sorted(self._frames.items()))
+    def frames(self, devices: Iterable[int]) -> bytes:
+        """Returns the frames.
+
+        Args:
+            devices: The devices that have sent samples, by BID; 1 stands for FF too.
+        """
+        return b"".join(
+            frame
+            for (_, _, bid), frame in sorted(self._frames.items())
+            if self._bid is None or device_of(bid) == self._bid or set(devices) <= {self._bid}
+        )
 
 
-def cut(source: Readable, parts: Parts, start: float, end: float) -> Iterator[bytes]:
+def _head_messages(part: Log) -> Iterator[Message]:
+    rows = np.flatnonzero(np.isin(part.messages.mid, HEAD_MESSAGES))
+    return (part.messages[row] for row in rows.tolist())
+
+
+def _only(part: Log, chunk: Chunk, bid: int) -> Chunk:
+    """Returns the frames of one device in bytes of a part."""
+    own = part.of_device(bid)
+    begin, end = int(chunk.start[0]), int(chunk.end[0])
+    starts = np.sort(np.concatenate([own.offset, own.messages.offset]))
+    starts = starts[slice(*np.searchsorted(starts, [begin, end]).tolist())]
+    frames = []
+    for start in (starts - begin).tolist():
+        size = _core.frame_size(chunk.data[start : start + _core.EXTENDED_HEADER_SIZE])
+        assert size is not None  # noqa: S101 - a frame that was accepted
+        frames.append(chunk.data[start : start + size])
+    return Chunk(
+        chunk.piece, b"".join(frames), starts, starts + np.array(list(map(len, frames)), np.int64)
+    )
+
+
+def cut(
+    source: Readable,
+    parts: Parts,
+    start: float,
+    end: float,
+    *,
+    bid: int | None = None,
+    arrivals: Arrivals | None = None,
+) -> Iterator[Chunk]:
     """Yields the bytes of a recording between two times, with its Configuration at the start.
 
     The bytes begin with the frame of the first sample at or after ``start``, or with the first byte of the
@@ -105,8 +161,11 @@ def cut(source: Readable, parts: Parts, start: float, end: float) -> Iterator[by
         parts: Reads the parts of a log, with the quantities in `NEEDED`.
         start: Seconds since the first sample.
         end: The same.
+        bid: Leave out other devices, strings and damage; the times are those of this device.
+        arrivals: When the bytes of the recording arrived, for the host times of the parts.
 
     Raises:
+        MissingDeviceError: The device has no samples.
         ValueError: The samples have no time stamps.
     """
     pace = ReplayPace(math.inf)
@@ -115,18 +174,22 @@ def cut(source: Readable, parts: Parts, start: float, end: float) -> Iterator[by
         times = pace.times(part) + TOLERANCE
         return (times >= start).astype(np.int64) + (times >= end)
 
-    for piece, data in _pieces(source, parts, number, 0 if start > 0 else 1):
-        if piece == 1:
-            yield data
-        elif piece == 2:
+    tee = _Tee(source, arrivals)
+    for chunk in _pieces(tee, parts, number, 0 if start > 0 else 1, bid):
+        if chunk.piece == 1:
+            yield chunk
+        elif chunk.piece == 2:
             break
     _check_stamps(pace)
 
 
-def split_by_time(source: Readable, parts: Parts, seconds: float) -> Iterator[Chunk]:
+def split_by_time(
+    source: Readable, parts: Parts, seconds: float, *, bid: int | None = None
+) -> Iterator[Chunk]:
     """Yields the chunks of pieces that last this long.
 
     Raises:
+        MissingDeviceError: The device has no samples.
         ValueError: The samples have no time stamps.
     """
     pace = ReplayPace(math.inf)
@@ -134,12 +197,20 @@ def split_by_time(source: Readable, parts: Parts, seconds: float) -> Iterator[Ch
     def number(part: Log) -> npt.NDArray[np.int64]:
         return ((pace.times(part) + TOLERANCE) // seconds).astype(np.int64)
 
-    yield from _pieces(source, parts, number, 0)
+    yield from _pieces(_Tee(source), parts, number, 0, bid)
     _check_stamps(pace)
 
 
-def split_by_size(source: Readable, parts: Parts, size: int) -> Iterator[Chunk]:
-    """Yields the chunks of pieces that end with the first sample at which they have this many bytes."""
+def split_by_size(
+    source: Readable, parts: Parts, size: int, *, bid: int | None = None
+) -> Iterator[Chunk]:
+    """Yields the chunks of pieces that end with the first sample at which they have this many bytes.
+
+    The bytes of other devices count, too, although they are left out with ``bid``.
+
+    Raises:
+        MissingDeviceError: The device has no samples.
+    """
     piece = start = 0
 
     def number(part: Log) -> npt.NDArray[np.int64]:
@@ -154,137 +225,108 @@ def split_by_size(source: Readable, parts: Parts, size: int) -> Iterator[Chunk]:
             at = full
         return numbers
 
-    yield from _pieces(source, parts, number, 0)
+    yield from _pieces(_Tee(source), parts, number, 0, bid)
 
 
 def _pieces(
-    source: Readable, parts: Parts, number: Callable[[Log], npt.NDArray[np.int64]], piece: int
+    tee: _Tee,
+    parts: Parts,
+    number: Callable[[Log], npt.NDArray[np.int64]],
+    piece: int,
+    bid: int | None,
 ) -> Iterator[Chunk]:
     """Yields the chunks of pieces, each of which begins with the frame of a sample.
 
     Args:
-        source: The recording.
+        tee: The recording.
         parts: Reads its parts.
         number: Returns the number of the piece of each sample of the next part; never descending.
         piece: Number of the piece with the first byte.
+        bid: The only device in the pieces, or None for all.
     """
-    tee, head = _Tee(source), _Head()
+    device = None if bid is None else device_of(bid)
+    head = _Head(device)
+    devices: set[int] = set()
     start = end = 0
     is_first = True
+
+    def taken(upto: int) -> Iterator[Chunk]:
+        chunk = tee.take(piece, upto)
+        chunk = chunk if device is None else _only(part, chunk, device)
+        if chunk.data:
+            yield chunk
+
     for part in parts(tee):
-        numbers = number(part)
+        devices |= set(np.unique(device_of(part.bid)).tolist())
+        own = part if device is None else part.of_device(device)
+        numbers = number(own)
         if is_first and len(numbers):
             piece = max(piece, int(numbers[0]))  # what precedes the first sample belongs to it
             is_first = False
         changes = np.flatnonzero(np.diff(numbers, prepend=piece))
         for row in changes.tolist():
-            offset = int(part.offset[row])
-            if data := tee.take(offset):
-                yield Chunk(piece, data)
+            offset = int(own.offset[row])
+            yield from taken(offset)
             head.add(part, start, offset)
             start, piece = offset, int(numbers[row])
-            if head_bytes := bytes(head):
-                yield Chunk(piece, head_bytes)
+            if frames := head.frames(devices):
+                yield Chunk(piece, frames)
         end += part.stats.bytes
-        if data := tee.take(end):
-            yield Chunk(piece, data)
+        yield from taken(end)
         head.add(part, start, math.inf)
         start = end
+    if device is not None and device not in devices:
+        raise MissingDeviceError(device, sorted(devices))
 
 
-def split_by_device(source: Readable, parts: Parts) -> Iterator[Chunk]:
+def split_by_device(source: Readable, parts: Parts, heads: Mapping[int, bytes]) -> Iterator[Chunk]:
     """Yields the frames of each device; strings and damage, which name no device, are left out.
 
     The number of a piece is the BID of its device, 1 for FF.
-    """
-    tee = _Tee(source)
-    offset = 0
-    for part in parts(tee):
-        end = offset + part.stats.bytes
-        data = tee.take(end)
-        starts = np.concatenate([part.offset, part.messages.offset]) - offset
-        bids = device_of(np.concatenate([part.bid, part.messages.bid]))
-        order = np.argsort(starts)
-        pieces: dict[int, list[bytes]] = {}
-        for start, bid in zip(starts[order].tolist(), bids[order].tolist(), strict=True):
-            size = _core.frame_size(data[start : start + _core.EXTENDED_HEADER_SIZE])
-            assert size is not None  # noqa: S101 - a frame that was accepted
-            pieces.setdefault(bid, []).append(data[start : start + size])
-        for bid, found in pieces.items():
-            yield Chunk(bid, b"".join(found))
-        offset = end
-
-
-def seconds_of(moments: Between, parts: Callable[[], Iterator[Log]]) -> tuple[float, float]:
-    """Returns moments as seconds since the first sample.
 
     Args:
-        moments: The moments.
-        parts: Reads the parts of the recording, with the quantities in `NEEDED`, if UTC is needed.
-
-    Raises:
-        ValueError: A moment is no time, the second is not after the first, or the recording has no valid UTC.
+        source: The recording.
+        parts: Reads its parts.
+        heads: The frames to put before those of each device, from `device_heads`.
     """
-    if len(moments) != 2:
-        raise ValueError(f"between has two moments, a start and an end, not {moments!r}")
-    wanted = [_moment(moment) for moment in moments]
-    if any(isinstance(moment, np.datetime64) for moment in wanted):
-        times, utc = _utc(parts())
-        origin = utc[0]
-        known = (utc - origin) / np.timedelta64(1, "s")
-        wanted = [
-            _interpolated((moment - origin) / np.timedelta64(1, "s"), known, times)
-            if isinstance(moment, np.datetime64)
-            else moment
-            for moment in wanted
-        ]
-    start, end = wanted
-    start = 0.0 if start is None else float(start)
-    end = math.inf if end is None else float(end)
-    if not start < end:
-        raise ValueError(f"the end must be after the start: {moments[0]} to {moments[1]}")
-    return start, end
+    tee = _Tee(source)
+    begun: set[int] = set()
+    end = 0
+    for part in parts(tee):
+        end += part.stats.bytes
+        chunk = tee.take(0, end)
+        for bid in np.unique(device_of(np.concatenate([part.bid, part.messages.bid]))).tolist():
+            if bid not in begun and bid in heads:
+                yield Chunk(bid, heads[bid])
+            begun.add(bid)
+            yield _only(part, chunk._replace(piece=bid), bid)
 
 
-def _moment(moment: Moment | None) -> float | np.datetime64 | None:
-    if moment is None or isinstance(moment, np.datetime64):
-        return moment
-    if isinstance(moment, int | float | np.number):
-        if math.isnan(moment):
-            raise ValueError("a moment must be a number of seconds or UTC, not NaN")
-        return float(moment)
-    try:
-        date = datetime.fromisoformat(moment) if isinstance(moment, str) else moment
-        if date.tzinfo is not None:
-            date = date.astimezone(UTC).replace(tzinfo=None)
-        return np.datetime64(date, "ns")
-    except (AttributeError, ValueError):
-        raise ValueError(
-            f"{moment!r} is neither seconds nor UTC such as 2026-11-22T09:30:00"
-        ) from None
+def device_heads(parts: Iterable[Log]) -> dict[int, bytes]:
+    """Returns the frames that identify each device and would otherwise not be at the start of its piece.
 
+    These are its own messages after its first sample, and those of other BIDs if no other device sends
+    samples: each part then has the identity that the device has in the whole recording.
 
-def _utc(parts: Iterator[Log]) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.datetime64]]:
-    """Returns seconds since the first sample, and UTC, where UTC is known."""
-    pace = ReplayPace(math.inf)
-    times, dates = [], []
+    Args:
+        parts: The parts of the whole recording.
+    """
+    first: dict[int, int] = {}
+    messages: dict[tuple[int, int], Message] = {}
     for part in parts:
-        seconds = pace.times(part)
-        is_known = ~np.isnat(part.utc)
-        times.append(seconds[is_known])
-        dates.append(part.utc[is_known])
-    if not sum(map(len, times)):
-        raise ValueError("the recording has no valid UTC; use seconds")
-    return np.concatenate(times), np.concatenate(dates)
-
-
-def _interpolated(
-    at: np.float64, known: npt.NDArray[np.float64], times: npt.NDArray[np.float64]
-) -> float:
-    order = np.argsort(known, kind="stable")
-    known, times = known[order], times[order]
-    beyond = min(at - known[0], 0.0) + max(at - known[-1], 0.0)
-    return float(np.interp(at, known, times) + beyond)
+        devices, rows = np.unique(device_of(part.bid), return_index=True)
+        for device, row in zip(devices.tolist(), rows.tolist(), strict=True):
+            first.setdefault(device, part.first_sample + row)
+        for message in _head_messages(part):
+            messages.setdefault((message.mid, message.bid), message)
+    heads = {}
+    for device, sample in first.items():
+        heads[device] = b"".join(
+            encode_frame(message.mid, message.payload, bid=message.bid)
+            for message in messages.values()
+            if (message.sample > sample if device_of(message.bid) == device else len(first) == 1)
+        )
+    return heads
 
 
 def _check_stamps(pace: ReplayPace) -> None:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     import polars as pl
     import pyarrow as pa
 
-__all__ = ["Log", "LogDevice", "steady_time"]
+__all__ = ["Log", "LogDevice", "MissingDeviceError", "steady_time"]
 
 #: Quantities from which the UTC of samples is known.
 UTC_SOURCES = ("utc_time", "gnss_pvt_data")
@@ -48,6 +48,20 @@ DAMAGE = np.dtype([("offset", "i8"), ("length", "i8"), ("reason", "U12")])
 def steady_time(log: Log) -> npt.NDArray[np.float64]:
     """Returns the time of each sample, ``(N,)``; NaN for those of the GNSS receiver, which has its own."""
     return steady_time_of(log._core)
+
+
+class MissingDeviceError(ValueError):
+    """A log has no samples of a device.
+
+    Args:
+        device: BID or identifier of the device.
+        bids: BIDs of the devices that sent samples.
+    """
+
+    def __init__(self, device: int, bids: Iterable[int]) -> None:
+        found = ", ".join(map(str, bids))
+        there = f"those of BID {found}" if found else "no samples"
+        super().__init__(f"no samples of device {device}; the log has {there}")
 
 
 class LogDevice(NamedTuple):
@@ -343,7 +357,7 @@ class Log(ByQuantity[Column]):
             which: BID (1 for FF too) or device identifier.
 
         Raises:
-            ValueError: The log has no samples of this device.
+            MissingDeviceError: The log has no samples of this device; a ValueError.
 
         >>> import xbus
         >>> frames = [xbus.encode_sample({"temperature": 20.0 + bid}, bid=bid) for bid in (1, 2, 1)]
@@ -353,8 +367,7 @@ class Log(ByQuantity[Column]):
         for device in self.devices:
             if which == device.device_id or device_of(device.bid) == _device(which):
                 return self.of_device(device.bid)
-        found = ", ".join(str(device.bid) for device in self.devices) or "none"
-        raise ValueError(f"no samples of device {which}; the log has those of BID {found}")
+        raise MissingDeviceError(which, [device.bid for device in self.devices])
 
     def of_device(self, bid: int, first_sample: int = 0) -> Log:
         """Returns the part of one device, which may have no samples in it.

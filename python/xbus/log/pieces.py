@@ -103,13 +103,23 @@ class Ends:
 
 @dataclass(frozen=True)
 class Piece:
-    """One of the inputs of a recording."""
+    """One of the inputs of a recording.
+
+    Attributes:
+        source: The input.
+        name: Its name for messages.
+        ends: What its start and its end show.
+        arrivals: When its bytes arrived, or None.
+        size: Its size in bytes, or None if that is not known.
+        start: Where it begins if it is a file object.
+    """
 
     source: Source
     name: str
     ends: Ends
     arrivals: Arrivals | None
     size: int | None
+    start: int = 0
 
 
 def piece_name(path: str) -> PieceName:
@@ -174,12 +184,18 @@ class Pieces:
             if self._file is None:
                 if not self._unopened:
                     return b""
-                source = self._unopened.pop(0).source
-                self._file = open_binary(source)
-                self._is_owned = self._file is not source
+                piece = self._unopened.pop(0)
+                self._file = open_binary(piece.source)
+                self._is_owned = self._file is not piece.source
+                if not self._is_owned:
+                    self._file.seek(piece.start)  # type: ignore[attr-defined]
             if data := self._file.read(size):
                 return data
             self.close()
+
+    def again(self) -> Pieces:
+        """Returns the same pieces, to be read from their start."""
+        return Pieces(self._pieces, self.notes)
 
     def close(self) -> None:
         """Closes the current piece, unless the caller opened it."""
@@ -192,10 +208,7 @@ class Pieces:
 
     def arrivals(self) -> Arrivals | None:
         """Returns the arrivals of the bytes, from the side files; None if a piece has none."""
-        return joined(
-            (None if piece.size is None else piece.arrivals, piece.size or 0)
-            for piece in self._pieces
-        )
+        return joined(piece.arrivals for piece in self._pieces)
 
 
 def pieces_of(
@@ -250,7 +263,9 @@ def _piece(source: Source, at: int) -> Piece:
         size = os.stat(local_name(name)).st_size if is_plain(name) else None  # noqa: PTH116
     elif not isinstance(source, Readable):
         size = len(array_of(source))
-    return Piece(source, name, _ends(source), arrivals_of(source), size)
+    ends = _ends(source)
+    start = source.tell() if isinstance(source, Readable) else 0  # type: ignore[attr-defined]
+    return Piece(source, name, ends, arrivals_of(source), size, start)
 
 
 def _ends(source: Source) -> Ends:

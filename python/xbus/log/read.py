@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 import os
-import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 from xbus import _core
 from xbus.errors import DecodeError
 from xbus.log.arrivals import HostTimes, arrivals_of
-from xbus.log.cutting import NEEDED, Between, cut, seconds_of
+from xbus.log.cut_source import CutSource
+from xbus.log.cutting import NEEDED
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
-from xbus.log.log import Log
-from xbus.log.pieces import pieces_of
+from xbus.log.log import Log, MissingDeviceError
+from xbus.log.moments import Between, seconds_of
+from xbus.log.pieces import Pieces, pieces_of
 from xbus.log.source import (
     LONGEST,
     QuantityFilter,
@@ -28,7 +29,7 @@ from xbus.log.source import (
 )
 from xbus.protocol.keys import Key
 from xbus.protocol.values import StringType
-from xbus.wire.strings import mask_of
+from xbus.wire.strings import mask_of, string_types
 
 __all__ = ["BLOCK", "STEP", "cut_parts", "iter_log", "read_log", "reader_of", "thread_count"]
 
@@ -58,7 +59,7 @@ def read_log(
         source: A path, bytes, a uint8 array, a binary file object, or (with the extra ``fsspec``) a URL.
             Files are not mapped: one that another program truncates simply ends there. Files whose names
             end in .gz, .xz, .bz2 or (extra ``zstd``) .zst are decompressed. Arrays are not copied. A side
-            file ``NAME.times`` with the arrivals of ``NAME`` gives `Log.host_time`.
+            file ``NAME.times`` with the arrivals of ``NAME`` or ``NAME.gz`` gives `Log.host_time`.
 
             A list or tuple of these is one recording in pieces, in any order: each must continue another
             one. The names that the recorder gives (``walk.mtb``, ``walk-0001.mtb``) determine the order;
@@ -74,7 +75,8 @@ def read_log(
             a number of seconds since the first sample, or UTC as a datetime or as text
             (``"2026-11-22T09:30:00"``); None stands for the start or the end. The log is that of the bytes
             of these samples, behind the Configuration, as ``xbus cut`` writes them: `Log.offset`, the
-            sample indices and the unwrapping of times start there, and `Log.host_time` is not known.
+            sample indices and the unwrapping of times start there. `Log.host_time` is that of the whole log.
+            With ``bid``, the seconds are those of this device.
         allow_restart: Accept that the device restarted between two pieces. This is always accepted if the
             names say that the recorder started one file after the other.
         threads: Number of threads that decode; None for one per processor. It never changes the result.
@@ -83,6 +85,7 @@ def read_log(
     Raises:
         DecodeError: With ``strict``, at the first damage.
         ImportError: The extra for a URL or a compressed file is not installed.
+        MissingDeviceError: The log has no samples of the device ``bid``.
         OSError: The file cannot be read.
         TypeError: The source, or a key, is of the wrong type.
         ValueError: A quantity or string type that does not exist, a rate that is not a positive number,
@@ -95,23 +98,23 @@ def read_log(
     >>> log["euler_angles"].fields
     ('roll', 'pitch', 'yaw')
     """
-    keep = quantity_filter(quantities)
-    source = _one_source(source, between, rate, allow_restart=allow_restart)
+    keep, kinds = quantity_filter(quantities), string_types(strings)
+    source = _one_source(source, between, rate, bid, kinds, allow_restart=allow_restart)
     threads = thread_count(threads)
     reader = reader_of(
         source,
         strict=strict,
         quantities=keep,
-        strings=mask_of(strings),
+        strings=mask_of(kinds),
         rate=rate,
         threads=threads,
     )
-    arrivals = arrivals_of(source)
+    host_times = _host_times(source)
     while reader.advance(STEP * threads):
         pass
     part = reader.take()
-    log = Log(part, quantities=keep, host_times=HostTimes(part, arrivals))
-    return log if bid is None else log.device(bid)
+    log = Log(part, quantities=keep, host_times=host_times(part))
+    return log if bid is None or between is not None else log.device(bid)
 
 
 def iter_log(
@@ -136,7 +139,8 @@ def iter_log(
         block_bytes: Approximate size of a part, in bytes of input.
         strict: Raise at the first damage, after the part with the samples before it.
         quantities: As in `read_log`.
-        bid: As in `read_log`. Parts without samples of the device are empty.
+        bid: As in `read_log`. Parts without samples of the device are empty; the error follows the last part
+            if all are.
         rate: As in `read_log`.
         strings: As in `read_log`.
         between: As in `read_log`.
@@ -152,21 +156,21 @@ def iter_log(
     """
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
-    keep = quantity_filter(quantities)
-    source = _one_source(source, between, rate, allow_restart=allow_restart)
+    keep, kinds = quantity_filter(quantities), string_types(strings)
+    source = _one_source(source, between, rate, bid, kinds, allow_restart=allow_restart)
     reader = reader_of(
         source,
         strict=strict,
         quantities=keep,
-        strings=mask_of(strings),
+        strings=mask_of(kinds),
         part_bytes=block_bytes,
         rate=rate,
     )
-    arrivals = arrivals_of(source)
+    host_times = _host_times(source)
 
     def parts() -> Iterator[Log]:
         identities: dict[int, Identity] = {}
-        clocks: dict[int, HostClock] = {}
+        bids: dict[int, None] = {}
         first_sample = 0
         more = True
         while more:
@@ -176,55 +180,82 @@ def iter_log(
             except DecodeError as error:
                 fault = error
             core = reader.take()
-            host_times = HostTimes(core, arrivals, clocks)
-            if arrivals is not None:
-                clocks = host_times.clocks
-            part = Log(core, quantities=keep, identities=identities, host_times=host_times)
+            part = Log(core, quantities=keep, identities=identities, host_times=host_times(core))
             identities = part._identities
-            if bid is not None:
+            if bid is not None and between is None:
+                bids |= dict.fromkeys(device.bid for device in part.devices)
                 part = part.of_device(bid, first_sample)
                 first_sample += len(part)
             yield part
             if fault is not None:
                 raise fault
+        if bid is not None and between is None and not first_sample:
+            raise MissingDeviceError(bid, bids)
 
     return parts()
+
+
+def _host_times(source: Source) -> Callable[[_core.Part], HostTimes]:
+    """Returns a function that returns the host times of the next part of a source."""
+    if isinstance(source, CutSource):
+        return source.host_times
+    arrivals = arrivals_of(source)
+    clocks: dict[int, HostClock] = {}
+
+    def host_times(part: _core.Part) -> HostTimes:
+        nonlocal clocks
+        found = HostTimes(part, arrivals, clocks)
+        if arrivals is not None:
+            clocks = found.clocks
+        return found
+
+    return host_times
 
 
 def _one_source(
     source: Source | Sequence[Source],
     between: Between | None,
     rate: float | None,
+    bid: int | None,
+    strings: Sequence[StringType],
     *,
     allow_restart: bool,
 ) -> Source:
     """Returns one source for the pieces of a recording, or for a part of it."""
-
-    def whole() -> Source:
-        if isinstance(source, list | tuple):
-            return pieces_of(source, allow_restart=allow_restart)
-        return source  # type: ignore[return-value]
-
+    whole: Source = source  # type: ignore[assignment]
+    if isinstance(source, list | tuple):
+        whole = pieces_of(source, allow_restart=allow_restart)
     if between is None:
-        return whole()
+        return whole
+    arrivals = arrivals_of(whole)
+
+    def opened() -> Any:
+        return open_binary(whole.again() if isinstance(whole, Pieces) else whole)
 
     def parts() -> Iterator[Log]:
         """Reads the recording once before it is cut."""
-        opened: Any = open_binary(whole())
-        is_given = opened is source
-        if is_given and not hasattr(opened, "seek"):
+        file = opened()
+        is_given = file is source
+        if is_given and not hasattr(file, "seek"):
             raise ValueError("a stream cannot be cut by UTC, because it is read once; use seconds")
-        start = opened.tell() if is_given else 0
-        yield from cut_parts(opened, rate)
+        start = file.tell() if is_given else 0
+        yield from cut_parts(file, rate=rate, bid=bid, strings=strings)
         if is_given:
-            opened.seek(start)
+            file.seek(start)
         else:
-            opened.close()
+            file.close()
 
     start, end = seconds_of(between, parts)
-    opened: Any = open_binary(whole())
-    chunks = cut(opened, lambda tee: cut_parts(tee, rate), start, end)
-    return _Cut(chunks, None if opened is source else opened)
+    file = opened()
+    return CutSource(
+        file,
+        lambda tee: cut_parts(tee, rate=rate, strings=strings),
+        start,
+        end,
+        bid=bid,
+        arrivals=arrivals,
+        is_owned=file is not source,
+    )
 
 
 def thread_count(threads: int | None) -> int:
@@ -238,34 +269,17 @@ def thread_count(threads: int | None) -> int:
     return threads or os.cpu_count() or 1
 
 
-def cut_parts(source: Readable, rate: float | None = None) -> Iterator[Log]:
-    """Returns the parts of a log that is cut; `rate` is as in `read_log`."""
-    return iter_log(source, block_bytes=CUT_BLOCK, quantities=NEEDED, rate=rate)
-
-
-class _Cut:
-    """A part of a recording as a file object."""
-
-    def __init__(self, chunks: Iterator[bytes], owned: Any) -> None:
-        self._chunks = chunks
-        self._data = memoryview(b"")
-        self._owned = owned
-
-    def __del__(self) -> None:
-        if self._owned is not None:
-            self._owned.close()
-
-    def read(self, size: int = -1, /) -> bytes:
-        """Returns at most ``size`` bytes; none at the end."""
-        if size < 0:
-            size = sys.maxsize
-            self._data = memoryview(b"".join([self._data, *self._chunks]))
-        while not self._data:
-            if (chunk := next(self._chunks, None)) is None:
-                break
-            self._data = memoryview(chunk)
-        data, self._data = self._data[:size], self._data[size:]
-        return bytes(data)
+def cut_parts(
+    source: Readable,
+    *,
+    rate: float | None = None,
+    bid: int | None = None,
+    strings: Iterable[StringType | str] = (),
+) -> Iterator[Log]:
+    """Returns the parts of a log that is cut; the arguments are those of `read_log`."""
+    return iter_log(
+        source, block_bytes=CUT_BLOCK, quantities=NEEDED, rate=rate, bid=bid, strings=strings
+    )
 
 
 def reader_of(

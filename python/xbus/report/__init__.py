@@ -26,6 +26,8 @@ def write_report(
     path: str | os.PathLike[str],
     *,
     title: str | None = None,
+    bid: int | None = None,
+    rate: float | None = None,
     strings: Iterable[StringType | str] = (),
 ) -> None:
     """Writes a report about a log: its device, losses, plots, track, status and sensor noise.
@@ -36,10 +38,13 @@ def write_report(
         source: As in `xbus.read_log`.
         path: The HTML file. It appears complete or not at all.
         title: Title of the page. Default: the name of the file, or "recording" if there is none.
+        bid: As in `xbus.read_log`.
+        rate: As in `xbus.read_log`.
         strings: As in `xbus.read_log`.
 
     Raises:
         ImportError: The extra ``report`` is not installed.
+        MissingDeviceError: The log has no samples of the device ``bid``.
         OSError: The log cannot be read, or the page cannot be written.
 
     >>> import tempfile
@@ -55,7 +60,8 @@ def write_report(
         title = "recording"
         if isinstance(source, str | os.PathLike):
             title = os.path.basename(os.fspath(source))  # noqa: PTH119 - pathlib is slow to import
-    write_page(gather(source, strings), path, title=title, plotly=plotly)
+    data = gather(source, bid=bid, rate=rate, strings=strings)
+    write_page(data, path, title=title, plotly=plotly)
 
 
 def plotly_js() -> str:
@@ -71,11 +77,24 @@ def plotly_js() -> str:
     return script
 
 
-def gather(source: Source, strings: Iterable[StringType | str] = ()) -> ReportData:
-    """Reads a log and returns the content of its report."""
+def gather(
+    source: Source,
+    *,
+    bid: int | None = None,
+    rate: float | None = None,
+    strings: Iterable[StringType | str] = (),
+) -> ReportData:
+    """Reads a log and returns the content of its report.
+
+    Args:
+        source: As in `xbus.read_log`.
+        bid: As in `xbus.read_log`.
+        rate: As in `xbus.read_log`.
+        strings: As in `xbus.read_log`.
+    """
     # Numbers in a log can have any size; they are shown as inf if they overflow.
     with np.errstate(over="ignore", invalid="ignore"):
-        return ReportData(iter_log(source, block_bytes=BLOCK, strings=strings))
+        return ReportData(iter_log(source, block_bytes=BLOCK, bid=bid, rate=rate, strings=strings))
 
 
 def write_page(data: ReportData, path: str | os.PathLike[str], *, title: str, plotly: str) -> None:

@@ -35,14 +35,14 @@ pub fn is_sample(payload: &[u8]) -> bool {
 
 /// The clocks of all devices, with the rules by which a log has its times.
 #[pyclass(module = "xbus._core")]
-#[derive(Default)]
 pub struct SampleClock(Clocks);
 
 #[pymethods]
 impl SampleClock {
     #[new]
-    fn new() -> Self {
-        Self::default()
+    #[pyo3(signature = (rate=None))]
+    fn new(rate: Option<f64>) -> Self {
+        Self(Clocks::new(rate))
     }
 
     fn message(&mut self, bid: u8, mid: u8, payload: &[u8]) {
