@@ -15,7 +15,7 @@ import xbus
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests"))
 
-from streams import ahrs
+import streams
 
 __all__ = [
     "ahrs_stream",
@@ -23,6 +23,7 @@ __all__ = [
     "processor_seconds",
     "ratio",
     "seconds_argument",
+    "streams",
     "virtual_device",
 ]
 
@@ -39,7 +40,7 @@ HIGH_RATE_OUTPUTS = {
 
 def ahrs_stream(mebibytes: float) -> bytes:
     """Returns messages with counter, time, orientation, inertial and magnetic vectors, and status."""
-    return ahrs(max(1, round(mebibytes * 2**20 / AHRS_FRAME)))
+    return streams.ahrs(max(1, round(mebibytes * 2**20 / AHRS_FRAME)))
 
 
 def seconds_argument(default: float) -> float:

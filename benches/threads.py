@@ -13,9 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-import streams
 import xbus
-from common import medians
+from common import medians, streams
 
 ROUNDS = 7
 #: A recording of some megabytes, which is repeated.

@@ -415,6 +415,7 @@ def test_summary_as_json() -> None:
         "rows": 10,
         "columns": 3,
         "duration_s": 9.99,
+        "restarts": 0,
         "bytes": 166910,
         "frames": 1018,
         "strings": 0,
@@ -530,10 +531,45 @@ def test_not_enough_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def test_a_log_without_samples_is_an_empty_table() -> None:
+@pytest.mark.parametrize("out", ["out.csv", "out.npz"])
+def test_a_log_without_samples_is_not_decoded(out: str) -> None:
     Path("still.mtb").write_bytes(encode_frame(MessageId.GoToConfigAck))
-    assert decoded("still.mtb", "-o", "out.csv").startswith("out.csv: 0 rows, 2 columns; ")
-    assert Path("out.csv").read_text() == '"sample","time"\n'
+    shown = sentence(run("decode", "still.mtb", "-o", out))
+    assert shown == "still.mtb has no samples; xbus info lists the content"
+    assert not Path(out).exists()
+
+
+def test_the_summary_counts_restarts() -> None:
+    run_ = b"".join(
+        encode_frame(MessageId.MTData2, fine(100 * at)) for at in range(100, 0, -1)[::-1]
+    )
+    wake_up = encode_frame(MessageId.WakeUp)
+    Path("a.mtb").write_bytes(run_ + wake_up + run_)
+    assert "1.98 s, restarted once, " in decoded("a.mtb", "-o", "a.csv")
+    Path("b.mtb").write_bytes((run_ + wake_up) * 3)
+    result = run("decode", "b.mtb", "-o", "b.csv", "--json")
+    assert "restarted 2 times" in result.stderr
+    assert json.loads(result.stdout)["restarts"] == 2
+
+
+def test_one_sample_has_a_time() -> None:
+    """Only the duration is not known."""
+    Path("a.mtb").write_bytes(encode_frame(MessageId.MTData2, fine(100)))
+    assert "no time stamps" not in decoded("a.mtb", "-o", "a.csv")
+
+
+def test_an_unknown_protocol() -> None:
+    pytest.importorskip("fsspec")
+    shown = sentence(run("decode", "foo://x.mtb", "-o", "a.csv"))
+    assert shown == "cannot read foo://x.mtb: Protocol not known: foo; check the URL"
+
+
+@pytest.mark.parametrize("option", ["--rate", "--rate-out", "--max-gap"])
+@pytest.mark.parametrize("number", ["nan", "inf"])
+def test_numbers_are_finite(option: str, number: str) -> None:
+    result = run("decode", WALK, "-o", "a.csv", option, number)
+    assert result.exit_code == 2
+    assert f"{number} is not a finite number" in result.stderr
 
 
 def test_time_is_unwrapped() -> None:

@@ -206,6 +206,7 @@ def test_json_is_complete(tmp_path: Path) -> None:
             "offset": error.offset,
             "sample": error.sample,
             "time_s": round(log.time[error.sample - 1], 6),
+            "recorded_s": round(log.time[error.sample - 1] - log.time[0], 6),
             "name": "Error",
             "code": 41,
             "text": "more data than the baud rate can carry",

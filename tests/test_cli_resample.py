@@ -58,7 +58,7 @@ def test_npz() -> None:
     [
         (["--max-gap", "1"], "--max-gap needs --rate-out"),
         (["--rate-out", "0"], "--rate-out"),
-        (["--rate-out", "inf"], "--rate-out must be finite"),
+        (["--rate-out", "inf"], "inf is not a finite number"),
         (["--rate-out", "10", "--quantity", "delta_v"], "delta_v has no values between samples"),
         (["--rate-out", "10", "--quantity", "HEHDT"], "HEHDT is a string"),
     ],

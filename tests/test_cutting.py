@@ -263,6 +263,17 @@ def test_cut_a_device_that_is_not_there(folder: Path) -> None:
     assert [path.name for path in folder.iterdir()] == ["bus.mtb"]
 
 
+@pytest.mark.parametrize("args", [["--size", "1kB"], ["--device"]])
+def test_split_does_not_mix_with_an_earlier_run(folder: Path, args: list[str]) -> None:
+    """Readers would join the files of both."""
+    Path("bus.mtb").write_bytes(bus(b"", (1, 3)))
+    assert run("split", "bus.mtb", *args, "--out-dir", "out").exit_code == 0
+    before = {path: path.read_bytes() for path in Path("out").iterdir()}
+    shown = sentence(run("split", "bus.mtb", *args, "--out-dir", "out"))
+    assert shown.startswith("there are files of an earlier run, such as out/bus")
+    assert {path: path.read_bytes() for path in Path("out").iterdir()} == before
+
+
 def test_cut_with_a_rate_and_hex(folder: Path) -> None:
     """Every input option of the other commands works here too."""
     data = b"".join(mtdata2(counter(at)) for at in range(30))

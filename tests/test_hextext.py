@@ -42,6 +42,9 @@ FRAME = bytes.fromhex("FAFF3000D1")
         r">>> b'\xfa\xff0\x00\xd1'",
         r'b"\xfa\xff" b"0\x00\xd1"',
         "00000000: faff 3000 d1                             ..0..",
+        "00000000  fa ff 30 00 d1",
+        "0000   fa ff 30   ..0\n0003   00 d1      ..",
+        "\ufeffFA FF 30 00 D1",
         "00000000  fa ff 30 00 d1                                    |..0..|\n00000005",
     ],
 )

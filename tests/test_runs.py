@@ -70,6 +70,20 @@ def test_power_cycle(tmp_path: Path) -> None:
     assert "19.98 s, restarted once, after 10.0 s" in text
 
 
+def test_events_after_a_restart(tmp_path: Path) -> None:
+    """Their times are seconds recorded, whatever the clock shows: after the restart it starts near zero."""
+    first = b"".join(mtdata2(counter(at), fine(5_000_000 + 100 * at)) for at in range(1000))
+    second = [mtdata2(counter(at), fine(5800 + 100 * at)) for at in range(200)]
+    data = first + frame(WAKE_UP) + b"".join(second[:50]) + frame(0x42, b"\x1e")
+    data += b"".join(second[50:100] + second[110:])
+    facts, text = info(tmp_path, data)
+    assert "11.09 10 1,100" in text
+    assert "after 10.48 s: Error 30" in text
+    (gap,), (event,) = facts["gaps"], facts["events"]
+    assert gap == {"sample": 1100, "bid": 255, "time_s": 1.68, "recorded_s": 11.09, "lost": 10}
+    assert (event["time_s"], event["recorded_s"]) == (1.07, 10.48)
+
+
 @pytest.mark.parametrize("message", [b"", frame(WAKE_UP)])
 def test_restart_of_counter_and_clock(message: bytes) -> None:
     """A restart is found with and without the WakeUp."""

@@ -158,8 +158,15 @@ def test_one_table_per_tracker(tracker: str) -> None:
     assert table.equals(xbus.read_log(awinda()).trackers[OTHER].to_arrow())
     assert table.column_names[:3] == ["sample", "packet_counter", "magnetic_field_x"]
     assert table.schema.field("magnetic_field_x").metadata == {b"unit": b"a.u."}
-    assert "4 samples lost in 3 gaps" in result.stderr
+    assert "3 samples lost in 2 gaps" in result.stderr
+    assert "--tracker" not in result.stderr
     assert "the file holds none" in plain(result.stderr)
+
+
+def test_a_table_of_several_trackers_says_so() -> None:
+    """Samples of two trackers in one message are one row."""
+    shown = plain(run("decode", written(awinda()), "-o", "out.parquet").stderr)
+    assert "--tracker writes all rows of one: 00B42D4B, 00B42D4C" in shown
 
 
 def test_trackers_that_are_not_there() -> None:

@@ -57,6 +57,8 @@ def open_file(name: str) -> BinaryIO:
         fsspec = require("fsspec", "fsspec", "to read from a URL")
         try:
             raw = fsspec.open(path, "rb").open()
+        except ValueError as error:  # an unknown protocol
+            raise OSError(errno.EPROTONOSUPPORT, str(error), name) from error
         except ImportError as error:
             raise ImportError(
                 f"to read {path}, {error.name or 'a library'} is needed ({error}); for http:// and "

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -241,6 +242,7 @@ def _write(
     from xbus.log.pieces import name_of_piece
 
     path = _out_path(recording, folder)
+    _check_folder(recording.files, path, by_device=by_device)
     outs: list[str] = []
     opened: dict[int, PieceFile] = {}
     with contextlib.ExitStack() as files:
@@ -268,6 +270,26 @@ def _out_path(recording: Recording, folder: str) -> str:
 def _path_of_device(path: str, bid: int) -> str:
     stem, suffix = os.path.splitext(path)  # noqa: PTH122
     return f"{stem}-bid{bid}{suffix}"
+
+
+def _check_folder(files: Sequence[str], path: str, *, by_device: bool) -> None:
+    """Raises Failure if the folder has pieces already that readers would add to those of this run."""
+    from xbus.log.pieces import piece_name
+
+    folder = os.path.dirname(path)  # noqa: PTH120
+    inputs = {os.path.abspath(local_name(name)) for name in files}  # noqa: PTH100
+    found = []
+    for name in sorted(os.listdir(folder or ".")):  # noqa: PTH208
+        other = os.path.join(folder, name)  # noqa: PTH118
+        of_device = re.sub(r"-bid[0-9]+(?=(\.[^.]*)?$)", "", other)
+        is_piece = of_device == path != other if by_device else piece_name(other).recording == path
+        if is_piece and os.path.abspath(other) not in inputs:  # noqa: PTH100
+            found.append(other)
+    if found:
+        raise Failure(
+            f"there are files of an earlier run, such as {label(found[-1])}; delete them, or choose another "
+            "--out-dir"
+        )
 
 
 @contextlib.contextmanager

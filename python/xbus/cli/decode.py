@@ -11,6 +11,7 @@ from xbus.cli.decoding import SUFFIXES, Decoding, is_string, suffix_of
 from xbus.cli.export_target import check_output
 from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import label, reading_task
+from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
 from xbus.cli.resampling import check_resampling
@@ -100,13 +101,13 @@ def _key(value: str) -> EntryKey:
 )
 @click.option(
     "--rate-out",
-    type=click.FloatRange(min=0, min_open=True),
+    type=NumberRange(min=0, min_open=True),
     metavar="HZ",
     help="Resample to one row every 1/HZ seconds: interpolated; null across gaps.",
 )
 @click.option(
     "--max-gap",
-    type=click.FloatRange(min=0),
+    type=NumberRange(min=0),
     metavar="SECONDS",
     help="With --rate-out, the longest gap to interpolate across.  [default: 2.5 steps of each quantity]",
 )

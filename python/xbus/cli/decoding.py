@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
-from xbus.cli.export_target import check_output, quality_text, writing
+from xbus.cli.export_target import check_output, quality_text, restart_count, writing
 from xbus.cli.failure import Failure
 from xbus.cli.input_options import InputOptions
 from xbus.cli.inputs import label, no_frame
@@ -96,11 +96,12 @@ class Decoding:
         table = self._table(log, names, is_npz=suffix_of(out) == ".npz")
         if self._rate is not None:
             table = resampled(log, self._keys, self._rate, self._max_gap, names)
+        tracker = None
         if self._tracker is not None:
-            table = tracker_of(log, self._tracker, names)
+            table = tracker = tracker_of(log, self._tracker, names)
         rows, columns = self._write(log, table, out, progress)
         shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
-        lines = [f"{shape}; {quality_text(log)}", *undecoded_lines(log)]
+        lines = [f"{shape}; {quality_text(log, tracker)}", *undecoded_lines(log, tracker)]
         return "\n".join(lines), self._summary(log, rows, columns)
 
     def _read(self, files: Sequence[str], progress: ShowsProgress) -> Log:
@@ -167,11 +168,13 @@ class Decoding:
     def _table(self, log: Log, names: str, *, is_npz: bool) -> Any:
         """Returns what to write: the log, the column of a quantity, or the table of a string type."""
         if not self._keys:
-            if not len(log) and not is_npz and log.strings.counts:
-                found = ", ".join(name or "others" for name in log.strings.counts)
+            found = ", ".join(name or "others" for name in log.strings.counts)
+            if not len(log) and found and not is_npz:
                 raise Failure(
                     f"{names} has no samples, only strings: {found}; choose a type with --quantity"
                 )
+            if not len(log) and not found:
+                raise Failure(f"{names} has no samples; xbus info lists the content")
             return log
         for key in self._keys:
             name = key if isinstance(key, str) else key[0]
@@ -205,6 +208,7 @@ class Decoding:
             "frames": stats.frames,
             "samples": stats.samples,
             "strings": stats.strings,
+            "restarts": restart_count(log),
             "lost_samples": stats.lost_samples,
             "gaps": stats.gaps,
             "skipped_bytes": stats.skipped_bytes,

@@ -13,6 +13,7 @@ import click
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label
+from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import align, bold, print_line
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ FIX_TIME = 5.0
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(0.5, 3600),
+    type=NumberRange(0.5, 3600),
     default=3,
     show_default=True,
     metavar="S",

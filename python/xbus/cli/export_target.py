@@ -18,8 +18,9 @@ from xbus.formatting import describe_damage, describe_losses, format_count
 if TYPE_CHECKING:
     from xbus.describe.log_summary import LogSummary
     from xbus.log.log import Log
+    from xbus.log.trackers import Tracker
 
-__all__ = ["check_output", "quality_text", "writing"]
+__all__ = ["check_output", "quality_text", "restart_count", "writing"]
 
 
 def check_output(files: Sequence[str], out: str) -> None:
@@ -58,7 +59,9 @@ def _is_counted(log: Log | LogSummary) -> bool:
     return bool((log.packet_counter != -1).any()) if isinstance(log, Log) else log.has_counter
 
 
-def _losses(log: Log | LogSummary) -> str:
+def _losses(log: Log | LogSummary, tracker: Tracker | None) -> str:
+    if tracker is not None:
+        return describe_losses(tracker.lost_samples, tracker.gaps, has_counter=True)
     if trackers := log.trackers:
         found = list(trackers.values()) if isinstance(trackers, dict) else trackers
         lost, gaps = (sum(getattr(t, name) for t in found) for name in ("lost_samples", "gaps"))
@@ -67,15 +70,33 @@ def _losses(log: Log | LogSummary) -> str:
     return describe_losses(stats.lost_samples, stats.gaps, has_counter=_is_counted(log))
 
 
-def quality_text(log: Log | LogSummary) -> str:
-    """Returns duration, losses and damage as one line."""
+def _is_stamped(log: Log | LogSummary) -> bool:
+    """Returns whether a sample has a time."""
+    from xbus.log.log import Log
+
+    return bool((log.time == log.time).any()) if isinstance(log, Log) else math.isfinite(log.start)
+
+
+def restart_count(log: Log | LogSummary) -> int:
+    """Returns how often devices restarted."""
+    from xbus.log.log import Log
+
+    bids = log.runs["bid"].tolist() if isinstance(log, Log) else [run.bid for run in log.runs]
+    return len(bids) - len(set(bids))
+
+
+def quality_text(log: Log | LogSummary, tracker: Tracker | None = None) -> str:
+    """Returns duration, restarts, losses and damage as one line; losses of one tracker if it is given."""
     stats = log.stats
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
-    if stats.samples and not parts and log.has_counter:
-        parts.append("no time stamps (--rate HZ derives them from the packet counter)")
+    if stats.samples and not _is_stamped(log):
+        remedy = " (--rate HZ derives them from the packet counter)" if log.has_counter else ""
+        parts.append(f"no time stamps{remedy}")
+    if restarts := restart_count(log):
+        parts.append("restarted once" if restarts == 1 else f"restarted {restarts:,} times")
     if stats.strings:
         parts.append(format_count(stats.strings, "string"))
-    parts.append(_losses(log))
+    parts.append(_losses(log, tracker))
     parts.append(describe_damage(stats.skipped_bytes, len(log.damage)))
     fault = getattr(log, "times_fault", None)
     return ", ".join([*parts, fault] if fault else parts)

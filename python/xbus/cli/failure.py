@@ -28,6 +28,7 @@ REMEDIES = {
     errno.ENOSPC: "free some space, or write to another disk",
     errno.EDQUOT: "free some space, or write to another disk",
     errno.EFBIG: "raise the limit (ulimit -f), or write fewer quantities",
+    errno.EPROTONOSUPPORT: "check the URL",
     errno.EBADF: "redirect it to a file, or to /dev/null",
 }
 

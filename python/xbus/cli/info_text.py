@@ -46,7 +46,7 @@ def _gaps(summary: LogSummary) -> Iterator[str]:
         return
     rows = [("after/s", "lost", "next sample")]
     rows += [
-        (_format_time(summary, gap.time), f"{gap.lost:,}", f"{gap.sample:,}")
+        (_format_time(summary, gap.sample, gap.time), f"{gap.lost:,}", f"{gap.sample:,}")
         for gap in sorted(largest, key=lambda gap: gap.sample)
     ]
     yield from align(rows, right=(0, 1, 2))
@@ -71,8 +71,8 @@ def _events(summary: LogSummary) -> Iterator[str]:
     for event in summary.events:
         kinds.setdefault((event.name, event.result), []).append(event)
     for (name, result), events in list(kinds.items())[:MAX_ROWS]:
-        time = events[0].time
-        when = "at the start" if time is None else f"after {_format_time(summary, time)} s"
+        after = _format_time(summary, events[0].sample - 1, events[0].time)
+        when = f"after {after} s" if after else "at the start"
         times = f", {len(events):,} times" if len(events) > 1 else ""
         yield from textwrap.wrap(f"{when}{times}: {name} {result}", WIDTH, subsequent_indent="  ")
     yield from _rest(len(kinds), "more kinds")
@@ -89,9 +89,10 @@ def _line(title: str, text: str) -> str:
     return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=" " * len(indent))
 
 
-def _format_time(summary: LogSummary, time: float | None) -> str:
-    """Returns the seconds since the first time stamp."""
-    return "" if time is None else f"{time - summary.start:,.2f}"
+def _format_time(summary: LogSummary, sample: int, time: float | None) -> str:
+    """Returns the seconds recorded before the time of a sample."""
+    seconds = summary.seconds_before(sample, time)
+    return "" if seconds is None else f"{seconds:,.2f}"
 
 
 def _rest(number: int, which: str) -> Iterator[str]:

@@ -12,6 +12,7 @@ import click
 
 from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, strings_option
+from xbus.cli.number_type import NumberRange
 from xbus.cli.recordings import Recording, one_recording, several_recordings
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ OPTIONS = (
     strings_option,
     click.option(
         "--rate",
-        type=click.FloatRange(min=0, min_open=True),
+        type=NumberRange(min=0, min_open=True),
         metavar="HZ",
         help="Rate of the packet counter: gives a time to samples without time stamps.",
     ),

@@ -236,7 +236,9 @@ def _open_hex(name: str) -> IO[bytes]:
     if name != STDIN:
         file.close()
     try:
-        return io.BytesIO(from_hex(text.decode("utf-8", "replace")))
+        # Notepad and PowerShell mark UTF-16 at the start of a file.
+        encoding = "utf-16" if text.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8"
+        return io.BytesIO(from_hex(text.decode(encoding, "replace")))
     except ValueError as error:
         raise Failure(f"cannot read {label(name)}: {error}") from error
 

@@ -17,6 +17,7 @@ from xbus.cli.connection import baudrate_option, connect_device, listen_option
 from xbus.cli.corrections import caster_options, check_receiver, new_corrections
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import label
+from xbus.cli.number_type import NumberRange
 from xbus.cli.recording_job import RecordingJob
 from xbus.cli.rotation import parse_rotation
 from xbus.errors import Disconnected, StateError, XbusError
@@ -76,7 +77,7 @@ def _outputs(
 @click.option("--overwrite", is_flag=True, help="Replace an existing FILE.")
 @click.option(
     "--duration",
-    type=click.FloatRange(min=0, min_open=True),
+    type=NumberRange(min=0, min_open=True),
     metavar="S",
     help="Stop after S seconds.",
 )

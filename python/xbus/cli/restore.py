@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from xbus.cli.connection import open_port
+from xbus.cli.number_type import NumberRange
 
 __all__ = ["restore"]
 
@@ -13,7 +14,7 @@ __all__ = ["restore"]
 @click.argument("port")
 @click.option(
     "--timeout",
-    type=click.FloatRange(0, 3600, min_open=True),
+    type=NumberRange(0, 3600, min_open=True),
     default=60,
     show_default=True,
     metavar="S",

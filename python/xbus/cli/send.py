@@ -10,6 +10,7 @@ import click
 
 from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure
+from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import find_name
 from xbus.errors import StateError, XbusError
 
@@ -48,7 +49,7 @@ HEX_WAIT = 0.5
 )
 @click.option(
     "--wait",
-    type=click.FloatRange(0, 3600),
+    type=NumberRange(0, 3600),
     metavar="S",
     help=f"Listen for S more seconds. Default: 0, or {HEX_WAIT} with --hex.",
 )

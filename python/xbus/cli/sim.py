@@ -11,6 +11,7 @@ import click
 
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import no_frame
+from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_line
 
 if TYPE_CHECKING:
@@ -68,13 +69,13 @@ __all__ = ["sim"]
 @click.option("--link", metavar="PATH", help="Create a symbolic link to the port.")
 @click.option(
     "--idle-timeout",
-    type=click.FloatRange(min=0, min_open=True),
+    type=NumberRange(min=0, min_open=True),
     metavar="S",
     help="With --tcp: disconnect a client that has neither sent nor read a byte for S seconds.",
 )
 @click.option(
     "--speed",
-    type=click.FloatRange(min=0, min_open=True),
+    type=NumberRange(min=0, min_open=True),
     default=1,
     show_default=True,
     metavar="X",
@@ -82,7 +83,7 @@ __all__ = ["sim"]
 )
 @click.option(
     "--duration",
-    type=click.FloatRange(min=0),
+    type=NumberRange(min=0),
     metavar="S",
     help="Exit after S seconds of device time.",
 )

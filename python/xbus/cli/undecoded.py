@@ -26,14 +26,17 @@ def check_decoded(log: Log, names: str) -> None:
         raise Failure(f"{names}: nothing was decoded: {describe_undecoded(log.undecoded)}")
 
 
-def undecoded_lines(log: Log) -> Iterator[str]:
-    """Yields what is not in the table, and why."""
+def undecoded_lines(log: Log, tracker: Tracker | None = None) -> Iterator[str]:
+    """Yields what is not in the table, and why; the table is that of the log or of a tracker."""
     from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 
     if log.undecoded:
         yield f"not decoded: {describe_undecoded(log.undecoded)}"
     if log.trackers:
         yield NO_ORIENTATION
+    if len(log.trackers) > 1 and tracker is None:
+        names = ", ".join(f"{device_id:08X}" for device_id in log.trackers)
+        yield f"the table has one tracker of each message; --tracker writes all rows of one: {names}"
 
 
 def tracker_of(log: Log, tracker: str, names: str) -> Tracker:

@@ -41,11 +41,13 @@ class Gap(NamedTuple):
         sample: Index of the sample after the gap.
         time: Time of that sample in seconds on the device clock, unwrapped; None without a time stamp.
         lost: Number of missing samples.
+        bid: BID of the device.
     """
 
     sample: int
     time: float | None
     lost: int
+    bid: int
 
 
 class Event(NamedTuple):
@@ -296,6 +298,25 @@ class LogSummary:
         """Seconds recorded, as `Log.duration`."""
         return self._runs.duration
 
+    def seconds_before(self, sample: int, time: float | None) -> float | None:
+        """Returns the seconds that were recorded before a time, without those between the runs of a device.
+
+        Args:
+            sample: Index of the sample with this time.
+            time: Seconds on the device clock, or None.
+        """
+        if time is None:
+            return None
+        runs = [run for run in self.runs if run.span.stamps]
+        inside = [run for run in runs if run.first <= sample <= run.last]
+        # Of several devices, that whose clock shows the time.
+        inside = [run for run in inside if run.span.start <= time <= run.span.end] or inside
+        if not inside:
+            return time - self.start
+        own = inside[0]
+        before = recorded(run for run in runs if run.bid == own.bid and run.first < own.first)
+        return (finite(before) or 0.0) + time - own.span.start
+
     def add(self, part: Log) -> None:
         """Adds the next part."""
         counts = asdict(self.stats)
@@ -367,8 +388,8 @@ class LogSummary:
         gaps = part.gaps
         times = part.time[gaps["sample"] - part.first_sample].tolist()
         self.gaps += [
-            Gap(sample, finite(time), lost)
-            for (sample, lost, _), time in zip(gaps.tolist(), times, strict=True)
+            Gap(sample, finite(time), lost, bid)
+            for (sample, lost, bid), time in zip(gaps.tolist(), times, strict=True)
         ]
 
     def to_dict(self, file: str) -> dict[str, Any]:
@@ -398,7 +419,13 @@ class LogSummary:
             "samples": stats.samples,
             "lost_samples": stats.lost_samples,
             "gaps": [
-                {"sample": gap.sample, "time_s": known_digits(gap.time), "lost": gap.lost}
+                {
+                    "sample": gap.sample,
+                    "bid": gap.bid,
+                    "time_s": known_digits(gap.time),
+                    "recorded_s": known_digits(self.seconds_before(gap.sample, gap.time)),
+                    "lost": gap.lost,
+                }
                 for gap in self.gaps
             ],
             "quantities": [quantity.to_dict() for quantity in self.quantities],
@@ -413,6 +440,7 @@ class LogSummary:
                     "offset": event.offset,
                     "sample": event.sample,
                     "time_s": known_digits(event.time),
+                    "recorded_s": known_digits(self.seconds_before(event.sample - 1, event.time)),
                     "name": event.name,
                     **event.result._asdict(),
                 }

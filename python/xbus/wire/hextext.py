@@ -14,6 +14,10 @@ ESCAPES = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
 XXD = re.compile(r"\s*([0-9A-Fa-f]{4,16}):\s((?:\s?[0-9A-Fa-f]{2,})+)(?:\s{2}.*)?")
 #: A line of hexdump -C.
 HEXDUMP = re.compile(r"\s*([0-9A-Fa-f]{7,16})((?:\s+[0-9A-Fa-f]{2})+)\s+\|.*\|\s*")
+#: A line of Wireshark and other dumps: offset, two spaces, bytes, and after three spaces perhaps characters.
+OFFSET = re.compile(
+    r"\s*([0-9A-Fa-f]{4,16})\s{2,}((?:[0-9A-Fa-f]{2}\s{1,2})*[0-9A-Fa-f]{2})(?:\s{3}.*)?\s*"
+)
 PYTHON_BYTES = re.compile(r"""\bb('(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*")""")
 COMMENT = re.compile(r"//.*|#.*|/\*.*?\*/")
 TIME = re.compile(r"[0-2]?[0-9]:[0-5][0-9]:[0-5][0-9]([.,][0-9]+)?")
@@ -37,7 +41,10 @@ def from_hex(text: str) -> bytes:
     'faff3000d1'
     """
     data = b""
-    for number, line in enumerate(ESCAPES.sub("", text).splitlines(), 1):
+    text = ESCAPES.sub(
+        "", text.removeprefix("\ufeff")
+    )  # the mark at the start of a file of Windows
+    for number, line in enumerate(text.splitlines(), 1):
         try:
             data += _line(line, len(data))
         except ValueError as error:
@@ -48,7 +55,7 @@ def from_hex(text: str) -> bytes:
 
 
 def _line(line: str, offset: int) -> bytes:
-    for dump in (HEXDUMP, XXD):
+    for dump in (HEXDUMP, XXD, OFFSET):
         if (found := dump.fullmatch(line)) and int(found[1], 16) == offset:
             return bytes.fromhex(found[2])
     if literals := PYTHON_BYTES.findall(line):

@@ -12,6 +12,7 @@ import click
 from xbus.cli.connection import baudrate_option, connect_device, listen_option, port_lost
 from xbus.cli.failure import stop_requested
 from xbus.cli.inputs import label, strings_option
+from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_json, print_line
 from xbus.errors import Disconnected
 
@@ -29,13 +30,13 @@ __all__ = ["monitor"]
 @listen_option
 @click.option(
     "--speed",
-    type=click.FloatRange(min=0, min_open=True),
+    type=NumberRange(min=0, min_open=True),
     metavar="X",
     help="Replay speed of FILE; 2 is twice as fast as recorded.",
 )
 @click.option(
     "--once",
-    type=click.FloatRange(min=0, min_open=True),
+    type=NumberRange(min=0, min_open=True),
     metavar="S",
     help="Print the state after S seconds and exit, for scripts.",
 )
