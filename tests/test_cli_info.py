@@ -81,11 +81,11 @@ gnss_pvt_data                  38      3.9
 
 gaps
 after/s  lost  next sample
-   0.23     1           22
-   1.10     1          112
-   1.97     1          201
-   2.28     1          233
-   2.99    12          294
+   0.21     1           22
+   1.08     1          112
+   1.95     1          201
+   2.26     1          233
+   2.86    12          294
 ... and 7 smaller; --json lists all
 
 damage

@@ -11,6 +11,7 @@ import struct
 import subprocess
 import zlib
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -678,12 +679,55 @@ def test_a_restarted_device_continues_the_axis() -> None:
 
 
 def test_two_devices() -> None:
-    rows = [sample(row, start=90 * bid, bid=bid) for row in range(100) for bid in (1, 2)]
+    """Each has plots of its own, on its own clock."""
+    temperature = {bid: packet(0x0810, struct.pack(">f", 20 + bid)) for bid in (1, 2)}
+    rows = [
+        sample(row, temperature[bid], start=90 * bid, bid=bid)
+        for row in range(100)
+        for bid in (1, 2)
+    ]
     gathered = gather(b"".join(rows))
     assert gathered.end == pytest.approx(0.99)
     (found,) = [finding for finding in findings(gathered) if "several" in finding.text]
-    assert found.is_bad
-    assert found.text.startswith("samples of several devices (BID 1, 2)")
+    assert not found.is_bad
+    assert found.text.startswith("samples of several devices (BID 1, 2), each drawn by its own")
+    report = page_of(b"".join(rows))
+    for bid in (1, 2):
+        (trace,) = report.figure(f"temperature-BID{bid}")["data"]
+        assert array(trace["y"]).tolist() == [20 + bid] * 100
+        assert array(trace["x"]) == pytest.approx(np.arange(100) / 100)
+    assert ["temperature", "", "200", "100.0", "Float32", "degC", "0"] in report.rows
+
+
+def test_a_gap_of_one_of_two_devices() -> None:
+    """It begins at the last sample of this device, not at that of the other."""
+    rows = [
+        sample(row, start=90 * bid, bid=bid)
+        for row in range(100)
+        for bid in (1, 2)
+        if not (bid == 2 and 50 <= row < 60)
+    ]
+    gathered = gather(b"".join(rows))
+    assert gathered.lost.start == pytest.approx([0.49])
+    assert gathered.lost.end == pytest.approx([0.6])
+
+
+@pytest.mark.parametrize("message", [b"", encode_frame(MessageId.WakeUp)])
+def test_noise_is_that_of_one_run(message: bytes) -> None:
+    """The Allan deviation of a device that restarted does not join two runs."""
+    data = still(20)
+    offset = xbus.read_log(data).offset
+    once = message + data
+    text = page_of(data[: int(offset[1500])] + once).text
+    assert "2,000 rows at 100.00 Hz: 19.99 s from 15.00 s on, the longest of 2 stretches" in text
+
+
+def test_noise_of_two_devices_is_apart() -> None:
+    data = still(20)
+    frames = [data[start:end] for start, end in pairwise([*xbus.read_log(data).offset, len(data)])]
+    both = [xbus.encode_frame(one[2], one[4:-1], bid=bid) for one in frames for bid in (1, 2)]
+    text = page_of(b"".join(both)).text
+    assert text.count("rows at 100.00 Hz: 19.99 s from 0.00 s on, no gap.") == 4
 
 
 def test_a_status_byte_beside_the_word_counts_once() -> None:

@@ -19,6 +19,7 @@ from conftest import counter, differences, facts, fine
 from streams import frame, mtdata2, packet
 from test_cli import WALK, run
 from xbus.protocol.tables import QUANTITIES
+from xbus.report import gather
 
 WAKE_UP = 0x3E
 
@@ -77,11 +78,43 @@ def test_events_after_a_restart(tmp_path: Path) -> None:
     data = first + frame(WAKE_UP) + b"".join(second[:50]) + frame(0x42, b"\x1e")
     data += b"".join(second[50:100] + second[110:])
     facts, text = info(tmp_path, data)
-    assert "11.09 10 1,100" in text
+    assert "10.98 10 1,100" in text  # the last sample before the gap
     assert "after 10.48 s: Error 30" in text
     (gap,), (event,) = facts["gaps"], facts["events"]
-    assert gap == {"sample": 1100, "bid": 255, "time_s": 1.68, "recorded_s": 11.09, "lost": 10}
+    assert gap == {
+        "sample": 1100,
+        "bid": 255,
+        "time_s": 1.68,
+        "recorded_s": 11.09,
+        "after_s": 10.98,
+        "lost": 10,
+    }
     assert (event["time_s"], event["recorded_s"]) == (1.07, 10.48)
+
+
+def test_an_event_after_a_sample_without_time_in_a_later_run(tmp_path: Path) -> None:
+    """Its time is the last known one, in the run to which that belongs."""
+    first = b"".join(mtdata2(counter(at), fine(5_000_000 + 100 * at)) for at in range(1000))
+    data = first + frame(WAKE_UP) + mtdata2(counter(0)) + frame(0x42, b"\x1e")
+    data += b"".join(mtdata2(counter(at), fine(5800 + 100 * at)) for at in range(1, 50))
+    facts, text = info(tmp_path, data)
+    assert "after 9.99 s: Error 30" in text
+    (event,) = facts["events"]
+    assert (event["time_s"], event["recorded_s"]) == (509.99, 9.99)
+    assert gather(data).events == pytest.approx([10.0])
+
+
+def test_gaps_and_events_of_two_devices(tmp_path: Path) -> None:
+    """Their times are those of the device to which they belong, whose BID the list of gaps has."""
+    rows = [(bid, at) for at in range(100) for bid in (1, 2) if not (bid == 2 and 50 <= at < 60)]
+    frames = [mtdata2(counter(at), fine(1_000_000 * bid + 100 * at), bid=bid) for bid, at in rows]
+    frames.insert(rows.index((1, 55)), frame(0x42, b"\x1e", bid=2))
+    facts, text = info(tmp_path, b"".join(frames))
+    assert "BID after/s lost next sample 2 0.49 10" in text
+    assert "after 0.49 s: Error 30" in text
+    (gap,), (event,) = facts["gaps"], facts["events"]
+    assert (gap["bid"], gap["time_s"], gap["after_s"]) == (2, 200.6, 0.49)
+    assert (event["time_s"], event["recorded_s"]) == (200.49, 0.49)
 
 
 @pytest.mark.parametrize("message", [b"", frame(WAKE_UP)])

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator
 
 from xbus.cli.printing import align, bold
-from xbus.describe.log_summary import Event, LogSummary
+from xbus.describe.log_summary import Event, LogSummary, Stamp
 from xbus.describe.log_text import log_rows, quantity_rows
 from xbus.describe.text import ResultCode
 
@@ -44,12 +44,15 @@ def _gaps(summary: LogSummary) -> Iterator[str]:
     largest = sorted(summary.gaps, key=lambda gap: -gap.lost)[:MAX_ROWS]
     if not largest:
         return
-    rows = [("after/s", "lost", "next sample")]
+    # The time of the last sample before the gap.
+    rows: list[tuple[str, ...]] = [("BID", "after/s", "lost", "next sample")]
     rows += [
-        (_format_time(summary, gap.sample, gap.time), f"{gap.lost:,}", f"{gap.sample:,}")
+        (f"{gap.bid}", _format_time(summary, gap.before), f"{gap.lost:,}", f"{gap.sample:,}")
         for gap in sorted(largest, key=lambda gap: gap.sample)
     ]
-    yield from align(rows, right=(0, 1, 2))
+    if len(summary.devices) < 2:
+        rows = [row[1:] for row in rows]
+    yield from align(rows, right=range(len(rows[0])))
     yield from _rest(len(summary.gaps), "smaller")
 
 
@@ -71,7 +74,7 @@ def _events(summary: LogSummary) -> Iterator[str]:
     for event in summary.events:
         kinds.setdefault((event.name, event.result), []).append(event)
     for (name, result), events in list(kinds.items())[:MAX_ROWS]:
-        after = _format_time(summary, events[0].sample - 1, events[0].time)
+        after = _format_time(summary, events[0].before)
         when = f"after {after} s" if after else "at the start"
         times = f", {len(events):,} times" if len(events) > 1 else ""
         yield from textwrap.wrap(f"{when}{times}: {name} {result}", WIDTH, subsequent_indent="  ")
@@ -89,9 +92,9 @@ def _line(title: str, text: str) -> str:
     return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=" " * len(indent))
 
 
-def _format_time(summary: LogSummary, sample: int, time: float | None) -> str:
-    """Returns the seconds recorded before the time of a sample."""
-    seconds = summary.seconds_before(sample, time)
+def _format_time(summary: LogSummary, stamp: Stamp | None) -> str:
+    """Returns the seconds recorded up to a time stamp."""
+    seconds = summary.seconds_before(stamp)
     return "" if seconds is None else f"{seconds:,.2f}"
 
 

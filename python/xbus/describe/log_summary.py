@@ -29,9 +29,23 @@ from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import QUANTITIES, UTC_VALID, device_of
 from xbus.protocol.undecoded import Undecoded
-from xbus.wire.message import Message
 
-__all__ = ["DeviceSummary", "Event", "Gap", "LogSummary", "QuantitySummary", "TrackerSummary"]
+__all__ = [
+    "DeviceSummary",
+    "Event",
+    "Gap",
+    "LogSummary",
+    "QuantitySummary",
+    "Stamp",
+    "TrackerSummary",
+]
+
+
+class Stamp(NamedTuple):
+    """A time stamp: the number of its run in `LogSummary.runs`, and unwrapped seconds on the device clock."""
+
+    run: int
+    time: float
 
 
 class Gap(NamedTuple):
@@ -39,15 +53,17 @@ class Gap(NamedTuple):
 
     Attributes:
         sample: Index of the sample after the gap.
-        time: Time of that sample in seconds on the device clock, unwrapped; None without a time stamp.
+        stamp: Time stamp of that sample, or None.
         lost: Number of missing samples.
         bid: BID of the device.
+        before: The last time stamp of the device before the gap, or None.
     """
 
     sample: int
-    time: float | None
+    stamp: Stamp | None
     lost: int
     bid: int
+    before: Stamp | None
 
 
 class Event(NamedTuple):
@@ -56,16 +72,50 @@ class Event(NamedTuple):
     Attributes:
         offset: Byte offset in the input at which its frame begins.
         sample: Index of the next sample.
-        time: Time of the previous sample with a time stamp, in seconds on the device clock, or None.
+        before: The last time stamp of the device before it, or None.
         name: ``"Error"`` or ``"Warning"``.
         result: Its code and text.
     """
 
     offset: int
     sample: int
-    time: float | None
+    before: Stamp | None
     name: str
     result: ResultCode
+
+
+class _PartStamps:
+    """The time stamps of the devices in a part, without those of the GNSS receiver, which has its own time.
+
+    Args:
+        part: The part.
+        runs: The runs of its samples.
+        last: The last stamp of each device before the part.
+    """
+
+    def __init__(self, part: Log, runs: PartRuns, last: dict[int, Stamp]) -> None:
+        self._run, self._last = runs.run, last
+        self._steady = steady_time(part)
+        self._devices = device_of(part.bid)
+        self._rows: dict[int, npt.NDArray[np.intp]] = {}
+
+    def before(self, row: int, bid: int) -> Stamp | None:
+        """Returns the last stamp of a device before a sample, which is counted from the start of the part."""
+        device = device_of(bid)
+        if device not in self._rows:
+            is_own = self._devices == device
+            self._rows[device] = np.flatnonzero(is_own & np.isfinite(self._steady))
+        rows = self._rows[device]
+        at = int(np.searchsorted(rows, row)) - 1
+        if at < 0:
+            return self._last.get(device)
+        return Stamp(int(self._run[rows[at]]), float(self._steady[rows[at]]))
+
+    def last(self) -> dict[int, Stamp]:
+        """Returns the last stamp of each device up to the end of the part."""
+        devices = [*self._last, *np.unique(self._devices).tolist()]
+        ends = {device: self.before(len(self._run), device) for device in devices}
+        return {device: stamp for device, stamp in ends.items() if stamp is not None}
 
 
 class TrackerSummary(NamedTuple):
@@ -233,7 +283,10 @@ class LogSummary:
         self.frames: dict[int, list[npt.NDArray[np.int64]]] = {}
         self.utc: tuple[np.datetime64, np.datetime64] | None = None
         self.utc_rows = self.utc_valid = 0
-        self._last_time: float | None = None
+        #: The last time stamp of each device.
+        self._last: dict[int, Stamp] = {}
+        #: `Runs.seconds_before`, if it is known.
+        self._before_runs: list[float] | None = None
         for part in parts:
             self.add(part)
 
@@ -298,27 +351,16 @@ class LogSummary:
         """Seconds recorded, as `Log.duration`."""
         return self._runs.duration
 
-    def seconds_before(self, sample: int, time: float | None) -> float | None:
-        """Returns the seconds that were recorded before a time, without those between the runs of a device.
-
-        Args:
-            sample: Index of the sample with this time.
-            time: Seconds on the device clock, or None.
-        """
-        if time is None:
+    def seconds_before(self, stamp: Stamp | None) -> float | None:
+        """Returns the seconds that a device recorded up to a time stamp, without those between its runs."""
+        if stamp is None:
             return None
-        runs = [run for run in self.runs if run.span.stamps]
-        inside = [run for run in runs if run.first <= sample <= run.last]
-        # Of several devices, that whose clock shows the time.
-        inside = [run for run in inside if run.span.start <= time <= run.span.end] or inside
-        if not inside:
-            return time - self.start
-        own = inside[0]
-        before = recorded(run for run in runs if run.bid == own.bid and run.first < own.first)
-        return (finite(before) or 0.0) + time - own.span.start
+        if self._before_runs is None:
+            self._before_runs = self._runs.seconds_before()
+        return self._before_runs[stamp.run] + stamp.time - self.runs[stamp.run].span.start
 
-    def add(self, part: Log) -> None:
-        """Adds the next part."""
+    def add(self, part: Log) -> PartRuns:
+        """Adds the next part, and returns the runs that its samples belong to."""
         counts = asdict(self.stats)
         self.stats = Stats(**{name: counts[name] + n for name, n in asdict(part.stats).items()})
         self._identities = identities_of(
@@ -326,6 +368,7 @@ class LogSummary:
             self._identities,
         )
         runs = self._runs.add(part.core)
+        self._before_runs = None
         devices = device_of(part.bid)
         for device in np.unique(devices).tolist():
             rates = self._device_rates.setdefault(device, Rates())
@@ -349,12 +392,11 @@ class LogSummary:
             count = self.unknown.setdefault(data_id, [0, 0])
             count[0] += len(packets)
             count[1] += packets.size
-        messages = list(part.messages)
-        self._add_gaps(part)
-        steady = steady_time(part)
-        self._add_messages(part, messages, steady)
-        if len(stamps := steady[np.isfinite(steady)]):
-            self._last_time = float(stamps[-1])
+        stamps = _PartStamps(part, runs, self._last)
+        self._last = stamps.last()
+        self._add_gaps(part, runs, stamps)
+        self._add_messages(part, stamps)
+        return runs
 
     def _add_utc(self, column: Column) -> None:
         stamps = column.datetime[(column.values["valid"] & UTC_VALID == UTC_VALID)]
@@ -365,32 +407,21 @@ class LogSummary:
             first, last = self.utc or (stamps[0], stamps[0])
             self.utc = min(first, stamps.min()), max(last, stamps.max())
 
-    def _add_messages(
-        self, part: Log, messages: Iterable[Message], steady: npt.NDArray[np.float64]
-    ) -> None:
-        events = []
-        for message in messages:
+    def _add_messages(self, part: Log, stamps: _PartStamps) -> None:
+        for message in part.messages:
             self.messages[message.name] += 1
             if message.mid in (MessageId.Error, MessageId.Warning):
-                events.append(message)
-        if not events:
-            return
-        # For each sample, the last sample up to it with a time stamp, or -1.
-        stamped = np.where(np.isfinite(steady), np.arange(len(part)), -1)
-        latest = [-1, *np.maximum.accumulate(stamped).tolist()]
-        for message in events:
-            row = latest[message.sample - part.first_sample]
-            time = self._last_time if row < 0 else float(steady[row])
-            result = read_result_code(message)
-            self.events.append(Event(message.offset, message.sample, time, message.name, result))
+                before = stamps.before(message.sample - part.first_sample, message.bid)
+                result = read_result_code(message)
+                event = Event(message.offset, message.sample, before, message.name, result)
+                self.events.append(event)
 
-    def _add_gaps(self, part: Log) -> None:
-        gaps = part.gaps
-        times = part.time[gaps["sample"] - part.first_sample].tolist()
-        self.gaps += [
-            Gap(sample, finite(time), lost, bid)
-            for (sample, lost, bid), time in zip(gaps.tolist(), times, strict=True)
-        ]
+    def _add_gaps(self, part: Log, runs: PartRuns, stamps: _PartStamps) -> None:
+        for sample, lost, bid in part.gaps.tolist():
+            row = sample - part.first_sample
+            time = finite(part.time[row])
+            stamp = None if time is None else Stamp(int(runs.run[row]), time)
+            self.gaps.append(Gap(sample, stamp, lost, bid, stamps.before(row, bid)))
 
     def to_dict(self, file: str) -> dict[str, Any]:
         """Returns the summary as plain values for JSON: None for what is not known, and for NaN."""
@@ -422,8 +453,9 @@ class LogSummary:
                 {
                     "sample": gap.sample,
                     "bid": gap.bid,
-                    "time_s": known_digits(gap.time),
-                    "recorded_s": known_digits(self.seconds_before(gap.sample, gap.time)),
+                    "time_s": gap.stamp and known_digits(gap.stamp.time),
+                    "recorded_s": known_digits(self.seconds_before(gap.stamp)),
+                    "after_s": known_digits(self.seconds_before(gap.before)),
                     "lost": gap.lost,
                 }
                 for gap in self.gaps
@@ -439,8 +471,8 @@ class LogSummary:
                 {
                     "offset": event.offset,
                     "sample": event.sample,
-                    "time_s": known_digits(event.time),
-                    "recorded_s": known_digits(self.seconds_before(event.sample - 1, event.time)),
+                    "time_s": event.before and known_digits(event.before.time),
+                    "recorded_s": known_digits(self.seconds_before(event.before)),
                     "name": event.name,
                     **event.result._asdict(),
                 }

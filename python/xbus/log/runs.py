@@ -161,6 +161,16 @@ class Runs:
             present.last = part.first + int(rows[-1])
             present.add_times(steady[rows], part.time[rows])
 
+    def seconds_before(self) -> list[float]:
+        """Returns the seconds that its device recorded before each run."""
+        recorded: dict[int, float] = {}
+        before = []
+        for run in self.all:
+            before.append(recorded.get(run.bid, 0.0))
+            seconds = run.span.duration if run.span.stamps > 1 else 0.0
+            recorded[run.bid] = before[-1] + seconds
+        return before
+
     def of_devices(self) -> dict[int, list[Run]]:
         """Returns the runs of each device, by its BID, in the order of their first samples."""
         devices: dict[int, list[Run]] = {}

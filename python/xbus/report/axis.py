@@ -6,73 +6,85 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.log.log import Log, steady_time
-from xbus.protocol.tables import MASTER, device_of
+from xbus.log.runs import PartRuns
+from xbus.protocol.tables import device_of
 from xbus.report.thin import BoolArray, FloatArray
 
 __all__ = ["Axis"]
 
-#: Minimum step back of a clock that restarted, in seconds; samples of trigger inputs step back by less.
-RESTART_STEP = 1.0
 #: Maximum plausible distance of a sample from its neighbours, in seconds.
 MAX_DISTANCE = 1.0
+
+
+class _Clock:
+    """The present run of a device on the axis.
+
+    Attributes:
+        run: Number of the run.
+        value: Last value of its clock; NaN before the first.
+        offset: Position minus value.
+        step: Last usual step of its clock; 0 before the second value.
+    """
+
+    def __init__(self) -> None:
+        self.run = -1
+        self.value = float("nan")
+        self.offset = self.step = 0.0
 
 
 class Axis:
     """Computes the positions of samples, part by part.
 
-    The axis starts at the first time stamp of a device. If the device restarts, its clock steps back, and the
-    axis continues one step after the last sample: the duration of the restart is unknown.
+    The axis starts at the first time stamp. Each run of a device follows its own clock, from where it begins:
+    one step after the last sample of the device, or later if another device was there meanwhile. How long a
+    restart took is not known otherwise.
 
     Attributes:
         kind: ``"time"`` in s, else ``"packet counter"`` or ``"sample"``; empty before the first sample.
         last: Position of the last sample.
-        restarts: Number of restarts.
         devices: BIDs of the devices that sent samples.
 
     >>> import xbus
-    >>> axis = Axis()
-    >>> axis.positions(xbus.read_log("tests/captures/walk.mtb"))[:3].round(3).tolist()
+    >>> from xbus.log.runs import Runs
+    >>> log = xbus.read_log("tests/captures/walk.mtb")
+    >>> Axis().positions(log, Runs().add(log.core))[:3].round(3).tolist()
     [0.0, 0.01, 0.02]
     """
 
     def __init__(self) -> None:
         self.kind = ""
         self.last = 0.0
-        self.restarts = 0
         self.devices: set[int] = set()
-        #: The device that defines the axis, and whether only samples of its GNSS receiver have a time.
-        self._device = device_of(MASTER)
+        #: Whether only samples of the GNSS receiver have a time.
         self._is_receiver = False
-        #: Last value and last step of the clock, and its offset on the axis.
-        self._clock = np.nan
-        self._step = 0.0
-        self._offset = 0.0
+        self._clocks: dict[int, _Clock] = {}
 
-    def positions(self, part: Log) -> FloatArray:
+    def positions(self, part: Log, runs: PartRuns) -> FloatArray:
         """Returns the position of each sample, ``(N,)``.
 
         A sample without a time stamp of the device is between its neighbours.
+
+        Args:
+            part: The next part of the log.
+            runs: The runs that its samples belong to.
         """
         if not len(part):
             return np.empty(0)
         devices = device_of(part.bid)
         self.devices |= set(np.unique(devices).tolist())
         if not self.kind:
-            self._start(part, devices)
+            self._start(part)
         if self.kind == "sample":
             x = (part.first_sample + np.arange(len(part))).astype(np.float64)
         else:
-            x = self._from_clock(part, devices == self._device)
+            x = self._from_clocks(part, runs.run, devices)
         self.last = float(x[-1])
         return x
 
-    def _start(self, part: Log, devices: npt.NDArray[np.uint8]) -> None:
+    def _start(self, part: Log) -> None:
         for kind, is_receiver in (("time", False), ("time", True), ("packet counter", False)):
             self.kind, self._is_receiver = kind, is_receiver
-            stamps = self._stamps(part)
-            if len(known := np.flatnonzero(np.isfinite(stamps))):
-                self._device = int(devices[known[0]])
-                self._offset = -float(stamps[known[0]])
+            if np.isfinite(self._stamps(part)).any():
                 return
         self.kind = "sample"
 
@@ -82,34 +94,55 @@ class Axis:
             return part.time if self._is_receiver else steady_time(part)
         return np.where(part.packet_counter != -1, part.packet_counter, np.nan)
 
-    def _from_clock(self, part: Log, is_device: BoolArray) -> FloatArray:
+    def _from_clocks(
+        self, part: Log, run: npt.NDArray[np.int64], devices: npt.NDArray[np.uint8]
+    ) -> FloatArray:
         stamps = self._stamps(part)
-        known = np.isfinite(stamps) & is_device
-        rows, clock = np.flatnonzero(known), stamps[known]
-        if self.kind == "time":
-            is_plausible = ~_outliers(clock)
-            rows, clock = rows[is_plausible], clock[is_plausible]
-        if not len(clock):
-            return np.full(len(part), self.last)
-        before = self._clock if np.isfinite(self._clock) else clock[0]
-        steps = np.diff(clock, prepend=before)
-        falls = steps < (-RESTART_STEP if self.kind == "time" else 0.0)
-        offsets = np.full(len(clock), self._offset)
-        if falls.any():
-            rising = steps[steps > 0]
-            usual = float(np.median(rising)) if len(rising) else self._step
-            offsets += np.cumsum(np.where(falls, usual - steps, 0.0))
-            self.restarts += int(np.count_nonzero(falls))
-        self._clock, self._offset = float(clock[-1]), float(offsets[-1])
-        self._step = float(steps[-1]) if 0 < steps[-1] <= MAX_DISTANCE else self._step
-        x: FloatArray = np.interp(np.arange(len(part)), rows, clock + offsets)
-        if self.kind == "time":
-            # Samples of the receiver use the same clock, if they have a valid time.
-            others = np.flatnonzero(np.isfinite(part.time) & is_device & ~known)
-            latest = np.maximum(np.searchsorted(rows, others, "right") - 1, 0)
-            own = part.time[others] + offsets[latest]
-            x[others] = np.where(np.abs(own - x[others]) < MAX_DISTANCE, own, x[others])
+        receiver = part.time if self.kind == "time" else np.full(len(part), np.nan)
+        x = np.full(len(part), np.nan)
+        # Runs are numbered in the order of their first samples, so the sample before a run has its position.
+        order = np.argsort(run, kind="stable")
+        is_known = np.ones(len(part), np.bool_)
+        for rows in np.split(order, np.flatnonzero(np.diff(run[order])) + 1):
+            before = float(x[rows[0] - 1]) if rows[0] else self.last
+            clock = self._clocks.setdefault(int(devices[rows[0]]), _Clock())
+            number = int(run[rows[0]])
+            if (found := self._of_run(clock, number, stamps[rows], receiver[rows], before)) is None:
+                is_known[rows], x[rows] = False, before
+            else:
+                x[rows] = found
+        if is_known.any() and not is_known.all():
+            others = np.flatnonzero(is_known)
+            x[~is_known] = np.interp(np.flatnonzero(~is_known), others, x[others])
         return x
+
+    def _of_run(
+        self, clock: _Clock, run: int, stamps: FloatArray, receiver: FloatArray, before: float
+    ) -> FloatArray | None:
+        """Returns the positions of samples of one run; None without a time stamp."""
+        known = np.isfinite(stamps)
+        rows, values = np.flatnonzero(known), stamps[known]
+        if self.kind == "time":
+            is_plausible = ~_outliers(values)
+            rows, values = rows[is_plausible], values[is_plausible]
+        if not len(values):
+            return None
+        if self.kind == "time":
+            steps = np.diff(values)
+            usual = steps[(steps > 0) & (steps <= MAX_DISTANCE)]
+            clock.step = float(np.median(usual)) if len(usual) else clock.step
+        else:
+            clock.step = 1.0
+        if clock.run != run:
+            if clock.run >= 0:
+                before = max(before, clock.value + clock.offset + clock.step)
+            clock.run, clock.offset = run, before - float(values[0])
+        clock.value = float(values[-1])
+        x: FloatArray = np.interp(np.arange(len(stamps)), rows, values + clock.offset)
+        # Samples of the receiver use the same clock, if they have a valid time.
+        own = receiver + clock.offset
+        is_own = ~known & (np.abs(own - x) < MAX_DISTANCE)
+        return np.where(is_own, own, x)
 
 
 def _outliers(clock: FloatArray) -> BoolArray:

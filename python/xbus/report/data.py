@@ -13,7 +13,7 @@ from xbus.describe.text import describe_message
 from xbus.log.column import Column
 from xbus.log.log import Log, steady_time
 from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag
+from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
 from xbus.report.allan import Longest
 from xbus.report.axis import Axis
 from xbus.report.thin import Bands, BoolArray, Curves, FloatArray, Steps
@@ -68,9 +68,10 @@ class Panel(NamedTuple):
 
 
 class Series:
-    """One quantity over time.
+    """One quantity of a device over time.
 
     Attributes:
+        device: ``"BID 2"`` in a log of several devices, else empty.
         panels: The plots by title.
         steps: Time between rows.
         longest: The longest stretch without a gap; None for quantities without an Allan deviation.
@@ -79,28 +80,60 @@ class Series:
     def __init__(self, column: Column) -> None:
         self.name = column.name
         self.coordinates = column.coordinates
+        self.device = ""
         self.panels: dict[str, Panel] = {}
         self.steps = Steps()
         self.longest = Longest(3) if column.name in NOISY else None
+        #: Number of the run of the last row; -1 before the first row.
+        self._run = -1
+
+    @property
+    def label(self) -> str:
+        """Name and device."""
+        return ", ".join(filter(None, (self.name, self.device)))
+
+    @property
+    def title(self) -> str:
+        """Name, device and coordinates."""
+        return ", ".join(filter(None, (self.name, self.device, self.coordinates)))
 
     @property
     def anchor(self) -> str:
         """The target of links to it."""
-        return self.name if self.coordinates in (None, "ENU") else f"{self.name}-{self.coordinates}"
+        coordinates = None if self.coordinates == "ENU" else self.coordinates
+        return "-".join(filter(None, (self.name, coordinates, self.device.replace(" ", ""))))
 
-    def add(self, column: Column, time: FloatArray) -> BoolArray:
-        """Adds the next rows at these times.
+    def add(self, column: Column, time: FloatArray, run: npt.NDArray[np.int64]) -> BoolArray:
+        """Adds the next rows.
+
+        Args:
+            column: The rows.
+            time: Their positions on the axis, ``(N,)``.
+            run: The numbers of their runs, ``(N,)``.
 
         Returns:
-            Whether rows are missing before each row, ``(N,)``.
+            Whether rows are missing before each row, or its run begins there, ``(N,)``.
         """
-        breaks = self.steps.breaks(time)
+        starts = run_starts(run, self._run)
+        self._run = int(run[-1]) if len(run) else self._run
+        breaks = self.steps.breaks(time, starts)
         for title, unit, names, values in _plotted(column):
             panel = self.panels.setdefault(title, Panel(title, unit, Curves(names)))
             panel.curves.add(time, values, breaks)
         if self.longest is not None:
             self.longest.add(time, column.values, breaks)
         return breaks
+
+
+def run_starts(run: npt.NDArray[np.int64], last: int) -> BoolArray:
+    """Returns whether each row is the first of its run, ``(N,)``, and not the first of all.
+
+    Args:
+        run: The numbers of the runs, ``(N,)``.
+        last: The number for the row before; -1 if there is none.
+    """
+    starts = np.diff(run, prepend=run[:1] if last < 0 else last) != 0
+    return np.asarray(starts, np.bool_)
 
 
 def _plotted(
@@ -179,7 +212,7 @@ class ReportData:
         summary: The content of ``xbus info``.
         axis: The horizontal axis.
         utc: UTC at the origin, or None.
-        steps: Time between samples, ms.
+        steps: Time between samples of each device, ms, by BID.
         end: Position of the last sample on the axis.
         lost, damage: Times of missing samples and damaged bytes; the weights count them.
         gaps: Position of the first sample after each gap of the summary.
@@ -187,7 +220,7 @@ class ReportData:
         flags: Fields of the status word that were ever set, by name and value.
         status_rows: Number of status words.
         last_unset: When each flag of `EXPECTED` was last not set.
-        tracks: Positions of the device, by quantity.
+        tracks: Positions, by quantity, the best first; in a log of several devices by quantity and BID.
         positions: Number of rows of ``gnss_pvt_data`` with a fix, and of all rows.
         settings: Messages that are not events, without repetitions; at most `MAX_SETTINGS`.
     """
@@ -196,7 +229,7 @@ class ReportData:
         self.summary = LogSummary(())
         self.axis = Axis()
         self.utc: np.datetime64 | None = None
-        self.steps = Curves(("step",))
+        self.steps: dict[int, Curves] = {}
         self.end = 0.0
         self.lost, self.damage = Bands(), Bands()
         self.gaps: list[float] = []
@@ -204,14 +237,24 @@ class ReportData:
         self.flags: dict[tuple[str, int], Flag] = {}
         self.status_rows = 0
         self.last_unset: dict[str, float] = {}
-        self.tracks: dict[str, Track] = {}
         self.positions = 0, 0
         self.settings: list[Setting] = []
-        self._series: dict[tuple[str, str | None], Series] = {}
+        self._series: dict[tuple[str, str | None, int], Series] = {}
+        self._tracks: dict[tuple[str, int], Track] = {}
         self._seen: set[tuple[str, str]] = set()
-        self._last_step: float | None = None
+        #: Position and run of the last sample with a time stamp of each device.
+        self._last_step: dict[int, tuple[float, int]] = {}
+        #: Position of the last sample of each device.
+        self._last: dict[int, float] = {}
         for part in parts:
             self._add(part)
+        is_one = len(self.axis.devices) < 2
+        for (_, _, bid), series in self._series.items():
+            series.device = "" if is_one else f"BID {bid}"
+        order = sorted(self._tracks, key=lambda key: (SOURCES.index(key[0]), key[1]))
+        self.tracks = {
+            name if is_one else f"{name}, BID {bid}": self._tracks[name, bid] for name, bid in order
+        }
 
     @property
     def restarts(self) -> int:
@@ -230,33 +273,45 @@ class ReportData:
 
     def _add(self, part: Log) -> None:
         gaps, damage = len(self.summary.gaps), len(self.summary.damage)
-        self.summary.add(part)
+        runs = self.summary.add(part)
         last = self.axis.last
-        x = self.axis.positions(part)
+        x = self.axis.positions(part, runs)
         if self.utc is None and self.axis.kind == "time":
             self._find_utc(part, x)
         before = np.concatenate(([last], x))
-        self._add_lost(part, x, before, gaps, damage)
+        self._add_damage(part, x, before, damage)
         new = self.summary.events[len(self.events) :]
         self.events += [float(before[event.sample - part.first_sample]) for event in new]
-        self._add_steps(part, x)
+        self._add_gaps(part, x, gaps)
+        devices = device_of(part.bid)
+        for bid in np.unique(devices).tolist():
+            is_own = devices == bid
+            own = part if is_own.all() else part.of_device(bid, part.first_sample)
+            self._add_device(own, bid, x[is_own], runs.run[is_own])
+        self._add_settings(part, x)
+        if len(x):
+            self.end = max(self.end, float(x.max()))
+
+    def _add_device(self, part: Log, bid: int, x: FloatArray, run: npt.NDArray[np.int64]) -> None:
+        """Adds the samples of one device at these positions, and the numbers of their runs."""
+        self._last[bid] = float(x[-1])
+        self._add_steps(part, bid, x, run)
         # The status byte repeats a part of the status word.
         status = next((name for name in STATUS if name in part), None)
         for key in part:
             column = part[key]
-            time = x[column.sample - part.first_sample]
-            series = self._series.setdefault((column.name, column.coordinates), Series(column))
-            breaks = series.add(column, time)
+            rows = column.sample - part.first_sample
+            time = x[rows]
+            name = column.name, column.coordinates, bid
+            series = self._series.setdefault(name, Series(column))
+            breaks = series.add(column, time, run[rows])
             if column.name == status:
                 self._add_status(column, time, breaks, series.steps.usual)
             if column.name in SOURCES:
-                self.tracks.setdefault(column.name, Track()).add(column, time, breaks)
+                self._tracks.setdefault((column.name, bid), Track()).add(column, time, breaks)
             if column.name == "gnss_pvt_data":
                 fixes = int(np.count_nonzero(has_fix(column.values)))
                 self.positions = self.positions[0] + fixes, self.positions[1] + len(column)
-        self._add_settings(part, x)
-        if len(x):
-            self.end = max(self.end, float(x.max()))
 
     def _find_utc(self, part: Log, x: FloatArray) -> None:
         known = np.flatnonzero(~np.isnat(part.utc) & np.isfinite(steady_time(part)))
@@ -264,31 +319,46 @@ class ReportData:
             since = np.timedelta64(round(x[known[0]] * 1e9), "ns")
             self.utc = part.utc[known[0]] - since
 
-    def _add_lost(
-        self, part: Log, x: FloatArray, before: FloatArray, gaps: int, damage: int
-    ) -> None:
-        """Adds the gaps and the damage of this part."""
-        if found := self.summary.gaps[gaps:]:
-            rows = np.array([gap.sample for gap in found]) - part.first_sample
-            self.gaps += x[rows].tolist()
-            lost = [gap.lost for gap in found]
-            self.lost.add(np.minimum(before[rows], x[rows]), x[rows], lost)
+    def _add_gaps(self, part: Log, x: FloatArray, gaps: int) -> None:
+        """Adds the gaps of this part: each is between two samples of one device."""
+        found = self.summary.gaps[gaps:]
+        if not found:
+            return
+        devices = device_of(part.bid)
+        rows = np.array([gap.sample for gap in found]) - part.first_sample
+        before = np.empty(len(rows))
+        for bid in np.unique(devices[rows]).tolist():
+            own = np.flatnonzero(devices == bid)
+            positions = np.concatenate(([self._last.get(bid, x[own[0]])], x[own]))
+            is_own = devices[rows] == bid
+            before[is_own] = positions[np.searchsorted(own, rows[is_own])]
+        self.gaps += x[rows].tolist()
+        self.lost.add(np.minimum(before, x[rows]), x[rows], [gap.lost for gap in found])
+
+    def _add_damage(self, part: Log, x: FloatArray, before: FloatArray, damage: int) -> None:
+        """Adds the damage of this part, with the positions of its samples and of those before them."""
         if damaged := self.summary.damage[damage:]:
             offsets, lengths, _ = zip(*damaged, strict=True)
             rows = np.searchsorted(part.offset, offsets)
             after = np.append(x, before[-1])[rows]
             self.damage.add(np.minimum(before[rows], after), after, lengths)
 
-    def _add_steps(self, part: Log, x: FloatArray) -> None:
+    def _add_steps(self, part: Log, bid: int, x: FloatArray, run: npt.NDArray[np.int64]) -> None:
         """Adds the time between samples; times of the GNSS receiver are not comparable."""
         if self.axis.kind != "time":
             return
-        time = x[np.isfinite(steady_time(part))]
-        if self._last_step is not None:
-            time = np.concatenate(([self._last_step], time))
+        is_steady = np.isfinite(steady_time(part))
+        time, run = x[is_steady], run[is_steady]
+        if bid in self._last_step:
+            last, last_run = self._last_step[bid]
+            time, run = np.concatenate(([last], time)), np.concatenate(([last_run], run))
         if len(time):
-            self._last_step = float(time[-1])
-            self.steps.add(time[1:], 1000 * np.diff(time)[:, None], np.zeros(len(time) - 1, bool))
+            self._last_step[bid] = float(time[-1]), int(run[-1])
+            starts = run[1:] != run[:-1]  # how long a restart took is not known
+            steps = 1000 * np.diff(time)[:, None]
+            steps[starts] = np.nan
+            curves = self.steps.setdefault(bid, Curves(("step",)))
+            curves.add(time[1:], steps, starts)
 
     def _add_status(
         self, column: Column, time: FloatArray, breaks: BoolArray, usual: float

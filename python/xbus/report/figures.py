@@ -12,7 +12,6 @@ import numpy.typing as npt
 from xbus.report.allan import allan_deviation
 from xbus.report.data import Panel, ReportData, Series
 from xbus.report.thin import Bands, FloatArray
-from xbus.report.track import SOURCES
 
 __all__ = ["Figure", "events", "flags", "noise", "panel", "steps", "track", "tracks"]
 
@@ -95,17 +94,22 @@ def _line(colour: str) -> Figure:
 
 def steps(data: ReportData) -> Figure:
     """Returns the time between samples."""
-    time, values = data.steps.curves[0].line()
+    traces = []
+    for at, (bid, curves) in enumerate(sorted(data.steps.items())):
+        time, values = curves.curves[0].line()
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "name": f"BID {bid}",
+                "x": numbers(time),
+                "y": numbers(values),
+                # The step before a sample extends over the time before the sample.
+                "line": {**_line(COLOURS[(2 + at) % len(COLOURS)]), "shape": "vh"},
+            }
+        )
     y: Figure = {"title": {"text": "between samples, ms"}, "rangemode": "tozero"}
-    trace = {
-        "type": "scatter",
-        "mode": "lines",
-        "x": numbers(time),
-        "y": numbers(values),
-        # The step before a sample extends over the time before the sample.
-        "line": {**_line(COLOURS[2]), "shape": "vh"},
-    }
-    return _over_time(data, "steps", [trace], y, 200)
+    return _over_time(data, "steps", traces, y, 200)
 
 
 def events(data: ReportData) -> Figure | None:
@@ -177,8 +181,8 @@ def _bands(
 
 
 def tracks(data: ReportData) -> list[str]:
-    """Returns the quantities with a position, the best first."""
-    return [name for name in SOURCES if name in data.tracks and data.tracks[name].rows]
+    """Returns the names of the tracks with a position, the best first."""
+    return [name for name, positions in data.tracks.items() if positions.rows]
 
 
 def track(data: ReportData) -> Figure | None:
@@ -198,7 +202,10 @@ def track(data: ReportData) -> Figure | None:
         trace["customdata"] = numbers(time)
         trace["hovertemplate"] = "%{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m"
         if at:
-            style = {"mode": "markers", "marker": {"color": COLOURS[4 - at], "size": 4}}
+            style = {
+                "mode": "markers",
+                "marker": {"color": COLOURS[(4 - at) % len(COLOURS)], "size": 4},
+            }
         else:
             style = {"mode": "lines", "line": {"color": COLOURS[2], "width": 2}}
         traces.append(trace | style)
@@ -243,5 +250,5 @@ def noise(series: Series) -> tuple[Figure, list[tuple[FloatArray, FloatArray]]] 
         "yaxis": {"title": {"text": f"{series.name}, {unit}"}, **scale},
         "height": 380,
     }
-    name = f"noise {series.name}"
+    name = f"noise {series.anchor}"
     return {"name": name, "is_over_time": False, "data": traces, "layout": layout}, curves

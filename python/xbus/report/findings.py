@@ -64,7 +64,7 @@ def _losses(data: ReportData) -> Iterator[Finding]:
         worst = max(pausing, key=lambda series: series.steps.gaps)
         pauses = format_count(worst.steps.gaps, "pause")
         why = "without a gap in the packet counter" if data.has_counter else "and no packet counter"
-        text = f"{pauses} in the time stamps of {worst.name}, {why}"
+        text = f"{pauses} in the time stamps of {worst.label}, {why}"
         yield Finding(not data.has_counter, text, "timeline")
 
 
@@ -82,14 +82,23 @@ def _events(data: ReportData) -> Iterator[Finding]:
             number = format_count(len(events), name.lower())
             text = f"{number} from the device; the first: {events[0].result}"
             yield Finding(True, text, "events")
-    if data.restarts or data.axis.restarts:
-        times = format_count(max(data.restarts, data.axis.restarts), "time")
-        away = "; the time until it was back is unknown and not drawn" if data.axis.restarts else ""
-        yield Finding(True, f"the device restarted {times}{away}", "messages")
-    if len(data.axis.devices) > 1:
+    is_one = len(data.axis.devices) < 2
+    if data.restarts:
+        times = format_count(data.restarts, "time")
+        who = "the device" if is_one else "devices"
+        away = (
+            ""
+            if data.axis.kind == "sample"
+            else "; the time until it was back is unknown and not drawn"
+        )
+        yield Finding(True, f"{who} restarted {times}{away if is_one else ''}", "messages")
+    if not is_one:
         devices = ", ".join(map(str, sorted(data.axis.devices)))
-        text = f"samples of several devices (BID {devices}) are drawn as samples of one"
-        yield Finding(True, text, "quantities")
+        text = (
+            f"samples of several devices (BID {devices}), each drawn by its own clock from where it begins; "
+            "status shows all of them together"
+        )
+        yield Finding(False, text, "quantities")
 
 
 def _status(data: ReportData) -> Iterator[Finding]:
@@ -108,7 +117,8 @@ def _status(data: ReportData) -> Iterator[Finding]:
     fixes, positions = data.positions
     if fixes < positions and not data.status_rows:
         text = f"no GNSS fix in {percent(positions - fixes, positions)} of the time"
-        yield Finding(True, text, "gnss_pvt_data")
+        series = next(series for series in data.series if series.name == "gnss_pvt_data")
+        yield Finding(True, text, series.anchor)
 
 
 def _unset(data: ReportData, name: str, problem: str) -> Iterator[Finding]:
@@ -128,7 +138,7 @@ def _values(data: ReportData) -> Iterator[Finding]:
             # Fields that a receiver does not provide are not a problem.
             if panel.curves.missing and not QUANTITIES[series.name].fields:
                 values = format_count(panel.curves.missing, "value")
-                yield Finding(True, f"{values} of {series.name} NaN or infinite", series.anchor)
+                yield Finding(True, f"{values} of {series.label} NaN or infinite", series.anchor)
 
 
 def _missing(data: ReportData) -> Iterator[Finding]:

@@ -28,8 +28,9 @@ WHITE = (-0.65, -0.35)
 
 INTRODUCTION = (
     "Overlapping Allan deviation. It shows the noise of a sensor only if the device was at rest and warm: "
-    "motion, vibration and temperature changes look like noise. Only the longest stretch without a gap is "
-    "used, and averaging times up to a ninth of it, where the deviation has an uncertainty of a quarter. "
+    "motion, vibration and temperature changes look like noise. Only the longest stretch without a gap or a "
+    "restart is used, and averaging times up to a ninth of it, where the deviation has an uncertainty of a "
+    "quarter. "
     "Random walk is read at 1 s and is valid where the slope is near -1/2. Bias instability is the minimum "
     "of the deviation divided by 0.664; measuring it takes hours."
 )
@@ -41,7 +42,7 @@ def noise(data: ReportData) -> Iterator[Block]:
     if noisy:
         yield Paragraph(INTRODUCTION)
     for series in noisy:
-        yield Heading(f"noise-{series.name}", series.name)
+        yield Heading(f"noise-{series.anchor}", series.title)
         yield from _series(series)
 
 

@@ -55,7 +55,7 @@ def _timeline(data: ReportData) -> Iterator[Block]:
         yield Plot(figure)
     else:
         yield Paragraph("No gaps by the packet counter, no damage, no errors and no warnings.")
-    if data.steps.rows:
+    if any(curves.rows for curves in data.steps.values()):
         yield Plot(figures.steps(data))
         text = (
             "Time between samples. Samples of the GNSS receiver arrive late and are left out. "
@@ -66,13 +66,19 @@ def _timeline(data: ReportData) -> Iterator[Block]:
 
 def _quantities(data: ReportData) -> Iterator[Block]:
     head, *rows = quantity_rows(data.summary)
-    gaps = [f"{series.steps.gaps:,}" if _is_regular(series) else "" for series in data.series]
-    anchors = {at: _anchor(series) for at, series in enumerate(data.series)}
+    gaps, links = [], {}
+    for at, quantity in enumerate(data.summary.quantities):
+        key = quantity.name, quantity.coordinates
+        found = [series for series in data.series if (series.name, series.coordinates) == key]
+        regular = all(map(_is_regular, found))
+        gaps.append(f"{sum(series.steps.gaps for series in found):,}" if regular else "")
+        if found and (anchor := _anchor(found[0])):
+            links[at] = anchor
     yield Table(
         [*head, "gaps by time"],
         [[*row, gap] for row, gap in zip(rows, gaps, strict=True)],
         numeric=(2, 3, 6),
-        links={at: anchor for at, anchor in anchors.items() if anchor},
+        links=links,
     )
 
 
@@ -118,7 +124,7 @@ def _track(data: ReportData) -> Iterator[Block]:
         f"Metres east and north of {origin.lat:.7f}°, {origin.lon:.7f}°, where {names[0]} begins."
     )
     precisions = {quantity.name: quantity.precision for quantity in data.summary.quantities}
-    if precisions.get("lat_lon") == "Float32" and "lat_lon" in names:
+    if precisions.get("lat_lon") == "Float32" and any(name.startswith("lat_lon") for name in names):
         text += " lat_lon has Float32 precision, which resolves about half a metre."
     yield Plot(figure)
     yield Paragraph(text, is_note=True)
@@ -135,8 +141,7 @@ def _plots(data: ReportData) -> Iterator[Block]:
         )
         yield Paragraph(text, is_note=True)
     for series in plotted:
-        coordinates = "" if series.coordinates is None else f", {series.coordinates}"
-        yield Heading(series.anchor, series.name + coordinates)
+        yield Heading(series.anchor, series.title)
         for panel in series.panels.values():
             yield Plot(figures.panel(data, series, panel))
 
@@ -149,9 +154,8 @@ def _values(data: ReportData) -> Iterator[Block]:
 
 
 def _value_rows(series: Series) -> Iterator[tuple[str, ...]]:
-    name = series.name
-    if series.coordinates not in (None, "ENU"):
-        name = f"{name} {series.coordinates}"
+    coordinates = None if series.coordinates == "ENU" else series.coordinates
+    name = " ".join(filter(None, (series.name, coordinates, series.device)))
     for panel in series.panels.values():
         curves = panel.curves
         statistics = (curves.minimum, curves.mean, curves.maximum, curves.deviation)

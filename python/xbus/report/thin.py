@@ -225,10 +225,16 @@ class Steps:
         self.usual = float("nan")
         self._last: float | None = None
 
-    def breaks(self, time: FloatArray) -> BoolArray:
-        """Returns whether rows are missing before each row, ``(N,)``."""
+    def breaks(self, time: FloatArray, starts: BoolArray | None = None) -> BoolArray:
+        """Returns whether rows are missing before each row, or its run begins there, ``(N,)``.
+
+        Args:
+            time: Times of the next rows, ``(N,)``, s.
+            starts: Whether a run begins with a row, ``(N,)``: the step before it is not known. Default: none.
+        """
+        starts = np.zeros(len(time), bool) if starts is None else starts
         if not len(time):
-            return np.zeros(0, bool)
+            return starts
         self.rows += len(time)
         first = time[0] if self._last is None else self._last
         steps = np.diff(time, prepend=first)
@@ -236,16 +242,17 @@ class Steps:
         real = steps[1:] if self._last is None else steps
         self._last = float(time[-1])
         if not len(real):
-            return np.zeros(len(time), bool)
+            return starts
         usual = _usual(real)
         if len(real) < BLOCK_STEPS // 4 and np.isfinite(self.usual):
             usual[:] = self.usual  # too few for a median
         self.usual = float(usual[-1])
-        long = (real > GAP_FACTOR * usual) | (real < 0)
-        odd = ~long & (np.abs(real - usual) > np.maximum(0.1 * usual, self.TICK))
+        is_start = starts[len(time) - len(real) :]
+        long = ((real > GAP_FACTOR * usual) | (real < 0)) & ~is_start
+        odd = ~long & ~is_start & (np.abs(real - usual) > np.maximum(0.1 * usual, self.TICK))
         self.gaps += int(np.count_nonzero(long))
         self.irregular += int(np.count_nonzero(odd))
-        return np.concatenate((np.zeros(len(time) - len(real), bool), long))
+        return np.concatenate((np.zeros(len(time) - len(real), bool), long)) | starts
 
 
 def _usual(steps: FloatArray) -> FloatArray:
