@@ -345,6 +345,9 @@ def test_urls() -> None:
     assert "1,040 rows" in decoded("memory://log.mtb.gz", "-o", "out.csv")
     output = sentence(run("decode", "memory://nowhere.mtb", "-o", "out.csv"))
     assert output.startswith("cannot read memory://nowhere.mtb: ")
+    assert "1,040 rows" in decoded("memory://*.mtb.gz", "-o", "out.csv")
+    output = sentence(run("decode", "memory://*.log", "-o", "out.csv"))
+    assert output == "no file matches memory://*.log; check the pattern"
 
 
 def test_folders_and_patterns() -> None:

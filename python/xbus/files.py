@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import errno
+import os
 from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO, TypeAlias
 
 from xbus.extras import require
+from xbus.remote import RemoteFile, Version, remote_version
 
-__all__ = ["COMPRESSIONS", "is_plain", "is_url", "local_name", "open_file", "suffix_of_compression"]
+__all__ = [
+    "COMPRESSIONS",
+    "file_version",
+    "is_plain",
+    "is_url",
+    "local_name",
+    "open_file",
+    "suffix_of_compression",
+]
 
 #: Suffixes of compressed files.
 COMPRESSIONS = (".gz", ".zst", ".xz", ".bz2")
@@ -52,20 +62,7 @@ def open_file(name: str) -> BinaryIO:
         OSError: The file cannot be opened.
     """
     path = local_name(name)
-    raw: Any
-    if is_url(path):
-        fsspec = require("fsspec", "fsspec", "to read from a URL")
-        try:
-            raw = fsspec.open(path, "rb").open()
-        except ValueError as error:  # an unknown protocol
-            raise OSError(errno.EPROTONOSUPPORT, str(error), name) from error
-        except ImportError as error:
-            raise ImportError(
-                f"to read {path}, {error.name or 'a library'} is needed ({error}); for http:// and "
-                'https://: pip install "fsspec[http]"'
-            ) from error
-    else:
-        raw = open(path, "rb", buffering=0)  # noqa: PTH123, SIM115 - the caller closes the file
+    raw: Any = RemoteFile(path) if is_url(path) else open(path, "rb", buffering=0)  # noqa: PTH123, SIM115
     if suffix := suffix_of_compression(path):
         try:
             return _Decompressed(_reader(raw, suffix), raw, name)  # type: ignore[return-value]
@@ -73,6 +70,20 @@ def open_file(name: str) -> BinaryIO:
             raw.close()
             raise
     return raw  # type: ignore[no-any-return]
+
+
+def file_version(name: str) -> Version:
+    """Returns what changes when a file does: its size, and the time of the last change or an identifier.
+
+    Raises:
+        ImportError: A library for the URL is not installed.
+        OSError: The file cannot be accessed.
+    """
+    path = local_name(name)
+    if is_url(path):
+        return remote_version(path)
+    status = os.stat(path)  # noqa: PTH116 - pathlib is slow to import
+    return status.st_size, str(status.st_mtime_ns)
 
 
 def _reader(raw: BinaryIO, suffix: str) -> _Read:

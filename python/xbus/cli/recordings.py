@@ -14,6 +14,7 @@ import click
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import STDIN, label
 from xbus.files import COMPRESSIONS, is_url, local_name
+from xbus.remote import matching_urls
 
 if TYPE_CHECKING:
     from xbus.log.pieces import PiecesError
@@ -84,8 +85,10 @@ def find_files(names: Sequence[str]) -> list[str]:
 
 def _expand(name: str) -> Iterator[str]:
     path = local_name(name)
-    if name == STDIN or is_url(path):
+    if name == STDIN:
         yield name
+    elif is_url(path):
+        yield from _matching_urls(name)
     elif os.path.isdir(path):  # noqa: PTH112
         suffixes = tuple(SUFFIX + compression for compression in ("", *COMPRESSIONS))
         try:
@@ -101,10 +104,24 @@ def _expand(name: str) -> Iterator[str]:
         files = sorted(glob.glob(path, recursive=True))  # noqa: PTH207
         files = [file for file in files if not os.path.isdir(file)]  # noqa: PTH112
         if not files:
-            raise Failure(f"no file matches {label(name)}; check the pattern")
+            raise _no_match(name)
         yield from files
     else:
         yield name
+
+
+def _matching_urls(pattern: str) -> list[str]:
+    try:
+        urls = matching_urls(pattern)
+    except OSError as error:
+        raise cannot(f"read {label(pattern)}", error) from error
+    if not urls:
+        raise _no_match(pattern)
+    return urls
+
+
+def _no_match(pattern: str) -> Failure:
+    return Failure(f"no file matches {label(pattern)}; check the pattern")
 
 
 def several_recordings(

@@ -9,22 +9,25 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from xbus.errors import XbusError
-from xbus.files import is_plain, is_url, local_name
+from xbus.files import file_version, is_plain
 from xbus.log.arrivals import Arrivals, HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
 from xbus.log.log import Log
 from xbus.log.pieces import Pieces, pieces_of
 from xbus.log.read import BLOCK, STEP, reader_of, thread_count
-from xbus.log.source import Readable, Source, array_of, open_binary, quantity_filter, skip
+from xbus.log.source import Readable, Source, array_of, open_range, quantity_filter
 from xbus.protocol.keys import Key
 from xbus.protocol.values import StringType
+from xbus.remote import Version
 from xbus.wire.strings import mask_of
 
 __all__ = ["LogPart", "split_log"]
 
 #: Bytes after a part that decide how it ends: more than two of the longest frames.
 LOOKAHEAD = 1 << 18
+#: What messages say of a file that is no longer what it was.
+CHANGED = "has changed since it was split; split it again"
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,7 @@ class LogPart:
     first_sample: int
     samples: int
     _source: Any = field(repr=False)
-    _version: tuple[tuple[int, int] | None, ...] = field(repr=False)
+    _versions: tuple[Version | None, ...] = field(repr=False)
     _is_last: bool = field(repr=False)
     _state: bytes = field(repr=False)
     _identities: dict[int, Identity] = field(repr=False)
@@ -70,9 +73,10 @@ class LogPart:
         (124, True)
         """
         keep = quantity_filter(quantities)
-        if _version(self._source) != self._version:
-            raise self._changed()
-        source, arrivals = _opened(self._source, self.start, allow_restart=self._allow_restart)
+        _check_versions(self._source, self._versions, CHANGED)
+        source, arrivals = _opened(
+            self._source, self.start, self.end, allow_restart=self._allow_restart
+        )
         reader = reader_of(
             source,
             strict=False,
@@ -86,14 +90,11 @@ class LogPart:
         while more and (self._is_last or reader.position < self.end):
             more = reader.advance(STEP if self._is_last else min(STEP, self.end - reader.position))
         core = reader.take()
+        _check_versions(self._source, self._versions, CHANGED)
         if (reader.position, core.first, len(core)) != (self.end, self.first_sample, self.samples):
-            raise self._changed()
+            raise XbusError(f"{_name(self._source)} {CHANGED}")
         host_times = HostTimes(core, arrivals, self._clocks)
         return Log(core, quantities=keep, identities=self._identities, host_times=host_times)
-
-    def _changed(self) -> XbusError:
-        name = self._source if _is_name(self._source) else "the log"
-        return XbusError(f"{name} has changed since it was split; split it again")
 
 
 def split_log(
@@ -112,6 +113,7 @@ def split_log(
 
     Args:
         source: As in `read_log`, but no file object. Bytes and arrays are copied into the parts. A part of a
+            file at a URL requests its own bytes only, and the server must support that. A part of a
             compressed file is read from the start of the file.
         block_bytes: Approximate size of a part, in bytes of input.
         rate: As in `read_log`.
@@ -125,6 +127,7 @@ def split_log(
     Raises:
         TypeError: A file object, which can be read only once.
         ValueError: ``block_bytes`` less than 1. The other errors are those of `read_log`.
+        XbusError: A file changed while it was split.
 
     >>> import xbus
     >>> from concurrent.futures import ThreadPoolExecutor
@@ -144,7 +147,7 @@ def split_log(
             "split_log needs a path, a URL or bytes; a file object can be read only once"
         )
     is_bytes = not isinstance(given, tuple) and not _is_name(given)
-    version = _version(given)
+    versions = _versions(given)
     opened, arrivals = _opened(given, 0, allow_restart=allow_restart)
     mask = mask_of(strings)
     reader = reader_of(
@@ -178,7 +181,7 @@ def split_log(
                 core.first,
                 len(core),
                 _Bytes.of(given, start, end) if is_bytes else given,
-                version,
+                versions,
                 not more,
                 state,
                 identities,
@@ -190,6 +193,7 @@ def split_log(
         if arrivals is not None:
             clocks = host_times.clocks
         identities = Log(core, quantities=[], identities=identities)._identities
+    _check_versions(given, versions, "changed while it was split; split it again")
     return parts
 
 
@@ -205,34 +209,48 @@ class _Bytes:
 
 
 def _opened(
-    source: Any, start: int, *, allow_restart: bool
+    source: Any, start: int, end: int | None = None, *, allow_restart: bool
 ) -> tuple[Source | Readable, Arrivals | None]:
-    """Returns what the core can read from a position on, and the arrivals of all bytes."""
+    """Returns what the core can read from ``start`` to ``end`` or the end, and the arrivals of all bytes."""
     if isinstance(source, _Bytes):
         return io.BytesIO(source.data), None
     whole = pieces_of(source, allow_restart=allow_restart) if isinstance(source, tuple) else source
     arrivals = arrivals_of(whole)
     if isinstance(whole, Pieces):
-        whole.skip(start)
+        if end is not None:
+            whole.go_to(start, end)
         return whole, arrivals
-    if not start or is_plain(os.fsdecode(whole)):
+    if not _is_name(whole) or is_plain(os.fsdecode(whole)):
         return whole, arrivals
-    file = open_binary(whole)
-    skip(file, start)
-    return file, arrivals
+    return open_range(whole, start, end), arrivals
 
 
 def _is_name(source: object) -> bool:
     return isinstance(source, str | os.PathLike)
 
 
-def _version(source: Any) -> tuple[tuple[int, int] | None, ...]:
-    """Returns what changes with local files: the size and the time of the last change of each."""
-    versions: list[tuple[int, int] | None] = []
-    for one in source if isinstance(source, tuple) else (source,):
-        if not _is_name(one) or is_url(os.fsdecode(one)):
-            versions.append(None)
-            continue
-        status = os.stat(local_name(os.fsdecode(one)))  # noqa: PTH116
-        versions.append((status.st_size, status.st_mtime_ns))
-    return tuple(versions)
+def _name(source: Any) -> str:
+    """Returns what messages call a source."""
+    return os.fsdecode(source) if _is_name(source) else "the log"
+
+
+def _each(source: Any) -> tuple[Any, ...]:
+    """Returns the pieces of a source."""
+    return source if isinstance(source, tuple) else (source,)
+
+
+def _versions(source: Any) -> tuple[Version | None, ...]:
+    """Returns what changes with each piece; None for bytes, which do not change."""
+    return tuple(file_version(os.fsdecode(one)) if _is_name(one) else None for one in _each(source))
+
+
+def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: str) -> None:
+    """Compares the pieces of a source with what they were.
+
+    Raises:
+        OSError: One cannot be accessed.
+        XbusError: One has changed. The message is its name and ``problem``.
+    """
+    for one, before, now in zip(_each(source), versions, _versions(source), strict=True):
+        if before != now:
+            raise XbusError(f"{_name(one)} {problem}")

@@ -18,13 +18,14 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from xbus import _core
-from xbus.files import is_plain, local_name, suffix_of_compression
+from xbus.files import is_plain, is_url, local_name, suffix_of_compression
 from xbus.log.arrivals import Arrivals, arrivals_of, joined
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.log import Log, steady_time
-from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary, skip
+from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary, open_range, skip
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import PRODUCTS, device_of
+from xbus.remote import remote_version
 
 __all__ = ["PieceName", "Pieces", "PiecesError", "name_of_piece", "piece_name", "pieces_of"]
 
@@ -163,20 +164,23 @@ class Pieces:
         self._unopened = list(pieces)
         self._file: BinaryIO | Readable | None = None
         self._is_owned = False
+        #: The bytes of the next piece and those after it that are read, if they are known.
+        self._range: tuple[int, int] | None = None
 
     def __length_hint__(self) -> int:
         """Size of all pieces in bytes, 0 if not known."""
         sizes = [piece.size for piece in self._pieces]
         return 0 if None in sizes else sum(size or 0 for size in sizes)
 
-    def skip(self, size: int) -> None:
-        """Goes forward by ``size`` bytes from the start, without opening the pieces before."""
-        while (
-            self._unopened and (skipped := self._unopened[0].size) is not None and skipped <= size
-        ):
+    def go_to(self, start: int, end: int) -> None:
+        """Goes to ``start``, without opening the pieces before. The pieces are read up to ``end``."""
+        while self._unopened and (size := self._unopened[0].size) is not None and size <= start:
             self._unopened.pop(0)
-            size -= skipped
-        skip(self, size)
+            start, end = start - size, end - size
+        self._range = (start, end)
+        if self._unopened and self._unopened[0].size is None:
+            self._range = (0, end)
+            skip(self, start)
 
     def read(self, size: int = -1, /) -> bytes:
         """Returns at most ``size`` bytes; none after the last piece."""
@@ -185,13 +189,20 @@ class Pieces:
                 if not self._unopened:
                     return b""
                 piece = self._unopened.pop(0)
-                self._file = open_binary(piece.source)
+                self._file = self._open(piece)
                 self._is_owned = self._file is not piece.source
                 if not self._is_owned:
                     self._file.seek(piece.start)  # type: ignore[attr-defined]
             if data := self._file.read(size):
                 return data
             self.close()
+
+    def _open(self, piece: Piece) -> BinaryIO | Readable:
+        if self._range is None:
+            return open_binary(piece.source)
+        start, end = self._range
+        self._range = (0, end - (piece.size or 0))
+        return open_range(piece.source, start, end)
 
     def again(self) -> Pieces:
         """Returns the same pieces, to be read from their start."""
@@ -260,7 +271,10 @@ def _piece(source: Source, at: int) -> Piece:
     size: int | None = None
     if isinstance(source, str | os.PathLike):
         name = os.fsdecode(os.fspath(source))
-        size = os.stat(local_name(name)).st_size if is_plain(name) else None  # noqa: PTH116
+        if is_plain(name):
+            size = os.stat(local_name(name)).st_size  # noqa: PTH116
+        elif is_url(name) and not suffix_of_compression(name):
+            size, _ = remote_version(name)
     elif not isinstance(source, Readable):
         size = len(array_of(source))
     ends = _ends(source)

@@ -11,8 +11,9 @@ from typing import BinaryIO, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from xbus.files import is_plain, local_name, open_file
+from xbus.files import is_plain, is_url, local_name, open_file, suffix_of_compression
 from xbus.protocol.keys import Key, resolve_key
+from xbus.remote import RemoteFile
 
 __all__ = [
     "QuantityFilter",
@@ -20,6 +21,7 @@ __all__ = [
     "Source",
     "array_of",
     "open_binary",
+    "open_range",
     "open_source",
     "quantity_filter",
     "size_hint",
@@ -124,6 +126,20 @@ def open_binary(source: Source) -> BinaryIO | Readable:
     if isinstance(source, str | os.PathLike):
         return open_file(os.fsdecode(os.fspath(source)))
     return source if isinstance(source, Readable) else io.BytesIO(array_of(source).data)
+
+
+def open_range(source: Source, start: int, end: int | None) -> BinaryIO | Readable:
+    """Returns a file object at ``start`` of a source that is read up to ``end``, or a little more.
+
+    Of a file at a URL only these bytes are requested; its server must support that. Errors are those of
+    `open_source`.
+    """
+    name = os.fsdecode(source) if isinstance(source, str | os.PathLike) else ""
+    if is_url(name) and not suffix_of_compression(name):
+        return RemoteFile(name, start, end, ranges_only=True)
+    file = open_binary(source)
+    skip(file, start)
+    return file
 
 
 def skip(file: BinaryIO | Readable, size: int) -> None:
