@@ -57,11 +57,14 @@ def test_parts_of_a_file(make: Callable[[int], bytes], block: int, tmp_path: Pat
 
 @pytest.mark.parametrize("name", ["walk.mtb", "field.mtb"])
 def test_parts_equal_those_of_iter_log(name: str) -> None:
-    """Also host times, identities and everything else that logs compare."""
+    """Also host times and identities. Parts of `split_log` have all columns, some without rows."""
     path = OWN_CAPTURES / name
     split = [part.read() for part in split_log(path, block_bytes=5000)]
     parts = list(xbus.iter_log(path, block_bytes=5000))
-    assert split == parts
+    for one, other in zip(split, parts, strict=True):
+        assert {key: column for key, column in one.items() if len(column)} == dict(other.items())
+        assert (one.stats, one.devices) == (other.stats, other.devices)
+        assert one.host_time.tobytes() == other.host_time.tobytes()
     assert [part.device_id for part in split] == [part.device_id for part in parts]
 
 

@@ -36,6 +36,7 @@ __all__ = [
     "ScannedFrame",
     "ScannedString",
     "Scanner",
+    "Shape",
     "StringArrays",
     "Waiting",
     "__version__",
@@ -375,6 +376,7 @@ class Reader:
         part_bytes: int | None = None,
         rate: float | None = None,
         threads: int = 1,
+        values: bool = True,
         fast: bool = True,
         state: bytes | None = None,
     ) -> Reader:
@@ -390,6 +392,7 @@ class Reader:
             part_bytes: Approximate bytes of input in a part. Decides how much memory columns reserve.
             rate: Rate of the packet counter in Hz, from which samples without time stamps get their time.
             threads: Number of threads for arrays and files.
+            values: Keep values. Otherwise only rows are counted, which is enough for `Shape.add`.
             fast: Use the fast path. False is for tests.
             state: `state` of another reader, which goes on from there; None for the start. A file object
                 stands there already.
@@ -417,8 +420,36 @@ class Reader:
             DecodeError: Damage, in strict mode.
             OSError: The file cannot be read. An exception of the source's ``read`` is passed on.
         """
-    def take(self) -> Part:
-        """Returns what has been read since the last call."""
+    def take(self, shape: Shape | None = None) -> Part:
+        """Returns what has been read since the last call.
+
+        Args:
+            shape: Shape of the whole log, or None if the part stays as it is.
+
+        Raises:
+            ValueError: The log of this shape has no such columns.
+        """
+
+@final
+class Shape:
+    """The columns of a log without their values, which give each part the columns of its whole log."""
+
+    def __new__(cls, state: bytes | None = None) -> Shape:
+        """Creates the shape of an empty log, or restores the one whose state `pickle` saved.
+
+        Raises:
+            ValueError: Another version of xbus saved the state, or it is damaged.
+        """
+    def __reduce__(self) -> tuple[type[Shape], tuple[bytes]]: ...
+    def __eq__(self, value: object, /) -> bool: ...
+    def add(self, part: Part) -> None:
+        """Adds the part that follows those that were added before."""
+    def of_wanted(self, wanted: list[tuple[str, str | None]]) -> Shape:
+        """Returns the shape with these quantities, and those that clocks and counters need."""
+    def of_device(self, device: Shape) -> Shape:
+        """Returns the shape of one device, whose samples alone have the shape ``device``."""
+    def empty(self) -> Part:
+        """Returns a part without samples, with the columns of the log."""
 
 @final
 class Part:
@@ -431,12 +462,13 @@ class Part:
             ValueError: Another version of xbus saved the state, or it is damaged.
         """
     def __reduce__(self) -> tuple[type[Part], tuple[bytes]]: ...
-    def of_device(self, bid: int, first: int) -> Part:
+    def of_device(self, bid: int, first: int, shape: Shape | None = None) -> Part:
         """Returns the samples and messages of one device.
 
         Args:
             bid: BID of the device.
             first: Index of its first sample.
+            shape: As for `Reader.take`.
         """
     def only(self, column: Column) -> Part:
         """Returns the same samples and times with one of the columns, and nothing else."""

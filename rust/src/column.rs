@@ -2,6 +2,7 @@
 
 use std::slice::ChunksExactMut;
 
+use crate::error::ShapeError;
 use crate::huge_pages;
 use crate::packet::{Coordinates, Form, Precision, Reading, record_size};
 use crate::real;
@@ -71,16 +72,26 @@ impl Values {
         }
     }
 
-    /// Appends numbers. If the two types differ, the result has the wider one.
-    ///
-    /// # Panics
-    /// If one type is not wider than the other.
-    pub fn append(&mut self, other: &Self, progress: Progress) {
+    /// Whether the numbers have the same type.
+    fn is_like(&self, other: &Self) -> bool {
+        std::mem::discriminant(self) == std::mem::discriminant(other)
+    }
+
+    /// Converts the numbers to the type of others if that is the wider one.
+    fn widen_like(&mut self, other: &Self, progress: Progress) {
         match (&mut *self, other) {
             (Self::F32(narrow), Self::F64(_)) => *self = Self::F64(widened(narrow, progress)),
             (Self::U32(narrow), Self::U64(_)) => *self = Self::U64(widened(narrow, progress)),
             _ => {}
         }
+    }
+
+    /// Appends numbers. If the two types differ, the result has the wider one.
+    ///
+    /// # Panics
+    /// If one type is not wider than the other.
+    pub fn append(&mut self, other: &Self, progress: Progress) {
+        self.widen_like(other, progress);
         match (self, other) {
             (Self::U8(out), Self::U8(more)) | (Self::Records(out), Self::Records(more)) => extend(out, more, progress),
             (Self::U16(out), Self::U16(more)) => extend(out, more, progress),
@@ -122,6 +133,16 @@ pub enum Subject {
     Known(#[cfg_attr(feature = "serde", serde(with = "by_id"))] &'static Quantity, Option<Coordinates>),
     /// Packets that the tables do not explain, with their identifier as received.
     Unknown(u16),
+}
+
+impl PartialEq for Subject {
+    fn eq(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Known(own, coordinates), Self::Known(other, others)) => own.id == other.id && coordinates == others,
+            (Self::Unknown(own), Self::Unknown(other)) => own == other,
+            _ => false,
+        }
+    }
 }
 
 /// A row of the table as its data identifier.
@@ -174,6 +195,8 @@ pub struct Column {
     pub rows: usize,
     /// Samples of the rows that the plain path decoded; the others follow from the layouts of the samples.
     pub single: Vec<u64>,
+    /// Whether rows are only counted, and have no values.
+    pub counted: bool,
 }
 
 impl Column {
@@ -202,6 +225,7 @@ impl Column {
             entries: vec![],
             rows: 0,
             single: vec![],
+            counted: false,
         }
     }
 
@@ -281,12 +305,35 @@ impl Column {
         Self { mixed_ids: false, mixed_precisions: false, values, entries, rows: 0, single, ..*self }
     }
 
+    /// Prepares the column for the packets of another one: see [`Self::admit`].
+    pub fn admit_column(&mut self, other: &Self, progress: Progress) {
+        self.mixed_ids |= other.mixed_ids || other.id != self.id;
+        let is_real = matches!(self.quantity().map(|quantity| quantity.kind), Some(Kind::Real(_)));
+        let differ = is_real && Precision::of(other.id) != Precision::of(self.id);
+        self.mixed_precisions |= other.mixed_precisions || differ;
+        self.values.widen_like(&other.values, progress);
+    }
+
+    /// Gives the column the identifier, precision and type of one that [admitted](Self::admit_column) it.
+    ///
+    /// # Errors
+    /// If the type of the other column is narrower.
+    pub fn take_type_of(&mut self, other: &Self) -> Result<(), ShapeError> {
+        (self.id, self.mixed_ids, self.mixed_precisions) = (other.id, other.mixed_ids, other.mixed_precisions);
+        self.values.widen_like(&other.values, Progress { done: 0, total: 0 });
+        if self.values.is_like(&other.values) { Ok(()) } else { Err(ShapeError) }
+    }
+
+    /// Whether the column has the identifier, precision and type of another one.
+    #[must_use]
+    pub fn has_type_of(&self, other: &Self) -> bool {
+        let ids = |column: &Self| (column.id, column.mixed_ids, column.mixed_precisions);
+        ids(self) == ids(other) && self.values.is_like(&other.values)
+    }
+
     /// Appends the rows of another column for the same packets, whose samples are counted from sample `first` on.
     pub fn append(&mut self, other: &Self, first: u64, progress: Progress) {
-        self.mixed_ids |= other.mixed_ids || other.id != self.id;
-        let is_real = |column: &Self| matches!(column.quantity().map(|quantity| quantity.kind), Some(Kind::Real(_)));
-        let differ = is_real(self) && Precision::of(other.id) != Precision::of(self.id);
-        self.mixed_precisions |= other.mixed_precisions || differ;
+        self.admit_column(other, progress);
         self.values.append(&other.values, progress);
         self.entries.extend_from_slice(&other.entries);
         self.rows += other.rows;
@@ -301,6 +348,10 @@ impl Column {
     #[inline(always)]
     pub fn gather(&mut self, form: Option<Form>, packets: Packets<'_>, progress: Progress) {
         let more = packets.starts.len();
+        if self.counted {
+            self.rows += more;
+            return;
+        }
         match (&mut self.values, form) {
             (Values::F32(out), Some(Form::Real(Precision::Float32, n))) => {
                 packets.numbers(out, n, progress, real::float32);

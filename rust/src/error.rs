@@ -127,6 +127,18 @@ impl fmt::Display for HostTimesError {
 
 impl std::error::Error for HostTimesError {}
 
+/// A part of a log that does not have the shape of the log: the input has changed since its shape was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShapeError;
+
+impl fmt::Display for ShapeError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("the part has columns that its log does not have")
+    }
+}
+
+impl std::error::Error for ShapeError {}
+
 /// Why something cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EncodeError {

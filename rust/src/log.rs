@@ -6,6 +6,7 @@
 mod device;
 mod join;
 mod parallel;
+mod shape;
 mod timed;
 mod track;
 mod unwrap;
@@ -26,9 +27,11 @@ use crate::packet::{Coordinates, PACKET_HEADER, packets};
 use crate::scan::{Damage, Scanner, Seam, Step, Window, is_bid};
 use crate::table::{self, Quantity};
 
+use shape::Whole;
 use track::Track;
 
 pub use parallel::{Blocks, Input};
+pub use shape::Shape;
 pub use timed::{TimedPart, Times};
 
 /// Quantities to keep, each in one coordinate system or in any.
@@ -45,13 +48,15 @@ pub struct Options {
     pub strings: u32,
     /// Quantities to keep; `None` for all. Those that clocks and counters need are kept in any case.
     pub wanted: Option<Wanted>,
+    /// Whether to keep values. Otherwise rows are only counted, except those that clocks and counters need: see [`Shape`].
+    pub values: bool,
     /// Whether to use the fast path. Without it every message takes the plain path, which is the reference of the tests.
     pub fast: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { limit: MAX_PAYLOAD, strict: false, strings: 0, wanted: None, fast: true }
+        Self { limit: MAX_PAYLOAD, strict: false, strings: 0, wanted: None, values: true, fast: true }
     }
 }
 
@@ -145,6 +150,8 @@ pub struct Part {
     jumps: Vec<(u64, u64)>,
     singles: Vec<Single>,
     changes: Vec<(u64, u8, Change)>,
+    /// What it knows of its log; `None` for a part that is a log by itself.
+    whole: Option<Whole>,
 }
 
 impl Part {
@@ -177,6 +184,10 @@ impl Part {
             layout: self.layout.clone(),
             layouts,
             singles: self.singles.clone(),
+            whole: self.whole.as_ref().map(|whole| Whole {
+                is_dense: whole.is_dense.get(column).copied().into_iter().collect(),
+                bids: whole.bids.clone(),
+            }),
             ..Self::default()
         }
     }
@@ -193,6 +204,15 @@ impl Part {
         // A sample of known layout has one row or none. So if those that the plain path decoded have one each, all have.
         let once = column.single.windows(2).all(|pair| pair[0] < pair[1]);
         column.rows == self.len() && column.single.len() == self.singles.len() && once
+    }
+
+    /// Whether the column with this index has exactly one row for each sample of the whole log.
+    #[must_use]
+    pub fn is_dense_in_log(&self, index: usize) -> bool {
+        match &self.whole {
+            Some(whole) => whole.is_dense.get(index).copied().unwrap_or(false),
+            None => self.is_dense(&self.columns[index]),
+        }
     }
 
     /// For each row of `column` its sample, counted from the beginning of the log.
@@ -261,18 +281,30 @@ impl Part {
         self.layout.iter().map(bid).collect()
     }
 
-    /// For each sample the bus identifier of its device, if the samples are of several devices. That of a device is the
-    /// one of its first sample.
+    /// The bus identifiers that occur, some more than once.
+    fn sent_bids(&self) -> impl Iterator<Item = u8> {
+        self.layouts.iter().map(|layout| layout.bid).chain(self.singles.iter().map(|single| single.bid))
+    }
+
+    /// For each sample the bus identifier of its device, if the samples of the log are of several devices. That of a device
+    /// is the one of its first sample.
     #[must_use]
     pub fn bids_of_several(&self) -> Option<Vec<u8>> {
-        let sent = self.layouts.iter().map(|layout| layout.bid).chain(self.singles.iter().map(|single| single.bid));
-        let mut devices = sent.map(device_of);
-        let first = devices.next()?;
-        if devices.all(|device| device == first) {
+        let mut first = [None; 256];
+        let is_of_one = if let Some(whole) = &self.whole {
+            for &bid in &whole.bids {
+                first[usize::from(device_of(bid))] = Some(bid);
+            }
+            whole.bids.len() < 2
+        } else {
+            let mut devices = self.sent_bids().map(device_of);
+            let first = devices.next()?;
+            devices.all(|device| device == first)
+        };
+        if is_of_one {
             return None;
         }
         let mut bids = self.bids();
-        let mut first = [None; 256];
         for bid in &mut bids {
             *bid = *first[usize::from(device_of(*bid))].get_or_insert(*bid);
         }
@@ -317,6 +349,14 @@ pub struct Place {
 enum Key {
     Known(u16, Option<Coordinates>),
     Unknown(u16),
+}
+
+/// Whether a reader keeps a quantity of which these are wanted.
+fn is_wanted(wanted: &Wanted, quantity: &Quantity, coordinates: Option<Coordinates>) -> bool {
+    let includes = |(wanted, system): &(&Quantity, Option<Coordinates>)| {
+        wanted.id == quantity.id && (system.is_none() || *system == coordinates)
+    };
+    quantity.clock.is_some() || wanted.iter().any(includes)
 }
 
 impl Reader {
@@ -559,7 +599,9 @@ impl Reader {
             };
             let columns = &mut self.columns;
             let column = *self.places.entry(key).or_insert_with(|| {
-                columns.push(Column::new(packet.id, reading.as_ref()));
+                let is_clock = reading.as_ref().is_some_and(|reading| reading.quantity.clock.is_some());
+                let counted = !self.options.values && !is_clock;
+                columns.push(Column { counted, ..Column::new(packet.id, reading.as_ref()) });
                 columns.len() - 1
             });
             let form = reading.as_ref().map(|reading| reading.form);
@@ -583,11 +625,7 @@ impl Reader {
     }
 
     fn is_wanted(&self, quantity: &Quantity, coordinates: Option<Coordinates>) -> bool {
-        let Some(wanted) = &self.options.wanted else { return true };
-        let includes = |(wanted, system): &(&Quantity, Option<Coordinates>)| {
-            wanted.id == quantity.id && (system.is_none() || *system == coordinates)
-        };
-        quantity.clock.is_some() || wanted.iter().any(includes)
+        self.options.wanted.as_ref().is_none_or(|wanted| is_wanted(wanted, quantity, coordinates))
     }
 
     fn message(&mut self, frame: Frame<'_>, offset: u64) {

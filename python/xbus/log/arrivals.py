@@ -106,6 +106,7 @@ class HostTimes:
         part: The part.
         arrivals: When its bytes arrived, or None if that is not known.
         earlier: The clocks of the devices as of the end of the previous part, by BID.
+        is_known: Whether a sample of the whole log has a host time. None if this part decides it.
     """
 
     def __init__(
@@ -113,12 +114,14 @@ class HostTimes:
         part: _core.Part,
         arrivals: Arrivals | None = None,
         earlier: Mapping[int, HostClock] | None = None,
+        *,
+        is_known: bool | None = None,
     ) -> None:
         self.part = part
         #: What is wrong with the side file; None if it is good or missing.
         self.fault: str | None = arrivals.fault if arrivals is not None else None
         self._arrivals = arrivals
-        self._earlier = earlier or {}
+        self._earlier, self._is_known = earlier or {}, is_known
 
     @classmethod
     def known_already(
@@ -155,20 +158,22 @@ class HostTimes:
         """Returns the host times of the first rows, NaN for the others, and the clocks after them."""
         part = self.part
         clocks = {bid: clock.copy() for bid, clock in self._earlier.items()}
-        if self._arrivals is None:
+        if self._is_known is False or (self._arrivals is None and not self._is_known):
             return None, clocks
+        time = np.full(len(part), np.nan)
+        if self._arrivals is None:
+            return read_only(time), clocks
         leads = np.ones(len(part), np.bool_)
         for column in part.columns:
             if column.name in LATE:
                 leads[column.sample - part.first] = False
-        time = np.full(len(part), np.nan)
         arrival = self._arrivals.of(part.end)[:rows]
         bids = device_of(part.bid)[: len(arrival)]
         for bid in np.unique(bids).tolist():
             clock = clocks.setdefault(bid, HostClock())
             own = np.flatnonzero(bids == bid)
             time[own] = clock.update(part.time[own], arrival[own], leads[own])
-        return (read_only(time) if clocks else None), clocks
+        return (read_only(time) if clocks or self._is_known else None), clocks
 
     @property
     def known(self) -> npt.NDArray[np.float64] | None:

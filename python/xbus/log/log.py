@@ -369,14 +369,15 @@ class Log(ByQuantity[Column]):
                 return self.of_device(device.bid)
         raise MissingDeviceError(which, [device.bid for device in self.devices])
 
-    def of_device(self, bid: int, first_sample: int = 0) -> Log:
+    def of_device(self, bid: int, first_sample: int = 0, shape: _core.Shape | None = None) -> Log:
         """Returns the part of one device, which may have no samples in it.
 
         Args:
             bid: BID of the device.
             first_sample: Number of samples of the device before this part.
+            shape: Shape of the whole log of the device, or None if this is not a part.
         """
-        core = self._core.of_device(bid, first_sample)
+        core = self._core.of_device(bid, first_sample, shape)
         device = device_of(bid)
         is_own = device_of(self.bid) == device
         times = self._host_times

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from xbus import _core
 from xbus.errors import XbusError
 from xbus.files import file_version, is_plain
 from xbus.log.arrivals import Arrivals, HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
-from xbus.log.log import Log
+from xbus.log.log import Log, MissingDeviceError
 from xbus.log.pieces import Pieces, pieces_of
 from xbus.log.read import BLOCK, STEP, reader_of, thread_count
-from xbus.log.source import Readable, Source, array_of, open_range, quantity_filter
+from xbus.log.source import (
+    QuantityFilter,
+    Readable,
+    Source,
+    array_of,
+    open_range,
+    quantity_filter,
+)
 from xbus.protocol.keys import Key
 from xbus.protocol.values import StringType
 from xbus.remote import Version
@@ -28,6 +36,46 @@ __all__ = ["LogPart", "split_log"]
 LOOKAHEAD = 1 << 18
 #: What messages say of a file that is no longer what it was.
 CHANGED = "has changed since it was split; split it again"
+
+
+@dataclass(frozen=True)
+class _Whole:
+    """What the parts of a log have in common.
+
+    Attributes:
+        versions: What changes with each piece of the input; None for bytes, which do not change.
+        strings: String types to look for, as bits.
+        allow_restart: As in `split_log`.
+        bid: The device whose samples are read, or None for all.
+        shape: The columns of the log.
+        has_host_times: Whether a sample has a host time.
+    """
+
+    versions: tuple[Version | None, ...]
+    strings: int
+    allow_restart: bool
+    bid: int | None
+    shape: _core.Shape
+    has_host_times: bool
+
+
+@dataclass(frozen=True)
+class _Begin:
+    """How to read a part.
+
+    Attributes:
+        source: The input, or the bytes of the part.
+        is_last: Whether no part follows.
+        state: State of the reader at the beginning.
+        identities: The identities of devices that are known by then.
+        clocks: Their host clocks by then.
+    """
+
+    source: Any
+    is_last: bool
+    state: bytes
+    identities: dict[int, Identity]
+    clocks: dict[int, HostClock]
 
 
 @dataclass(frozen=True)
@@ -45,17 +93,14 @@ class LogPart:
     end: int
     first_sample: int
     samples: int
-    _source: Any = field(repr=False)
-    _versions: tuple[Version | None, ...] = field(repr=False)
-    _is_last: bool = field(repr=False)
-    _state: bytes = field(repr=False)
-    _identities: dict[int, Identity] = field(repr=False)
-    _clocks: dict[int, HostClock] = field(repr=False)
-    _strings: int = field(repr=False)
-    _allow_restart: bool = field(repr=False)
+    _begin: _Begin = field(repr=False)
+    _whole: _Whole = field(repr=False)
 
     def read(self, *, quantities: Iterable[Key] | None = None, threads: int | None = 1) -> Log:
         """Returns the part as a log whose samples, offsets, times and counters are those of the whole log.
+
+        It has the columns of the whole log, with the same types; those of quantities that do not occur in the
+        part are empty. So the tables of all parts have the same columns.
 
         Args:
             quantities: As in `read_log`.
@@ -72,35 +117,76 @@ class LogPart:
         >>> len(part), part.first_sample == parts[0].samples
         (124, True)
         """
-        keep = quantity_filter(quantities)
-        _check_versions(self._source, self._versions, CHANGED)
+        keep, begin, whole = quantity_filter(quantities), self._begin, self._whole
+        _check_versions(begin.source, whole.versions, CHANGED)
         source, arrivals = _opened(
-            self._source, self.start, self.end, allow_restart=self._allow_restart
+            begin.source, self.start, self.end, allow_restart=whole.allow_restart
         )
         reader = reader_of(
             source,
             strict=False,
             quantities=keep,
-            strings=self._strings,
+            strings=whole.strings,
             part_bytes=self.end - self.start,
             threads=thread_count(threads),
-            state=self._state,
+            state=begin.state,
         )
         more = True
-        while more and (self._is_last or reader.position < self.end):
-            more = reader.advance(STEP if self._is_last else min(STEP, self.end - reader.position))
-        core = reader.take()
-        _check_versions(self._source, self._versions, CHANGED)
-        if (reader.position, core.first, len(core)) != (self.end, self.first_sample, self.samples):
-            raise XbusError(f"{_name(self._source)} {CHANGED}")
-        host_times = HostTimes(core, arrivals, self._clocks)
-        return Log(core, quantities=keep, identities=self._identities, host_times=host_times)
+        while more and (begin.is_last or reader.position < self.end):
+            more = reader.advance(STEP if begin.is_last else min(STEP, self.end - reader.position))
+        _check_versions(begin.source, whole.versions, CHANGED)
+        if reader.position != self.end:
+            raise self._changed()
+        log = self._log(reader, keep, arrivals)
+        if len(log) != self.samples:
+            raise self._changed()
+        return log
+
+    def empty(self, *, quantities: Iterable[Key] | None = None) -> Log:
+        """Returns a log without samples, with the columns of the whole log: their types, units and names.
+
+        It gives the schema of the tables of all parts without reading any of them.
+
+        Args:
+            quantities: As in `read_log`.
+
+        >>> import xbus
+        >>> part = xbus.split_log("tests/captures/walk.mtb")[0]
+        >>> part.empty(quantities=["temperature"]).to_arrow().schema.names
+        ['sample', 'time', 'temperature']
+        """
+        keep = quantity_filter(quantities)
+        core = self._shape(keep).empty()
+        host_times = HostTimes(core, is_known=self._whole.has_host_times)
+        return Log(core, quantities=keep, host_times=host_times)
+
+    def _shape(self, keep: QuantityFilter | None) -> _core.Shape:
+        shape = self._whole.shape
+        return shape if keep is None else shape.of_wanted(keep)
+
+    def _log(
+        self, reader: _core.Reader, keep: QuantityFilter | None, arrivals: Arrivals | None
+    ) -> Log:
+        begin, whole, shape = self._begin, self._whole, self._shape(keep)
+        try:
+            core = reader.take(shape if whole.bid is None else None)
+            host_times = HostTimes(core, arrivals, begin.clocks, is_known=whole.has_host_times)
+            log = Log(core, quantities=keep, identities=begin.identities, host_times=host_times)
+            if whole.bid is not None:
+                log = log.of_device(whole.bid, self.first_sample, shape)
+        except ValueError as error:
+            raise self._changed() from error
+        return log
+
+    def _changed(self) -> XbusError:
+        return XbusError(f"{_name(self._begin.source)} {CHANGED}")
 
 
 def split_log(
     source: Source | Sequence[Source],
     *,
     block_bytes: int = BLOCK,
+    bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
     allow_restart: bool = False,
@@ -108,14 +194,16 @@ def split_log(
 ) -> list[LogPart]:
     """Splits a log into parts that can be read in any process and any order.
 
-    The log is read once, to find out what each part has to know about those before it: the index of the first
-    sample, clocks, counters and devices. Together the parts are exactly the result of `read_log`.
+    The log is read once, without decoding its values, to find out what each part has to know about the
+    others: the index of the first sample, clocks, counters, devices and columns. Together the parts are
+    exactly the result of `read_log`.
 
     Args:
         source: As in `read_log`, but no file object. Bytes and arrays are copied into the parts. A part of a
             file at a URL requests its own bytes only, and the server must support that. A part of a
             compressed file is read from the start of the file.
         block_bytes: Approximate size of a part, in bytes of input.
+        bid: As in `read_log`.
         rate: As in `read_log`.
         strings: As in `read_log`.
         allow_restart: As in `read_log`.
@@ -146,55 +234,89 @@ def split_log(
         raise TypeError(
             "split_log needs a path, a URL or bytes; a file object can be read only once"
         )
-    is_bytes = not isinstance(given, tuple) and not _is_name(given)
     versions = _versions(given)
     opened, arrivals = _opened(given, 0, allow_restart=allow_restart)
-    mask = mask_of(strings)
     reader = reader_of(
         opened,
         strict=False,
-        quantities=[],
-        strings=mask,
+        quantities=None,
+        strings=mask_of(strings),
         part_bytes=block_bytes,
         rate=rate,
         threads=thread_count(threads),
+        values=False,
     )
-    parts: list[LogPart] = []
-    identities: dict[int, Identity] = {}
-    clocks: dict[int, HostClock] = {}
-    more = True
-    while more:
-        start, state = reader.position, reader.state
-        assert state is not None  # noqa: S101 - see below
-        more = reader.advance(block_bytes)
-        while more and not reader.can_split:  # a part ends with a frame or string, not in damage
-            more = reader.advance(1)
-        core = reader.take()
-        end = reader.position
-        if end == start and parts:
-            break
-        host_times = HostTimes(core, arrivals, clocks)
-        parts.append(
-            LogPart(
-                start,
-                end,
-                core.first,
-                len(core),
-                _Bytes.of(given, start, end) if is_bytes else given,
-                versions,
-                not more,
-                state,
-                identities,
-                clocks,
-                mask,
-                allow_restart,
-            )
-        )
-        if arrivals is not None:
-            clocks = host_times.clocks
-        identities = Log(core, quantities=[], identities=identities)._identities
+    first_pass = _FirstPass(bid)
+    found = list(first_pass.parts(reader, given, block_bytes, arrivals))
     _check_versions(given, versions, "changed while it was split; split it again")
-    return parts
+    whole = _Whole(
+        versions,
+        mask_of(strings),
+        allow_restart,
+        bid,
+        first_pass.shape,
+        first_pass.has_host_times,
+    )
+    return [LogPart(*part, whole) for part in found]
+
+
+class _FirstPass:
+    """Reads a log once, without values, and finds its parts and its shape.
+
+    Args:
+        bid: The device whose samples are wanted, or None for all.
+    """
+
+    def __init__(self, bid: int | None) -> None:
+        self._bid = bid
+        self._shape, self._of_device = _core.Shape(), _core.Shape()
+        self.has_host_times = False
+
+    @property
+    def shape(self) -> _core.Shape:
+        return self._shape if self._bid is None else self._shape.of_device(self._of_device)
+
+    def parts(
+        self, reader: _core.Reader, source: Any, block_bytes: int, arrivals: Arrivals | None
+    ) -> Iterator[tuple[int, int, int, int, _Begin]]:
+        """Yields start, end, first sample and number of samples of each part, and how to read it.
+
+        Raises:
+            MissingDeviceError: The log has no samples of the device.
+        """
+        is_bytes = not isinstance(source, tuple) and not _is_name(source)
+        identities: dict[int, Identity] = {}
+        clocks: dict[int, HostClock] = {}
+        bids: dict[int, None] = {}
+        samples = 0
+        more = True
+        while more:
+            start, state = reader.position, reader.state
+            assert state is not None  # noqa: S101 - see below
+            more = reader.advance(block_bytes)
+            while (
+                more and not reader.can_split
+            ):  # a part ends with a frame or string, not in damage
+                more = reader.advance(1)
+            end = reader.position
+            if end == start and start:
+                break
+            core = reader.take()
+            log = Log(core, identities=identities)
+            own = core if self._bid is None else core.of_device(self._bid, samples)
+            self._shape.add(core)
+            self._of_device.add(own)
+            data = _Bytes.of(source, start, end) if is_bytes else source
+            yield start, end, samples, len(own), _Begin(data, not more, state, identities, clocks)
+            samples += len(own)
+            identities = log._identities
+            if arrivals is not None:
+                clocks = HostTimes(core, arrivals, clocks).clocks
+            if self._bid is not None:
+                bids |= dict.fromkeys(device.bid for device in log.devices)
+        self.has_host_times = bool(clocks)
+        if self._bid is not None and not samples:
+            raise MissingDeviceError(self._bid, bids)
 
 
 @dataclass(frozen=True)

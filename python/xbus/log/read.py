@@ -291,11 +291,13 @@ def reader_of(
     part_bytes: int | None = None,
     rate: float | None = None,
     threads: int = 1,
+    values: bool = True,
     state: bytes | None = None,
 ) -> _core.Reader:
     """Returns a reader for parts of ``part_bytes``, or for one part.
 
-    It is at the start of ``source``, or where another reader had ``state``.
+    It keeps values, or only counts rows. It is at the start of ``source``, or where another reader had
+    ``state``.
     """
     if rate is not None and not 0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of Hz, not {rate!r}")
@@ -309,5 +311,6 @@ def reader_of(
         part_bytes=size_hint(opened) if part_bytes is None else part_bytes,
         rate=rate,
         threads=threads,
+        values=values,
         state=state,
     )

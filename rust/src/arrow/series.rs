@@ -85,10 +85,10 @@ impl Shared<'_> {
         if let Some(stamps) = utc::nanoseconds_of_samples(part, &chosen) {
             series.push(Series { field: fields::utc(), source: Source::Utc(Arc::new(stamps)), places: Places::Same });
         }
-        for &column in &chosen {
+        for (&column, &index) in chosen.iter().zip(columns) {
             let is_dense = part.is_dense(column);
             let places = if is_dense { Places::Same } else { Places::Into(Arc::new(samples_of(self.part, column))) };
-            series.extend(self.of_column(column, &places, &others));
+            series.extend(self.of_column(column, &places, !part.is_dense_in_log(index), &others));
         }
         series
     }
@@ -98,7 +98,7 @@ impl Shared<'_> {
         let column = &self.part.part.columns[column];
         let samples = samples_of(self.part, column);
         let mut series = self.stamps(samples.iter().copied(), &Places::From(Arc::new(samples.clone())));
-        series.extend(self.of_column(column, &Places::Same, &[column]));
+        series.extend(self.of_column(column, &Places::Same, false, &[column]));
         series
     }
 
@@ -118,7 +118,7 @@ impl Shared<'_> {
         let rows = Arc::new(rows);
         for (record, is_entry, places) in [(head, false, Places::From(rows.clone())), (entry, true, Places::Same)] {
             let name = |field: &table::Field| field.name.to_owned();
-            series.extend(self.of_records(column, record, is_entry, &places, name));
+            series.extend(self.of_records(column, record, is_entry, &places, false, name));
         }
         (rows.len(), series)
     }
@@ -157,9 +157,9 @@ impl Shared<'_> {
         record: &'static [table::Field],
         is_entry: bool,
         places: &Places,
+        is_nullable: bool,
         name: impl Fn(&table::Field) -> String,
     ) -> Vec<Series> {
-        let is_nullable = matches!(places, Places::Into(_));
         let mut at = 0;
         let mut list = vec![];
         for field in record {
@@ -180,9 +180,8 @@ impl Shared<'_> {
     }
 
     /// The series of one column of the log, in a table that has the columns `others`.
-    fn of_column(&self, column: &Arc<Column>, places: &Places, others: &[&Column]) -> Vec<Series> {
+    fn of_column(&self, column: &Arc<Column>, places: &Places, is_nullable: bool, others: &[&Column]) -> Vec<Series> {
         let (Some(quantity), Some(stem)) = (column.quantity(), fields::stem(column, others)) else { return vec![] };
-        let is_nullable = !matches!(places, Places::Same);
         let series = |field: Field, source: Source| Series { field, source, places: places.clone() };
         match quantity.kind {
             _ if quantity.id == UTC_TIME => {
@@ -190,7 +189,7 @@ impl Shared<'_> {
                 vec![series(fields::utc_of(&stem, column), Source::Utc(Arc::new(stamps)))]
             }
             Kind::Struct(record) | Kind::List(record, _) => {
-                self.of_records(column, record, false, places, |field| format!("{stem}_{}", field.name))
+                self.of_records(column, record, false, places, is_nullable, |field| format!("{stem}_{}", field.name))
             }
             _ => {
                 let number = |name: String, element: usize| {

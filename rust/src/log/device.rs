@@ -87,8 +87,8 @@ fn column_of(part: &Part, column: &Column, own: impl Fn(u64) -> bool, index: imp
     let samples = part.samples_of(column);
     let rows: Vec<usize> = (0..column.rows).filter(|row| own(samples[*row] as u64)).collect();
     Column {
-        values: values_of(&column.values, column.width, &rows),
-        entries: entries_of(column, &rows),
+        values: if column.counted { column.values.like() } else { values_of(&column.values, column.width, &rows) },
+        entries: if column.counted { vec![] } else { entries_of(column, &rows) },
         rows: rows.len(),
         single: rows.iter().map(|row| index(samples[*row] as u64)).collect(),
         ..Column { values: Values::U8(vec![]), entries: vec![], single: vec![], ..*column }

@@ -8,7 +8,7 @@ use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
-use crate::error::{EncodeError, Fault, HostTimesError, ReadError, StateError};
+use crate::error::{EncodeError, Fault, HostTimesError, ReadError, ShapeError, StateError};
 use crate::packet::{Coordinates, Precision};
 use crate::table::{self, Axes, Class, ClockRole, Direction, Interpolation, Quantity, Series, Wire};
 use crate::{hostclock, scan};
@@ -40,7 +40,7 @@ macro_rules! value_errors {
     )+};
 }
 
-value_errors!(EncodeError, HostTimesError, StateError);
+value_errors!(EncodeError, HostTimesError, ShapeError, StateError);
 
 /// An error of the system as the exception that Python would raise: with its number and, if there is one, the file.
 pub fn os_error(error: &io::Error, path: Option<PathBuf>) -> PyErr {

@@ -28,7 +28,7 @@ pub struct Reader {
 #[pymethods]
 impl Reader {
     #[new]
-    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, fast=true, state=None))]
+    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, values=true, fast=true, state=None))]
     #[allow(clippy::too_many_arguments)] // by keyword
     fn new(
         source: &Bound<'_, PyAny>,
@@ -39,10 +39,11 @@ impl Reader {
         part_bytes: Option<u64>,
         rate: Option<f64>,
         threads: usize,
+        values: bool,
         fast: bool,
         state: Option<&[u8]>,
     ) -> PyResult<Self> {
-        let options = Options { limit, strict, strings, wanted, fast };
+        let options = Options { limit, strict, strings, wanted, values, fast };
         let (place, clocks) = match state {
             Some(state) => state::from_bytes(state)?,
             None => (Place::default(), Clocks::new(rate)),
@@ -84,9 +85,49 @@ impl Reader {
         Ok(!reader.is_finished())
     }
 
-    fn take(&mut self, py: Python<'_>) -> Part {
+    #[pyo3(signature = (shape=None))]
+    fn take(&mut self, py: Python<'_>, shape: Option<&Shape>) -> PyResult<Part> {
         let Self { reader, clocks, .. } = self;
-        Part::take(py, reader, clocks)
+        py.detach(|| Part::of(TimedPart::take(reader, clocks), shape))
+    }
+}
+
+/// The shape of a log.
+#[pyclass(module = "xbus._core")]
+#[derive(Default)]
+pub struct Shape(log::Shape);
+
+#[pymethods]
+impl Shape {
+    #[new]
+    #[pyo3(signature = (state=None))]
+    fn new(state: Option<&[u8]>) -> PyResult<Self> {
+        Ok(Self(state.map(state::from_bytes).transpose()?.unwrap_or_default()))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (Bound<'py, PyBytes>,)) {
+        (slf.get_type(), (PyBytes::new(slf.py(), &state::to_bytes(&slf.borrow().0)),))
+    }
+
+    fn __eq__(&self, other: &Self) -> bool {
+        state::to_bytes(&self.0) == state::to_bytes(&other.0)
+    }
+
+    fn add(&mut self, py: Python<'_>, part: &Part) {
+        py.detach(|| self.0.add(&part.0.part));
+    }
+
+    #[allow(clippy::needless_pass_by_value)] // what PyO3 extracts
+    fn of_wanted(&self, wanted: Wanted) -> Self {
+        Self(self.0.of_wanted(&wanted))
+    }
+
+    fn of_device(&self, device: &Self) -> Self {
+        Self(self.0.of_device(&device.0))
+    }
+
+    fn empty(&self) -> Part {
+        Part(Arc::new(TimedPart::empty(&self.0)))
     }
 }
 
@@ -95,8 +136,9 @@ impl Reader {
 pub struct Part(pub Arc<TimedPart>);
 
 impl Part {
-    fn take(py: Python<'_>, reader: &mut log::Reader, clocks: &mut Clocks) -> Self {
-        Self(Arc::new(py.detach(|| TimedPart::take(reader, clocks))))
+    fn of(part: TimedPart, shape: Option<&Shape>) -> PyResult<Self> {
+        let part = if let Some(shape) = shape { part.shaped(&shape.0)? } else { part };
+        Ok(Self(Arc::new(part)))
     }
 
     fn times(&self, py: Python<'_>) -> &Times {
@@ -122,8 +164,9 @@ impl Part {
         Self(Arc::new(self.0.only(column.index)))
     }
 
-    fn of_device(&self, py: Python<'_>, bid: u8, first: u64) -> Self {
-        Self(Arc::new(py.detach(|| self.0.of_device(bid, first))))
+    #[pyo3(signature = (bid, first, shape=None))]
+    fn of_device(&self, py: Python<'_>, bid: u8, first: u64, shape: Option<&Shape>) -> PyResult<Self> {
+        py.detach(|| Self::of(self.0.of_device(bid, first), shape))
     }
 
     fn __len__(&self) -> usize {

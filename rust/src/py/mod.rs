@@ -38,7 +38,7 @@ mod _core {
         Acquisition, Block, BlockDecoder, Cancel, Events, ReceivedSample, ReceivedString, Recorder, Waiting,
     };
     #[pymodule_export]
-    use super::log::{DamageArrays, GapArrays, MessageArrays, Part, Reader, RestartArrays, StringArrays};
+    use super::log::{DamageArrays, GapArrays, MessageArrays, Part, Reader, RestartArrays, Shape, StringArrays};
     #[pymodule_export]
     use super::tables::{damage_reasons, messages, products, quantities, result_codes, status_flags, strings};
     #[pymodule_export]
