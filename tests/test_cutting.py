@@ -414,10 +414,25 @@ def test_wrong_calls(folder: Path) -> None:
         (["split", WALK, "--size", "3s", "--out-dir", "x"], "has the unit of the other option"),
         (["split", WALK, "--time", "soon", "--out-dir", "x"], "neither a size"),
         (["cut", WALK, FIELD, "--to", "1", "-o", "x.mtb"], "cut each by itself"),
+        (["cut", WALK, "--from", "5", "--to", "2", "-o", "x.mtb"], "2.0 is not after 5.0"),
+        (["cut", WALK, "--to", "-1", "-o", "x.mtb"], "-1.0 is not after the first sample"),
+        (["cut", WALK, "--from", "soon", "-o", "x.mtb"], "'soon' is neither seconds nor UTC"),
+        (["cut", WALK, "--from", "nan", "-o", "x.mtb"], "not NaN"),
+        (
+            ["cut", WALK, "--from", "2026-11-22T10:00", "--to", "2026-11-22T09:00", "-o", "x.mtb"],
+            "2026-11-22T09:00 is not after 2026-11-22T10:00",
+        ),
+        (
+            ["cut", WALK, "--from", "2026-11-22T09:30:05", "--to", "2", "-o", "x.mtb"],
+            "2.0 is not after 2026-11-22T09:30:05",
+        ),
+        (["cut", WALK, "--from", "2", "-o", "x.csv"], "xbus decode part.mtb -o x.csv"),
+        (["cut", WALK, "--from", "2", "-o", "x.HTML"], "xbus report part.mtb -o x.HTML"),
     ):
         result = run(*args)
-        assert result.exit_code == 2
+        assert (args, result.exit_code) == (args, 2)
         assert words in " ".join(result.stderr.split())
+        assert not list(folder.iterdir())
     Path("walk.mtb").write_bytes(DATA)
     result = run("split", "walk.mtb", "--size", "40kB", "--out-dir", ".")
     assert (result.exit_code, "OUT is the input" in result.stderr) == (2, True)

@@ -53,6 +53,26 @@ def test_decode_fails_if_nothing_is_decoded(data: bytes, suffix: str) -> None:
     assert not Path(f"out{suffix}").exists()
 
 
+@pytest.mark.parametrize("data", [LEGACY, UNKNOWN], ids=["legacy", "unknown"])
+def test_report_fails_if_nothing_is_decoded(data: bytes) -> None:
+    for args in (["-o", "out.html"], ["--out-dir", "."]):
+        result = run("report", written(data), *args)
+        assert result.exit_code == 1
+        assert f"xbus: x.mtb: nothing was decoded: {TEXTS[data]}" in result.stderr
+    assert list(Path().glob("*.html")) == []
+
+
+def test_report_of_strings_or_messages() -> None:
+    """It has content, and its summary says that there are no samples."""
+    text = xbus.encode_string("GPGGA", {})
+    for data, words in (
+        (text * 3, "x.html: no samples, 3 strings, no damage"),
+        (encode_frame(MessageId.WakeUp) * 2, "x.html: no samples, 2 messages, no damage"),
+    ):
+        result = run("report", written(data), "-o", "x.html")
+        assert (result.exit_code, result.stderr) == (0, f"{words}\n")
+
+
 def test_a_quantity_that_is_not_there_is_another_failure() -> None:
     args = ["-o", "out.csv", "--quantity", "acceleration"]
     result = run("decode", written(SAMPLES + LEGACY), *args)

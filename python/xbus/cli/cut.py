@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from xbus.cli.decoding import SUFFIXES, suffix_of
 from xbus.cli.export_target import check_output, writing
 from xbus.cli.failure import Failure
 from xbus.cli.input_options import InputOptions, input_options
@@ -37,12 +38,19 @@ def _moment(
     param: click.Parameter,  # noqa: ARG001
     value: str | None,
 ) -> Moment | None:
-    """Returns seconds, or UTC as text."""
+    """Returns a moment: seconds, or UTC as text."""
+    from xbus.log.moments import parse_moment
+
     if value is None:
         return None
+    moment: Moment = value
     with contextlib.suppress(ValueError):
-        return float(value)
-    return value
+        moment = float(value)
+    try:
+        parse_moment(moment)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+    return moment
 
 
 def _out(
@@ -50,10 +58,17 @@ def _out(
     param: click.Parameter,  # noqa: ARG001
     value: str,
 ) -> str:
-    """Returns a path without the suffix of a compressed file, which readers would decompress."""
+    """Returns a path whose suffix does not promise another format than that of recordings."""
     if suffix := suffix_of_compression(value):
         raise click.BadParameter(
             f"the file is not compressed; omit {suffix}, and compress it later"
+        )
+    suffix = suffix_of(value)
+    if suffix in (*SUFFIXES, ".html", ".htm"):
+        command = "xbus decode" if suffix in SUFFIXES else "xbus report"
+        raise click.BadParameter(
+            f"the part is a recording, such as part.mtb, and no {suffix} file; {command} part.mtb -o {value} "
+            "then writes that"
         )
     return value
 
@@ -112,11 +127,11 @@ def cut(
                 yield from _parts(source, inputs, bid=inputs.bid)
 
         bounds = seconds_of((start, end), parts)
-        with inputs.opened(files, progress) as source:
+        with inputs.opened(files, progress) as source, inputs.checked_rate(recording) as use:
             arrivals = _arrivals(source)
             chunks = cut_bytes(
                 source,
-                lambda tee: _parts(tee, inputs),
+                lambda tee: use.watch(_parts(tee, inputs)),
                 *bounds,
                 bid=inputs.bid,
                 arrivals=arrivals,
@@ -126,6 +141,7 @@ def cut(
                     piece.write(chunk)
                 if not piece.size:
                     raise Failure(f"{recording.heading} has no samples between these times")
+    recording.show_notes()
     if not quiet:
         click.echo(f"{label(out)}: {format_size(piece.size)}", err=True)
 
@@ -190,7 +206,7 @@ def split(
         os.makedirs(out_dir, exist_ok=True)  # noqa: PTH103 - pathlib is slow to import
 
     def parts(source: Readable) -> Iterator[Log]:
-        return _parts(source, inputs)
+        return use.watch(_parts(source, inputs))
 
     with Progress(reading_task(files[0]), shown=not quiet) as progress, _time_errors(recording):
         if by_device:
@@ -199,8 +215,8 @@ def split(
                     "--device reads a recording twice, and standard input can be read once; save it to a file"
                 )
             with inputs.opened(files, progress) as source:
-                heads = cutting.device_heads(parts(source))
-        with inputs.opened(files, progress) as source:
+                heads = cutting.device_heads(_parts(source, inputs))
+        with inputs.opened(files, progress) as source, inputs.checked_rate(recording) as use:
             arrivals = _arrivals(source)
             if by_device:
                 chunks = cutting.split_by_device(source, parts, heads)
@@ -213,6 +229,7 @@ def split(
             written = _write(chunks, recording, out_dir, arrivals, by_device=by_device)
         if not written:
             raise no_frame(files, 0)
+    recording.show_notes()
     if not quiet:
         last = f" to {label(written[-1])}" if len(written) > 1 else ""
         click.echo(f"{label(written[0])}{last}: {format_count(len(written), 'file')}", err=True)
@@ -294,8 +311,12 @@ def _check_folder(files: Sequence[str], path: str, *, by_device: bool) -> None:
 
 @contextlib.contextmanager
 def _time_errors(recording: Recording) -> Iterator[None]:
-    """Converts the error of a wrong or unknown time to a Failure."""
+    """Converts the error of a wrong time to a UsageError, and that of an unknown time to a Failure."""
+    from xbus.log.moments import OrderError
+
     try:
         yield
+    except OrderError as error:
+        raise click.UsageError(str(error)) from error
     except ValueError as error:
         raise Failure(f"{recording.heading}: {error}") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
@@ -162,6 +163,9 @@ def decode(
     check_resampling(keys, rate_out, max_gap)
     if tracker and (keys or rate_out):
         raise click.UsageError("--tracker excludes --quantity and --rate-out")
+    if tracker and inputs.rate is not None:
+        click.echo("xbus: --rate has no effect: the table of a tracker has no times", err=True)
+        inputs = replace(inputs, rate=None)
     decoding = Decoding(
         inputs, keys, strict=strict, rate=rate_out, max_gap=max_gap, tracker=tracker, raw=raw
     )
@@ -190,6 +194,7 @@ def decode(
     recording.show_notes()
     with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:
         text, summary = decoding.decode(batch.Job(recording, out), progress)
+    recording.show_notes()
     if as_json:
         print_json({"files": recording.files, "out": out} | summary)
     if not quiet:

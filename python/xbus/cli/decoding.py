@@ -87,7 +87,9 @@ class Decoding:
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - jobs of this command write files
         check_output(files, out)
-        log = self._read(files, progress)
+        with self._inputs.checked_rate(job.recording) as use:
+            log = self._read(files, progress)
+            use.add(log)
         names = ", ".join(map(label, files))
         if not self._keys or not len(log):
             check_decoded(

@@ -140,6 +140,8 @@ def dump(
             print_line("\n".join(lines))
     if not formatter.frames:
         raise no_frame(files, formatter.size)
+    if (note := formatter.rate_use.note) is not None:
+        click.echo(f"xbus: {recording.heading}: {note}", err=True)
     if inputs.bid is not None and device_of(inputs.bid) not in formatter.devices:
         found = ", ".join(map(str, sorted(formatter.devices))) or "no BID, only strings"
         names = ", ".join(map(label, files))

@@ -8,9 +8,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from xbus import _core
+from xbus.cli.rate_use import RateUse
 from xbus.describe.text import describe_message, describe_packet, message_dict, packet_dict
 from xbus.log.source import LONGEST
-from xbus.protocol.ids import MessageId
+from xbus.protocol.ids import DataId, MessageId
 from xbus.protocol.tables import device_of
 from xbus.wire.codec import Damage, ScannedItem, Scanner, encode_frame, named_item
 from xbus.wire.message import Message
@@ -38,6 +39,7 @@ class DumpFormatter:
         devices: The BIDs of the frames; 1 stands for FF too.
         size: Number of bytes fed.
         damaged_bytes: Number of bytes that are neither frame nor string.
+        rate_use: Counts the samples to which the rate gives a time.
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class DumpFormatter:
         # The same limit as in `read_log`, with the same result.
         self._scanner = Scanner(LONGEST, strings=strings)
         self._clock = _core.SampleClock(rate)
+        self._device_clock = None if rate is None else _core.SampleClock()
         self._wanted = frozenset(wanted)
         self._device = None if bid is None else device_of(bid)
         self._hex = with_hex
@@ -62,6 +65,7 @@ class DumpFormatter:
         self.devices: set[int] = set()
         self.size = 0
         self.damaged_bytes = 0
+        self.rate_use = RateUse(rate)
 
     def feed(self, data: bytes) -> list[str]:
         """Returns the lines that these bytes complete."""
@@ -112,10 +116,23 @@ class DumpFormatter:
         """Returns the time of a sample, as `Log.time`; None if it has none, and for other messages."""
         if message.mid == MessageId.MTData2:
             seconds, _ = self._clock.sample(message.bid, message.payload)
+            if self._device_clock is not None:
+                stamp, _ = self._device_clock.sample(message.bid, message.payload)
+                self._count(message, seconds, stamp)
             return None if math.isnan(seconds) else seconds
         # It may name the device, or start a new run.
-        self._clock.message(message.bid, message.mid, message.payload)
+        for clock in filter(None, (self._clock, self._device_clock)):
+            clock.message(message.bid, message.mid, message.payload)
         return None
+
+    def _count(self, message: Message, seconds: float, stamp: float) -> None:
+        """Counts a sample: its time, and the same without the rate."""
+        is_counted = any(
+            packet.data_id == DataId.PacketCounter for packet in _core.packets(message.payload)
+        )
+        self.rate_use.has_counter |= is_counted
+        self.rate_use.untimed += is_counted and math.isnan(seconds)
+        self.rate_use.derived += math.isnan(stamp) and not math.isnan(seconds)
 
     def _frame(self, message: Message) -> bytes:
         """Returns the received bytes of a message; of one from `add`, the frame with the same content."""

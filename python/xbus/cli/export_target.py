@@ -89,14 +89,19 @@ def quality_text(log: Log | LogSummary, tracker: Tracker | None = None) -> str:
     """Returns duration, restarts, losses and damage as one line; losses of one tracker if it is given."""
     stats = log.stats
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
-    if stats.samples and not _is_stamped(log):
+    if not stats.samples:
+        parts.append("no samples")
+    elif not _is_stamped(log):
         remedy = " (--rate HZ derives them from the packet counter)" if log.has_counter else ""
         parts.append(f"no time stamps{remedy}")
     if restarts := restart_count(log):
         parts.append("restarted once" if restarts == 1 else f"restarted {restarts:,} times")
     if stats.strings:
         parts.append(format_count(stats.strings, "string"))
-    parts.append(_losses(log, tracker))
+    if stats.samples:
+        parts.append(_losses(log, tracker))
+    elif stats.messages:
+        parts.append(format_count(stats.messages, "message"))
     parts.append(describe_damage(stats.skipped_bytes, len(log.damage)))
     fault = getattr(log, "times_fault", None)
     return ", ".join([*parts, fault] if fault else parts)

@@ -47,8 +47,8 @@ def info(
 
     def describe(job: batch.Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
         files = job.recording.files
-        with inputs.opened(files, progress) as source:
-            summary = LogSummary(iter_log(source, **inputs.for_log))
+        with inputs.opened(files, progress) as source, inputs.checked_rate(job.recording) as use:
+            summary = LogSummary(use.watch(iter_log(source, **inputs.for_log)))
         if not summary.stats.frames and not summary.stats.strings:
             raise no_frame(files, summary.stats.bytes)
         values = summary.to_dict(files[0]) | {"files": files}

@@ -13,6 +13,7 @@ import click
 from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, strings_option
 from xbus.cli.number_type import NumberRange
+from xbus.cli.rate_use import RateUse
 from xbus.cli.recordings import Recording, one_recording, several_recordings
 
 if TYPE_CHECKING:
@@ -93,6 +94,14 @@ class InputOptions:
         return one_recording(
             self.names, allow_restart=self.allow_restart, is_hex=self.is_hex, remedy=remedy
         )
+
+    @contextmanager
+    def checked_rate(self, recording: Recording) -> Iterator[RateUse]:
+        """Yields what counts the samples to which --rate gives a time; a note says if there are none."""
+        use = RateUse(self.rate)
+        yield use
+        if use.note is not None:
+            recording.notes.append(f"{recording.heading}: {use.note}")
 
     @contextmanager
     def opened(

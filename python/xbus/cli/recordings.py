@@ -36,7 +36,7 @@ class Recording:
 
     Attributes:
         files: Paths or URLs of the pieces; ``-`` is standard input.
-        notes: What is unusual about the pieces.
+        notes: What is unusual about the recording, and not printed yet.
     """
 
     files: list[str]
@@ -58,9 +58,9 @@ class Recording:
         return ", ".join(label(os.path.basename(file)) for file in self.files)  # noqa: PTH119
 
     def show_notes(self) -> None:
-        """Prints the notes on stderr."""
-        for note in self.notes:
-            click.echo(f"xbus: {note}", err=True)
+        """Prints the notes on stderr, each once."""
+        while self.notes:
+            click.echo(f"xbus: {self.notes.pop(0)}", err=True)
 
 
 def find_files(names: Sequence[str]) -> list[str]:

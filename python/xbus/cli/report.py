@@ -14,6 +14,7 @@ from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import label, no_frame, reading_task
 from xbus.cli.printing import print_json
 from xbus.cli.progress import Progress, ShowsProgress
+from xbus.cli.undecoded import check_decoded
 
 __all__ = ["report"]
 
@@ -66,7 +67,8 @@ def report(
     "xbus-mti[report]".
     """
     batch.check_targets(out, out_dir)
-    from xbus.report import gather, plotly_js, write_page
+    from xbus.log.read import iter_log
+    from xbus.report import BLOCK, gather_parts, plotly_js, write_page
 
     plotly = plotly_js()
 
@@ -74,11 +76,12 @@ def report(
         files, target = job.recording.files, job.out
         assert target is not None  # noqa: S101 - jobs of this command write files
         check_output(files, target)
-        with inputs.opened(files, progress) as source:
-            data = gather(source, **inputs.for_log)
+        with inputs.opened(files, progress) as source, inputs.checked_rate(job.recording) as use:
+            data = gather_parts(use.watch(iter_log(source, block_bytes=BLOCK, **inputs.for_log)))
         stats = data.summary.stats
         if not stats.frames and not stats.strings:
             raise no_frame(files, stats.bytes)
+        check_decoded(data.summary, ", ".join(map(label, files)))
         progress.update(f"writing {label(os.path.basename(target))}")  # noqa: PTH119 - pathlib is slow
         heading = job.recording.title if title is None else title
         with writing(target):
@@ -95,6 +98,7 @@ def report(
     recording.show_notes()
     with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:
         text, values = write(batch.Job(recording, out), progress)
+    recording.show_notes()
     if as_json:
         print_json({"files": recording.files, "out": out} | values)
     if not quiet:

@@ -8,21 +8,26 @@ from typing import TYPE_CHECKING
 from xbus.cli.failure import Failure
 
 if TYPE_CHECKING:
+    from xbus.describe.log_summary import LogSummary
     from xbus.log.log import Log
     from xbus.log.trackers import Tracker
 
 __all__ = ["check_decoded", "tracker_of", "undecoded_lines"]
 
 
-def check_decoded(log: Log, names: str) -> None:
+def check_decoded(log: Log | LogSummary, names: str) -> None:
     """Checks that there is something to write.
 
     Raises:
         Failure: Nothing in the log was decoded.
     """
+    from xbus.log.log import Log
     from xbus.protocol.undecoded import describe_undecoded
 
-    if log.undecoded and not log.keys() and not log.strings.counts:
+    decoded = (
+        [log.keys(), log.strings.counts] if isinstance(log, Log) else [log.quantities, log.strings]
+    )
+    if log.undecoded and not any(decoded):
         raise Failure(f"{names}: nothing was decoded: {describe_undecoded(log.undecoded)}")
 
 

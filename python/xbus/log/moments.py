@@ -12,12 +12,21 @@ import numpy.typing as npt
 from xbus.log.log import Log
 from xbus.log.pacing import ReplayPace
 
-__all__ = ["Between", "Moment", "seconds_of"]
+__all__ = ["Between", "Moment", "OrderError", "parse_moment", "seconds_of"]
 
 #: A place in a recording: seconds since its first sample, or UTC as a datetime or text in ISO 8601.
 Moment = float | str | datetime | np.datetime64
 #: From the first moment on, up to but without the second; None for the start and the end.
 Between = tuple[Moment | None, Moment | None]
+
+
+class OrderError(ValueError):
+    """The second of two moments is not after the first."""
+
+    def __init__(self, moments: Between) -> None:
+        start, end = moments
+        first = "the first sample" if start is None else start
+        super().__init__(f"the end must be after the start: {end} is not after {first}")
 
 
 def seconds_of(moments: Between, parts: Callable[[], Iterator[Log]]) -> tuple[float, float]:
@@ -28,11 +37,14 @@ def seconds_of(moments: Between, parts: Callable[[], Iterator[Log]]) -> tuple[fl
         parts: Reads the parts of the recording, with the quantities in `NEEDED`, if UTC is needed.
 
     Raises:
-        ValueError: A moment is no time, the second is not after the first, or the recording has no valid UTC.
+        OrderError: The second moment is not after the first.
+        ValueError: A moment is no time, or the recording has no valid UTC.
     """
     if len(moments) != 2:
         raise ValueError(f"between has two moments, a start and an end, not {moments!r}")
-    wanted = [_moment(moment) for moment in moments]
+    wanted = [parse_moment(moment) for moment in moments]
+    if all(isinstance(moment, np.datetime64) for moment in wanted) and not wanted[0] < wanted[1]:  # type: ignore[operator]
+        raise OrderError(moments)
     if any(isinstance(moment, np.datetime64) for moment in wanted):
         times, utc = _utc(parts())
         origin = utc[0]
@@ -47,11 +59,16 @@ def seconds_of(moments: Between, parts: Callable[[], Iterator[Log]]) -> tuple[fl
     start = 0.0 if start is None else float(start)
     end = math.inf if end is None else float(end)
     if not start < end:
-        raise ValueError(f"the end must be after the start: {moments[0]} to {moments[1]}")
+        raise OrderError(moments)
     return start, end
 
 
-def _moment(moment: Moment | None) -> float | np.datetime64 | None:
+def parse_moment(moment: Moment | None) -> float | np.datetime64 | None:
+    """Returns a moment as a number of seconds or as UTC; None for None.
+
+    Raises:
+        ValueError: It is no time.
+    """
     if moment is None or isinstance(moment, np.datetime64):
         return moment
     if isinstance(moment, int | float | np.number):

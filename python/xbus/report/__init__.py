@@ -9,13 +9,14 @@ import numpy as np
 
 from xbus.extras import require
 from xbus.log.export import replacing
+from xbus.log.log import Log
 from xbus.log.read import iter_log
 from xbus.log.source import Source
 from xbus.protocol.values import StringType
 from xbus.report.data import ReportData
 from xbus.report.page import page
 
-__all__ = ["gather", "plotly_js", "write_page", "write_report"]
+__all__ = ["BLOCK", "gather", "gather_parts", "plotly_js", "write_page", "write_report"]
 
 #: Bytes of input in memory at a time.
 BLOCK = 16 << 20
@@ -92,9 +93,14 @@ def gather(
         rate: As in `xbus.read_log`.
         strings: As in `xbus.read_log`.
     """
+    return gather_parts(iter_log(source, block_bytes=BLOCK, bid=bid, rate=rate, strings=strings))
+
+
+def gather_parts(parts: Iterable[Log]) -> ReportData:
+    """Returns the content of the report about a log in parts."""
     # Numbers in a log can have any size; they are shown as inf if they overflow.
     with np.errstate(over="ignore", invalid="ignore"):
-        return ReportData(iter_log(source, block_bytes=BLOCK, bid=bid, rate=rate, strings=strings))
+        return ReportData(parts)
 
 
 def write_page(data: ReportData, path: str | os.PathLike[str], *, title: str, plotly: str) -> None:
