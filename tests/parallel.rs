@@ -5,12 +5,16 @@
 mod fuzz;
 
 use std::fs::File;
-use std::io::Write;
+use std::io::{self, Write};
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use fuzz::logs::Log;
 use fuzz::streams::{Random, extended, frame, packet, sample};
+use xbus::catch::{Caught, catch, out_of_memory};
 use xbus::clock::Clocks;
+use xbus::column::Pieces;
 use xbus::error::{Fault, ReadError};
+use xbus::input::ReadAt;
 use xbus::log::{Blocks, Input, Options, Part, Reader};
 use xbus::scan::Reason;
 
@@ -32,7 +36,7 @@ fn check(stream: &[u8]) -> Log {
         let size = stream.len() as u64 / count + 1;
         for threads in [1, 2, 3] {
             let blocks = Blocks { size, threads };
-            for input in [Input::Memory(stream), Input::File(&file)] {
+            for input in [Input::Memory(stream), Input::Copied(&file)] {
                 let part = parallel(input, stream.len(), &options, blocks).unwrap();
                 let log = Log::of(&part, &mut Clocks::default());
                 log.same_as(&whole, &format!("blocks of {size}, {threads} threads"));
@@ -145,5 +149,95 @@ fn strict_logs() {
         let ReadError::Fault(fault) = error else { panic!("{error}") };
         assert_eq!(fault, Fault::Damage { offset: place as u64, reason: Reason::Checksum });
         assert_eq!(reader.take().len(), 2500);
+    }
+}
+
+/// Bytes whose reading ends like this from a position on.
+struct Ending<'a> {
+    bytes: &'a [u8],
+    from: u64,
+    end: fn(),
+}
+
+impl ReadAt for Ending<'_> {
+    fn size(&self) -> io::Result<u64> {
+        Ok(self.bytes.len() as u64)
+    }
+
+    fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize> {
+        if position >= self.from {
+            (self.end)();
+        }
+        let rest = &self.bytes[self.bytes.len().min(usize::try_from(position).unwrap())..];
+        let size = rest.len().min(buffer.len()).min(1000);
+        buffer[..size].copy_from_slice(&rest[..size]);
+        Ok(size)
+    }
+}
+
+/// A panic in any thread ends the others, and reaches the caller as it is; so does a lack of memory.
+#[test]
+fn threads_that_end_early() {
+    let stream: Vec<u8> = (0..2000).flat_map(inertial).collect();
+    let ends: [(fn(), Caught); 2] =
+        [(|| panic!("a fault"), Caught::Panic("a fault".into())), (|| out_of_memory(), Caught::OutOfMemory)];
+    for threads in [1, 3] {
+        for from in [0, 30_000, 60_000] {
+            for (end, why) in &ends {
+                let bytes = Ending { bytes: &stream, from, end: *end };
+                let mut reader = Reader::new(Options::default(), 0);
+                let blocks = Blocks { size: 5000, threads };
+                let ended = catch(|| reader.read_parallel(Input::Copied(&bytes), stream.len() as u64, blocks));
+                assert_eq!(ended.err().as_ref(), Some(why), "{threads} threads, from {from}");
+            }
+        }
+    }
+}
+
+/// Bytes that are others each time they are read.
+struct Changing<'a> {
+    bytes: &'a [u8],
+    reads: AtomicU64,
+}
+
+impl ReadAt for Changing<'_> {
+    fn size(&self) -> io::Result<u64> {
+        Ok(self.bytes.len() as u64)
+    }
+
+    fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize> {
+        let mut random = Random::new(self.reads.fetch_add(1, Ordering::Relaxed) + 1);
+        // The input may also end earlier or later than a moment ago.
+        let end = self.bytes.len() - random.below(3) * 1000;
+        let rest = &self.bytes[end.min(usize::try_from(position).unwrap())..end];
+        let size = rest.len().min(buffer.len());
+        buffer[..size].copy_from_slice(&rest[..size]);
+        (0..size / 200).for_each(|_| buffer[random.below(size)] ^= 1 << random.below(8));
+        Ok(size)
+    }
+}
+
+fn sizes(pieces: &Pieces) -> impl Iterator<Item = u64> {
+    pieces.ends.iter().scan(0, |last, end| Some(end - std::mem::replace(last, *end)))
+}
+
+/// Whatever others write while they are read, each byte is in one frame, one string or damage.
+#[test]
+fn bytes_that_change() {
+    let stream: Vec<u8> = (0..4000).flat_map(inertial).collect();
+    for round in 0..20 {
+        let bytes = Changing { bytes: &stream, reads: AtomicU64::new(round * 10_000) };
+        for threads in [1, 2, 3] {
+            let options = Options::default();
+            let input = Input::Copied(&bytes);
+            let part = parallel(input, stream.len(), &options, Blocks { size: 20_000, threads }).unwrap();
+            let skipped: u64 = part.damage.iter().map(|damage| damage.length).sum();
+            let samples: i64 = part.ends().iter().zip(part.offsets()).map(|(end, start)| end - start).sum();
+            let messages: u64 = sizes(&part.messages.payload).map(|size| size + if size < 255 { 5 } else { 7 }).sum();
+            let strings: u64 = sizes(&part.strings.bytes).sum();
+            assert_eq!(part.stats.skipped_bytes, skipped);
+            assert_eq!(samples.unsigned_abs() + messages + strings + skipped, part.stats.bytes);
+            assert!(part.offsets().is_sorted());
+        }
     }
 }

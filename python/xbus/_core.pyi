@@ -383,7 +383,7 @@ class Reader:
         """Opens a log.
 
         Args:
-            source: A uint8 array, a path, or an object with a method ``read``.
+            source: Bytes, a uint8 array, a path, or an object with a method ``read``.
             limit: Longest payload of a frame, in bytes.
             strict: Raise at the first damage.
             wanted: Quantities to keep, with a coordinate system or None for all of them; None for all

@@ -41,15 +41,15 @@ pub struct Pieces {
 impl Pieces {
     /// Adds one piece.
     pub fn push(&mut self, piece: &[u8]) {
-        self.bytes.extend_from_slice(piece);
-        self.ends.push(self.bytes.len() as u64);
+        huge_pages::extend(&mut self.bytes, piece.iter().copied());
+        huge_pages::push(&mut self.ends, self.bytes.len() as u64);
     }
 
     /// Adds all pieces of another one.
     pub fn append(&mut self, other: &Self) {
         let before = self.bytes.len() as u64;
-        self.bytes.extend_from_slice(&other.bytes);
-        self.ends.extend(other.ends.iter().map(|end| before + end));
+        huge_pages::extend(&mut self.bytes, other.bytes.iter().copied());
+        huge_pages::extend(&mut self.ends, other.ends.iter().map(|end| before + end));
     }
 }
 
@@ -335,7 +335,7 @@ impl Column {
     pub fn append(&mut self, other: &Self, first: u64, progress: Progress) {
         self.admit_column(other, progress);
         self.values.append(&other.values, progress);
-        self.entries.extend_from_slice(&other.entries);
+        huge_pages::extend(&mut self.entries, other.entries.iter().copied());
         self.rows += other.rows;
         huge_pages::reserve(&mut self.single, other.single.len(), progress);
         self.single.extend(other.single.iter().map(|sample| first + sample));

@@ -4,6 +4,7 @@
 //! 4 KiB, about 8 GB/s with huge pages. So a column reserves all the memory that it is expected to need at once, and asks
 //! the kernel for huge pages.
 
+use crate::catch::out_of_memory;
 use crate::column::Progress;
 
 /// Below this many numbers a vector doubles: a quantity that occurs once must not reserve memory for millions of rows.
@@ -20,7 +21,7 @@ pub fn reserve<T>(out: &mut Vec<T>, more: usize, progress: Progress) {
     let needed = out.len() + more;
     let doubled = needed.max(2 * out.len());
     if needed < SMALL {
-        return out.reserve_exact(doubled - out.len());
+        return reserve_or_end(out, doubled - out.len());
     }
     let expected = needed as u128 * u128::from(progress.total) / u128::from(progress.done.max(1));
     // A number takes at least one byte of input.
@@ -28,15 +29,48 @@ pub fn reserve<T>(out: &mut Vec<T>, more: usize, progress: Progress) {
     let expected = usize::try_from((expected + expected / 64).min(most)).unwrap_or(needed);
     // The stated length of the input may be wrong.
     if out.try_reserve_exact(expected.max(doubled) - out.len()).is_err() {
-        out.reserve_exact(doubled - out.len());
+        reserve_or_end(out, doubled - out.len());
     }
     request_huge_pages(out);
+}
+
+/// Reserves memory for `more` numbers at the end of `out`, or ends the work: see [`out_of_memory`].
+fn reserve_or_end<T>(out: &mut Vec<T>, more: usize) {
+    if out.try_reserve_exact(more).is_err() {
+        out_of_memory();
+    }
+}
+
+/// All numbers of an iterator.
+#[cfg(feature = "python")]
+pub fn collect<T>(numbers: impl ExactSizeIterator<Item = T>) -> Vec<T> {
+    let mut out = with_capacity(numbers.len());
+    out.extend(numbers);
+    out
+}
+
+/// Appends a number to a vector that doubles when it is full.
+#[inline]
+pub fn push<T>(out: &mut Vec<T>, number: T) {
+    extend(out, [number]);
+}
+
+/// Appends numbers to a vector that at least doubles when it is full.
+#[inline]
+pub fn extend<T>(out: &mut Vec<T>, numbers: impl IntoIterator<Item = T, IntoIter: ExactSizeIterator>) {
+    let numbers = numbers.into_iter();
+    if out.capacity() - out.len() < numbers.len() {
+        let doubled = out.len().max(4);
+        reserve_or_end(out, numbers.len().max(doubled));
+    }
+    out.extend(numbers);
 }
 
 /// An empty vector with memory for `length` numbers.
 #[must_use]
 pub fn with_capacity<T>(length: usize) -> Vec<T> {
-    let mut out = Vec::with_capacity(length);
+    let mut out = vec![];
+    reserve_or_end(&mut out, length);
     request_huge_pages(&mut out);
     out
 }

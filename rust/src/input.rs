@@ -1,7 +1,6 @@
 //! Buffers for input that is read or pushed in pieces. Each hands a [`Window`] to a scanner and keeps the bytes that the
 //! scanner has not decided yet.
 
-use std::borrow::Borrow;
 use std::fs::File;
 use std::io::{self, Read};
 use std::ops::Range;
@@ -80,35 +79,70 @@ impl<R: Read> Stream<R> {
     }
 }
 
-/// A file, read from a position on. Several of these can read one file at the same time.
-#[derive(Debug)]
-pub struct FileFrom<F> {
-    file: F,
-    position: u64,
+/// Bytes of known size that several threads can read, each where it wants.
+pub trait ReadAt: Send + Sync {
+    /// Number of bytes at this moment: a file can grow and shrink.
+    ///
+    /// # Errors
+    /// If the system does not know it.
+    fn size(&self) -> io::Result<u64>;
+
+    /// Reads bytes at a position, at most as many as fit into the buffer; returns how many, 0 only at the end.
+    ///
+    /// # Errors
+    /// If they cannot be read.
+    fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize>;
 }
 
-impl<F: Borrow<File>> FileFrom<F> {
-    /// A reader of `file` that begins at `position`.
-    #[must_use]
-    pub const fn new(file: F, position: u64) -> Self {
-        Self { file, position }
+impl ReadAt for File {
+    fn size(&self) -> io::Result<u64> {
+        Ok(self.metadata()?.len())
+    }
+
+    fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize> {
+        #[cfg(unix)]
+        return std::os::unix::fs::FileExt::read_at(self, buffer, position);
+        #[cfg(windows)]
+        return std::os::windows::fs::FileExt::seek_read(self, buffer, position);
     }
 }
 
-impl<F: Borrow<File>> Stream<FileFrom<F>> {
-    /// Drops all bytes, and goes on at `position` of the file.
+impl<R: ReadAt + ?Sized> ReadAt for &R {
+    fn size(&self) -> io::Result<u64> {
+        (**self).size()
+    }
+
+    fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize> {
+        (**self).read_at(buffer, position)
+    }
+}
+
+/// A reader of bytes from a position on.
+#[derive(Debug)]
+pub struct ReadFrom<R> {
+    bytes: R,
+    position: u64,
+}
+
+impl<R: ReadAt> ReadFrom<R> {
+    /// A reader of `bytes` that begins at `position`.
+    #[must_use]
+    pub const fn new(bytes: R, position: u64) -> Self {
+        Self { bytes, position }
+    }
+}
+
+impl<R: ReadAt> Stream<ReadFrom<R>> {
+    /// Drops all bytes, and goes on at `position`.
     pub fn go_to(&mut self, position: u64) {
         self.input.position = position;
         (self.held, self.offset, self.ended) = (0..0, position, false);
     }
 }
 
-impl<F: Borrow<File>> Read for FileFrom<F> {
+impl<R: ReadAt> Read for ReadFrom<R> {
     fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
-        #[cfg(unix)]
-        let read = std::os::unix::fs::FileExt::read_at(self.file.borrow(), buffer, self.position)?;
-        #[cfg(windows)]
-        let read = std::os::windows::fs::FileExt::seek_read(self.file.borrow(), buffer, self.position)?;
+        let read = self.bytes.read_at(buffer, self.position)?;
         self.position += read as u64;
         Ok(read)
     }

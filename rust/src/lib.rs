@@ -50,6 +50,7 @@
 
 #[cfg(feature = "arrow")]
 pub mod arrow;
+pub mod catch;
 pub mod clock;
 pub mod column;
 pub mod device;

@@ -505,9 +505,9 @@ impl Reader {
     fn string(&mut self, place: Option<u8>, offset: u64, bytes: &[u8]) {
         let sample = self.next_sample() + self.batch.len() as u64;
         let strings = &mut self.part.strings;
-        strings.place.push(place.unwrap_or(Strings::UNKNOWN));
-        strings.offset.push(offset);
-        strings.sample.push(sample);
+        huge_pages::push(&mut strings.place, place.unwrap_or(Strings::UNKNOWN));
+        huge_pages::push(&mut strings.offset, offset);
+        huge_pages::push(&mut strings.sample, sample);
         strings.bytes.push(bytes);
     }
 
@@ -610,11 +610,11 @@ impl Reader {
             column.admit(packet.id, reading.as_ref(), progress);
             let start = packet.at + PACKET_HEADER;
             column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0 }, progress);
-            column.single.push(sample);
+            huge_pages::push(&mut column.single, sample);
         }
-        self.part.layout.push(0);
+        huge_pages::push(&mut self.part.layout, 0);
         #[allow(clippy::cast_possible_truncation)] // at most 65535 and a header
-        self.part.singles.push(Single { offset, length: bytes.len() as u32, bid: frame.bid });
+        huge_pages::push(&mut self.part.singles, Single { offset, length: bytes.len() as u32, bid: frame.bid });
         self.end = u64::MAX;
         if self.options.fast && is_sound && header == HEADER_SIZE && is_bid(frame.bid) {
             self.layouts.learn(bytes, &slots);
@@ -631,13 +631,13 @@ impl Reader {
     fn message(&mut self, frame: Frame<'_>, offset: u64) {
         let sample = self.next_sample();
         let messages = &mut self.part.messages;
-        messages.mid.push(frame.mid);
-        messages.bid.push(frame.bid);
-        messages.offset.push(offset);
-        messages.sample.push(sample);
+        huge_pages::push(&mut messages.mid, frame.mid);
+        huge_pages::push(&mut messages.bid, frame.bid);
+        huge_pages::push(&mut messages.offset, offset);
+        huge_pages::push(&mut messages.sample, sample);
         messages.payload.push(frame.payload);
         if let Some(change) = Change::of(frame.mid, frame.payload) {
-            self.part.changes.push((sample, frame.bid, change));
+            huge_pages::push(&mut self.part.changes, (sample, frame.bid, change));
         }
     }
 

@@ -58,7 +58,8 @@ def read_log(
     Args:
         source: A path, bytes, a uint8 array, a binary file object, or (with the extra ``fsspec``) a URL.
             Files are not mapped: one that another program truncates simply ends there. Files whose names
-            end in .gz, .xz, .bz2 or (extra ``zstd``) .zst are decompressed. Arrays are not copied. A side
+            end in .gz, .xz, .bz2 or (extra ``zstd``) .zst are decompressed. Bytes are read in place; an
+            array or bytearray is copied block by block, so another thread may write to it. A side
             file ``NAME.times`` with the arrivals of ``NAME`` or ``NAME.gz`` gives `Log.host_time`.
 
             A list or tuple of these is one recording in pieces, in any order: each must continue another

@@ -87,7 +87,10 @@ def quantity_filter(quantities: Iterable[Key] | None) -> QuantityFilter | None:
 
 
 def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readable:
-    """Returns what the core can read: an array, a path, or an object with a method ``read``.
+    """Returns what the core can read: bytes, an array, a path, or an object with a method ``read``.
+
+    Bytes never change and are read in place. The core copies an array block by block as it reads it: other
+    threads and processes may write to it.
 
     Raises:
         ImportError: A library for a URL or a compressed file is not installed.
@@ -98,7 +101,7 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
         path = os.fspath(source)
         name = os.fsdecode(path)
         return local_name(name) if is_plain(name) else open_file(name)
-    if isinstance(source, Readable):
+    if isinstance(source, bytes | Readable):
         return source
     if isinstance(source, np.ndarray):
         if source.dtype != np.uint8 or source.ndim != 1:
@@ -154,5 +157,7 @@ def skip(file: BinaryIO | Readable, size: int) -> None:
 def array_of(source: Source) -> npt.NDArray[np.uint8]:
     """Returns a source that is neither a path nor a file object as an array."""
     opened = open_source(source)
+    if isinstance(opened, bytes):
+        return np.frombuffer(opened, np.uint8)
     assert isinstance(opened, np.ndarray)  # noqa: S101 - see above
     return opened

@@ -23,17 +23,20 @@ impl Reader {
         let own = &mut self.part;
         huge_pages::reserve(&mut own.layout, part.len(), progress);
         own.layout.extend(part.layout.iter().map(|layout| numbers[usize::from(*layout)]));
-        own.jumps.extend(part.jumps.iter().map(|&(sample, offset)| (first + sample, offset)));
-        own.singles.extend(part.singles);
-        own.changes.extend(part.changes.iter().map(|&(sample, bid, change)| (first + sample, bid, change)));
-        own.messages.mid.extend(part.messages.mid);
-        own.messages.bid.extend(part.messages.bid);
-        own.messages.offset.extend(part.messages.offset);
-        own.messages.sample.extend(part.messages.sample.iter().map(|sample| first + sample));
+        huge_pages::extend(&mut own.jumps, part.jumps.iter().map(|&(sample, offset)| (first + sample, offset)));
+        huge_pages::extend(&mut own.singles, part.singles);
+        huge_pages::extend(
+            &mut own.changes,
+            part.changes.iter().map(|&(sample, bid, change)| (first + sample, bid, change)),
+        );
+        huge_pages::extend(&mut own.messages.mid, part.messages.mid);
+        huge_pages::extend(&mut own.messages.bid, part.messages.bid);
+        huge_pages::extend(&mut own.messages.offset, part.messages.offset);
+        huge_pages::extend(&mut own.messages.sample, part.messages.sample.iter().map(|sample| first + sample));
         own.messages.payload.append(&part.messages.payload);
-        own.strings.place.extend(part.strings.place);
-        own.strings.offset.extend(part.strings.offset);
-        own.strings.sample.extend(part.strings.sample.iter().map(|sample| first + sample));
+        huge_pages::extend(&mut own.strings.place, part.strings.place);
+        huge_pages::extend(&mut own.strings.offset, part.strings.offset);
+        huge_pages::extend(&mut own.strings.sample, part.strings.sample.iter().map(|sample| first + sample));
         own.strings.bytes.append(&part.strings.bytes);
         huge_pages::reserve(&mut own.damage, part.damage.len(), progress);
         own.damage.extend(part.damage);

@@ -25,24 +25,36 @@
 //! that copy is made by one thread at a time. All columns end up contiguous.
 
 use std::collections::BTreeMap;
-use std::fs::File;
+use std::fmt;
 use std::io;
+use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Condvar, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::thread;
 
 use super::{Options, Part, Place, Reader};
 use crate::error::ReadError;
 use crate::frame::MAX_PAYLOAD;
-use crate::input::{FileFrom, Stream};
+use crate::input::{ReadAt, ReadFrom, Stream};
 use crate::scan::{Scanner, Seam, Step, Window};
 
 /// An input that several threads can read at several positions.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy)]
 pub enum Input<'a> {
-    /// All bytes of it.
+    /// All bytes of it. They are read in place.
     Memory(&'a [u8]),
-    /// A regular file.
-    File(&'a File),
+    /// Bytes that may change: a regular file, or memory that others write. Each thread copies what it reads into a buffer
+    /// of its own, and looks at nothing but this copy.
+    Copied(&'a dyn ReadAt),
+}
+
+impl fmt::Debug for Input<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Memory(_) => "Memory",
+            Self::Copied(_) => "Copied",
+        })
+    }
 }
 
 /// How an input is cut into blocks, and how many threads read them.
@@ -66,21 +78,21 @@ impl Blocks {
 /// An input, read from a position on.
 enum Cursor<'a> {
     Memory(&'a [u8]),
-    File(Stream<FileFrom<&'a File>>),
+    Copied(Stream<ReadFrom<&'a dyn ReadAt>>),
 }
 
 impl<'a> Input<'a> {
     fn end(self) -> io::Result<u64> {
         match self {
             Self::Memory(bytes) => Ok(bytes.len() as u64),
-            Self::File(file) => Ok(file.metadata()?.len()),
+            Self::Copied(bytes) => bytes.size(),
         }
     }
 
     fn from(self, position: u64) -> Cursor<'a> {
         match self {
             Self::Memory(bytes) => Cursor::Memory(bytes),
-            Self::File(file) => Cursor::File(Stream::at(FileFrom::new(file, position), position)),
+            Self::Copied(bytes) => Cursor::Copied(Stream::at(ReadFrom::new(bytes, position), position)),
         }
     }
 
@@ -96,7 +108,7 @@ impl<'a> Input<'a> {
                 let end = bytes.len().min(usize::try_from(to).unwrap_or(usize::MAX).saturating_add(REACH));
                 scanner.step(Window { bytes: &bytes[..end], offset: 0, last: end == bytes.len() })
             }
-            Cursor::File(mut stream) => loop {
+            Cursor::Copied(mut stream) => loop {
                 let step = scanner.step(stream.window());
                 if step != Step::More || scanner.at() >= to {
                     break step;
@@ -111,7 +123,7 @@ impl<'a> Input<'a> {
 
 impl Cursor<'_> {
     fn go_to(&mut self, position: u64) {
-        if let Self::File(stream) = self {
+        if let Self::Copied(stream) = self {
             stream.go_to(position);
         }
     }
@@ -119,7 +131,7 @@ impl Cursor<'_> {
     fn read(&mut self, reader: &mut Reader, until: u64) -> Result<(), ReadError> {
         match self {
             Self::Memory(bytes) => Ok(reader.read(Window { bytes, offset: 0, last: true }, until)?),
-            Self::File(stream) => reader.read_stream(stream, until),
+            Self::Copied(stream) => reader.read_stream(stream, until),
         }
     }
 }
@@ -193,11 +205,13 @@ impl Reader {
             moved: Condvar::new(),
             joint: Joint { reader: self, result: Ok(()) }.into(),
         };
-        std::thread::scope(|scope| {
-            for _ in 1..blocks.threads.min(count) {
-                scope.spawn(|| work.run());
-            }
+        thread::scope(|scope| {
+            // Without memory for another thread, those that run read all blocks.
+            let start = |_| thread::Builder::new().spawn_scoped(scope, || work.run()).ok();
+            let threads: Vec<_> = (1..blocks.threads.min(count)).map_while(start).collect();
             work.run();
+            // The first panic goes on in this thread as it is.
+            threads.into_iter().for_each(|thread| thread.join().unwrap_or_else(|panic| resume_unwind(panic)));
         });
         work.joint.into_inner().unwrap_or_else(PoisonError::into_inner).result
     }

@@ -186,10 +186,10 @@ impl<'a> Unwrapper<'a> {
         times.time.push(moment.seconds);
         times.counter.push(moment.counter);
         if moment.lost > 0 {
-            times.gaps.push(Gap { sample, lost: moment.lost, bid });
+            huge_pages::push(&mut times.gaps, Gap { sample, lost: moment.lost, bid });
         }
         if moment.restarted {
-            times.restarts.push(Restart { sample, bid });
+            huge_pages::push(&mut times.restarts, Restart { sample, bid });
         }
     }
 

@@ -4,6 +4,9 @@ use numpy::ndarray::aview1;
 use numpy::{Element, IntoPyArray, PyArray1, PyArrayMethods};
 use pyo3::prelude::*;
 
+use super::convert::detached;
+use crate::huge_pages;
+
 /// A read-only array.
 pub type Array<'py, T> = Bound<'py, PyArray1<T>>;
 
@@ -12,9 +15,20 @@ pub fn hand_over<T: Element>(py: Python<'_>, numbers: Vec<T>) -> Array<'_, T> {
     read_only(numbers.into_pyarray(py))
 }
 
+/// Numbers as a read-only array.
+pub fn hand_over_all<T: Element>(
+    py: Python<'_>,
+    numbers: impl ExactSizeIterator<Item = T> + Send,
+) -> PyResult<Array<'_, T>> {
+    Ok(hand_over(py, detached(py, || huge_pages::collect(numbers))?))
+}
+
 /// Positions and counts as a read-only int64 array, numpy's own index type.
-pub fn hand_over_signed(py: Python<'_>, numbers: impl Iterator<Item = u64>) -> Array<'_, i64> {
-    hand_over(py, numbers.map(u64::cast_signed).collect())
+pub fn hand_over_signed(
+    py: Python<'_>,
+    numbers: impl ExactSizeIterator<Item = u64> + Send,
+) -> PyResult<Array<'_, i64>> {
+    hand_over_all(py, numbers.map(u64::cast_signed))
 }
 
 /// A read-only array over numbers that `owner` keeps alive, without a copy.

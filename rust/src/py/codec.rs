@@ -7,6 +7,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use super::array::hand_over;
+use super::convert::detached;
 use crate::device::Configuration;
 use crate::frame::{Frame, Header};
 use crate::input::PushBuffer;
@@ -157,12 +158,13 @@ impl Scanner {
         Self { scanner, buffer: PushBuffer::default() }
     }
 
-    fn feed(&mut self, py: Python<'_>, data: &[u8], last: bool) -> Vec<Scanned> {
+    fn feed(&mut self, py: Python<'_>, data: &[u8], last: bool) -> PyResult<Vec<Scanned>> {
         self.buffer.push(data);
-        let items =
-            self.scanner.items(self.buffer.window(last)).into_iter().map(|item| Scanned::of(py, item)).collect();
+        let Self { scanner, buffer } = self;
+        let items = detached(py, || scanner.items(buffer.window(last)))?;
+        let items = items.into_iter().map(|item| Scanned::of(py, item)).collect();
         self.buffer.release(self.scanner.at());
-        items
+        Ok(items)
     }
 }
 
@@ -180,13 +182,14 @@ impl RequestScanner {
         Self { limit, buffer: PushBuffer::default() }
     }
 
-    fn feed(&mut self, py: Python<'_>, data: &[u8], last: bool) -> Vec<ScannedFrame> {
+    fn feed(&mut self, py: Python<'_>, data: &[u8], last: bool) -> PyResult<Vec<ScannedFrame>> {
         self.buffer.push(data);
         let mut requests = Requests::new(self.buffer.window(last), self.limit);
-        let found = requests.by_ref().map(|(offset, frame)| ScannedFrame::of(py, offset, &frame)).collect();
+        let found: Vec<_> = detached(py, || requests.by_ref().collect())?;
+        let found = found.into_iter().map(|(offset, frame)| ScannedFrame::of(py, offset, &frame)).collect();
         let done = requests.at();
         self.buffer.release(done);
-        found
+        Ok(found)
     }
 
     #[getter]

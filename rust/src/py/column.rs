@@ -5,6 +5,7 @@ use std::sync::Arc;
 use pyo3::prelude::*;
 
 use super::array::{Array, hand_over, lend};
+use super::convert::detached;
 use crate::column::Values;
 use crate::log::TimedPart;
 use crate::packet::{Coordinates, Precision};
@@ -76,8 +77,9 @@ impl Column {
     }
 
     #[getter]
-    fn nanoseconds<'py>(&self, py: Python<'py>) -> Option<Array<'py, i64>> {
-        py.detach(|| utc::nanoseconds_of_column(self.column())).map(|stamps| hand_over(py, stamps))
+    fn nanoseconds<'py>(&self, py: Python<'py>) -> PyResult<Option<Array<'py, i64>>> {
+        let stamps = detached(py, || utc::nanoseconds_of_column(self.column()))?;
+        Ok(stamps.map(|stamps| hand_over(py, stamps)))
     }
 
     #[getter]
@@ -96,7 +98,7 @@ impl Column {
     }
 
     #[getter]
-    fn sample<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
-        hand_over(py, py.detach(|| self.part.part.samples_of(self.column())))
+    fn sample<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, i64>> {
+        Ok(hand_over(py, detached(py, || self.part.part.samples_of(self.column()))?))
     }
 }

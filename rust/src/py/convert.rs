@@ -4,16 +4,34 @@ use std::convert::Infallible;
 use std::io;
 use std::path::PathBuf;
 
-use pyo3::exceptions::{PyOSError, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
+use crate::catch::{Caught, catch};
 use crate::error::{EncodeError, Fault, HostTimesError, ReadError, ShapeError, StateError};
 use crate::packet::{Coordinates, Precision};
 use crate::table::{self, Axes, Class, ClockRole, Direction, Interpolation, Quantity, Series, Wire};
 use crate::{hostclock, scan};
 
 pyo3::import_exception!(xbus.errors, DecodeError);
+pyo3::import_exception!(xbus.errors, XbusError);
+
+/// Does work without the GIL. A panic or lack of memory becomes an exception: every function that looks at bytes of others
+/// does so in here.
+pub fn detached<T: Send>(py: Python<'_>, work: impl FnOnce() -> T + Send) -> PyResult<T> {
+    Ok(py.detach(|| catch(work))?)
+}
+
+impl From<Caught> for PyErr {
+    fn from(caught: Caught) -> Self {
+        let text = caught.to_string();
+        match caught {
+            Caught::OutOfMemory => PyMemoryError::new_err(text),
+            Caught::Panic(_) => XbusError::new_err(text),
+        }
+    }
+}
 
 impl From<Fault> for PyErr {
     fn from(fault: Fault) -> Self {

@@ -11,7 +11,7 @@ use pyo3::types::{PyBytes, PyList};
 
 use super::array::hand_over;
 use super::codec::Scanned;
-use super::convert::os_error;
+use super::convert::{detached, os_error};
 use super::hostclock::HostClock;
 use super::log::Part;
 use crate::frame::Frame;
@@ -144,9 +144,9 @@ impl Acquisition {
     }
 
     #[pyo3(signature = (data, arrival=None))]
-    fn push(&self, py: Python<'_>, data: &[u8], arrival: Option<f64>) -> bool {
+    fn push(&self, py: Python<'_>, data: &[u8], arrival: Option<f64>) -> PyResult<bool> {
         let arrival = arrival.map(nanoseconds);
-        py.detach(|| self.0.push(data, arrival))
+        detached(py, || self.0.push(data, arrival))
     }
 
     fn resume(&self) -> PyResult<()> {
@@ -233,9 +233,8 @@ impl Acquisition {
         decoder: &mut BlockDecoder,
         samples: Option<usize>,
     ) -> PyResult<Option<Block>> {
-        let Some(block) = py.detach(|| self.0.take_block(samples).map(|block| decoder.0.decode(block))) else {
-            return Ok(None);
-        };
+        let decode = || self.0.take_block(samples).map(|block| decoder.0.decode(block));
+        let Some(block) = detached(py, decode)? else { return Ok(None) };
         let clock = |(bid, clock)| Ok((bid, Py::new(py, HostClock(clock))?));
         Ok(Some(Block {
             part: Py::new(py, Part(block.part.into()))?,

@@ -2,13 +2,14 @@
 
 use std::sync::Arc;
 
-use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
+use numpy::PyArray1;
 use pyo3::prelude::*;
 use pyo3::types::{IntoPyDict, PyBytes, PyType};
 
 use super::Row;
-use super::array::{Array, hand_over, hand_over_signed, lend};
+use super::array::{Array, hand_over, hand_over_all, hand_over_signed, lend};
 use super::column::Column;
+use super::convert::detached;
 use super::source::Source;
 use crate::clock::Clocks;
 use crate::log::{self, Blocks, Input, Options, Place, TimedPart, Times, Wanted};
@@ -74,13 +75,14 @@ impl Reader {
         let Self { reader, source, blocks, .. } = self;
         let until = reader.at().saturating_add(size);
         match source {
-            Source::Array(array) => {
-                let array: PyReadonlyArray1<'_, u8> = array.bind(py).try_readonly()?;
-                let bytes = array.as_slice()?;
-                py.detach(|| reader.read_parallel(Input::Memory(bytes), until, *blocks))?;
+            Source::Bytes(bytes, range) => {
+                let bytes = &bytes.bind(py).as_bytes()[range.clone()];
+                detached(py, || reader.read_parallel(Input::Memory(bytes), until, *blocks))??;
             }
-            Source::File(file) => py.detach(|| reader.read_parallel(Input::File(file), until, *blocks))?,
-            Source::Stream(stream) => py.detach(|| reader.read_stream(stream, until))?,
+            Source::Copied(bytes) => {
+                detached(py, || reader.read_parallel(Input::Copied(&**bytes), until, *blocks))??;
+            }
+            Source::Stream(stream) => detached(py, || reader.read_stream(stream, until))??,
         }
         Ok(!reader.is_finished())
     }
@@ -88,7 +90,7 @@ impl Reader {
     #[pyo3(signature = (shape=None))]
     fn take(&mut self, py: Python<'_>, shape: Option<&Shape>) -> PyResult<Part> {
         let Self { reader, clocks, .. } = self;
-        py.detach(|| Part::of(TimedPart::take(reader, clocks), shape))
+        detached(py, || Part::of(TimedPart::take(reader, clocks), shape))?
     }
 }
 
@@ -113,8 +115,8 @@ impl Shape {
         state::to_bytes(&self.0) == state::to_bytes(&other.0)
     }
 
-    fn add(&mut self, py: Python<'_>, part: &Part) {
-        py.detach(|| self.0.add(&part.0.part));
+    fn add(&mut self, py: Python<'_>, part: &Part) -> PyResult<()> {
+        detached(py, || self.0.add(&part.0.part))
     }
 
     #[allow(clippy::needless_pass_by_value)] // what PyO3 extracts
@@ -141,8 +143,8 @@ impl Part {
         Ok(Self(Arc::new(part)))
     }
 
-    fn times(&self, py: Python<'_>) -> &Times {
-        py.detach(|| self.0.times())
+    fn times(&self, py: Python<'_>) -> PyResult<&Times> {
+        detached(py, || self.0.times())
     }
 }
 
@@ -150,14 +152,14 @@ impl Part {
 impl Part {
     #[new]
     fn new(py: Python<'_>, state: &[u8]) -> PyResult<Self> {
-        let (part, times) = py.detach(|| state::from_bytes(state))?;
+        let (part, times) = detached(py, || state::from_bytes(state))??;
         Ok(Self(Arc::new(TimedPart::of(part, times))))
     }
 
-    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> (Bound<'py, PyType>, (Bound<'py, PyBytes>,)) {
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyType>, (Bound<'py, PyBytes>,))> {
         let timed = &slf.get().0;
-        let bytes = slf.py().detach(|| state::to_bytes(&(&timed.part, timed.times())));
-        (slf.get_type(), (PyBytes::new(slf.py(), &bytes),))
+        let bytes = detached(slf.py(), || state::to_bytes(&(&timed.part, timed.times())))?;
+        Ok((slf.get_type(), (PyBytes::new(slf.py(), &bytes),)))
     }
 
     fn only(&self, column: &Column) -> Self {
@@ -166,7 +168,7 @@ impl Part {
 
     #[pyo3(signature = (bid, first, shape=None))]
     fn of_device(&self, py: Python<'_>, bid: u8, first: u64, shape: Option<&Shape>) -> PyResult<Self> {
-        py.detach(|| Self::of(self.0.of_device(bid, first), shape))
+        detached(py, || Self::of(self.0.of_device(bid, first), shape))?
     }
 
     fn __len__(&self) -> usize {
@@ -185,7 +187,7 @@ impl Part {
 
     #[getter]
     fn stats<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
-        let (stats, losses) = (&self.0.part.stats, self.times(py).losses());
+        let (stats, losses) = (&self.0.part.stats, self.times(py)?.losses());
         let counts = [
             ("bytes", stats.bytes),
             ("frames", stats.frames),
@@ -202,94 +204,95 @@ impl Part {
     }
 
     #[getter]
-    fn damage(&self, py: Python<'_>) -> DamageArrays {
+    fn damage(&self, py: Python<'_>) -> PyResult<DamageArrays> {
         let damage = &self.0.part.damage;
-        DamageArrays {
-            offset: hand_over_signed(py, damage.iter().map(|stretch| stretch.offset)).unbind(),
-            length: hand_over_signed(py, damage.iter().map(|stretch| stretch.length)).unbind(),
-            reason: hand_over(py, damage.iter().map(|stretch| stretch.reason as u8).collect()).unbind(),
-        }
+        Ok(DamageArrays {
+            offset: hand_over_signed(py, damage.iter().map(|stretch| stretch.offset))?.unbind(),
+            length: hand_over_signed(py, damage.iter().map(|stretch| stretch.length))?.unbind(),
+            reason: hand_over_all(py, damage.iter().map(|stretch| stretch.reason as u8))?.unbind(),
+        })
     }
 
     #[getter]
-    fn messages(slf: &Bound<'_, Self>) -> MessageArrays {
+    fn messages(slf: &Bound<'_, Self>) -> PyResult<MessageArrays> {
         let messages = &slf.get().0.part.messages;
-        MessageArrays {
+        Ok(MessageArrays {
             mid: lend(&messages.mid, slf).unbind(),
             bid: lend(&messages.bid, slf).unbind(),
-            offset: hand_over_signed(slf.py(), messages.offset.iter().copied()).unbind(),
-            sample: hand_over_signed(slf.py(), messages.sample.iter().copied()).unbind(),
+            offset: hand_over_signed(slf.py(), messages.offset.iter().copied())?.unbind(),
+            sample: hand_over_signed(slf.py(), messages.sample.iter().copied())?.unbind(),
             ends: lend(&messages.payload.ends, slf).unbind(),
             payloads: lend(&messages.payload.bytes, slf).unbind(),
-        }
+        })
     }
 
     #[getter]
-    fn strings(slf: &Bound<'_, Self>) -> StringArrays {
+    fn strings(slf: &Bound<'_, Self>) -> PyResult<StringArrays> {
         let strings = &slf.get().0.part.strings;
-        StringArrays {
+        Ok(StringArrays {
             place: lend(&strings.place, slf).unbind(),
-            offset: hand_over_signed(slf.py(), strings.offset.iter().copied()).unbind(),
-            sample: hand_over_signed(slf.py(), strings.sample.iter().copied()).unbind(),
+            offset: hand_over_signed(slf.py(), strings.offset.iter().copied())?.unbind(),
+            sample: hand_over_signed(slf.py(), strings.sample.iter().copied())?.unbind(),
             ends: lend(&strings.bytes.ends, slf).unbind(),
             data: lend(&strings.bytes.bytes, slf).unbind(),
-        }
+        })
     }
 
     #[getter]
-    fn time<'py>(slf: &Bound<'py, Self>) -> Array<'py, f64> {
-        lend(&slf.get().times(slf.py()).time, slf)
+    fn time<'py>(slf: &Bound<'py, Self>) -> PyResult<Array<'py, f64>> {
+        Ok(lend(&slf.get().times(slf.py())?.time, slf))
     }
 
     #[getter]
-    fn packet_counter<'py>(slf: &Bound<'py, Self>) -> Array<'py, i64> {
-        lend(&slf.get().times(slf.py()).counter, slf)
+    fn packet_counter<'py>(slf: &Bound<'py, Self>) -> PyResult<Array<'py, i64>> {
+        Ok(lend(&slf.get().times(slf.py())?.counter, slf))
     }
 
     #[getter]
-    fn has_counter(&self, py: Python<'_>) -> bool {
-        self.times(py).has_counter
+    fn has_counter(&self, py: Python<'_>) -> PyResult<bool> {
+        Ok(self.times(py)?.has_counter)
     }
 
     #[getter]
-    fn gaps(&self, py: Python<'_>) -> GapArrays {
-        let gaps = &self.times(py).gaps;
-        GapArrays {
-            sample: hand_over_signed(py, gaps.iter().map(|gap| gap.sample)).unbind(),
-            lost: hand_over_signed(py, gaps.iter().map(|gap| gap.lost)).unbind(),
-            bid: hand_over(py, gaps.iter().map(|gap| gap.bid).collect()).unbind(),
-        }
+    fn gaps(&self, py: Python<'_>) -> PyResult<GapArrays> {
+        let gaps = &self.times(py)?.gaps;
+        Ok(GapArrays {
+            sample: hand_over_signed(py, gaps.iter().map(|gap| gap.sample))?.unbind(),
+            lost: hand_over_signed(py, gaps.iter().map(|gap| gap.lost))?.unbind(),
+            bid: hand_over_all(py, gaps.iter().map(|gap| gap.bid))?.unbind(),
+        })
     }
 
     #[getter]
-    fn restarts(&self, py: Python<'_>) -> RestartArrays {
-        let restarts = &self.times(py).restarts;
-        RestartArrays {
-            sample: hand_over_signed(py, restarts.iter().map(|restart| restart.sample)).unbind(),
-            bid: hand_over(py, restarts.iter().map(|restart| restart.bid).collect()).unbind(),
-        }
+    fn restarts(&self, py: Python<'_>) -> PyResult<RestartArrays> {
+        let restarts = &self.times(py)?.restarts;
+        Ok(RestartArrays {
+            sample: hand_over_signed(py, restarts.iter().map(|restart| restart.sample))?.unbind(),
+            bid: hand_over_all(py, restarts.iter().map(|restart| restart.bid))?.unbind(),
+        })
     }
 
     #[getter]
-    fn offset<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
-        hand_over(py, py.detach(|| self.0.part.offsets()))
+    fn offset<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, i64>> {
+        Ok(hand_over(py, detached(py, || self.0.part.offsets())?))
     }
 
     #[getter]
-    fn end<'py>(&self, py: Python<'py>) -> Array<'py, i64> {
-        hand_over(py, py.detach(|| self.0.part.ends()))
+    fn end<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, i64>> {
+        Ok(hand_over(py, detached(py, || self.0.part.ends())?))
     }
 
     #[getter]
-    fn utc<'py>(&self, py: Python<'py>) -> Option<Array<'py, i64>> {
+    fn utc<'py>(&self, py: Python<'py>) -> PyResult<Option<Array<'py, i64>>> {
         let part = &self.0.part;
         let columns: Vec<_> = part.columns.iter().collect();
-        py.detach(|| utc::nanoseconds_of_samples(part, &columns)).map(|stamps| hand_over(py, stamps))
+        let stamps = detached(py, || utc::nanoseconds_of_samples(part, &columns))?;
+        Ok(stamps.map(|stamps| hand_over(py, stamps)))
     }
 
     #[getter]
-    fn bid<'py>(&self, py: Python<'py>) -> Array<'py, u8> {
-        hand_over(py, py.detach(|| self.0.part.bids()))
+    fn bid<'py>(&self, py: Python<'py>) -> PyResult<Array<'py, u8>> {
+        Ok(hand_over(py, detached(py, || self.0.part.bids())?))
     }
 }
 

@@ -11,6 +11,7 @@ mod convert;
 mod hostclock;
 mod live;
 mod log;
+mod shared;
 mod source;
 mod tables;
 

@@ -2,31 +2,42 @@
 
 use std::fs::{self, File};
 use std::io::{self, Read};
+use std::ops::Range;
 use std::path::PathBuf;
 
-use numpy::{PyArray1, PyArrayMethods};
+use numpy::{PyArray1, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use super::convert::os_error;
-use crate::input::{FileFrom, Stream};
+use super::shared::SharedBytes;
+use crate::input::{ReadAt, ReadFrom, Stream};
 
 pyo3::import_exception!(io, UnsupportedOperation);
 
-/// An array, which is not copied, a file that several threads read, or a stream.
+/// Bytes that never change, which are not copied; bytes that may change and that several threads read; or a stream.
 pub enum Source {
-    Array(Py<PyArray1<u8>>),
-    File(File),
+    Bytes(Py<PyBytes>, Range<usize>),
+    Copied(Box<dyn ReadAt>),
     Stream(Stream<Box<dyn Read + Send + Sync>>),
 }
 
 impl Source {
-    /// Opens a uint8 array, a path, or an object with a method `read`, with its length in bytes if that is known. It is read
+    /// Opens bytes, a uint8 array, a path, or an object with a method `read`, with its length in bytes if that is known. It is read
     /// from position `at` on, where the object stands already, by this number of threads.
     pub fn open(source: &Bound<'_, PyAny>, at: u64, threads: usize) -> PyResult<(Self, Option<u64>)> {
+        if let Ok(bytes) = source.cast::<PyBytes>() {
+            let length = bytes.as_bytes().len();
+            return Ok((Self::Bytes(bytes.clone().unbind(), 0..length), Some(length as u64)));
+        }
         if let Ok(array) = source.cast::<PyArray1<u8>>() {
-            let length = array.readonly().as_slice()?.len();
-            return Ok((Self::Array(array.clone().unbind()), Some(length as u64)));
+            let shared = SharedBytes::of(array)?;
+            let length = shared.size()?;
+            if let Some((bytes, range)) = bytes_under(array) {
+                return Ok((Self::Bytes(bytes, range), Some(length)));
+            }
+            return Ok((Self::of(shared, at, threads), Some(length)));
         }
         let Ok(path) = source.extract::<PathBuf>() else {
             return Ok((Self::stream(PyInput::of(source, false), at), None));
@@ -34,8 +45,7 @@ impl Source {
         match fs::metadata(&path) {
             Ok(metadata) if metadata.is_file() => {
                 let file = File::open(&path).map_err(|error| os_error(&error, Some(path)))?;
-                let source = if threads > 1 { Self::File(file) } else { Self::stream(FileFrom::new(file, at), at) };
-                Ok((source, Some(metadata.len())))
+                Ok((Self::of(file, at, threads), Some(metadata.len())))
             }
             // Python's own file reacts to Ctrl-C while it waits for a pipe or a device, and names the path in its errors.
             _ => {
@@ -45,9 +55,27 @@ impl Source {
         }
     }
 
+    /// One thread keeps what it has read for its next step; of several, each begins at another place.
+    fn of(bytes: impl ReadAt + 'static, at: u64, threads: usize) -> Self {
+        if threads > 1 { Self::Copied(Box::new(bytes)) } else { Self::stream(ReadFrom::new(bytes, at), at) }
+    }
+
     fn stream(input: impl Read + Send + Sync + 'static, at: u64) -> Self {
         Self::Stream(Stream::at(Box::new(input), at))
     }
+}
+
+/// The bytes object that a contiguous array is a view of, and the part of it, unless it is a view of something else.
+fn bytes_under(array: &Bound<'_, PyArray1<u8>>) -> Option<(Py<PyBytes>, Range<usize>)> {
+    let mut owner = array.clone().into_any();
+    while !owner.is_instance_of::<PyBytes>() {
+        owner = owner.getattr("base").or_else(|_| owner.getattr("obj")).ok()?; // of an array, of a memoryview
+    }
+    let bytes = owner.cast_into::<PyBytes>().ok()?;
+    let from = array.data().addr().checked_sub(bytes.as_bytes().as_ptr().addr())?;
+    let range = from..from + array.len();
+    bytes.as_bytes().get(range.clone())?;
+    Some((bytes.unbind(), range))
 }
 
 /// A Python object with a method `read`.
