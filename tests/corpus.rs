@@ -15,13 +15,14 @@ use fuzz::checks;
 type Check = fn(&[u8]);
 
 /// The fuzz targets, and what each calls.
-const TARGETS: [(&str, Check); 7] = [
+const TARGETS: [(&str, Check); 8] = [
     ("chunking", checks::chunking),
     ("codec", checks::codec),
     ("decode", checks::decode),
     ("fast_is_plain", checks::fast_is_plain),
     ("parallel", checks::parallel),
     ("parts", checks::parts),
+    ("shape", checks::shape),
     ("unwrap", checks::unwrap),
 ];
 
@@ -70,6 +71,11 @@ fn parallel() {
 #[test]
 fn parts() {
     replay("parts");
+}
+
+#[test]
+fn shape() {
+    replay("shape");
 }
 
 #[test]

@@ -1,8 +1,9 @@
 //! The laws. Each function takes any bytes and panics if the law does not hold.
 
 use xbus::clock::{Clocks, Gap, Restart};
+use xbus::column::Column;
 use xbus::error::Fault;
-use xbus::log::{self, Blocks, Options, Reader, Times};
+use xbus::log::{self, Blocks, Options, Part, Reader, Shape, TimedPart, Times};
 use xbus::packet::{Coordinates, Packet, Precision, packets};
 use xbus::scan::Window;
 use xbus::table::{self, Kind, QUANTITIES};
@@ -167,6 +168,48 @@ pub fn parallel(data: &[u8]) {
         }
         joined.same_as(&whole, "parallel, whole");
     }
+}
+
+/// A pass without values finds the shape of a log, which gives each part the columns of the whole log.
+pub fn shape(data: &[u8]) {
+    let Input { mut random, stream } = Input::of(data);
+    let options = options(&mut random);
+    let mut parts = |values| {
+        let mut reader = Reader::new(Options { values, ..options.clone() }, stream.len() as u64);
+        let step = random.pick(&[100, 5000, stream.len() + 1]);
+        let mut clocks = Clocks::default();
+        let mut parts = vec![];
+        while !reader.is_finished() {
+            let until = reader.at() + 1 + random.below(step) as u64;
+            reader.read(Window { bytes: &stream, offset: 0, last: true }, until).expect("not strict");
+            parts.push(TimedPart::take(&mut reader, &mut clocks));
+        }
+        parts
+    };
+    let mut shape = Shape::default();
+    parts(false).iter().for_each(|part| shape.add(&part.part));
+    let mut reader = Reader::new(options.clone(), stream.len() as u64);
+    reader.read(Window { bytes: &stream, offset: 0, last: true }, u64::MAX).expect("not strict");
+    let whole = reader.take();
+    let columns = known_columns(&whole);
+    assert_eq!(shape.samples(), whole.len() as u64);
+    let mut bids = vec![];
+    for part in parts(true) {
+        let part = part.shaped(&shape).expect("a part of this log").part;
+        let own = known_columns(&part);
+        assert_eq!(own.len(), columns.len());
+        for (index, (own, column)) in own.iter().zip(&columns).enumerate() {
+            assert_eq!(own.subject, column.subject);
+            assert!(own.has_type_of(column), "{own:?}, {column:?}");
+            assert_eq!(part.is_dense_in_log(index), whole.is_dense(column), "{:?}", column.subject);
+        }
+        bids.extend(part.bids_of_several());
+    }
+    assert_eq!(bids.concat(), whole.bids_of_several().unwrap_or_default());
+}
+
+fn known_columns(part: &Part) -> Vec<&Column> {
+    part.columns.iter().map(AsRef::as_ref).filter(|column: &&Column| column.quantity().is_some()).collect()
 }
 
 /// A stream in which a block can begin inside a message that has frames in it: the stream, as it is and as packets.

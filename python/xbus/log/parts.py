@@ -16,7 +16,7 @@ from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
 from xbus.log.log import Log, MissingDeviceError
 from xbus.log.pieces import Pieces, pieces_of
-from xbus.log.read import BLOCK, STEP, reader_of, thread_count
+from xbus.log.read import STEP, reader_of, thread_count
 from xbus.log.source import (
     QuantityFilter,
     Readable,
@@ -34,6 +34,8 @@ __all__ = ["LogPart", "split_log"]
 
 #: Bytes after a part that decide how it ends: more than two of the longest frames.
 LOOKAHEAD = 1 << 18
+#: Default size of a part, in bytes of input. A process that reads one should have more to do than to start.
+PART = 64 << 20
 #: What messages say of a file that is no longer what it was.
 CHANGED = "has changed since it was split; split it again"
 
@@ -185,7 +187,7 @@ class LogPart:
 def split_log(
     source: Source | Sequence[Source],
     *,
-    block_bytes: int = BLOCK,
+    block_bytes: int = PART,
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),

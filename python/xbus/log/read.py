@@ -35,8 +35,9 @@ __all__ = ["BLOCK", "STEP", "cut_parts", "iter_log", "read_log", "reader_of", "t
 
 #: Bytes that a thread reads at a time: Ctrl-C and progress are handled between two reads.
 STEP = 32 << 20
-#: Default size of a part of a log, in bytes of input.
-BLOCK = 64 << 20
+#: Default size of a part, in bytes of input. Smaller parts cost more calls, larger ones more first touches of
+#: fresh memory, because malloc gives the memory of large columns back after each part.
+BLOCK = 8 << 20
 #: Size of the parts of a log that is cut.
 CUT_BLOCK = 1 << 20
 
