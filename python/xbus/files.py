@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import stat
 from collections.abc import Callable, Iterator
 from typing import Any, BinaryIO, TypeAlias
 
@@ -12,7 +13,11 @@ from xbus.remote import RemoteFile, Version, remote_version
 
 __all__ = [
     "COMPRESSIONS",
+    "MAGIC_SIZE",
+    "compression_of",
+    "decompressed",
     "file_version",
+    "is_magic_start",
     "is_plain",
     "is_url",
     "local_name",
@@ -22,6 +27,15 @@ __all__ = [
 
 #: Suffixes of compressed files.
 COMPRESSIONS = (".gz", ".zst", ".xz", ".bz2")
+#: The first bytes of compressed data. The digit after ``BZh`` is the size of its blocks.
+MAGIC = {
+    b"\x1f\x8b\x08": ".gz",
+    b"\x28\xb5\x2f\xfd": ".zst",
+    b"\xfd7zXZ\x00": ".xz",
+    **{b"BZh%d1AY&SY" % digit: ".bz2" for digit in range(1, 10)},
+}
+#: Number of bytes that show whether data are compressed.
+MAGIC_SIZE = max(map(len, MAGIC))
 #: Bytes of compressed input that are read at once.
 CHUNK = 1 << 16
 
@@ -49,13 +63,40 @@ def local_name(name: str) -> str:
     return url2pathname(host + parts.path)
 
 
+def compression_of(head: bytes) -> str:
+    """Returns the suffix of compressed data by the first `MAGIC_SIZE` bytes; empty for other data.
+
+    >>> compression_of(bytes.fromhex("1f8b0800")), compression_of(bytes.fromhex("faff3600cb"))
+    ('.gz', '')
+    """
+    return next((suffix for magic, suffix in MAGIC.items() if head.startswith(magic)), "")
+
+
+def is_magic_start(head: bytes) -> bool:
+    """Returns whether more bytes are needed to decide whether data are compressed."""
+    return any(len(head) < len(magic) and magic.startswith(head) for magic in MAGIC)
+
+
 def is_plain(name: str) -> bool:
-    """Returns whether this is the path of a file that is not compressed."""
-    return not is_url(name) and not suffix_of_compression(name)
+    """Returns whether this is the path of a file that is not compressed.
+
+    Compressed files are known by the suffix and, if they are regular files, by their first bytes.
+    """
+    if is_url(name) or suffix_of_compression(name):
+        return False
+    path = local_name(name)
+    try:
+        # To open a pipe would wait for its writer.
+        if not stat.S_ISREG(os.stat(path).st_mode):  # noqa: PTH116
+            return True
+        with open(path, "rb", buffering=0) as file:  # noqa: PTH123
+            return not compression_of(file.read(MAGIC_SIZE))
+    except (OSError, ValueError):
+        return True  # reading it reports the error
 
 
 def open_file(name: str) -> BinaryIO:
-    """Opens a file to read its content, decompressed if its suffix is one of `COMPRESSIONS`.
+    """Opens a file to read its content, decompressed if it is compressed: see `is_plain`.
 
     Raises:
         ImportError: A library for the URL or the compression is not installed.
@@ -63,13 +104,29 @@ def open_file(name: str) -> BinaryIO:
     """
     path = local_name(name)
     raw: Any = RemoteFile(path) if is_url(path) else open(path, "rb", buffering=0)  # noqa: PTH123, SIM115
-    if suffix := suffix_of_compression(path):
-        try:
-            return _Decompressed(_reader(raw, suffix), raw, name)  # type: ignore[return-value]
-        except ImportError:
-            raw.close()
-            raise
-    return raw  # type: ignore[no-any-return]
+    try:
+        suffix = suffix_of_compression(path)
+        if not suffix and not is_url(path) and raw.seekable():
+            suffix = compression_of(raw.read(MAGIC_SIZE))
+            raw.seek(0)
+        return decompressed(raw, suffix, name) if suffix else raw
+    except BaseException:
+        raw.close()
+        raise
+
+
+def decompressed(raw: Any, suffix: str, name: str) -> BinaryIO:
+    """Returns a file object that decompresses another one and owns it.
+
+    Args:
+        raw: The compressed file.
+        suffix: One of `COMPRESSIONS`.
+        name: Its name, for messages.
+
+    Raises:
+        ImportError: The library for the compression is not installed.
+    """
+    return _Decompressed(_reader(raw, suffix), raw, name)  # type: ignore[return-value]
 
 
 def file_version(name: str) -> Version:

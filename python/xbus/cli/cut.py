@@ -118,20 +118,26 @@ def cut(
     files = recording.files
     check_output(files, out)
     recording.show_notes()
+    content = _Content(inputs)
     with Progress(reading_task(files[0]), shown=not quiet) as progress, _time_errors(recording):
 
         def parts() -> Iterator[Log]:
             if STDIN in files:
                 raise ValueError("standard input is read once; use seconds")
-            with inputs.opened(files, progress) as source:
-                yield from _parts(source, inputs, bid=inputs.bid)
+            with inputs.opened(files, progress) as source, content.checked(source, files):
+                yield from content.parts(source, bid=inputs.bid)
+                content.check()
 
         bounds = seconds_of((start, end), parts)
-        with inputs.opened(files, progress) as source, inputs.checked_rate(recording) as use:
+        with (
+            inputs.opened(files, progress) as source,
+            inputs.checked_rate(recording) as use,
+            content.checked(source, files),
+        ):
             arrivals = _arrivals(source)
             chunks = cut_bytes(
                 source,
-                lambda tee: use.watch(_parts(tee, inputs)),
+                lambda tee: use.watch(content.parts(tee)),
                 *bounds,
                 bid=inputs.bid,
                 arrivals=arrivals,
@@ -140,16 +146,43 @@ def cut(
                 for chunk in chunks:
                     piece.write(chunk)
                 if not piece.size:
+                    content.check()
                     raise Failure(f"{recording.heading} has no samples between these times")
     recording.show_notes()
     if not quiet:
         click.echo(f"{label(out)}: {format_size(piece.size)}", err=True)
 
 
-def _parts(source: Readable, inputs: InputOptions, bid: int | None = None) -> Iterator[Log]:
-    from xbus.log.read import cut_parts
+class _Content:
+    """Reads the parts of a recording, and counts its frames and strings."""
 
-    return cut_parts(source, rate=inputs.rate, strings=inputs.strings, bid=bid)
+    def __init__(self, inputs: InputOptions) -> None:
+        self._inputs = inputs
+        self._found = 0
+
+    def parts(self, source: Readable, bid: int | None = None) -> Iterator[Log]:
+        """Yields the parts, of one device or of all."""
+        from xbus.log.read import cut_parts
+
+        options = self._inputs
+        for part in cut_parts(source, rate=options.rate, strings=options.strings, bid=bid):
+            self._found += part.stats.frames + part.stats.strings
+            yield part
+
+    @contextlib.contextmanager
+    def checked(self, source: Input, files: Sequence[str]) -> Iterator[None]:
+        """Replaces the error of a recording in which nothing was found."""
+        try:
+            yield
+        except ValueError as error:
+            if self._found:
+                raise
+            raise no_frame(files, source.size, source.head) from error
+
+    def check(self) -> None:
+        """Raises ValueError if nothing was found so far."""
+        if not self._found:
+            raise ValueError("nothing was found")
 
 
 def _arrivals(source: Input) -> Arrivals | None:
@@ -205,8 +238,10 @@ def split(
     with writing(out_dir):
         os.makedirs(out_dir, exist_ok=True)  # noqa: PTH103 - pathlib is slow to import
 
+    content = _Content(inputs)
+
     def parts(source: Readable) -> Iterator[Log]:
-        return use.watch(_parts(source, inputs))
+        return use.watch(content.parts(source))
 
     with Progress(reading_task(files[0]), shown=not quiet) as progress, _time_errors(recording):
         if by_device:
@@ -215,8 +250,12 @@ def split(
                     "--device reads a recording twice, and standard input can be read once; save it to a file"
                 )
             with inputs.opened(files, progress) as source:
-                heads = cutting.device_heads(_parts(source, inputs))
-        with inputs.opened(files, progress) as source, inputs.checked_rate(recording) as use:
+                heads = cutting.device_heads(content.parts(source))
+        with (
+            inputs.opened(files, progress) as source,
+            inputs.checked_rate(recording) as use,
+            content.checked(source, files),
+        ):
             arrivals = _arrivals(source)
             if by_device:
                 chunks = cutting.split_by_device(source, parts, heads)
@@ -226,9 +265,7 @@ def split(
                 chunks = cutting.split_by_time(
                     source, parts, limit["rotate_seconds"], bid=inputs.bid
                 )
-            written = _write(chunks, recording, out_dir, arrivals, by_device=by_device)
-        if not written:
-            raise no_frame(files, 0)
+            written = _write(chunks, recording, out_dir, arrivals, content, by_device=by_device)
     recording.show_notes()
     if not quiet:
         last = f" to {label(written[-1])}" if len(written) > 1 else ""
@@ -251,10 +288,15 @@ def _write(
     recording: Recording,
     folder: str,
     arrivals: Arrivals | None,
+    content: _Content,
     *,
     by_device: bool,
 ) -> list[str]:
-    """Writes each piece to a file, and returns the names."""
+    """Writes each piece to a file, and returns the names.
+
+    Raises:
+        ValueError: Nothing was found in the recording.
+    """
     from xbus.cli.piece_file import PieceFile, piece_file
     from xbus.log.pieces import name_of_piece
 
@@ -266,7 +308,8 @@ def _write(
         for chunk in chunks:
             piece = chunk.piece
             if piece not in opened:
-                if not by_device:
+                if opened and not by_device:
+                    content.check()
                     files.close()  # the previous piece is complete
                     opened.clear()
                 out = _path_of_device(path, piece) if by_device else name_of_piece(path, len(outs))
@@ -274,6 +317,7 @@ def _write(
                 outs.append(out)
                 opened[piece] = files.enter_context(piece_file(out, arrivals))
             opened[piece].write(chunk)
+        content.check()
     return outs
 
 

@@ -148,9 +148,9 @@ def decode(
 ) -> None:
     """Writes logs as tables: Parquet, CSV, Arrow or npz.
 
-    IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input. Files that end in .gz, .xz,
-    .bz2 or .zst are decompressed. The pieces of one recording (walk.mtb, walk-0001.mtb, ...) are joined in
-    their order. Different recordings are never joined: --out-dir writes one file for each.
+    IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input. Compressed input (gzip,
+    xz, bzip2, Zstandard) is decompressed. The pieces of one recording (walk.mtb, walk-0001.mtb, ...) are
+    joined in their order. Different recordings are never joined: --out-dir writes one file for each.
 
     The table has one row per sample. The columns are sample, time in seconds on the device clock, and the
     quantities (acceleration_x, ...) in the units that xbus quantities lists. Missing values are null.

@@ -124,7 +124,7 @@ class Decoding:
                     f"{names}: {problem}{where}; without --strict, damage is skipped"
                 ) from error
         if not len(log) and not len(log.messages) and not log.stats.strings:
-            raise no_frame(files, log.stats.bytes)
+            raise no_frame(files, log.stats.bytes, source.head)
         return log
 
     def _write(self, log: Log, table: Any, out: str, progress: ShowsProgress) -> tuple[int, int]:

@@ -139,7 +139,7 @@ def dump(
         if lines := formatter.close():
             print_line("\n".join(lines))
     if not formatter.frames:
-        raise no_frame(files, formatter.size)
+        raise no_frame(files, formatter.size, source.head)
     if (note := formatter.rate_use.note) is not None:
         click.echo(f"xbus: {recording.heading}: {note}", err=True)
     if inputs.bid is not None and device_of(inputs.bid) not in formatter.devices:

@@ -50,7 +50,7 @@ def info(
         with inputs.opened(files, progress) as source, inputs.checked_rate(job.recording) as use:
             summary = LogSummary(use.watch(iter_log(source, **inputs.for_log)))
         if not summary.stats.frames and not summary.stats.strings:
-            raise no_frame(files, summary.stats.bytes)
+            raise no_frame(files, summary.stats.bytes, source.head)
         values = summary.to_dict(files[0]) | {"files": files}
         if job.out is None:
             return info_text(job.recording.heading, summary), values

@@ -16,7 +16,15 @@ import click
 
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.progress import ShowsProgress
-from xbus.files import is_plain, local_name, open_file
+from xbus.files import (
+    MAGIC_SIZE,
+    compression_of,
+    decompressed,
+    is_magic_start,
+    is_plain,
+    local_name,
+    open_file,
+)
 
 if TYPE_CHECKING:
     from xbus.log.arrivals import Arrivals
@@ -31,6 +39,10 @@ __all__ = [
 
 #: The name of standard input.
 STDIN = "-"
+#: Bytes at the start of an input that show whether it is text.
+HEAD = 4096
+#: The first byte of every frame.
+PREAMBLE = 0xFA
 #: Interval in seconds at which a reader of a pipe checks for Ctrl-C.
 SIGNAL_INTERVAL = 0.2
 
@@ -72,13 +84,47 @@ strings_option = click.option(
 )
 
 
-def no_frame(names: Sequence[str], size: int) -> Failure:
-    """Returns the failure of inputs without an Xbus frame."""
+def no_frame(names: Sequence[str], size: int, head: bytes = b"") -> Failure:
+    """Returns the failure of inputs without an Xbus frame.
+
+    Args:
+        names: The inputs.
+        size: Their size in bytes.
+        head: The first bytes.
+    """
     problem = "the input is empty" if size == 0 else f"none in {size:,} bytes"
+    if _is_hex_text(head):
+        return Failure(
+            f"no Xbus frame in {', '.join(map(label, names))}: {problem}, which look like hex text; add "
+            "--hex to read that"
+        )
     return Failure(
         f"no Xbus frame in {', '.join(map(label, names))}: {problem}; xbus reads .mtb files and raw "
         "bytes from the port, not exported text"
     )
+
+
+def _is_hex_text(head: bytes) -> bool:
+    """Returns whether the start of a file is text that contains the start of a frame in hex."""
+    from xbus.wire.hextext import from_hex
+
+    # The last line may be cut.
+    lines = _text(head).splitlines(keepends=True)
+    try:
+        data = from_hex("".join(lines[:-1] if len(lines) > 1 else lines))
+    except ValueError:
+        # A line that is longer than the head may end within a byte.
+        try:
+            data = from_hex(_text(head)[:-1])
+        except ValueError:
+            return False
+    return PREAMBLE in data
+
+
+def _text(data: bytes) -> str:
+    """Returns the text in a file. Notepad and PowerShell mark UTF-16 at its start."""
+    encoding = "utf-16" if data.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8"
+    return data.decode(encoding, "replace")
 
 
 class Input:
@@ -93,6 +139,7 @@ class Input:
 
     Attributes:
         total: Size of all files in bytes, None if one is a pipe, compressed or remote.
+        head: The first bytes that were read, at most `HEAD`.
 
     Raises:
         Failure: A file cannot be read.
@@ -106,9 +153,12 @@ class Input:
         self._progress, self._is_hex = progress, is_hex
         if is_hex:
             self.total = None
+        self.head = b""
         self._unopened = list(names)
         self._file: IO[bytes] | None = None
         self._can_select = False
+        #: Whether the first bytes of the current file may show that it is compressed.
+        self._may_be_compressed = False
         self._position = 0
         #: The position at which each opened file starts, and its name.
         self._starts: list[tuple[int, str]] = []
@@ -150,7 +200,9 @@ class Input:
         name = self._unopened.pop(0)
         with _reading(name):
             self._file = _open_hex(name) if self._is_hex else _open(name)
-            is_pipe = is_plain(name) and os.name == "posix" and not self.is_regular
+            is_stream = name == STDIN or (is_plain(name) and not self.is_regular)
+            self._may_be_compressed = is_stream and not self._is_hex
+            is_pipe = is_stream and os.name == "posix" and not self.is_regular
             self._can_select = is_pipe and _has_descriptor(self._file)
         self._starts.append((self._position, name))
 
@@ -162,6 +214,8 @@ class Input:
             # One system call returns what a pipe holds. A non-blocking file returns None.
             while (data := self._read_once(size)) is None:
                 pass
+        if len(self.head) < HEAD and not self._is_hex:
+            self.head += data[: HEAD - len(self.head)]
         self._position += len(data)
         self._show_progress()
         return data
@@ -177,6 +231,25 @@ class Input:
             # Python handles a signal that arrives just before a blocking read only after it.
             while not select.select([self._file], [], [], SIGNAL_INTERVAL)[0]:
                 self._show_progress()  # which ends a job that another thread stops
+        data = self._file.read(size)
+        if data and self._may_be_compressed and not 0 <= size < MAGIC_SIZE:
+            return self._decompressed(data, size)
+        return data
+
+    def _decompressed(self, head: bytes, size: int) -> bytes:
+        """Returns the first bytes of the current stream, which is decompressed if these show compression."""
+        assert self._file is not None  # noqa: S101 - see `open_next`
+        self._may_be_compressed = False
+        while is_magic_start(head) and (more := self._read_once(MAGIC_SIZE - len(head))):
+            head += more
+        suffix = compression_of(head)
+        if not suffix:
+            return head
+        # Its buffers may hold bytes while the stream has none.
+        self._can_select = False
+        name = self._starts[-1][1]
+        stream = _Stream(head, self._file, is_owned=name != STDIN)
+        self._file = decompressed(stream, suffix, label(name))
         return self._file.read(size)
 
     def rewind_if_truncated(self) -> bool:
@@ -186,6 +259,11 @@ class Input:
             return False
         self._file.seek(0)
         return True
+
+    @property
+    def size(self) -> int:
+        """Number of bytes that were read."""
+        return self._position
 
     @property
     def is_regular(self) -> bool:
@@ -198,6 +276,28 @@ class Input:
         """Returns the file of a byte and the offset in it, as text."""
         start, name = [entry for entry in self._starts if entry[0] <= offset][-1]
         return f"byte {offset - start} of {label(name)}"
+
+
+class _Stream:
+    """A stream with the bytes that were read from it before."""
+
+    def __init__(self, head: bytes, rest: IO[bytes], *, is_owned: bool) -> None:
+        self._head, self._rest, self._is_owned = head, rest, is_owned
+
+    def read(self, size: int = -1, /) -> bytes:
+        """Returns at most ``size`` bytes; none at the end."""
+        if self._head:
+            size = len(self._head) if size < 0 else size
+            data, self._head = self._head[:size], self._head[size:]
+            return data
+        while (more := self._rest.read(size)) is None:
+            pass
+        return more
+
+    def close(self) -> None:
+        """Closes the stream, unless it is standard input."""
+        if self._is_owned:
+            self._rest.close()
 
 
 def _size(name: str) -> int | None:
@@ -236,9 +336,7 @@ def _open_hex(name: str) -> IO[bytes]:
     if name != STDIN:
         file.close()
     try:
-        # Notepad and PowerShell mark UTF-16 at the start of a file.
-        encoding = "utf-16" if text.startswith((b"\xff\xfe", b"\xfe\xff")) else "utf-8"
-        return io.BytesIO(from_hex(text.decode(encoding, "replace")))
+        return io.BytesIO(from_hex(_text(text)))
     except ValueError as error:
         raise Failure(f"cannot read {label(name)}: {error}") from error
 

@@ -80,7 +80,7 @@ def report(
             data = gather_parts(use.watch(iter_log(source, block_bytes=BLOCK, **inputs.for_log)))
         stats = data.summary.stats
         if not stats.frames and not stats.strings:
-            raise no_frame(files, stats.bytes)
+            raise no_frame(files, stats.bytes, source.head)
         check_decoded(data.summary, ", ".join(map(label, files)))
         progress.update(f"writing {label(os.path.basename(target))}")  # noqa: PTH119 - pathlib is slow
         heading = job.recording.title if title is None else title

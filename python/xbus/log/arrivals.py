@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.files import is_url, local_name, open_file, suffix_of_compression
+from xbus.files import is_plain, is_url, local_name, open_file, suffix_of_compression
 from xbus.log.arrays import read_only
 from xbus.log.hostclock import HostClock
 from xbus.log.source import Source
@@ -247,7 +247,7 @@ def arrivals_of(source: Source) -> Arrivals | None:
 
 def _content_size(path: str) -> int:
     """Returns the size of a local file in bytes, decompressed."""
-    if not suffix_of_compression(path):
+    if is_plain(path):
         return os.stat(path).st_size  # noqa: PTH116
     with contextlib.closing(open_file(path)) as file:
         return sum(map(len, _blocks(file)))

@@ -58,10 +58,11 @@ def read_log(
 
     Args:
         source: A path, bytes, a uint8 array, a binary file object, or (with the extra ``fsspec``) a URL.
-            Files are not mapped: one that another program truncates simply ends there. Files whose names
-            end in .gz, .xz, .bz2 or (extra ``zstd``) .zst are decompressed. Bytes are read in place; an
-            array or bytearray is copied block by block, so another thread may write to it. A side
-            file ``NAME.times`` with the arrivals of ``NAME`` or ``NAME.gz`` gives `Log.host_time`.
+            Files are not mapped: one that another program truncates simply ends there. Files in the formats
+            .gz, .xz, .bz2 and (extra ``zstd``) .zst are decompressed; names and first bytes show which these
+            are. Bytes are read in place; an array or bytearray is copied block by block, so another thread
+            may write to it. A side file ``NAME.times`` with the arrivals of ``NAME`` or ``NAME.gz`` gives
+            `Log.host_time`.
 
             A list or tuple of these is one recording in pieces, in any order: each must continue another
             one. The names that the recorder gives (``walk.mtb``, ``walk-0001.mtb``) determine the order;
@@ -91,7 +92,8 @@ def read_log(
         OSError: The file cannot be read.
         TypeError: The source, or a key, is of the wrong type.
         ValueError: A quantity or string type that does not exist, a rate that is not a positive number,
-            fewer threads than one, or pieces of different recordings.
+            fewer threads than one, pieces of different recordings, or bytes or a file object with compressed
+            data.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")

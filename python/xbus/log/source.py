@@ -11,7 +11,15 @@ from typing import BinaryIO, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
-from xbus.files import is_plain, is_url, local_name, open_file, suffix_of_compression
+from xbus.files import (
+    MAGIC_SIZE,
+    compression_of,
+    is_plain,
+    is_url,
+    local_name,
+    open_file,
+    suffix_of_compression,
+)
 from xbus.protocol.keys import Key, resolve_key
 from xbus.remote import RemoteFile
 
@@ -96,12 +104,14 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
         ImportError: A library for a URL or a compressed file is not installed.
         OSError: A file cannot be opened.
         TypeError: The source is of the wrong type.
+        ValueError: Bytes or a file object with compressed data.
     """
     if isinstance(source, str | os.PathLike):
         path = os.fspath(source)
         name = os.fsdecode(path)
         return local_name(name) if is_plain(name) else open_file(name)
     if isinstance(source, bytes | Readable):
+        _check_compression(source[:MAGIC_SIZE] if isinstance(source, bytes) else _head(source))
         return source
     if isinstance(source, np.ndarray):
         if source.dtype != np.uint8 or source.ndim != 1:
@@ -109,7 +119,7 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
                 f"an array of bytes must be uint8 with one dimension, not {source.dtype} with "
                 f"shape {source.shape}"
             )
-        return np.ascontiguousarray(source)
+        return _checked(np.ascontiguousarray(source))
     try:
         view = memoryview(source)
         view = (view if view.c_contiguous else memoryview(view.tobytes())).cast("B")
@@ -118,7 +128,30 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
             "a log is read from a path, bytes, a uint8 array or a binary file object, not "
             f"{type(source).__name__}"
         ) from None
-    return np.frombuffer(view, np.uint8) if len(view) else np.empty(0, np.uint8)
+    return _checked(np.frombuffer(view, np.uint8)) if len(view) else np.empty(0, np.uint8)
+
+
+def _checked(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
+    _check_compression(data[:MAGIC_SIZE].tobytes())
+    return data
+
+
+def _head(file: Readable) -> bytes:
+    """Returns the next bytes of a file object, which stays where it is; none if it cannot seek."""
+    if not (hasattr(file, "seekable") and file.seekable()):
+        return b""
+    place = file.tell()  # type: ignore[attr-defined]
+    head = file.read(MAGIC_SIZE)
+    file.seek(place)  # type: ignore[attr-defined]
+    return head if isinstance(head, bytes) else b""  # the core refuses text
+
+
+def _check_compression(head: bytes) -> None:
+    """Raises ValueError for compressed bytes, in which a log would have nothing but damage."""
+    if suffix := compression_of(head):
+        raise ValueError(
+            f"the bytes are compressed ({suffix[1:]}); decompress them, or pass the path of their file"
+        )
 
 
 def open_binary(source: Source) -> BinaryIO | Readable:
@@ -128,7 +161,8 @@ def open_binary(source: Source) -> BinaryIO | Readable:
     """
     if isinstance(source, str | os.PathLike):
         return open_file(os.fsdecode(os.fspath(source)))
-    return source if isinstance(source, Readable) else io.BytesIO(array_of(source).data)
+    opened = open_source(source)
+    return opened if isinstance(opened, Readable) else io.BytesIO(array_of(source).data)
 
 
 def open_range(source: Source, start: int, end: int | None) -> BinaryIO | Readable:
