@@ -7,6 +7,7 @@ import gzip
 import json
 import lzma
 import os
+import struct
 import sys
 from collections.abc import Callable
 from itertools import pairwise
@@ -24,6 +25,7 @@ import zstandard
 
 import xbus
 from conftest import counter, fine, shared
+from streams import mtdata2, packet
 from test_cli import FIELD, WALK, run, sentence, shell
 from xbus import MessageId, encode_frame, encode_packet, encode_sample
 
@@ -110,7 +112,7 @@ def test_npz() -> None:
     log.to_npz("expected.npz")
     with np.load("out.npz") as found, np.load("expected.npz") as expected:
         assert found.files == expected.files
-        assert all(np.array_equal(found[file], expected[file]) for file in found.files)
+        assert all(found[file].tobytes() == expected[file].tobytes() for file in found.files)
         assert np.array_equal(found["acceleration"], log["acceleration"].values)
         assert np.array_equal(found["acceleration.sample"], log["acceleration"].sample)
 
@@ -139,6 +141,36 @@ def test_quantity(name: str, suffix: str) -> None:
     assert output.startswith(
         f"out{suffix}: {len(expected):,} rows, {len(expected.schema)} columns; "
     )
+
+
+@pytest.mark.parametrize("options", [[], ["--raw"]])
+def test_structs_in_npz(options: list[str]) -> None:
+    """They have the numbers of tables; only raw ones are integers."""
+    log = xbus.read_log(FIELD)
+    decoded(FIELD, "-o", "out.npz", *options)
+    with np.load("out.npz") as found:
+        values = found["gnss_pvt_data"]
+        expected = log.to_arrow("gnss_pvt_data", raw=bool(options))
+        for name in values.dtype.names:
+            column = expected[f"gnss_pvt_data_{name}"].to_numpy()
+            assert np.array_equal(values[name], column, equal_nan=name == "headAcc"), name
+        assert np.array_equal(found["utc"], log.utc)
+        if options:
+            assert np.array_equal(found["utc_time"], log["utc_time"].values)
+        else:
+            assert np.array_equal(found["utc_time"], log["utc_time"].datetime)
+            assert float(values["lat"][0]) == pytest.approx(52.22, abs=0.1)
+
+
+def test_npz_of_a_bus() -> None:
+    """UTC that the device does not mark as valid is unknown, and each sample has its BID."""
+    row = struct.pack(">IHBBBBBB", 0, 2020, 1, 1, 0, 0, 0, 0)
+    frames = [mtdata2(packet(0x1010, row), bid=bid) for bid in (1, 2)]
+    Path("bus.mtb").write_bytes(b"".join(frames))
+    decoded("bus.mtb", "-o", "out.npz")
+    with np.load("out.npz") as found:
+        assert np.isnat(found["utc_time"]).all()
+        assert found["bid"].tolist() == [1, 2]
 
 
 def test_quantity_in_npz() -> None:

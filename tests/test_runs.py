@@ -367,5 +367,5 @@ def test_raw_option(tmp_path: Path) -> None:
         assert pq.read_table(out).equals(log.to_arrow(keys, raw=True))
         run("decode", WALK, "-o", out, *options)
         assert pq.read_table(out).equals(log.to_arrow(keys))
-    for wrong in (["-o", "x.npz"], ["-o", "x.csv", "--rate-out", "10"]):
+    for wrong in (["--tracker", "1", "-o", "x.csv"], ["-o", "x.csv", "--rate-out", "10"]):
         assert run("decode", WALK, "--raw", *wrong).exit_code == 2

@@ -156,8 +156,8 @@ def decode(
     quantities (acceleration_x, ...) in the units that xbus quantities lists. Missing values are null.
     Satellites (--quantity gnss_sat_info) and the strings of each type are separate tables.
 
-    An .npz file contains an array for each quantity, with NAME.sample and NAME.time. An existing OUT is
-    replaced, and a failed run leaves no partial file.
+    An .npz file contains an array NAME for each quantity, with NAME.sample and NAME.time; fields of structs
+    are in their units. An existing OUT is replaced, and a failed run leaves no partial file.
     """
     batch.check_targets(out, out_dir)
     check_resampling(keys, rate_out, max_gap)
@@ -170,10 +170,8 @@ def decode(
         inputs, keys, strict=strict, rate=rate_out, max_gap=max_gap, tracker=tracker, raw=raw
     )
     written = suffix if out is None else suffix_of(out)
-    if raw and (rate_out or tracker or written == ".npz"):
-        raise click.UsageError(
-            "--raw excludes --rate-out and --tracker, and .npz files always have the integers"
-        )
+    if raw and (rate_out or tracker):
+        raise click.UsageError("--raw excludes --rate-out and --tracker")
     if written != ".npz":
         from xbus.extras import require
 

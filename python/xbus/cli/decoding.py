@@ -146,7 +146,10 @@ class Decoding:
 
             content = table if isinstance(table, Resampled | Tracker) else log
             with writing(out):
-                content.to_npz(out)
+                if content is log:
+                    log.to_npz(out, raw=self._raw)
+                else:
+                    content.to_npz(out)
             return len(content), len(content.keys())
         from pyarrow import RecordBatchReader
 

@@ -29,7 +29,7 @@ from xbus.log.strings import Strings
 from xbus.log.trackers import Tracker, trackers_of
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
-from xbus.protocol.tables import MASTER, QUANTITIES, device_of
+from xbus.protocol.tables import MASTER, QUANTITIES, UTC_VALID, device_of
 from xbus.protocol.undecoded import Undecoded, describe_undecoded, output_mids
 
 if TYPE_CHECKING:
@@ -627,30 +627,51 @@ class Log(ByQuantity[Column]):
         """
         export.feather(self.arrow_stream(keys, raw=raw), path)
 
-    def to_npz(self, path: str | os.PathLike[str], keys: Key | Iterable[Key] | None = None) -> None:
+    def to_npz(
+        self,
+        path: str | os.PathLike[str],
+        keys: Key | Iterable[Key] | None = None,
+        *,
+        raw: bool = False,
+    ) -> None:
         """Writes the values of every quantity to an npz file, which appears whole or not at all.
 
-        With each ``name`` (``name_ned`` if coordinates are mixed) come ``name.sample`` and ``name.time``,
-        and with ``gnss_sat_info`` its ``satellites`` and ``offsets``. One element per sample have ``time``,
-        ``packet_counter.unwrapped`` and, if arrivals are known, ``host_time``. Without keys, and if the log
-        was read with all quantities, each type of string has its `Strings.table` under its name.
+        The arrays are:
+
+        - ``NAME`` for each quantity (``NAME_ned`` if coordinates are mixed), one element per packet: the
+          `Column.values` or, for structs, `Column.scaled`, a structured array in the units that
+          ``xbus quantities`` lists. ``utc_time`` is ``datetime64[ns]``, NaT where the device does not mark
+          it as valid.
+        - ``NAME.sample`` and ``NAME.time`` for each quantity: sample index, and seconds on the device clock.
+        - ``gnss_sat_info.satellites`` and ``gnss_sat_info.offsets``: see `Column.satellites`.
+        - ``time`` and ``packet_counter.unwrapped``, one element per sample; ``host_time`` if arrivals are
+          known; ``bid`` if several devices sent samples; ``utc`` if ``utc_time`` or ``gnss_pvt_data`` is
+          among the quantities.
+        - The name of each type of string, as `Strings.table`, without keys, if the log was read with all
+          quantities.
 
         Args:
             path: Path of the file.
             keys: One key, a list of keys, or None for all quantities.
+            raw: Structs as they are in `Column.values`: integers, as on the wire.
 
         Raises:
             KeyError: The log does not have one of the quantities.
             OSError: The file cannot be written.
         """
+        chosen = self._chosen(keys)
         arrays: dict[str, npt.NDArray[Any]] = {"time": self.time}
         arrays["packet_counter.unwrapped"] = self.packet_counter
         if self._host_times.known is not None:
             arrays["host_time"] = self.host_time
-        for key in self._chosen(keys):
+        if len(self.devices) > 1:
+            arrays["bid"] = self.bid
+        if any(self[key].name in UTC_SOURCES for key in chosen):
+            arrays["utc"] = self.utc
+        for key in chosen:
             column = self[key]
             stem = key if isinstance(key, str) else f"{key[0]}_{key[1].lower()}"
-            arrays[stem] = column.values
+            arrays[stem] = column.values if raw else _in_units(column)
             arrays[f"{stem}.sample"] = column.sample
             arrays[f"{stem}.time"] = column.time
             if column.name == "gnss_sat_info":
@@ -730,6 +751,14 @@ class Log(ByQuantity[Column]):
             )
             for key, column in self.items()
         ]
+
+
+def _in_units(column: Column) -> npt.NDArray[Any]:
+    """Returns the values as in tables: structs in units, a UTC only where the device marks it as valid."""
+    if column.name != "utc_time":
+        return column.scaled
+    is_valid = column.values["valid"] & UTC_VALID == UTC_VALID
+    return np.where(is_valid, column.datetime, np.datetime64("NaT"))
 
 
 def _device(which: int) -> int | None:
