@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import itertools
+import math
 import os
 import pickle
 import random
@@ -92,6 +93,22 @@ def test_several_devices_and_restarts() -> None:
     data = b"".join(frames)
     read = read_shuffled(split_log(data, block_bytes=999))
     assert differences(facts(*read), facts(xbus.read_log(data))) == []
+
+
+def test_parts_know_their_times() -> None:
+    times = [*range(100, 150), *range(150, 200), *range(199, 149, -1)]
+    frames = [mtdata2(packet(0x1060, (10_000 * time).to_bytes(4, "big"))) for time in times]
+    frames[70] = mtdata2(packet(0x1020, bytes(2)))
+    size = len(frames[0]) * 50
+    parts = split_log(b"".join(frames), block_bytes=size - 1)
+    log = xbus.read_log(b"".join(frames))
+    for part in parts:
+        time = log.time[part.first_sample : part.first_sample + part.samples]
+        assert (part.earliest, part.latest) == (np.nanmin(time), np.nanmax(time))
+        assert part.is_ascending == bool((np.diff(time) >= 0).all())
+    assert {part.is_ascending for part in parts} == {True, False}
+    (part,) = split_log(mtdata2(packet(0x1020, bytes(2))))
+    assert (math.isnan(part.earliest), part.is_ascending) == (True, False)
 
 
 def test_chosen_quantities(tmp_path: Path) -> None:

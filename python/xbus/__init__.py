@@ -31,7 +31,18 @@ if TYPE_CHECKING:
         XbusError,
         XbusTimeout,
     )
-    from xbus.log import Column, HostClock, Log, LogPart, Stats, iter_log, read_log, split_log
+    from xbus.log import (
+        Column,
+        HostClock,
+        Log,
+        LogPart,
+        Stats,
+        iter_log,
+        log_batches,
+        read_log,
+        scan_log,
+        split_log,
+    )
     from xbus.protocol.configuration import Configuration, Firmware
     from xbus.protocol.ids import Coordinates, DataId, MessageId, Precision
     from xbus.protocol.values import StringType
@@ -62,7 +73,18 @@ _MODULES = {
         "XbusError",
         "XbusTimeout",
     ),
-    "log": ("Column", "HostClock", "Log", "LogPart", "Stats", "iter_log", "read_log", "split_log"),
+    "log": (
+        "Column",
+        "HostClock",
+        "Log",
+        "LogPart",
+        "Stats",
+        "iter_log",
+        "log_batches",
+        "read_log",
+        "scan_log",
+        "split_log",
+    ),
     "protocol.configuration": ("Configuration", "Firmware"),
     "protocol.ids": ("Coordinates", "DataId", "MessageId", "Precision"),
     "protocol.values": ("StringType",),
@@ -128,12 +150,14 @@ __all__ = [
     "geometry",
     "iter_log",
     "log",
+    "log_batches",
     "parse_string",
     "protocol",
     "read_log",
     "report",
     "restore_communication",
     "rtk",
+    "scan_log",
     "sim",
     "split_log",
     "wire",

@@ -1,5 +1,6 @@
 """Logs: recordings decoded into columns, whole or in parts."""
 
+from xbus.log.batches import log_batches
 from xbus.log.column import Column
 from xbus.log.hostclock import HostClock
 from xbus.log.log import Log, LogDevice, MissingDeviceError
@@ -7,6 +8,7 @@ from xbus.log.messages import Messages, Unknown
 from xbus.log.parts import LogPart, split_log
 from xbus.log.read import iter_log, read_log
 from xbus.log.resample import Resampled
+from xbus.log.scan import scan_log
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
 from xbus.log.trackers import Tracker
@@ -25,6 +27,8 @@ __all__ = [
     "Tracker",
     "Unknown",
     "iter_log",
+    "log_batches",
     "read_log",
+    "scan_log",
     "split_log",
 ]

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import io
+import math
 import os
+import stat
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from xbus import _core
 from xbus.errors import XbusError
-from xbus.files import file_version, is_plain
+from xbus.files import file_version, is_plain, is_url, local_name
 from xbus.log.arrivals import Arrivals, HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
@@ -89,12 +94,18 @@ class LogPart:
         end: Byte offset at which it ends.
         first_sample: Index of its first sample in the log.
         samples: Number of its samples.
+        earliest: The earliest `Log.time` of its samples in s, NaN if none has a time.
+        latest: The latest time, in s.
+        is_ascending: Whether all samples have a time and none is earlier than the one before.
     """
 
     start: int
     end: int
     first_sample: int
     samples: int
+    earliest: float
+    latest: float
+    is_ascending: bool
     _begin: _Begin = field(repr=False)
     _whole: _Whole = field(repr=False)
 
@@ -215,7 +226,7 @@ def split_log(
         The parts, in order; at least one.
 
     Raises:
-        TypeError: A file object, which can be read only once.
+        TypeError: A file object, a pipe or a device, which can be read only once.
         ValueError: ``block_bytes`` less than 1. The other errors are those of `read_log`.
         XbusError: A file changed while it was split.
 
@@ -234,7 +245,7 @@ def split_log(
     given: Any = tuple(source) if isinstance(source, list | tuple) else source
     if any(isinstance(one, Readable) for one in (given if isinstance(given, tuple) else (given,))):
         raise TypeError(
-            "split_log needs a path, a URL or bytes; a file object can be read only once"
+            "a log is split from a path, a URL or bytes; a file object can be read only once"
         )
     versions = _versions(given)
     opened, arrivals = _opened(given, 0, allow_restart=allow_restart)
@@ -280,8 +291,8 @@ class _FirstPass:
 
     def parts(
         self, reader: _core.Reader, source: Any, block_bytes: int, arrivals: Arrivals | None
-    ) -> Iterator[tuple[int, int, int, int, _Begin]]:
-        """Yields start, end, first sample and number of samples of each part, and how to read it.
+    ) -> Iterator[tuple[int, int, int, int, float, float, bool, _Begin]]:
+        """Yields the attributes of each part, and how to read it.
 
         Raises:
             MissingDeviceError: The log has no samples of the device.
@@ -309,7 +320,8 @@ class _FirstPass:
             self._shape.add(core)
             self._of_device.add(own)
             data = _Bytes.of(source, start, end) if is_bytes else source
-            yield start, end, samples, len(own), _Begin(data, not more, state, identities, clocks)
+            begin = _Begin(data, not more, state, identities, clocks)
+            yield start, end, samples, len(own), *_time_range(own), begin
             samples += len(own)
             identities = log._identities
             if arrivals is not None:
@@ -319,6 +331,18 @@ class _FirstPass:
         self.has_host_times = bool(clocks)
         if self._bid is not None and not samples:
             raise MissingDeviceError(self._bid, bids)
+
+
+def _time_range(part: _core.Part) -> tuple[float, float, bool]:
+    """Returns the earliest and the latest time of a part, and whether all are known and ascend."""
+    time = part.time
+    is_ascending = bool((time[1:] >= time[:-1]).all())  # False beside a NaN
+    if is_ascending and len(time) > 1:
+        return float(time[0]), float(time[-1]), True
+    known = time[~np.isnan(time)]
+    if not len(known):
+        return math.nan, math.nan, not len(time)
+    return float(known.min()), float(known.max()), is_ascending
 
 
 @dataclass(frozen=True)
@@ -364,8 +388,24 @@ def _each(source: Any) -> tuple[Any, ...]:
 
 
 def _versions(source: Any) -> tuple[Version | None, ...]:
-    """Returns what changes with each piece; None for bytes, which do not change."""
-    return tuple(file_version(os.fsdecode(one)) if _is_name(one) else None for one in _each(source))
+    """Returns what changes with each piece; None for bytes, which do not change.
+
+    Raises:
+        OSError: A piece cannot be accessed.
+        TypeError: A piece is a pipe or a device.
+    """
+    return tuple(_version(one) if _is_name(one) else None for one in _each(source))
+
+
+def _version(source: str | os.PathLike[str]) -> Version:
+    name = os.fsdecode(source)
+    if not is_url(name) and not stat.S_ISREG(mode := os.stat(local_name(name)).st_mode):  # noqa: PTH116
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), name)
+        raise TypeError(
+            f"{name} is no regular file and can be read only once; copy it to one, or use iter_log"
+        )
+    return file_version(name)
 
 
 def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: str) -> None:
