@@ -20,7 +20,7 @@ lint:
 	python -m mypy.stubtest xbus._core
 
 test:
-	cargo test --features arrow
+	cargo test --features export
 	pytest -n auto
 
 bench:

@@ -10,14 +10,33 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from typing import Any
 
+import pyarrow as pa
 import pyarrow.parquet as pq
 
 import xbus
 from common import ahrs_stream, medians
-from xbus.log.export import parquet_options
 
 MEBIBYTES = float(sys.argv[1]) if len(sys.argv) > 1 else 256
+
+
+def parquet_options(schema: pa.Schema) -> dict[str, Any]:
+    """Returns the settings of xbus for pyarrow."""
+    integers = [pa.int32(), pa.int64(), pa.uint32(), pa.uint64()]
+    encoding = {
+        field.name: "BYTE_STREAM_SPLIT"
+        if pa.types.is_floating(field.type)
+        else "DELTA_BINARY_PACKED"
+        for field in schema
+        if pa.types.is_floating(field.type) or field.type in integers
+    }
+    return {
+        "compression": "zstd",
+        "use_dictionary": False,
+        "column_encoding": encoding,
+        "write_statistics": ["sample", "time"],
+    }
 
 
 def main() -> None:

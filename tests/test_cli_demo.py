@@ -45,11 +45,12 @@ def test_demo_writes_a_picture(tmp_path: Path) -> None:
 
 
 def test_without_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table needs no extra."""
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     result = run("demo", "--folder", str(tmp_path), "--seconds", "0.5", "--product", "mti-1")
     assert result.exit_code == 0
-    assert (tmp_path / "demo.npz").exists()
-    assert f"wrote {tmp_path / 'demo.npz'}" in result.stdout
+    assert (tmp_path / "demo.parquet").read_bytes().startswith(b"PAR1")
+    assert f"wrote {tmp_path / 'demo.parquet'}" in result.stdout
 
 
 def test_no_such_product() -> None:

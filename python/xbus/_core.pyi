@@ -1,6 +1,7 @@
 """The compiled core: an internal module. Users call the packages beside it, which call this."""
 
 import os
+from collections.abc import Sequence
 from typing import Any, Literal, final, overload
 
 import numpy as np
@@ -12,9 +13,12 @@ __all__ = [
     "UTC_VALID",
     "Acquisition",
     "ArrowStream",
+    "Batch",
+    "BatchIterator",
     "Block",
     "BlockDecoder",
     "Cancel",
+    "Chunk",
     "ClockStep",
     "Column",
     "DamageArrays",
@@ -38,6 +42,7 @@ __all__ = [
     "Scanner",
     "Shape",
     "StringArrays",
+    "TableFile",
     "Waiting",
     "__version__",
     "configuration",
@@ -987,5 +992,84 @@ class ArrowStream:
             host: As in `wide`.
             raw: As in `wide`.
         """
+    @staticmethod
+    def arrays(columns: Sequence[dict[str, Any]]) -> ArrowStream:
+        """Returns a table of arrays, which are copied.
+
+        Args:
+            columns: The columns, all of the same length, each with ``name``; ``kind``; ``values``; ``mask``,
+                True where a value is null, or None; and ``metadata``, a dict of str. The kind is
+                ``"number"``, ``"datetime"`` (int64, nanoseconds since 1970), ``"date"`` (int32, days since
+                1970), ``"time"`` (int64, microseconds since midnight) or ``"text"`` (a list of str or None).
+
+        Raises:
+            TypeError: An array does not have the type of its kind.
+            ValueError: Arrays of different lengths.
+        """
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """Returns the stream, in a capsule."""
+    @property
+    def columns(self) -> list[str]:
+        """Names of the columns."""
+    def batches(self) -> BatchIterator:
+        """Returns the batches of the table; each is made when it is asked for."""
+
+@final
+class Batch:
+    """Rows of a table."""
+
+    def __len__(self) -> int: ...
+    def rows(self, first: int, end: int) -> Batch:
+        """Returns the rows from ``first`` up to but without ``end``, without a copy.
+
+        Raises:
+            ValueError: Rows that do not exist.
+        """
+
+@final
+class BatchIterator:
+    """The batches of a table, one by one."""
+
+    def __iter__(self) -> BatchIterator: ...
+    def __next__(self) -> Batch: ...
+
+@final
+class TableFile:
+    """Makes a file of a table. The caller writes the bytes: of the start, each chunk, and the end.
+
+    Args:
+        file_format: The format of the file.
+        table: A table with the columns of the file; its rows are not used.
+
+    Raises:
+        ValueError: The format does not have the type of a column.
+    """
+
+    def __new__(
+        cls, file_format: Literal["parquet", "csv", "arrow"], table: ArrowStream
+    ) -> TableFile: ...
+    @property
+    def chunk_rows(self) -> int:
+        """Number of rows that a chunk should have: 262,144, or fewer if the table has many columns."""
+    def start(self) -> npt.NDArray[np.uint8]:
+        """Returns the bytes with which the file begins."""
+    def encode(self, batches: Sequence[Batch]) -> Chunk:
+        """Returns a chunk with the rows of these batches. Several threads may call it at once.
+
+        Raises:
+            ValueError: A batch has other columns than the file.
+        """
+    def append(self, chunk: Chunk) -> npt.NDArray[np.uint8]:
+        """Returns the bytes of the next chunk of the file.
+
+        Raises:
+            ValueError: The chunk was appended already, or is of another format.
+        """
+    def finish(self) -> npt.NDArray[np.uint8]:
+        """Returns the bytes with which the file ends. No chunk may follow."""
+
+@final
+class Chunk:
+    """Rows that are encoded for a file."""
+
+    def __len__(self) -> int: ...

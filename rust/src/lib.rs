@@ -55,6 +55,8 @@ pub mod clock;
 pub mod column;
 pub mod device;
 pub mod error;
+#[cfg(feature = "export")]
+pub mod export;
 pub mod frame;
 pub mod hostclock;
 mod huge_pages;

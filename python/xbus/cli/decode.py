@@ -169,13 +169,8 @@ def decode(
     decoding = Decoding(
         inputs, keys, strict=strict, rate=rate_out, max_gap=max_gap, tracker=tracker, raw=raw
     )
-    written = suffix if out is None else suffix_of(out)
     if raw and (rate_out or tracker):
         raise click.UsageError("--raw excludes --rate-out and --tracker")
-    if written != ".npz":
-        from xbus.extras import require
-
-        require("pyarrow", "arrow", f"to write {written} files")
     if out_dir is not None:
         outcomes = batch.run(
             batch.plan(inputs.recordings(), out_dir, suffix),

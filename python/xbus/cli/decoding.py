@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
@@ -18,20 +18,20 @@ from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.log.log import Log
+    from xbus.log.table_file import FileFormat
     from xbus.protocol.keys import EntryKey
 
 __all__ = ["SUFFIXES", "Decoding", "is_string", "suffix_of"]
 
-#: Functions of `xbus.log.export` that write a table, by suffix. An npz file is not a table.
-WRITERS = {
+#: The formats of tables, by suffix. An npz file is not a table.
+FORMATS: dict[str, FileFormat] = {
     ".parquet": "parquet",
     ".csv": "csv",
-    ".arrow": "feather",
-    ".feather": "feather",
-    ".npz": None,
+    ".arrow": "arrow",
+    ".feather": "arrow",
 }
 #: The suffixes of output files, the default first.
-SUFFIXES = tuple(WRITERS)
+SUFFIXES = (*FORMATS, ".npz")
 
 
 def suffix_of(path: str) -> str:
@@ -134,13 +134,13 @@ class Decoding:
         key = self._key
         task, size = f"writing {label(os.path.basename(out))}", log.stats.bytes  # noqa: PTH119
         progress.update(task, 0, size)
-        writer = WRITERS[suffix_of(out)]
-        if writer is None and isinstance(key, str) and is_string(key):
+        file_format = FORMATS.get(suffix_of(out))
+        if file_format is None and isinstance(key, str) and is_string(key):
             strings = log.strings.table(key)
             with writing(out):
                 export.npz({key: strings}, out)
             return len(strings), len(strings.dtype.names or ())
-        if writer is None:
+        if file_format is None:
             from xbus.log.resample import Resampled
             from xbus.log.trackers import Tracker
 
@@ -151,27 +151,26 @@ class Decoding:
                 else:
                     content.to_npz(out)
             return len(content), len(content.keys())
-        from pyarrow import RecordBatchReader
+        from xbus.log.table_file import write_table
 
-        rows = len(table.satellites) if key == "gnss_sat_info" else len(table)
+        if isinstance(key, str) and is_string(key):
+            expected, stream = log.strings.counts[key], log.strings.arrow_stream(key)
+        else:
+            expected = len(table.satellites) if key == "gnss_sat_info" else len(table)
+            stream = table.arrow_stream(raw=True) if self._raw else table.arrow_stream()
+        rows = 0
 
-        def counted(batches: Any) -> Iterator[Any]:
-            written = 0
-            for batch in batches:
-                yield batch
-                written += batch.num_rows
-                progress.update(task, size * written // max(rows, 1), size)
+        def report(written: int) -> None:
+            nonlocal rows
+            rows += written
+            progress.update(task, size * rows // max(expected, 1), size)
 
-        reader = RecordBatchReader.from_stream(
-            table.arrow_stream(raw=True) if self._raw and hasattr(table, "arrow_stream") else table
-        )
         with writing(out):
-            stream = RecordBatchReader.from_batches(reader.schema, counted(reader))
-            getattr(export, writer)(stream, out)
-        return rows, len(reader.schema)
+            write_table(stream, out, file_format, written=report)
+        return rows, len(stream.columns)
 
     def _table(self, log: Log, names: str, *, is_npz: bool) -> Any:
-        """Returns what to write: the log, the column of a quantity, or the table of a string type."""
+        """Returns what to write: the log, the column of a quantity, or None for strings."""
         if not self._keys:
             found = ", ".join(name or "others" for name in log.strings.counts)
             if not len(log) and found and not is_npz:
@@ -186,7 +185,7 @@ class Decoding:
             if is_string(key):
                 if name not in log.strings.counts:
                     raise Failure(f"no {name} in {names}; xbus info lists the content")
-                return None if is_npz else log.strings.to_arrow(name)
+                return None
             systems = [found for found in log if isinstance(found, tuple) and found[0] == name]
             if systems and isinstance(key, str):
                 choices = " or ".join(map(":".join, systems))

@@ -79,8 +79,8 @@ def demo(folder: str, seconds: float, product: str) -> None:
     """Records, decodes and plots data of a virtual device.
 
     Configures a virtual device to send many quantities at their highest rates, records and decodes them,
-    and prints a summary. Writes a Parquet table if pyarrow is installed (extra arrow), else an npz file.
-    Plots to a PNG file if matplotlib is installed (extra plot), else to the terminal.
+    writes the table to a Parquet file, and prints a summary. Plots to a PNG file if matplotlib is installed
+    (extra plot), else to the terminal.
     """
     from xbus.cli.info_text import info_text
     from xbus.describe.log_summary import LogSummary
@@ -94,7 +94,9 @@ def demo(folder: str, seconds: float, product: str) -> None:
             "\n" + info_text(label(str(path)), LogSummary(iter_log(path))) + "\n", flush=True
         )
         log = read_log(path)
-        files = [path, _table(log, path)]
+        table = path.with_suffix(".parquet")
+        log.to_parquet(table)
+        files = [path, table]
         if (plot := _plot(log, path)) is not None:
             files.append(plot)
         else:
@@ -127,17 +129,6 @@ def _record(path: Path, seconds: float, product: str) -> None:
         with device.record(path, overwrite=True) as recording:
             time.sleep(seconds)  # the recording runs in the background
     print_line(f"recorded:   {recording.bytes:,} bytes in {seconds:g} s", flush=True)
-
-
-def _table(log: Log, path: Path) -> Path:
-    """Writes the table and returns its path."""
-    try:
-        table = path.with_suffix(".parquet")
-        log.to_parquet(table)
-    except ImportError:
-        table = path.with_suffix(".npz")
-        log.to_npz(table)
-    return table
 
 
 def _plotted(log: Log) -> list[Column]:

@@ -26,6 +26,7 @@ from xbus.log.runs import steady_time as steady_time_of
 from xbus.log.source import QuantityFilter
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
+from xbus.log.table_file import write_table
 from xbus.log.trackers import Tracker, trackers_of
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
@@ -595,11 +596,10 @@ class Log(ByQuantity[Column]):
             raw: Fields of structs as integers, as on the wire, instead of in their units.
 
         Raises:
-            ImportError: The extra ``arrow`` is not installed.
             KeyError: The log does not have one of the quantities.
             OSError: The file cannot be written.
         """
-        export.parquet(self.arrow_stream(keys, raw=raw), path)
+        write_table(self.arrow_stream(keys, raw=raw), path, "parquet")
 
     def to_csv(
         self,
@@ -612,7 +612,7 @@ class Log(ByQuantity[Column]):
 
         Args and errors are those of `to_parquet`.
         """
-        export.csv(self.arrow_stream(keys, raw=raw), path)
+        write_table(self.arrow_stream(keys, raw=raw), path, "csv")
 
     def to_feather(
         self,
@@ -625,7 +625,7 @@ class Log(ByQuantity[Column]):
 
         Args and errors are those of `to_parquet`.
         """
-        export.feather(self.arrow_stream(keys, raw=raw), path)
+        write_table(self.arrow_stream(keys, raw=raw), path, "arrow")
 
     def to_npz(
         self,

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from xbus import _core
 from xbus.geometry import quaternion
 from xbus.log import export
 from xbus.log.arrays import read_only
 from xbus.log.column import Column
 from xbus.log.runs import PartRuns, Runs
+from xbus.log.table_file import write_table
 from xbus.protocol.keys import ByQuantity, EntryKey, KeyIndex, QuantityKey
 from xbus.protocol.tables import QUANTITIES, Field, Quantity
 
@@ -151,26 +153,16 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         Raises:
             ImportError: The extra ``arrow`` is not installed.
         """
-        from xbus.extras import require
-
-        pa_ = require("pyarrow", "arrow", "to make Arrow tables")
-        arrays, fields = [], []
-        for name, values, metadata in self._series():
-            mask = np.ma.getmaskarray(values) if np.ma.isMaskedArray(values) else None
-            data = np.ma.getdata(values)
-            if data.dtype.kind == "f":
-                mask = np.isnan(data)
-            # NaT becomes null.
-            kind = pa_.timestamp("ns", tz="UTC") if data.dtype.kind == "M" else None
-            array = pa_.array(np.ascontiguousarray(data), kind, mask=mask)
-            arrays.append(array)
-            fields.append(pa_.field(name, array.type, metadata=metadata))
-        table: pa.Table = pa_.Table.from_arrays(arrays, schema=pa_.schema(fields))
+        table: pa.Table = export.arrow(self.arrow_stream())
         return table
+
+    def arrow_stream(self) -> _core.ArrowStream:
+        """Returns the table of `to_arrow` as a stream for libraries that speak the Arrow C interface."""
+        return export.stream_of(self._series())
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
-        return self.to_arrow().__arrow_c_stream__(requested_schema)
+        return self.arrow_stream().__arrow_c_stream__(requested_schema)
 
     def to_pandas(self) -> pd.DataFrame:
         """Returns the table of `to_arrow` as a pandas DataFrame.
@@ -187,25 +179,24 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         Raises:
             ImportError: The extra ``polars`` is not installed.
         """
-        frame: pl.DataFrame = export.polars(self.to_arrow())
+        frame: pl.DataFrame = export.polars(self.arrow_stream())
         return frame
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
         """Writes the table of `to_arrow` to a Parquet file, which appears whole or not at all.
 
         Raises:
-            ImportError: The extra ``arrow`` is not installed.
             OSError: The file cannot be written.
         """
-        export.parquet(self, path)
+        write_table(self.arrow_stream(), path, "parquet")
 
     def to_csv(self, path: str | os.PathLike[str]) -> None:
         """Writes the table of `to_arrow` to a CSV file. Errors are those of `to_parquet`."""
-        export.csv(self, path)
+        write_table(self.arrow_stream(), path, "csv")
 
     def to_feather(self, path: str | os.PathLike[str]) -> None:
         """Writes the table of `to_arrow` to an Arrow file. Errors are those of `to_parquet`."""
-        export.feather(self, path)
+        write_table(self.arrow_stream(), path, "arrow")
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
         """Writes ``time``, ``run``, ``bid``, ``utc`` and the values of each quantity to an npz file.

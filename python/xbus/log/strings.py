@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 import numpy.typing as npt
 
-from xbus.extras import require
+from xbus import _core
+from xbus.log import export
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.messages import piece
@@ -144,24 +145,17 @@ class Strings(Sequence[String]):
             ImportError: The extra ``arrow`` is not installed.
             ValueError: No string type has this name.
         """
-        arrow = require("pyarrow", "arrow", "to make Arrow tables")
+        table: pa.Table = export.arrow(self.arrow_stream(kind))
+        return table
+
+    def arrow_stream(self, kind: StringType | str) -> _core.ArrowStream:
+        """Returns the table of `to_arrow` as a stream for libraries that speak the Arrow C interface."""
         table = self.table(kind)
         units = {field.name: field.unit for field in STRING_FIELDS[one_type(kind)].fields}
-        columns, fields = [], []
-        for name in table.dtype.names or ():
-            values: Any = table[name]
-            kind_of = {"U": arrow.string(), "m": arrow.time64("us")}.get(values.dtype.kind)
-            if values.dtype.kind == "U":
-                values = [text or None for text in values.tolist()]  # empty is not available
-            elif values.dtype.kind == "m":
-                # Arrow does not convert a duration to a time of day.
-                values = np.ma.masked_array(values.astype(np.int64), np.isnat(values))
-            column = arrow.array(values, kind_of, from_pandas=True)
-            unit = {"unit": units[name]} if units.get(name) else None
-            fields.append(arrow.field(name, column.type, metadata=unit))
-            columns.append(column)
-        made: pa.Table = arrow.table(columns, schema=arrow.schema(fields))
-        return made
+        return export.stream_of(
+            (name, table[name], {"unit": units[name]} if units.get(name) else {})
+            for name in table.dtype.names or ()
+        )
 
     def _arrays(self) -> tuple[npt.NDArray[Any], ...]:
         return self._place, self.offset, self.sample, self._ends, self._bytes

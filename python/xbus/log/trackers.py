@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from xbus.extras import require
+from xbus import _core
 from xbus.log import export
 from xbus.log.arrays import read_only
 from xbus.log.column import Column
@@ -68,21 +68,25 @@ class Tracker:
         Raises:
             ImportError: The extra ``arrow`` is not installed.
         """
-        pa_ = require("pyarrow", "arrow", "to make Arrow tables")
-        unit = {"unit": "a.u."}
-        fields = [pa_.field("sample", pa_.int64()), pa_.field("packet_counter", pa_.int64())]
-        fields += [
-            pa_.field(f"magnetic_field_{axis}", pa_.float64(), metadata=unit) for axis in "xyz"
-        ]
-        arrays: list[Any] = [self.sample, self.packet_counter, *self.magnetic_field.T.copy()]
-        table: pa.Table = pa_.Table.from_arrays(
-            [pa_.array(array) for array in arrays], schema=pa_.schema(fields)
-        )
+        table: pa.Table = export.arrow(self.arrow_stream())
         return table
+
+    def arrow_stream(self) -> _core.ArrowStream:
+        """Returns the table of `to_arrow` as a stream for libraries that speak the Arrow C interface."""
+        return export.stream_of(
+            [
+                ("sample", self.sample, {}),
+                ("packet_counter", self.packet_counter, {}),
+                *(
+                    (f"magnetic_field_{axis}", values, {"unit": "a.u."})
+                    for axis, values in zip("xyz", self.magnetic_field.T, strict=True)
+                ),
+            ]
+        )
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
-        return self.to_arrow().__arrow_c_stream__(requested_schema)
+        return self.arrow_stream().__arrow_c_stream__(requested_schema)
 
     def to_npz(self, path: str | os.PathLike[str]) -> None:
         """Writes ``sample``, ``packet_counter`` and ``magnetic_field`` to an npz file.

@@ -1,24 +1,43 @@
 //! Tables, handed over by the Arrow C stream interface.
 
+use std::collections::HashMap;
 use std::ffi::CStr;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use arrow_array::ffi_stream::FFI_ArrowArrayStream;
-use numpy::PyReadonlyArray1;
-use pyo3::exceptions::PyValueError;
+use arrow_array::types::{
+    ArrowPrimitiveType, Date32Type, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type,
+    Time64MicrosecondType, TimestampNanosecondType, UInt8Type, UInt16Type, UInt32Type, UInt64Type,
+};
+use arrow_array::{
+    Array as _, ArrayRef, PrimitiveArray, RecordBatch, RecordBatchIterator, RecordBatchOptions, RecordBatchReader,
+    StringArray,
+};
+use arrow_buffer::NullBuffer;
+use arrow_schema::{Field, Metadata, Schema, SchemaRef};
+use numpy::{Element, PyReadonlyArray1};
+use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyCapsule;
 
 use super::column::Column;
+use super::convert::arrow_error;
 use super::log::Part;
-use crate::arrow::Table;
+use crate::arrow::{Batches, Table};
 
 /// The name that the Arrow PyCapsule interface asks for.
 const CAPSULE: &CStr = c"arrow_array_stream";
 
 /// A table; its batches are made when a consumer asks for them.
 #[pyclass(module = "xbus._core", frozen)]
-pub struct ArrowStream(Table);
+pub struct ArrowStream(Source);
+
+enum Source {
+    /// Columns of a log.
+    Log(Table),
+    /// Arrays that are made already.
+    Arrays(RecordBatch),
+}
 
 #[pymethods]
 impl ArrowStream {
@@ -46,6 +65,23 @@ impl ArrowStream {
         Self::of(Table::rows(column.part.clone(), column.index), host, raw)
     }
 
+    #[staticmethod]
+    fn arrays(columns: Vec<ArrayColumn<'_>>) -> PyResult<Self> {
+        let mut fields = vec![];
+        let mut arrays = vec![];
+        for column in columns {
+            let array = column.array()?;
+            let field = Field::new(column.name, array.data_type().clone(), true);
+            fields.push(field.with_metadata(column.metadata.into_iter().collect::<Metadata>()));
+            arrays.push(array);
+        }
+        let rows = arrays.first().map_or(0, |array: &ArrayRef| array.len());
+        let options = RecordBatchOptions::new().with_row_count(Some(rows));
+        let schema = Arc::new(Schema::new(fields));
+        let batch = RecordBatch::try_new_with_options(schema, arrays, &options).map_err(arrow_error)?;
+        Ok(Self(Source::Arrays(batch)))
+    }
+
     /// The interface lets a producer ignore the schema that is requested.
     #[pyo3(signature = (requested_schema=None))]
     fn __arrow_c_stream__<'py>(
@@ -54,8 +90,17 @@ impl ArrowStream {
         requested_schema: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyCapsule>> {
         let _ = requested_schema;
-        let batches = py.detach(|| self.0.batches());
+        let batches = py.detach(|| self.made());
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), CAPSULE)
+    }
+
+    #[getter]
+    fn columns(&self, py: Python<'_>) -> Vec<String> {
+        py.detach(|| self.schema()).fields().iter().map(|field| field.name().clone()).collect()
+    }
+
+    fn batches(&self, py: Python<'_>) -> BatchIterator {
+        BatchIterator(Mutex::new(py.detach(|| self.made())))
     }
 }
 
@@ -63,8 +108,109 @@ impl ArrowStream {
     fn of(table: Table, host: Option<PyReadonlyArray1<'_, f64>>, raw: bool) -> PyResult<Self> {
         let table = if raw { table.raw() } else { table };
         match host {
-            Some(host) => Ok(Self(table.with_host_times(host.as_array().to_vec())?)),
-            None => Ok(Self(table)),
+            Some(host) => Ok(Self(Source::Log(table.with_host_times(host.as_array().to_vec())?))),
+            None => Ok(Self(Source::Log(table))),
         }
+    }
+
+    fn made(&self) -> Batches {
+        match &self.0 {
+            Source::Log(table) => table.batches(),
+            Source::Arrays(batch) => {
+                RecordBatchIterator::new(Box::new(std::iter::once(Ok(batch.clone()))), batch.schema())
+            }
+        }
+    }
+
+    /// The columns of the table.
+    pub fn schema(&self) -> SchemaRef {
+        match &self.0 {
+            Source::Log(table) => table.batches().schema(),
+            Source::Arrays(batch) => batch.schema(),
+        }
+    }
+}
+
+/// Rows of a table.
+#[pyclass(module = "xbus._core", frozen)]
+pub struct Batch(pub RecordBatch);
+
+#[pymethods]
+impl Batch {
+    fn __len__(&self) -> usize {
+        self.0.num_rows()
+    }
+
+    fn rows(&self, first: usize, end: usize) -> PyResult<Self> {
+        if first > end || end > self.0.num_rows() {
+            return Err(PyValueError::new_err(format!("rows {first} to {end} of {}", self.0.num_rows())));
+        }
+        Ok(Self(self.0.slice(first, end - first)))
+    }
+}
+
+/// The batches of a table, one by one.
+#[pyclass(module = "xbus._core", frozen)]
+pub struct BatchIterator(Mutex<Batches>);
+
+#[pymethods]
+impl BatchIterator {
+    fn __iter__(slf: PyRef<'_, Self>) -> PyRef<'_, Self> {
+        slf
+    }
+
+    fn __next__(&self, py: Python<'_>) -> PyResult<Option<Batch>> {
+        let next = py.detach(|| self.0.lock().unwrap_or_else(PoisonError::into_inner).next());
+        next.transpose().map(|batch| batch.map(Batch)).map_err(arrow_error)
+    }
+}
+
+/// A column of a table as Python has it.
+#[derive(FromPyObject)]
+struct ArrayColumn<'py> {
+    #[pyo3(item)]
+    name: String,
+    /// What its numbers are: `"number"`, `"datetime"`, `"time"` or `"date"`; or `"text"`.
+    #[pyo3(item)]
+    kind: String,
+    #[pyo3(item)]
+    values: Bound<'py, PyAny>,
+    /// Which rows are null.
+    #[pyo3(item)]
+    mask: Option<PyReadonlyArray1<'py, bool>>,
+    #[pyo3(item)]
+    metadata: HashMap<String, String>,
+}
+
+impl ArrayColumn<'_> {
+    fn array(&self) -> PyResult<ArrayRef> {
+        let array: ArrayRef = match self.kind.as_str() {
+            "datetime" => Arc::new(self.numbers::<TimestampNanosecondType>()?.with_timezone("UTC")),
+            "time" => Arc::new(self.numbers::<Time64MicrosecondType>()?),
+            "date" => Arc::new(self.numbers::<Date32Type>()?),
+            "text" => Arc::new(StringArray::from(self.values.extract::<Vec<Option<String>>>()?)),
+            _ => self.number()?,
+        };
+        Ok(array)
+    }
+
+    fn number(&self) -> PyResult<ArrayRef> {
+        macro_rules! try_each {
+            ($($kind:ty),+) => {$(
+                if let Ok(array) = self.numbers::<$kind>() {
+                    return Ok(Arc::new(array));
+                }
+            )+};
+        }
+        try_each!(UInt8Type, UInt16Type, UInt32Type, UInt64Type, Int8Type, Int16Type, Int32Type, Int64Type);
+        try_each!(Float32Type, Float64Type);
+        Err(PyTypeError::new_err(format!("{} is no array of numbers", self.name)))
+    }
+
+    fn numbers<T: ArrowPrimitiveType<Native: Element>>(&self) -> PyResult<PrimitiveArray<T>> {
+        let values: PyReadonlyArray1<'_, T::Native> = self.values.extract()?;
+        let nulls =
+            self.mask.as_ref().map(|mask| mask.as_array().iter().map(|is_null| !is_null).collect::<NullBuffer>());
+        PrimitiveArray::try_new(values.as_array().to_vec().into(), nulls).map_err(arrow_error)
     }
 }

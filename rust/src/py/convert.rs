@@ -4,12 +4,14 @@ use std::convert::Infallible;
 use std::io;
 use std::path::PathBuf;
 
+use arrow_schema::ArrowError;
 use pyo3::exceptions::{PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyString;
 
 use crate::catch::{Caught, catch};
 use crate::error::{EncodeError, Fault, HostTimesError, ReadError, ShapeError, StateError};
+use crate::export::Format;
 use crate::packet::{Coordinates, Precision};
 use crate::table::{self, Axes, Class, ClockRole, Direction, Interpolation, Quantity, Series, Wire};
 use crate::{hostclock, scan};
@@ -68,6 +70,12 @@ pub fn os_error(error: &io::Error, path: Option<PathBuf>) -> PyErr {
     PyOSError::new_err((number, text, path.map(PathBuf::into_os_string)))
 }
 
+/// An error of Arrow: a table that cannot be made or written.
+#[allow(clippy::needless_pass_by_value)] // for map_err
+pub fn arrow_error(error: ArrowError) -> PyErr {
+    PyValueError::new_err(error.to_string())
+}
+
 /// Enums become their names in Python.
 macro_rules! to_names {
     ($($name:path, of $enum:ty;)+) => {$(
@@ -113,7 +121,7 @@ macro_rules! from_names {
     )+};
 }
 
-from_names!(Coordinates, Precision);
+from_names!(Coordinates, Format, Precision);
 
 /// The quantity of a name.
 impl FromPyObject<'_, '_> for &'static Quantity {

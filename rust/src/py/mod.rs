@@ -8,6 +8,7 @@ mod clock;
 mod codec;
 mod column;
 mod convert;
+mod export;
 mod hostclock;
 mod live;
 mod log;
@@ -22,7 +23,7 @@ mod _core {
     use pyo3::prelude::*;
 
     #[pymodule_export]
-    use super::arrow::ArrowStream;
+    use super::arrow::{ArrowStream, Batch, BatchIterator};
     #[pymodule_export]
     use super::clock::{SampleClock, device_of, is_sample};
     #[pymodule_export]
@@ -32,6 +33,8 @@ mod _core {
     };
     #[pymodule_export]
     use super::column::Column;
+    #[pymodule_export]
+    use super::export::{Chunk, TableFile};
     #[pymodule_export]
     use super::hostclock::HostClock;
     #[pymodule_export]

@@ -1,0 +1,113 @@
+"""Writes tables to Parquet, CSV and Arrow files, on all processors."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from typing import BinaryIO, Literal, TypeAlias, TypeVar
+
+from xbus import _core
+from xbus.log.export import replacing
+
+__all__ = ["FileFormat", "in_order", "write_batches", "write_table"]
+
+FileFormat: TypeAlias = Literal["parquet", "csv", "arrow"]
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+def write_table(
+    table: _core.ArrowStream,
+    path: str | os.PathLike[str],
+    file_format: FileFormat,
+    *,
+    threads: int | None = None,
+    written: Callable[[int], None] | None = None,
+) -> None:
+    """Writes a table to a file, which appears whole or not at all.
+
+    Args:
+        table: The table.
+        path: Path of the file.
+        file_format: ``"parquet"``, ``"csv"`` or ``"arrow"``.
+        threads: Number of threads that encode; None for one per processor. It does not change the file.
+        written: Called with the number of rows after each chunk.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    threads = threads or os.cpu_count() or 1
+    file = _core.TableFile(file_format, table)
+    with replacing(path) as out, ThreadPoolExecutor(threads) as pool:
+        for rows in write_batches(file, table.batches(), out, pool, threads):
+            if written is not None:
+                written(rows)
+
+
+def write_batches(
+    file: _core.TableFile,
+    batches: Iterable[_core.Batch],
+    out: BinaryIO,
+    pool: Executor,
+    ahead: int,
+) -> Iterator[int]:
+    """Writes batches and yields the number of rows of each chunk after it is written.
+
+    Args:
+        file: Makes the file.
+        batches: The rows, in order. They may have any sizes.
+        out: Where the bytes go.
+        pool: Encodes chunks.
+        ahead: Number of chunks that are encoded while another one is written.
+    """
+    out.write(file.start().data)
+    groups = _chunks(batches, file.chunk_rows)
+    for chunk in in_order(pool, file.encode, groups, ahead):
+        out.write(file.append(chunk).data)
+        yield len(chunk)
+    out.write(file.finish().data)
+
+
+def _chunks(batches: Iterable[_core.Batch], size: int) -> Iterator[list[_core.Batch]]:
+    """Yields batches that have ``size`` rows together, the last ones fewer."""
+    group: list[_core.Batch] = []
+    missing = size
+    for batch in batches:
+        first = 0
+        while first < len(batch):
+            end = min(first + missing, len(batch))
+            group.append(batch.rows(first, end))
+            missing -= end - first
+            first = end
+            if not missing:
+                yield group
+                group, missing = [], size
+    if group:
+        yield group
+
+
+def in_order(
+    pool: Executor, function: Callable[[T], R], items: Iterable[T], ahead: int
+) -> Iterator[R]:
+    """Yields the result of a function for each item in their order.
+
+    Args:
+        pool: Calls the function.
+        function: The function.
+        items: Its arguments. They are taken from here as they are needed.
+        ahead: Number of results that are computed before they are needed.
+    """
+    pending: deque[Future[R]] = deque()
+    try:
+        for item in items:
+            pending.append(pool.submit(function, item))
+            if len(pending) > ahead:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
+    finally:
+        for future in pending:
+            future.cancel()
