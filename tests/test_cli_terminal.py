@@ -231,6 +231,17 @@ def test_quantities() -> None:
         assert row[at("axes") : at("coordinates")].strip() == (quantity.axes or "")
 
 
+def test_fields_of_structs_have_units() -> None:
+    rows, _, fields = run("quantities", "hacc").stdout.partition("\n\n")
+    assert [line.split()[1] for line in rows.splitlines()[1:]] == ["gnss_pvt_data"]
+    lines = {line.split()[1]: re.split(r"  +", line)[2:] for line in fields.splitlines()}
+    assert lines["field"] == ["type", "unit", "raw count", "not provided"]
+    assert lines["lat"] == ["i4", "deg", "1e-7 deg"]
+    assert lines["hAcc"] == ["u4", "m", "0.001 m", "0XFFFFFFFF"]
+    assert lines["pdop"][0] == "u2"
+    assert "raw count" not in run("quantities", "temperature").stdout
+
+
 def test_layouts() -> None:
     rows = run("quantities").stdout.splitlines()
     at = rows[0].index("layout"), rows[0].index("unit")
@@ -280,7 +291,9 @@ def test_products_by_series() -> None:
 
 @pytest.mark.parametrize("text", ["GNSS", "gnss", "Gnss"])
 def test_text_filters_ignore_case(text: str) -> None:
-    names = [line.split()[1] for line in run("quantities", text).stdout.splitlines()[1:]]
+    rows, _, fields = run("quantities", text).stdout.partition("\n\n")
+    names = [line.split()[1] for line in rows.splitlines()[1:]]
+    assert "gnss_pvt_data" in fields
     assert names[:2] == ["gnss_age", "gnss_pvt_data"]
     assert all("gnss" in name for name in names)
     names = [load["name"] for load in json.loads(run("quantities", text, "--json").stdout)]

@@ -30,7 +30,12 @@ from sphinx.util.docutils import SphinxDirective
 
 from xbus import Coordinates, Device, Precision, encode_packet
 from xbus.cli import main
-from xbus.describe.table_text import describe_layout, describe_lengths, describe_products
+from xbus.describe.table_text import (
+    describe_layout,
+    describe_lengths,
+    describe_products,
+    describe_raw_unit,
+)
 from xbus.describe.text import value_text
 from xbus.device.commands import Commands
 from xbus.protocol import EVERY, HardwareVersion, OptionFlag, Output, StringType
@@ -137,15 +142,15 @@ def field_table(rows: tuple[Field, ...]) -> nodes.table:
     def missing(field: Field) -> str:
         return "" if field.missing is None else f"{field.missing:#X}"
 
-    header = ("field", "type", "one count is", "unit", "not provided")
+    header = ("field", "type", "unit", "raw count", "not provided")
     return table(
         header,
         (
             (
                 code(field.name),
                 code(field.type),
-                f"{field.scale:g}",
                 field.unit,
+                describe_raw_unit(field),
                 code(missing(field)),
             )
             for field in rows

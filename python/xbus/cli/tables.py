@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from xbus.cli.failure import Failure
-from xbus.cli.printing import print_json_rows, print_table
+from xbus.cli.printing import print_json_rows, print_line, print_table
 
 if TYPE_CHECKING:
     from xbus.protocol.tables import MessageRow, Quantity
@@ -26,13 +26,17 @@ __all__ = ["messages", "quantities"]
 def quantities(text: str, as_json: bool) -> None:
     """Lists the quantities and their data identifiers.
 
-    TEXT selects the rows that contain it. The last digit of an identifier is 0 here; a device uses it for
-    precision and coordinates. The axes are those of the sensor, those of the local frame (east, north, up
-    unless the coordinates say otherwise), or fixed to the Earth; "sensor to local" is a rotation from the
-    first to the second.
+    TEXT selects the rows that contain it, also in the name of a field. The fields of the structs among them
+    follow, with their units in tables and the value of one raw count. The last digit of an identifier is 0
+    here; a device uses it for precision and coordinates. The axes are those of the sensor, those of the local
+    frame (east, north, up unless the coordinates say otherwise), or fixed to the Earth; "sensor to local" is a
+    rotation from the first to the second.
     """
     from xbus.describe.table_text import describe_layout, describe_products
     from xbus.protocol.tables import QUANTITIES
+
+    def names(row: Quantity) -> list[str]:
+        return [field.name for field in (*row.fields, *row.entry)]
 
     def cells(row: Quantity) -> list[str]:
         systems = "ENU NED NWU" if row.coordinates else ""
@@ -48,7 +52,33 @@ def quantities(text: str, as_json: bool) -> None:
 
     head = ["id", "name", "manual", "layout", "unit", "axes", "coordinates", "products", "source"]
     optional = ["manual", "products", "source"]
-    _print_rows(head, QUANTITIES.values(), cells, text, optional, as_json=as_json)
+    found = _found(QUANTITIES.values(), lambda row: [*cells(row), *names(row)], text)
+    _print_rows(head, found, cells, optional, as_json=as_json)
+    if text and not as_json:
+        _print_fields(found)
+
+
+def _print_fields(quantities: Iterable[Quantity]) -> None:
+    """Prints the fields of structs."""
+    from xbus.describe.table_text import describe_raw_unit
+
+    rows = [
+        (
+            row.name,
+            field.name,
+            field.type,
+            field.unit,
+            describe_raw_unit(field),
+            "" if field.missing is None else f"{field.missing:#X}",
+        )
+        for row in quantities
+        for field in (*row.fields, *row.entry)
+    ]
+    if rows:
+        print_line("")
+        print_table(
+            ("quantity", "field", "type", "unit", "raw count", "not provided"), rows, optional=()
+        )
 
 
 @click.command(epilog="Example: xbus messages baud")
@@ -87,26 +117,29 @@ def messages(text: str, as_json: bool) -> None:
         "status",
     ]
     optional = ["states", "products", "status"]
-    _print_rows(head, MESSAGES.values(), cells, text, optional, as_json=as_json)
+    _print_rows(head, _found(MESSAGES.values(), cells, text), cells, optional, as_json=as_json)
+
+
+def _found(rows: Iterable[Row], texts: Callable[[Row], list[str]], text: str) -> list[Row]:
+    """Returns the rows with ``text`` in one of their texts, ignoring case."""
+    found = [row for row in rows if any(text.lower() in cell.lower() for cell in texts(row))]
+    if not found:
+        raise Failure(f"no row of the table contains {text!r}; omit TEXT to print all rows")
+    return found
 
 
 def _print_rows(
     head: Sequence[str],
-    rows: Iterable[Row],
+    rows: Sequence[Row],
     cells: Callable[[Row], list[str]],
-    text: str,
     optional: Sequence[str],
     *,
     as_json: bool,
 ) -> None:
-    """Prints the rows with ``text`` in a cell, ignoring case."""
-    found = [row for row in rows if any(text.lower() in cell.lower() for cell in cells(row))]
-    if not found:
-        raise Failure(f"no row of the table contains {text!r}; omit TEXT to print all rows")
     if as_json:
-        print_json_rows([_plain(row) for row in found])
+        print_json_rows([_plain(row) for row in rows])
     else:
-        print_table(head, [cells(row) for row in found], optional=optional)
+        print_table(head, [cells(row) for row in rows], optional=optional)
 
 
 def _plain(value: Any) -> Any:

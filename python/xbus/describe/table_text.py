@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Sequence
 
 from xbus.protocol.tables import PRODUCTS, Field, Quantity
 
-__all__ = ["describe_layout", "describe_lengths", "describe_products"]
+__all__ = ["describe_layout", "describe_lengths", "describe_products", "describe_raw_unit"]
 
 
 def describe_layout(row: Quantity) -> str:
@@ -24,6 +24,21 @@ def describe_layout(row: Quantity) -> str:
         case "id":
             return "u4 or u8"
     return f"{row.numbers} {row.kind}" if row.numbers > 1 else row.kind
+
+
+def describe_raw_unit(field: Field) -> str:
+    """Returns the value of one count of the raw integer; empty for counts, dates and bits.
+
+    >>> from xbus.protocol.tables import QUANTITIES
+    >>> fields = {field.name: field for field in QUANTITIES["gnss_pvt_data"].fields}
+    >>> [describe_raw_unit(fields[name]) for name in ("lat", "hAcc", "pdop", "numSV")]
+    ['1e-7 deg', '0.001 m', '0.01', '']
+    """
+    if field.scale == 1:
+        return field.unit
+    digits = f"{field.scale:g}".replace("e-0", "e-")
+    scale = digits if len(digits) <= len("0.001") else f"1/{field.per_unit}"
+    return f"{scale} {field.unit}".strip()
 
 
 def describe_lengths(lengths: Sequence[int] | None) -> str:
