@@ -29,8 +29,8 @@ def quantities(text: str, as_json: bool) -> None:
     TEXT selects the rows that contain it, also in the name of a field. The fields of the structs among them
     follow, with their units in tables and the value of one raw count. The last digit of an identifier is 0
     here; a device uses it for precision and coordinates. The axes are those of the sensor, those of the local
-    frame (east, north, up unless the coordinates say otherwise), or fixed to the Earth; "sensor to local" is a
-    rotation from the first to the second.
+    frame (east, north, up unless the coordinates say otherwise), or fixed to the Earth; "sensor to local" is
+    a rotation from the first to the second.
     """
     from xbus.describe.table_text import describe_layout, describe_products
     from xbus.protocol.tables import QUANTITIES
