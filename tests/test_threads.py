@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import os
 import random
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +14,7 @@ import pytest
 import streams
 import xbus
 from streams import frame, mtdata2, packet, random_log
-from xbus import DecodeError
+from xbus import DecodeError, _core
 
 WAKEUP = frame(0x3E)
 
@@ -98,3 +100,30 @@ def test_threads_stop_at_the_first_damage() -> None:
 def test_at_least_one_thread(threads: int) -> None:
     with pytest.raises(ValueError, match=f"threads must be at least 1, not {threads}"):
         xbus.read_log(b"", threads=threads)
+
+
+def night(folder: Path) -> tuple[bytes, list[Path]]:
+    """Returns a log and its pieces, of which one is empty and one ends in a frame."""
+    data = streams.ahrs(60_000)
+    cuts = [0, 1_000_003, 1_000_003, 3_500_000, 3_500_040, len(data)]
+    paths = []
+    for number, (start, end) in enumerate(itertools.pairwise(cuts)):
+        paths.append(folder / (f"night-{number:04}.mtb" if number else "night.mtb"))
+        paths[-1].write_bytes(data[start:end])
+    return data, paths
+
+
+def test_threads_read_pieces(tmp_path: Path) -> None:
+    data, paths = night(tmp_path)
+    whole = xbus.read_log(data, threads=1)
+    assert xbus.read_log(paths[::-1], threads=3) == whole
+    assert xbus.read_log(paths, threads=1) == whole
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_piece_that_becomes_shorter(threads: int, tmp_path: Path) -> None:
+    _, paths = night(tmp_path)
+    reader = _core.Reader(paths, limit=65_535, strict=False, wanted=None, threads=threads)
+    os.truncate(paths[2], 1000)
+    with pytest.raises(OSError, match="a file became shorter while it was read"):
+        reader.advance(10 << 20)

@@ -107,6 +107,46 @@ impl ReadAt for File {
     }
 }
 
+/// Files, one behind the other.
+#[derive(Debug)]
+pub struct Files {
+    /// Each with the position at which it ends.
+    files: Vec<(File, u64)>,
+}
+
+impl Files {
+    /// These files, with the sizes that they have now.
+    ///
+    /// # Errors
+    /// If the system does not know a size.
+    pub fn of(files: Vec<File>) -> io::Result<Self> {
+        let mut end = 0;
+        let with_end = |file: File| {
+            end += file.size()?;
+            Ok((file, end))
+        };
+        Ok(Self { files: files.into_iter().map(with_end).collect::<io::Result<_>>()? })
+    }
+}
+
+impl ReadAt for Files {
+    fn size(&self) -> io::Result<u64> {
+        Ok(self.files.last().map_or(0, |(_, end)| *end))
+    }
+
+    fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize> {
+        let at = self.files.partition_point(|(_, end)| *end <= position);
+        let Some((file, end)) = self.files.get(at) else { return Ok(0) };
+        let start = if at == 0 { 0 } else { self.files[at - 1].1 };
+        let most = usize::try_from(end - position).unwrap_or(usize::MAX).min(buffer.len());
+        let read = ReadAt::read_at(file, &mut buffer[..most], position - start)?;
+        if read == 0 && most > 0 {
+            return Err(io::Error::other("a file became shorter while it was read"));
+        }
+        Ok(read)
+    }
+}
+
 impl<R: ReadAt + ?Sized> ReadAt for &R {
     fn size(&self) -> io::Result<u64> {
         (**self).size()

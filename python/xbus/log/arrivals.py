@@ -82,6 +82,12 @@ class Arrivals:
         sizes = end - start
         return ends - start[ranges] + (np.cumsum(sizes) - sizes)[ranges], self.of(ends)
 
+    def between(self, start: int, end: int) -> Arrivals:
+        """Returns the arrivals of the bytes from ``start`` to ``end``, for the same log."""
+        first, last = np.searchsorted(self.end, [start + 1, end])
+        part = slice(first, last + 1)
+        return Arrivals(self.end[part], self.time[part], self.size, self.fault)
+
     def to_bytes(self) -> bytes:
         """Returns the content of a side file."""
         head = np.array([(*EXPECTED, 0)], HEAD)

@@ -20,7 +20,7 @@ from xbus.log.arrivals import Arrivals, HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
 from xbus.log.log import Log, MissingDeviceError
-from xbus.log.pieces import Pieces, pieces_of
+from xbus.log.pieces import KnownPieces, pieces_of
 from xbus.log.read import STEP, reader_of, thread_count
 from xbus.log.source import (
     QuantityFilter,
@@ -52,7 +52,6 @@ class _Whole:
     Attributes:
         versions: What changes with each piece of the input; None for bytes, which do not change.
         strings: String types to look for, as bits.
-        allow_restart: As in `split_log`.
         bid: The device whose samples are read, or None for all.
         shape: The columns of the log.
         has_host_times: Whether a sample has a host time.
@@ -60,7 +59,6 @@ class _Whole:
 
     versions: tuple[Version | None, ...]
     strings: int
-    allow_restart: bool
     bid: int | None
     shape: _core.Shape
     has_host_times: bool
@@ -76,6 +74,7 @@ class _Begin:
         state: State of the reader at the beginning.
         identities: The identities of devices that are known by then.
         clocks: Their host clocks by then.
+        arrivals: When the bytes of the part arrived, or None.
     """
 
     source: Any
@@ -83,6 +82,7 @@ class _Begin:
     state: bytes
     identities: dict[int, Identity]
     clocks: dict[int, HostClock]
+    arrivals: Arrivals | None = field(compare=False)
 
 
 @dataclass(frozen=True)
@@ -132,11 +132,8 @@ class LogPart:
         """
         keep, begin, whole = quantity_filter(quantities), self._begin, self._whole
         _check_versions(begin.source, whole.versions, CHANGED)
-        source, arrivals = _opened(
-            begin.source, self.start, self.end, allow_restart=whole.allow_restart
-        )
         reader = reader_of(
-            source,
+            _opened(begin.source, self.start, self.end),
             strict=False,
             quantities=keep,
             strings=whole.strings,
@@ -150,7 +147,7 @@ class LogPart:
         _check_versions(begin.source, whole.versions, CHANGED)
         if reader.position != self.end:
             raise self._changed()
-        log = self._log(reader, keep, arrivals)
+        log = self._log(reader, keep)
         if len(log) != self.samples:
             raise self._changed()
         return log
@@ -177,13 +174,13 @@ class LogPart:
         shape = self._whole.shape
         return shape if keep is None else shape.of_wanted(keep)
 
-    def _log(
-        self, reader: _core.Reader, keep: QuantityFilter | None, arrivals: Arrivals | None
-    ) -> Log:
+    def _log(self, reader: _core.Reader, keep: QuantityFilter | None) -> Log:
         begin, whole, shape = self._begin, self._whole, self._shape(keep)
         try:
             core = reader.take(shape if whole.bid is None else None)
-            host_times = HostTimes(core, arrivals, begin.clocks, is_known=whole.has_host_times)
+            host_times = HostTimes(
+                core, begin.arrivals, begin.clocks, is_known=whole.has_host_times
+            )
             log = Log(core, quantities=keep, identities=begin.identities, host_times=host_times)
             if whole.bid is not None:
                 log = log.of_device(whole.bid, self.first_sample, shape)
@@ -247,8 +244,13 @@ def split_log(
         raise TypeError(
             "a log is split from a path, a URL or bytes; a file object can be read only once"
         )
+    pieces = None
+    if isinstance(given, tuple):
+        pieces = pieces_of(given, allow_restart=allow_restart)
+        given = pieces.known()
     versions = _versions(given)
-    opened, arrivals = _opened(given, 0, allow_restart=allow_restart)
+    arrivals = arrivals_of(pieces or given)
+    opened: Any = pieces or (_opened(given, 0, None) if _is_name(given) else given)
     reader = reader_of(
         opened,
         strict=False,
@@ -265,7 +267,6 @@ def split_log(
     whole = _Whole(
         versions,
         mask_of(strings),
-        allow_restart,
         bid,
         first_pass.shape,
         first_pass.has_host_times,
@@ -297,7 +298,7 @@ class _FirstPass:
         Raises:
             MissingDeviceError: The log has no samples of the device.
         """
-        is_bytes = not isinstance(source, tuple) and not _is_name(source)
+        is_bytes = not isinstance(source, KnownPieces) and not _is_name(source)
         identities: dict[int, Identity] = {}
         clocks: dict[int, HostClock] = {}
         bids: dict[int, None] = {}
@@ -320,7 +321,8 @@ class _FirstPass:
             self._shape.add(core)
             self._of_device.add(own)
             data = _Bytes.of(source, start, end) if is_bytes else source
-            begin = _Begin(data, not more, state, identities, clocks)
+            arrived = arrivals and arrivals.between(start, end)
+            begin = _Begin(data, not more, state, identities, clocks, arrived)
             yield start, end, samples, len(own), *_time_range(own), begin
             samples += len(own)
             identities = log._identities
@@ -356,21 +358,16 @@ class _Bytes:
         return cls(array_of(source)[start : end + LOOKAHEAD].tobytes())
 
 
-def _opened(
-    source: Any, start: int, end: int | None = None, *, allow_restart: bool
-) -> tuple[Source | Readable, Arrivals | None]:
-    """Returns what the core can read from ``start`` to ``end`` or the end, and the arrivals of all bytes."""
+def _opened(source: Any, start: int, end: int | None) -> Source | Readable:
+    """Returns what the core can read from ``start`` to ``end``, or to the end."""
     if isinstance(source, _Bytes):
-        return io.BytesIO(source.data), None
-    whole = pieces_of(source, allow_restart=allow_restart) if isinstance(source, tuple) else source
-    arrivals = arrivals_of(whole)
-    if isinstance(whole, Pieces):
-        if end is not None:
-            whole.go_to(start, end)
-        return whole, arrivals
-    if not _is_name(whole) or is_plain(os.fsdecode(whole)):
-        return whole, arrivals
-    return open_range(whole, start, end), arrivals
+        return io.BytesIO(source.data)
+    if isinstance(source, KnownPieces) and end is not None:
+        pieces = source.open()
+        pieces.go_to(start, end)
+        return pieces
+    plain: Source = source
+    return plain if is_plain(os.fsdecode(source)) else open_range(plain, start, end)
 
 
 def _is_name(source: object) -> bool:
@@ -382,9 +379,9 @@ def _name(source: Any) -> str:
     return os.fsdecode(source) if _is_name(source) else "the log"
 
 
-def _each(source: Any) -> tuple[Any, ...]:
+def _each(source: Any) -> list[Any]:
     """Returns the pieces of a source."""
-    return source if isinstance(source, tuple) else (source,)
+    return [piece for piece, *_ in source.pieces] if isinstance(source, KnownPieces) else [source]
 
 
 def _versions(source: Any) -> tuple[Version | None, ...]:

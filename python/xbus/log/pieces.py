@@ -29,6 +29,8 @@ from xbus.remote import remote_version
 
 __all__ = ["PieceName", "Pieces", "PiecesError", "name_of_piece", "piece_name", "pieces_of"]
 
+#: Most pieces that several threads read: all of them are open at once.
+MOST_OPEN = 256
 #: Bytes at each end of a piece to search for samples: the second number if the first has none.
 WINDOWS = (1 << 16, 1 << 22)
 #: The times after which SampleTimeFine, in ticks of 0.1 ms, starts again from zero, in s.
@@ -172,6 +174,20 @@ class Pieces:
         sizes = [piece.size for piece in self._pieces]
         return 0 if None in sizes else sum(size or 0 for size in sizes)
 
+    @property
+    def paths(self) -> list[str] | None:
+        """The paths of the pieces if these are local files, and not too many to have them all open."""
+        paths = [
+            local_name(os.fsdecode(source))
+            for source in self.sources
+            if isinstance(source, str | os.PathLike) and is_plain(os.fsdecode(source))
+        ]
+        return paths if len(paths) == len(self._unopened) <= MOST_OPEN else None
+
+    def known(self) -> KnownPieces:
+        """Returns what is needed to read the pieces in another process."""
+        return KnownPieces(tuple((piece.source, piece.name, piece.size) for piece in self._pieces))
+
     def go_to(self, start: int, end: int) -> None:
         """Goes to ``start``, without opening the pieces before. The pieces are read up to ``end``."""
         while self._unopened and (size := self._unopened[0].size) is not None and size <= start:
@@ -220,6 +236,19 @@ class Pieces:
     def arrivals(self) -> Arrivals | None:
         """Returns the arrivals of the bytes, from the side files; None if a piece has none."""
         return joined(piece.arrivals for piece in self._pieces)
+
+
+@dataclass(frozen=True)
+class KnownPieces:
+    """Pieces that are checked and in order: source, name and size of each."""
+
+    pieces: tuple[tuple[Source, str, int | None], ...]
+
+    def open(self) -> Pieces:
+        """Returns the pieces, without their arrivals."""
+        return Pieces(
+            [Piece(source, name, Ends(), None, size) for source, name, size in self.pieces]
+        )
 
 
 def pieces_of(

@@ -83,7 +83,7 @@ def read_log(
         allow_restart: Accept that the device restarted between two pieces. This is always accepted if the
             names say that the recorder started one file after the other.
         threads: Number of threads that decode; None for one per processor. It never changes the result.
-            Only arrays and single, uncompressed files of more than 2 MiB are read by several threads.
+            Only arrays and uncompressed local files of more than 2 MiB are read by several threads.
 
     Raises:
         DecodeError: With ``strict``, at the first damage.
@@ -305,7 +305,8 @@ def reader_of(
     """
     if rate is not None and not 0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of Hz, not {rate!r}")
-    opened = open_source(source)
+    paths = source.paths if isinstance(source, Pieces) and threads > 1 else None
+    opened = paths or open_source(source)
     return _core.Reader(
         opened,
         limit=LONGEST,

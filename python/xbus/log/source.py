@@ -62,9 +62,9 @@ def size_hint(opened: object) -> int | None:
     """Returns the size of a file object if known, so that columns are allocated once.
 
     Args:
-        opened: A result of `open_source`. The core knows the size of paths and arrays.
+        opened: What the core can read. It knows the size of paths and arrays.
     """
-    if isinstance(opened, str | bytes | np.ndarray):
+    if isinstance(opened, str | bytes | list | np.ndarray):
         return None
     if hint := operator.length_hint(opened):
         return hint

@@ -12,7 +12,7 @@ use pyo3::types::PyBytes;
 
 use super::convert::os_error;
 use super::shared::SharedBytes;
-use crate::input::{ReadAt, ReadFrom, Stream};
+use crate::input::{Files, ReadAt, ReadFrom, Stream};
 
 pyo3::import_exception!(io, UnsupportedOperation);
 
@@ -24,8 +24,9 @@ pub enum Source {
 }
 
 impl Source {
-    /// Opens bytes, a uint8 array, a path, or an object with a method `read`, with its length in bytes if that is known. It is read
-    /// from position `at` on, where the object stands already, by this number of threads.
+    /// Opens bytes, a uint8 array, a path, a list of paths of regular files, or an object with a method `read`, with its
+    /// length in bytes if that is known. It is read from position `at` on, where the object stands already, by this number of
+    /// threads.
     pub fn open(source: &Bound<'_, PyAny>, at: u64, threads: usize) -> PyResult<(Self, Option<u64>)> {
         if let Ok(bytes) = source.cast::<PyBytes>() {
             let length = bytes.as_bytes().len();
@@ -38,6 +39,12 @@ impl Source {
                 return Ok((Self::Bytes(bytes, range), Some(length)));
             }
             return Ok((Self::of(shared, at, threads), Some(length)));
+        }
+        if let Ok(paths) = source.extract::<Vec<PathBuf>>() {
+            let open = |path: PathBuf| File::open(&path).map_err(|error| os_error(&error, Some(path)));
+            let files = Files::of(paths.into_iter().map(open).collect::<PyResult<_>>()?)?;
+            let length = files.size()?;
+            return Ok((Self::of(files, at, threads), Some(length)));
         }
         let Ok(path) = source.extract::<PathBuf>() else {
             return Ok((Self::stream(PyInput::of(source, false), at), None));
