@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -326,12 +327,22 @@ class Column:
         return f"<Column {self.name}: {self.shape} {dtype}{form}>"
 
     def _repr_html_(self) -> str:
+        fields = self._row.fields
+        is_struct = bool(fields)
         values = self.values[:SHOWN]
-        numbers = values.tolist() if self.dtype.names else values.reshape(len(values), -1).tolist()
-        times = [f"{time:.4f}" for time in self.time[:SHOWN]]
-        rows = [(time, *map(str, row)) for time, row in zip(times, numbers, strict=True)]
-        head = ("time", *(self.fields or (self.name,)))
-        return html_table(repr(self), head, rows, more=max(0, len(self) - SHOWN))
+        values = _scaled(values, fields) if fields else values
+        numbers = values.tolist() if is_struct else values.reshape(len(values), -1).tolist()
+        # NaN in a field of a struct stands for "not provided", elsewhere it is what was sent.
+        nan = "" if is_struct else "NaN"
+        times = ["" if math.isnan(time) else f"{time:.4f}" for time in self.time[:SHOWN].tolist()]
+        rows = [
+            (time, *(nan if number != number else str(number) for number in row))
+            for time, row in zip(times, numbers, strict=True)
+        ]
+        names = self.fields or (self.name,)
+        units = self.units
+        head = (f"{name}, {units[name]}" if units.get(name) else name for name in names)
+        return html_table(repr(self), ("time", *head), rows, more=max(0, len(self) - SHOWN))
 
     @property
     def _format(self) -> str:
