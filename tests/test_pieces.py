@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import xbus
 from conftest import OWN_CAPTURES, counter, differences, facts, fine
 from streams import mtdata2, packet
+from test_cli import run
 from xbus import MessageId, encode_frame
 from xbus.log.pieces import piece_name, pieces_of
 from xbus.log.source import Source
@@ -209,6 +210,35 @@ def test_a_missing_piece_is_named(tmp_path: Path) -> None:
     assert pieces_of(names[::-1]).notes == [
         f"{tmp_path}/a-0001.mtb to {tmp_path}/a-0002.mtb are missing"
     ]
+
+
+def test_a_missing_first_piece_is_named(tmp_path: Path) -> None:
+    names = saved(tmp_path, a_0002=stamped(1, 2), a_0003=stamped(3))
+    assert pieces_of(names).notes == [f"{tmp_path}/a.mtb to {tmp_path}/a-0001.mtb are missing"]
+
+
+@pytest.mark.parametrize("date", [b"2026112909000000", b"0" * 16])
+def test_pieces_around_missing_ones(
+    date: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without the first file, a gap is accepted if the Configuration has the same start of the recording."""
+    monkeypatch.chdir(tmp_path)
+    payload = bytearray(118)
+    payload[0:4] = (0x0680_0001).to_bytes(4, "big")
+    payload[16:32] = date
+    head = encode_frame(MessageId.Configuration, bytes(payload))
+    saved(Path(), a_0001=head + stamped(5, 6, count=1), a_0003=head + stamped(900, 901, count=900))
+    result = run("decode", ".", "-o", "out.npz")
+    if date.strip(b"0"):
+        assert result.exit_code == 0
+        assert result.stderr.splitlines()[:2] == [
+            "xbus: ./a.mtb is missing",
+            "xbus: ./a-0002.mtb is missing",
+        ]
+        assert "samples lost in 1 gap" in result.stderr
+    else:
+        assert result.exit_code == 2
+        assert "different recordings" in result.stderr
 
 
 def test_a_repeated_configuration_is_no_restart() -> None:

@@ -23,6 +23,7 @@ from xbus.log.arrivals import Arrivals, arrivals_of, joined
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.log import Log, steady_time
 from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary, open_range, skip
+from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import PRODUCTS, device_of
 from xbus.remote import remote_version
@@ -435,6 +436,8 @@ def _check(
         PiecesError: They do not.
     """
     notes = []
+    if numbers is not None and numbers[0]:
+        notes.append(_missing(pieces[0].name, range(numbers[0])))
     last: dict[int, Stamp] = {}
     ids: frozenset[int] = frozenset()
     for at, (one, other) in enumerate(pairwise(pieces)):
@@ -461,9 +464,19 @@ def _check(
             if not (allow_restart or by_recorder):
                 raise PiecesError(one.name, other.name, reason, is_restart=True)
             notes.append(f"the device restarted before {other.name}")
+        elif numbers is not None and _has_same_start(one, other):
+            continue
         elif direct and (reason := _doubt(pieces[0], one, other, last)):
             raise PiecesError(one.name, other.name, reason, is_restart=False)
     return notes
+
+
+def _has_same_start(one: Piece, other: Piece) -> bool:
+    """Returns whether two pieces begin with the same Configuration, in which their recording has a date."""
+    if one.ends.head is None or one.ends.head != other.ends.head:
+        return False
+    configuration = Configuration.read(one.ends.head)
+    return bool(configuration and configuration.date and configuration.date.strip("0"))
 
 
 def _is_one_session(base: Piece, one: Piece, other: Piece) -> bool:
