@@ -17,9 +17,9 @@ from __future__ import annotations
 import os
 import random
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,9 @@ from streams import packet
 from xbus import Column, Log, MessageId, SimulatedDevice, _core, connect
 from xbus.protocol import encode
 
+if TYPE_CHECKING:
+    from object_store import ObjectStore
+
 settings.register_profile(
     "default", deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow]
 )
@@ -47,6 +50,15 @@ settings.load_profile(
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 OWN_CAPTURES = Path(__file__).parent / "captures"
+
+
+@pytest.fixture(scope="session")
+def store() -> Iterator[ObjectStore]:
+    """An S3 server on loopback."""
+    from object_store import object_store  # imported late: only few tests need it
+
+    with object_store() as server:
+        yield server
 
 
 def shared(path: str) -> Path:

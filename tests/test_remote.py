@@ -18,17 +18,11 @@ import pytest
 import streams
 import xbus
 from conftest import differences, facts
-from object_store import ObjectStore, object_store
+from object_store import ObjectStore
 from xbus import XbusError, split_log
 from xbus.remote import MARGIN, MORE, RemoteFile, Url, matching_urls, remote_version
 
 DATA = streams.dirty(4000)
-
-
-@pytest.fixture(scope="module")
-def store() -> Iterator[ObjectStore]:
-    with object_store() as server:
-        yield server
 
 
 def stored(store: ObjectStore, name: str, data: bytes = DATA) -> Url:

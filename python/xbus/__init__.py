@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from xbus._core import __version__
 
 if TYPE_CHECKING:
-    from xbus import describe, device, errors, geometry, log, protocol, report, rtk, sim, wire
+    from xbus import dask, describe, device, errors, geometry, log, protocol, report, rtk, sim, wire
     from xbus.device import (
         ApplyError,
         Device,
@@ -95,6 +95,7 @@ _MODULES = {
     "wire.strings": ("String", "encode_string", "parse_string"),
 }
 _PACKAGES = (
+    "dask",
     "describe",
     "device",
     "errors",
@@ -138,6 +139,7 @@ __all__ = [
     "XbusTimeout",
     "__version__",
     "connect",
+    "dask",
     "describe",
     "device",
     "encode_frame",

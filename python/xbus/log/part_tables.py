@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, TypeVar
 
 from xbus import _core
@@ -46,6 +46,11 @@ class PartTables:
         self._raw = raw
         self.empty = parts[0].empty()
         self._quantities = _quantities_of_columns(self.empty, names_of, raw=raw)
+
+    @property
+    def columns(self) -> Collection[str]:
+        """The names of the columns."""
+        return self._quantities.keys()
 
     @property
     def schema(self) -> _core.ArrowStream:

@@ -8,7 +8,7 @@ import math
 import os
 import stat
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -35,7 +35,7 @@ from xbus.protocol.values import StringType
 from xbus.remote import Version
 from xbus.wire.strings import mask_of
 
-__all__ = ["LogPart", "split_log"]
+__all__ = ["LogPart", "joined_parts", "split_log"]
 
 #: Bytes after a part that decide how it ends: more than two of the longest frames.
 LOOKAHEAD = 1 << 18
@@ -272,6 +272,24 @@ def split_log(
         first_pass.has_host_times,
     )
     return [LogPart(*part, whole) for part in found]
+
+
+def joined_parts(parts: Sequence[LogPart]) -> LogPart:
+    """Returns neighbouring parts of a file as one."""
+    first, last = parts[0], parts[-1]
+    if len(parts) == 1:
+        return first
+    known = [part for part in parts if not math.isnan(part.earliest)]
+    times = [time for part in known if part.samples for time in (part.earliest, part.latest)]
+    return replace(
+        first,
+        end=last.end,
+        samples=sum(part.samples for part in parts),
+        earliest=min(times, default=math.nan),
+        latest=max(times, default=math.nan),
+        is_ascending=all(part.is_ascending for part in parts) and times == sorted(times),
+        _begin=replace(first._begin, is_last=last._begin.is_last),
+    )
 
 
 class _FirstPass:
