@@ -1068,7 +1068,7 @@ def test_message_names_depend_on_the_payload_length() -> None:
     frames = [(0x19, b""), (0x19, b"\x02"), (0x19, b"\x02"), (0x65, b"General"), (0x08, b"")]
     log = xbus.read_log(b"".join(xbus.encode_frame(*item) for item in frames))
     assert repr(log.messages) == (
-        "<Messages 5: 0x08: 1, SetBaudrateAck: 1, ReqBaudrateAck: 2, ReqFilterProfileAckModern: 1>"
+        "<Messages 5: SetBaudrateAck: 1, ReqBaudrateAck: 2, ReqFilterProfileAckModern: 1, 0x08: 1>"
     )
     assert repr(xbus.read_log(b"").messages) == "<Messages 0>"
 

@@ -666,8 +666,8 @@ def test_a_restarted_device_continues_the_axis() -> None:
     log = b"".join(rows)
     gathered = gather(log)
     assert gathered.end == pytest.approx(2.07)
-    assert gathered.gaps == pytest.approx([1.6, 2.07])
-    assert gathered.events == pytest.approx([1.99])
+    assert gathered.gaps.rows["position"].tolist() == pytest.approx([1.6, 2.07])
+    assert gathered.events.rows.tolist() == pytest.approx([1.99])
     assert [finding.text for finding in findings(gathered)][:3] == [
         "16 samples lost in 2 gaps, 7.7 %; largest gap: 10 samples before 1.60 s",
         "1 error from the device; the first: 41: more data than the baud rate can carry",

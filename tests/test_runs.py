@@ -101,7 +101,7 @@ def test_an_event_after_a_sample_without_time_in_a_later_run(tmp_path: Path) -> 
     assert "after 9.99 s: Error 30" in text
     (event,) = facts["events"]
     assert (event["time_s"], event["recorded_s"]) == (509.99, 9.99)
-    assert gather(data).events == pytest.approx([10.0])
+    assert gather(data).events.rows.tolist() == pytest.approx([10.0])
 
 
 def test_gaps_and_events_of_two_devices(tmp_path: Path) -> None:

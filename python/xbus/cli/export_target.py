@@ -79,10 +79,12 @@ def _is_stamped(log: Log | LogSummary) -> bool:
 
 def restart_count(log: Log | LogSummary) -> int:
     """Returns how often devices restarted."""
+    import numpy as np
+
     from xbus.log.log import Log
 
-    bids = log.runs["bid"].tolist() if isinstance(log, Log) else [run.bid for run in log.runs]
-    return len(bids) - len(set(bids))
+    bids = log.runs["bid"] if isinstance(log, Log) else log.runs.rows["bid"]
+    return len(bids) - len(np.unique(bids))
 
 
 def quality_text(log: Log | LogSummary, tracker: Tracker | None = None) -> str:

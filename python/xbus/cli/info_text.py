@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
+from xbus._core import damage_reasons
 from xbus.cli.printing import align, bold
-from xbus.describe.log_summary import Event, LogSummary, Stamp
+from xbus.describe.listing import MAX_LISTED, LargestRows
+from xbus.describe.log_summary import GAP, MAX_KINDS, LogSummary
 from xbus.describe.log_text import log_rows, quantity_rows
-from xbus.describe.text import ResultCode
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
 
 __all__ = ["info_text"]
 
 WIDTH = 80
 #: Maximum number of gaps, places of damage and events; the rest is counted.
 MAX_ROWS = 5
+#: Maximum number of unknown data identifiers.
+MAX_UNKNOWN = 50
 
 
 def info_text(name: str, summary: LogSummary) -> str:
@@ -41,14 +48,15 @@ def _quantities(summary: LogSummary) -> Iterator[str]:
 
 
 def _gaps(summary: LogSummary) -> Iterator[str]:
-    largest = sorted(summary.gaps, key=lambda gap: -gap.lost)[:MAX_ROWS]
-    if not largest:
+    if not len(summary.gaps):
         return
-    # The time of the last sample before the gap.
+    largest = LargestRows(GAP, "lost", MAX_ROWS)
+    largest.add(summary.largest_gaps.rows)
+    after = _format_times(summary, largest.rows["before"])  # of the last sample before the gap
     rows: list[tuple[str, ...]] = [("BID", "after/s", "lost", "next sample")]
     rows += [
-        (f"{gap.bid}", _format_time(summary, gap.before), f"{gap.lost:,}", f"{gap.sample:,}")
-        for gap in sorted(largest, key=lambda gap: gap.sample)
+        (f"{gap['bid']}", time, f"{gap['lost']:,}", f"{gap['sample']:,}")
+        for gap, time in zip(largest.rows, after, strict=True)
     ]
     if len(summary.devices) < 2:
         rows = [row[1:] for row in rows]
@@ -57,34 +65,38 @@ def _gaps(summary: LogSummary) -> Iterator[str]:
 
 
 def _damage(summary: LogSummary) -> Iterator[str]:
-    if not summary.damage:
+    if not len(summary.damage):
         return
-    reasons = Counter(reason for _, _, reason in summary.damage)
-    counts = ", ".join(f"{reason} {n:,}" for reason, n in reasons.most_common())
+    counts = ", ".join(f"{reason} {n:,}" for reason, n in summary.reasons.most_common())
     yield from textwrap.wrap(counts, WIDTH)
     rows = [("offset", "bytes", "reason")]
-    rows += [(f"{at:,}", f"{length:,}", why) for at, length, why in summary.damage[:MAX_ROWS]]
+    names = damage_reasons()
+    for offset, length, reason in summary.damage.rows[:MAX_ROWS].tolist():
+        rows.append((f"{offset:,}", f"{length:,}", names[reason]))
     yield from align(rows, right=(0, 1))
     yield from _rest(len(summary.damage), "more")
 
 
 def _events(summary: LogSummary) -> Iterator[str]:
     """Yields each kind of event once, with its first time and its number."""
-    kinds: dict[tuple[str, ResultCode], list[Event]] = {}
-    for event in summary.events:
-        kinds.setdefault((event.name, event.result), []).append(event)
-    for (name, result), events in list(kinds.items())[:MAX_ROWS]:
-        after = _format_time(summary, events[0].before)
+    for kind in list(summary.kinds.values())[:MAX_ROWS]:
+        (after,) = _format_times(summary, kind.before)
         when = f"after {after} s" if after else "at the start"
-        times = f", {len(events):,} times" if len(events) > 1 else ""
-        yield from textwrap.wrap(f"{when}{times}: {name} {result}", WIDTH, subsequent_indent="  ")
-    yield from _rest(len(kinds), "more kinds")
+        times = f", {kind.number:,} times" if kind.number > 1 else ""
+        text = f"{when}{times}: {kind.name} {kind.result}"
+        yield from textwrap.wrap(text, WIDTH, subsequent_indent="  ")
+    more = "more kinds" if len(summary.kinds) < MAX_KINDS else "more kinds, or more"
+    yield from _rest(len(summary.kinds), more)
 
 
-def _unknown(summary: LogSummary) -> Iterable[str]:
+def _unknown(summary: LogSummary) -> Iterator[str]:
+    if not summary.unknown:
+        return
     rows = [("id", "packets", "bytes")]
-    rows += [(f"0x{key:04X}", f"{n:,}", f"{size:,}") for key, (n, size) in summary.unknown.items()]
-    return align(rows, right=(1, 2)) if summary.unknown else []
+    for key, (number, size) in list(summary.unknown.items())[:MAX_UNKNOWN]:
+        rows.append((f"0x{key:04X}", f"{number:,}", f"{size:,}"))
+    yield from align(rows, right=(1, 2))
+    yield from _rest(len(summary.unknown), "more", MAX_UNKNOWN)
 
 
 def _line(title: str, text: str) -> str:
@@ -92,12 +104,13 @@ def _line(title: str, text: str) -> str:
     return textwrap.fill(text, WIDTH, initial_indent=indent, subsequent_indent=" " * len(indent))
 
 
-def _format_time(summary: LogSummary, stamp: Stamp | None) -> str:
-    """Returns the seconds recorded up to a time stamp."""
-    seconds = summary.seconds_before(stamp)
-    return "" if seconds is None else f"{seconds:,.2f}"
+def _format_times(summary: LogSummary, stamps: npt.NDArray[Any]) -> list[str]:
+    """Returns the seconds recorded up to time stamps."""
+    seconds = summary.seconds_before(stamps).tolist()
+    return ["" if math.isnan(time) else f"{time:,.2f}" for time in seconds]
 
 
-def _rest(number: int, which: str) -> Iterator[str]:
-    if number > MAX_ROWS:
-        yield f"... and {number - MAX_ROWS:,} {which}; --json lists all"
+def _rest(number: int, which: str, shown: int = MAX_ROWS) -> Iterator[str]:
+    if number > shown:
+        listed = "all" if number <= MAX_LISTED else f"the first {MAX_LISTED:,}"
+        yield f"... and {number - shown:,} {which}; --json lists {listed}"

@@ -29,16 +29,24 @@ WIDE = 140
 
 def print_line(text: str, *, flush: bool = False) -> None:
     """Prints text and a line feed."""
-    if sys.stdout is None:  # the caller has closed it
-        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
-    sys.stdout.write(text + "\n")
+    _write(text + "\n")
     if flush:
         sys.stdout.flush()
 
 
+def _write(text: str) -> None:
+    if sys.stdout is None:  # the caller has closed it
+        raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+    sys.stdout.write(text)
+
+
 def print_json(value: Any) -> None:
-    """Prints indented JSON."""
-    print_line(json.dumps(value, indent=2, allow_nan=False))
+    """Prints indented JSON, piece by piece."""
+    from xbus.describe.json_text import json_pieces
+
+    for piece in json_pieces(value):
+        _write(piece)
+    _write("\n")
 
 
 def print_json_rows(rows: Sequence[Any]) -> None:

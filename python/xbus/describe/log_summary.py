@@ -3,85 +3,96 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import asdict, fields
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from xbus import _core
+from xbus.describe.json_text import JsonRows
+from xbus.describe.listing import MAX_LISTED, FirstRows, LargestRows
 from xbus.describe.text import (
     ResultCode,
     device_name,
-    finite,
     known_digits,
     read_result_code,
     recording_date,
 )
 from xbus.log.column import Column
 from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identity_of
-from xbus.log.log import DAMAGE, Log, steady_time
+from xbus.log.log import Log, steady_time
+from xbus.log.messages import Messages
 from xbus.log.rates import Rates
-from xbus.log.runs import PartRuns, Run, Runs, recorded
+from xbus.log.runs import PartRuns, Runs
 from xbus.log.stats import Stats
 from xbus.log.trackers import count_losses, frames_of
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import QUANTITIES, UTC_VALID, device_of
+from xbus.protocol.tables import QUANTITIES, UTC_VALID, device_of, message_name
 from xbus.protocol.undecoded import Undecoded
+from xbus.wire.message import Message
 
 __all__ = [
+    "EVENT_MIDS",
+    "GAP",
+    "MAX_KINDS",
     "DeviceSummary",
-    "Event",
-    "Gap",
+    "EventKind",
     "LogSummary",
     "QuantitySummary",
-    "Stamp",
     "TrackerSummary",
+    "event_result",
 ]
 
 
-class Stamp(NamedTuple):
-    """A time stamp: the number of its run in `LogSummary.runs`, and unwrapped seconds on the device clock."""
+#: A time stamp: the number of its run, -1 for none, and unwrapped seconds on the device clock.
+STAMP = np.dtype([("run", "i8"), ("time", "f8")])
+#: A place where samples are missing: index, time stamp and device of the sample after it, number of missing
+#: samples, and the last time stamp of the device before it.
+GAP = np.dtype(
+    [("sample", "i8"), ("stamp", STAMP), ("lost", "i8"), ("bid", "u1"), ("before", STAMP)]
+)
+#: A range of bytes that is neither frame nor string; the reason is an index of `_core.damage_reasons`.
+DAMAGED = np.dtype([("offset", "i8"), ("length", "i8"), ("reason", "u1")])
+#: An Error or Warning message: offset of its frame, index of the next sample, the last time stamp of the
+#: device before it, and the first `MAX_PAYLOAD` bytes of its payload.
+EVENT = np.dtype(
+    [("offset", "i8"), ("sample", "i8"), ("before", STAMP), ("mid", "u1"), ("payload", "O")]
+)
+EVENT_MIDS = (MessageId.Error, MessageId.Warning)
+#: Maximum number of bytes that are kept of the payload of an event, more than a device sends.
+MAX_PAYLOAD = 256
+#: Maximum number of kinds of events that are told apart.
+MAX_KINDS = 1000
+#: Number of the largest gaps that are kept.
+MAX_LARGEST = 100
+#: Rows of a table that are converted at once when they are printed.
+CHUNK = 1000
 
-    run: int
-    time: float
 
-
-class Gap(NamedTuple):
-    """A place where samples are missing.
+@dataclass
+class EventKind:
+    """Errors or warnings with the same result.
 
     Attributes:
-        sample: Index of the sample after the gap.
-        stamp: Time stamp of that sample, or None.
-        lost: Number of missing samples.
-        bid: BID of the device.
-        before: The last time stamp of the device before the gap, or None.
-    """
-
-    sample: int
-    stamp: Stamp | None
-    lost: int
-    bid: int
-    before: Stamp | None
-
-
-class Event(NamedTuple):
-    """An Error or Warning message.
-
-    Attributes:
-        offset: Byte offset in the input at which its frame begins.
-        sample: Index of the next sample.
-        before: The last time stamp of the device before it, or None.
         name: ``"Error"`` or ``"Warning"``.
         result: Its code and text.
+        before: The last time stamp of the device before the first of them, `STAMP`.
+        number: Number of events.
     """
 
-    offset: int
-    sample: int
-    before: Stamp | None
     name: str
     result: ResultCode
+    before: npt.NDArray[Any]
+    number: int = 0
+
+
+def event_result(mid: int, payload: bytes) -> tuple[str, ResultCode]:
+    """Returns the name and the result of an event."""
+    message = Message(mid, message_name(mid, len(payload)), 0, payload, 0, 0)
+    return message.name, read_result_code(message)
 
 
 class _PartStamps:
@@ -93,29 +104,42 @@ class _PartStamps:
         last: The last stamp of each device before the part.
     """
 
-    def __init__(self, part: Log, runs: PartRuns, last: dict[int, Stamp]) -> None:
-        self._run, self._last = runs.run, last
-        self._steady = steady_time(part)
+    def __init__(self, part: Log, runs: PartRuns, last: Mapping[int, npt.NDArray[Any]]) -> None:
+        self._last = last
         self._devices = device_of(part.bid)
-        self._rows: dict[int, npt.NDArray[np.intp]] = {}
+        self._stamps = stamps_of(runs.run, steady_time(part))
 
-    def before(self, row: int, bid: int) -> Stamp | None:
-        """Returns the last stamp of a device before a sample, which is counted from the start of the part."""
-        device = device_of(bid)
-        if device not in self._rows:
-            is_own = self._devices == device
-            self._rows[device] = np.flatnonzero(is_own & np.isfinite(self._steady))
-        rows = self._rows[device]
-        at = int(np.searchsorted(rows, row)) - 1
-        if at < 0:
-            return self._last.get(device)
-        return Stamp(int(self._run[rows[at]]), float(self._steady[rows[at]]))
+    def before(self, rows: npt.NDArray[np.int64], bids: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
+        """Returns the last stamp of a device before each sample, `STAMP`.
 
-    def last(self) -> dict[int, Stamp]:
+        Args:
+            rows: The samples, counted from the start of the part, ``(n,)``.
+            bids: The BIDs of the devices.
+        """
+        found = np.empty(len(rows), STAMP)
+        devices = device_of(bids)
+        for device in np.unique(devices).tolist():
+            is_asked = devices == device
+            places = np.flatnonzero((self._devices == device) & (self._stamps["run"] >= 0))
+            known = np.concatenate((self._last.get(device, NO_STAMP), self._stamps[places]))
+            found[is_asked] = known[np.searchsorted(places, rows[is_asked])]
+        return found
+
+    def last(self) -> dict[int, npt.NDArray[Any]]:
         """Returns the last stamp of each device up to the end of the part."""
-        devices = [*self._last, *np.unique(self._devices).tolist()]
-        ends = {device: self.before(len(self._run), device) for device in devices}
-        return {device: stamp for device, stamp in ends.items() if stamp is not None}
+        devices = np.array(sorted({*self._last, *np.unique(self._devices).tolist()}), np.uint8)
+        stamps = self.before(np.full(len(devices), len(self._devices)), devices)
+        return {device: stamps[at : at + 1] for at, device in enumerate(devices.tolist())}
+
+
+def stamps_of(run: npt.NDArray[np.int64], time: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
+    """Returns time stamps from the numbers of runs and seconds, which are NaN without a time stamp."""
+    stamps = np.empty(len(run), STAMP)
+    stamps["run"], stamps["time"] = np.where(np.isfinite(time), run, -1), time
+    return stamps
+
+
+NO_STAMP = np.array([(-1, np.nan)], STAMP)
 
 
 class TrackerSummary(NamedTuple):
@@ -140,39 +164,25 @@ class DeviceSummary:
     Attributes:
         bid: Bus identifier, as in its first sample.
         identity: Identifier, product code and firmware.
-        runs: Its runs, in order.
+        samples: Number of samples.
+        lost: Number of lost samples.
+        duration: Seconds recorded; NaN if not known.
+        restarts: Seconds that were recorded before each restart, ``(n,)``.
+        rate: Samples per second.
+        nominal_rate: Samples per second where no sample is missing.
     """
 
     def __init__(
-        self, bid: int, identity: Identity, runs: list[Run], rates: Rates, *, has_counter: bool
+        self, bid: int, identity: Identity, runs: Runs, rates: Rates, *, has_counter: bool
     ) -> None:
-        self.bid, self.identity, self.runs = bid, identity, runs
+        self.bid, self.identity = bid, identity
+        own = runs.of_devices()[bid]
+        self.samples = int(runs.rows["samples"][own].sum())
+        self.lost = int(runs.rows["lost"][own].sum())
+        self.duration = runs.recorded(own)
+        self.restarts = runs.seconds_before()[own[1:]]
         self.rate = rates.mean
         self.nominal_rate = rates.nominal(self.samples, has_counter=has_counter)
-
-    @property
-    def samples(self) -> int:
-        """Number of samples."""
-        return sum(run.samples for run in self.runs)
-
-    @property
-    def lost(self) -> int:
-        """Number of lost samples."""
-        return sum(run.lost for run in self.runs)
-
-    @property
-    def duration(self) -> float:
-        """Seconds recorded; NaN if not known."""
-        return recorded(self.runs)
-
-    @property
-    def restarts(self) -> list[float]:
-        """Seconds that were recorded before each restart."""
-        seconds, restarts = 0.0, []
-        for run in self.runs[:-1]:
-            seconds += run.span.duration if run.span.stamps > 1 else 0.0
-            restarts.append(seconds)
-        return restarts
 
     def to_dict(self) -> dict[str, Any]:
         """Returns the summary as plain values for JSON."""
@@ -245,16 +255,22 @@ class QuantitySummary:
 class LogSummary:
     """The contents of a log, summarized: the source of ``xbus info`` and of reports.
 
+    All counts are exact. Of gaps, damage, events and runs, the first `MAX_LISTED` are listed.
+
     Args:
         parts: The parts of the log, in order; more can be added with `add`.
 
     Attributes:
         stats: Counts of what was read.
-        gaps: The places where samples are missing, in order.
-        damage: Offset, length and reason of each range of bytes that is neither frame nor string.
+        gaps: The first places where samples are missing, `GAP`.
+        largest_gaps: The largest of all.
+        damage: The first ranges of bytes that are neither frame nor string, `DAMAGED`.
+        reasons: Number of these ranges by reason.
         messages: Number of messages by name.
         strings: Number of string outputs by name; those that the manual does not list are ``"others"``.
-        events: Errors and warnings that the device sent, in order.
+        events: The first errors and warnings that the device sent, `EVENT`.
+        kinds: The kinds of these, at most `MAX_KINDS`, by message and payload.
+        runs: The runs of all devices.
         unknown: Number of packets and bytes by data identifier, of packets that the tables do not explain.
         frames: Frame numbers of Awinda trackers, by device identifier, in the order in which they arrived.
         utc: Earliest and latest UTC time that the device marks as valid, or None.
@@ -270,23 +286,24 @@ class LogSummary:
     def __init__(self, parts: Iterable[Log]) -> None:
         self.stats = Stats(**{field.name: 0 for field in fields(Stats)})
         self._identities: dict[int, Identity] = {}
-        self._runs = Runs()
+        self.runs = Runs()
         self._device_rates: dict[int, Rates] = {}
         self._quantities: dict[tuple[str, str | None], QuantitySummary] = {}
-        self.gaps: list[Gap] = []
-        self.damage: list[tuple[int, int, str]] = []
+        self.gaps = FirstRows(GAP)
+        self.largest_gaps = LargestRows(GAP, "lost", MAX_LARGEST)
+        self.damage = FirstRows(DAMAGED)
+        self.reasons: Counter[str] = Counter()
         self.messages: Counter[str] = Counter()
         self.strings: Counter[str] = Counter()
-        self.events: list[Event] = []
+        self.events = FirstRows(EVENT)
+        self.kinds: dict[tuple[int, bytes], EventKind] = {}
         self.unknown: dict[int, list[int]] = {}
         self._undecoded: dict[tuple[str, int], Undecoded] = {}
         self.frames: dict[int, list[npt.NDArray[np.int64]]] = {}
         self.utc: tuple[np.datetime64, np.datetime64] | None = None
         self.utc_rows = self.utc_valid = 0
         #: The last time stamp of each device.
-        self._last: dict[int, Stamp] = {}
-        #: `Runs.seconds_before`, if it is known.
-        self._before_runs: list[float] | None = None
+        self._last: dict[int, npt.NDArray[Any]] = {}
         for part in parts:
             self.add(part)
 
@@ -318,63 +335,64 @@ class LogSummary:
     @property
     def identity(self) -> Identity:
         """Identifier, product code, firmware and configuration of the device; of the first of several."""
-        return identity_of(self._identities, list(self._runs.of_devices()))
-
-    @property
-    def runs(self) -> list[Run]:
-        """The runs of all devices, as `Log.runs`."""
-        return self._runs.all
+        return identity_of(self._identities, list(self.runs.of_devices()))
 
     @property
     def devices(self) -> list[DeviceSummary]:
         """The devices that sent samples, in the order of their first samples."""
-        devices = self._runs.of_devices()
+        devices = list(self.runs.of_devices())
         return [
             DeviceSummary(
                 bid,
-                identity_of(self._identities, list(devices), bid),
-                runs,
+                identity_of(self._identities, devices, bid),
+                self.runs,
                 self._device_rates[device_of(bid)],
                 has_counter=self.has_counter,
             )
-            for bid, runs in devices.items()
+            for bid in devices
         ]
 
     @property
     def start(self) -> float:
         """Start of the first run with time stamps, in seconds on the device clock; NaN without any."""
-        starts = (run.span.start for run in self.runs if run.span.stamps)
-        return next(starts, float("nan"))
+        spans = self.runs.spans
+        stamped = np.flatnonzero(spans["stamps"])
+        return float(spans["start"][stamped[0]]) if len(stamped) else float("nan")
 
     @property
     def duration(self) -> float:
         """Seconds recorded, as `Log.duration`."""
-        return self._runs.duration
+        return self.runs.duration
 
-    def seconds_before(self, stamp: Stamp | None) -> float | None:
-        """Returns the seconds that a device recorded up to a time stamp, without those between its runs."""
-        if stamp is None:
-            return None
-        if self._before_runs is None:
-            self._before_runs = self._runs.seconds_before()
-        return self._before_runs[stamp.run] + stamp.time - self.runs[stamp.run].span.start
+    def seconds_before(self, stamps: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+        """Returns the seconds that a device recorded up to time stamps, without those between its runs.
+
+        Args:
+            stamps: The time stamps, `STAMP`.
+
+        Returns:
+            Seconds, NaN without a time stamp.
+        """
+        if not len(self.runs):
+            return np.full(len(stamps), np.nan)
+        run = stamps["run"]
+        seconds = self.runs.seconds_before()[run] + stamps["time"] - self.runs.spans["start"][run]
+        return np.where(run >= 0, seconds, np.nan)
 
     def add(self, part: Log) -> PartRuns:
         """Adds the next part, and returns the runs that its samples belong to."""
         counts = asdict(self.stats)
         self.stats = Stats(**{name: counts[name] + n for name, n in asdict(part.stats).items()})
         self._identities = identities_of(
-            (message for message in part.messages if message.mid in IDENTITY_MESSAGES),
-            self._identities,
+            part.messages.with_mids(*IDENTITY_MESSAGES), self._identities
         )
-        runs = self._runs.add(part.core)
-        self._before_runs = None
+        runs = self.runs.add(part.core)
         devices = device_of(part.bid)
         for device in np.unique(devices).tolist():
             rates = self._device_rates.setdefault(device, Rates())
             samples = np.flatnonzero(devices == device)
             rates.add(runs, samples, part.time)
-        self.damage += part.damage.tolist()
+        self._add_damage(part)
         self.strings.update({name or "others": n for name, n in part.strings.counts.items()})
         for column in part.values():
             known = self._quantities.setdefault(
@@ -407,24 +425,54 @@ class LogSummary:
             first, last = self.utc or (stamps[0], stamps[0])
             self.utc = min(first, stamps.min()), max(last, stamps.max())
 
+    def _add_damage(self, part: Log) -> None:
+        found = part.core.damage
+        damage = np.empty(len(found.offset), DAMAGED)
+        damage["offset"], damage["length"] = found.offset, found.length
+        damage["reason"] = found.reason
+        self.damage.add(damage)
+        numbers = np.bincount(found.reason).tolist()
+        names = _core.damage_reasons()[: len(numbers)]
+        self.reasons.update({name: n for name, n in zip(names, numbers, strict=True) if n})
+
     def _add_messages(self, part: Log, stamps: _PartStamps) -> None:
-        for message in part.messages:
-            self.messages[message.name] += 1
-            if message.mid in (MessageId.Error, MessageId.Warning):
-                before = stamps.before(message.sample - part.first_sample, message.bid)
-                result = read_result_code(message)
-                event = Event(message.offset, message.sample, before, message.name, result)
-                self.events.append(event)
+        messages = part.messages
+        self.messages.update(messages.counts)
+        rows = np.flatnonzero(np.isin(messages.mid, EVENT_MIDS))
+        before = stamps.before(messages.sample[rows] - part.first_sample, messages.bid[rows])
+        for at in range(0, len(rows), CHUNK):
+            self._add_events(messages, rows[at : at + CHUNK], before[at : at + CHUNK])
+
+    def _add_events(
+        self, messages: Messages, rows: npt.NDArray[np.intp], before: npt.NDArray[Any]
+    ) -> None:
+        events = np.empty(len(rows), EVENT)
+        events["offset"], events["sample"] = messages.offset[rows], messages.sample[rows]
+        events["before"], events["mid"] = before, messages.mid[rows]
+        events["payload"] = [payload[:MAX_PAYLOAD] for payload in messages.payloads(rows)]
+        self.events.add(events)
+        keys = list(zip(events["mid"].tolist(), events["payload"].tolist(), strict=True))
+        for at, key in enumerate(keys):
+            kind = self.kinds.get(key)
+            if kind is None:
+                if len(self.kinds) == MAX_KINDS:
+                    continue
+                kind = self.kinds[key] = EventKind(*event_result(*key), before[at : at + 1])
+            kind.number += 1
 
     def _add_gaps(self, part: Log, runs: PartRuns, stamps: _PartStamps) -> None:
-        for sample, lost, bid in part.gaps.tolist():
-            row = sample - part.first_sample
-            time = finite(part.time[row])
-            stamp = None if time is None else Stamp(int(runs.run[row]), time)
-            self.gaps.append(Gap(sample, stamp, lost, bid, stamps.before(row, bid)))
+        found = part.gaps
+        rows = found["sample"] - part.first_sample
+        gaps = np.empty(len(found), GAP)
+        for name in ("sample", "lost", "bid"):
+            gaps[name] = found[name]
+        gaps["stamp"] = stamps_of(runs.run[rows], part.time[rows])
+        gaps["before"] = stamps.before(rows, found["bid"])
+        self.gaps.add(gaps)
+        self.largest_gaps.add(gaps)
 
     def to_dict(self, file: str) -> dict[str, Any]:
-        """Returns the summary as plain values for JSON: None for what is not known, and for NaN."""
+        """Returns the summary for `json_pieces`: None for what is not known, and for NaN."""
         stats, configuration = self.stats, self.identity.configuration
         return {
             "file": file,
@@ -436,48 +484,25 @@ class LogSummary:
             "utc": self._utc_dict(),
             "start_s": known_digits(self.start),
             "duration_s": known_digits(self.duration),
-            "runs": [
-                {
-                    "bid": run.bid,
-                    "first": run.first,
-                    "last": run.last,
-                    "start_s": known_digits(run.span.start),
-                    "duration_s": known_digits(run.span.duration),
-                }
-                for run in self.runs
-            ],
+            "runs": JsonRows(self._run_rows),
+            "totals": {
+                "runs": len(self.runs),
+                "gaps": len(self.gaps),
+                "damage": len(self.damage),
+                "events": len(self.events),
+            },
             "frames": stats.frames,
             "samples": stats.samples,
             "lost_samples": stats.lost_samples,
-            "gaps": [
-                {
-                    "sample": gap.sample,
-                    "bid": gap.bid,
-                    "time_s": gap.stamp and known_digits(gap.stamp.time),
-                    "recorded_s": known_digits(self.seconds_before(gap.stamp)),
-                    "after_s": known_digits(self.seconds_before(gap.before)),
-                    "lost": gap.lost,
-                }
-                for gap in self.gaps
-            ],
+            "gaps": JsonRows(self._gap_rows),
             "quantities": [quantity.to_dict() for quantity in self.quantities],
             "skipped_bytes": stats.skipped_bytes,
             "checksum_errors": stats.checksum_errors,
-            "damage": [dict(zip(DAMAGE.names or (), row, strict=True)) for row in self.damage],
+            "damage": JsonRows(self._damage_rows),
             "malformed": stats.malformed,
             "messages": dict(self.messages),
             "strings": dict(sorted(self.strings.items())),
-            "events": [
-                {
-                    "offset": event.offset,
-                    "sample": event.sample,
-                    "time_s": event.before and known_digits(event.before.time),
-                    "recorded_s": known_digits(self.seconds_before(event.before)),
-                    "name": event.name,
-                    **event.result._asdict(),
-                }
-                for event in self.events
-            ],
+            "events": JsonRows(self._event_rows),
             "undecoded": [item.to_dict() for item in self.undecoded],
             "trackers": [tracker._asdict() for tracker in self.trackers],
             "unknown": [
@@ -486,11 +511,65 @@ class LogSummary:
             ],
         }
 
+    def _run_rows(self) -> Iterator[dict[str, Any]]:
+        for rows in _chunks(self.runs.table()[:MAX_LISTED]):
+            for bid, first, last, start, duration in rows.tolist():
+                yield {
+                    "bid": bid,
+                    "first": first,
+                    "last": last,
+                    "start_s": known_digits(start),
+                    "duration_s": known_digits(duration),
+                }
+
+    def _gap_rows(self) -> Iterator[dict[str, Any]]:
+        gaps = self.gaps.rows
+        recorded, after = map(self.seconds_before, (gaps["stamp"], gaps["before"]))
+        for chunk in zip(*map(_chunks, (gaps, recorded, after)), strict=True):
+            rows = zip(*(column.tolist() for column in chunk), strict=True)
+            for (sample, (_, time), lost, bid, _), at, last in rows:
+                yield {
+                    "sample": sample,
+                    "bid": bid,
+                    "time_s": known_digits(time),
+                    "recorded_s": known_digits(at),
+                    "after_s": known_digits(last),
+                    "lost": lost,
+                }
+
+    def _damage_rows(self) -> Iterator[dict[str, Any]]:
+        reasons = _core.damage_reasons()
+        for rows in _chunks(self.damage.rows):
+            for offset, length, reason in rows.tolist():
+                yield {"offset": offset, "length": length, "reason": reasons[reason]}
+
+    def _event_rows(self) -> Iterator[dict[str, Any]]:
+        events = self.events.rows
+        recorded = self.seconds_before(events["before"])
+        for chunk in zip(*map(_chunks, (events, recorded)), strict=True):
+            rows = zip(*(column.tolist() for column in chunk), strict=True)
+            for (offset, sample, (_, time), mid, payload), at in rows:
+                name, result = event_result(mid, payload)
+                yield {
+                    "offset": offset,
+                    "sample": sample,
+                    "time_s": known_digits(time),
+                    "recorded_s": known_digits(at),
+                    "name": name,
+                    **result._asdict(),
+                }
+
     def _utc_dict(self) -> dict[str, Any] | None:
         if not self.utc_rows:
             return None
         first, last = (f"{time}Z" for time in self.utc) if self.utc else (None, None)
         return {"first": first, "last": last, "rows": self.utc_rows, "valid": self.utc_valid}
+
+
+def _chunks(rows: npt.NDArray[Any]) -> Iterator[npt.NDArray[Any]]:
+    """Yields rows of a table, some at a time."""
+    for at in range(0, len(rows), CHUNK):
+        yield rows[at : at + CHUNK]
 
 
 def _identity_dict(identity: Identity) -> dict[str, Any]:

@@ -105,13 +105,13 @@ def _device_samples(device: DeviceSummary) -> str:
 
 def _restarts(device: DeviceSummary) -> str:
     """Returns how often a device restarted, and after how many seconds that were recorded."""
+    if len(device.restarts) > MAX_RESTARTS:
+        return f", restarted {len(device.restarts):,} times"
     seconds = [f"{time:,.1f}" for time in device.restarts]
     if not seconds:
         return ""
     if len(seconds) == 1:
         return f", restarted once, after {seconds[0]} s"
-    if len(seconds) > MAX_RESTARTS:
-        return f", restarted {len(seconds):,} times"
     return f", restarted {len(seconds)} times, after {', '.join(seconds[:-1])} and {seconds[-1]} s"
 
 

@@ -247,14 +247,14 @@ class Log(ByQuantity[Column]):
 
         BID FF and 1 are the same device.
         """
-        devices = self._runs.of_devices()
+        devices, samples = self._runs.of_devices(), self._runs.rows["samples"]
         return tuple(
             LogDevice(
                 bid,
                 identity.device_id,
                 identity.product_code,
                 identity.firmware,
-                sum(run.samples for run in runs),
+                int(samples[runs].sum()),
             )
             for bid, runs in devices.items()
             for identity in [identity_of(self._identities, list(devices), bid)]
@@ -327,7 +327,8 @@ class Log(ByQuantity[Column]):
         found = self._core.damage
         damage = np.empty(len(found.offset), DAMAGE)
         damage["offset"], damage["length"] = found.offset, found.length
-        damage["reason"] = np.array(_core.damage_reasons())[found.reason]
+        for at, reason in enumerate(_core.damage_reasons()):
+            damage["reason"][found.reason == at] = reason
         return read_only(damage)
 
     @cached_property
@@ -396,8 +397,7 @@ class Log(ByQuantity[Column]):
     @cached_property
     def _identities(self) -> dict[int, Identity]:
         """The identity of each device up to the end of this part, by BID; 1 stands for FF too."""
-        rows = np.flatnonzero(np.isin(self.messages.mid, IDENTITY_MESSAGES))
-        return identities_of((self.messages[row] for row in rows.tolist()), self._earlier)
+        return identities_of(self.messages.with_mids(*IDENTITY_MESSAGES), self._earlier)
 
     @cached_property
     def identity(self) -> Identity:

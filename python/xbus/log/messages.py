@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any, overload
 
@@ -69,6 +69,28 @@ class Messages(Sequence[Message]):
         ends = self._ends.astype(np.int64)
         return read_only(ends - np.concatenate(([0], ends[:-1])))
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Number of messages by name, in the order in which the names first occur."""
+        # One MID has several names, by the length of the payload.
+        key = self.mid.astype(np.int64) << 32 | self.length
+        kinds, first, counts = np.unique(key, return_index=True, return_counts=True)
+        order = np.argsort(first)
+        by_name: Counter[str] = Counter()
+        for kind, count in zip(kinds[order].tolist(), counts[order].tolist(), strict=True):
+            by_name[message_name(kind >> 32, kind & 0xFFFFFFFF)] += count
+        return dict(by_name)
+
+    def payloads(self, rows: npt.NDArray[np.intp]) -> Iterator[bytes]:
+        """Yields the payloads of messages by their indices."""
+        for row in rows.tolist():
+            yield piece(self._payloads, self._ends, row)
+
+    def with_mids(self, *mids: int) -> Iterator[Message]:
+        """Yields the messages with one of these message identifiers."""
+        for row in np.flatnonzero(np.isin(self.mid, mids)).tolist():
+            yield self[row]
+
     def named(self, *names: str) -> list[Message]:
         """Returns the messages with one of these names."""
         return [message for message in self if message.name in names]
@@ -84,12 +106,7 @@ class Messages(Sequence[Message]):
         return Messages, self._arrays()
 
     def __repr__(self) -> str:
-        # One MID has several names, by the length of the payload.
-        kinds, counts = np.unique(np.stack([self.mid, self.length]), axis=1, return_counts=True)
-        by_name: Counter[str] = Counter()
-        for mid, length, count in zip(*kinds.tolist(), counts.tolist(), strict=True):
-            by_name[message_name(mid, length)] += count
-        names = ", ".join(f"{name}: {count}" for name, count in by_name.items())
+        names = ", ".join(f"{name}: {count}" for name, count in self.counts.items())
         return f"<Messages {len(self)}: {names}>" if names else "<Messages 0>"
 
 

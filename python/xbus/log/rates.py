@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections import Counter
+import operator
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,20 +19,83 @@ __all__ = ["Rates"]
 SHORTEST = 0.05
 #: An interval that is off the usual one by more than this factor is not of the same rate.
 TOLERANCE = 1.5
+#: Maximum number of different intervals that are counted exactly.
+MAX_INTERVALS = 1 << 16
+#: Intervals in us from which on a clock is damaged, rather than a row late.
+MAX_INTERVAL = 2.0**62
+
+
+class _Intervals:
+    """Counts the rows by the interval to the previous one, in us.
+
+    If there are more than `MAX_INTERVALS` different ones, which no regular rate has, they are rounded
+    to 12 bits.
+
+    Attributes:
+        us: The different intervals, ascending, ``(k,)``.
+        rows: Number of rows with each.
+    """
+
+    def __init__(self) -> None:
+        self.us = np.empty(0, np.int64)
+        self.rows = np.empty(0, np.int64)
+        self._is_rounded = False
+
+    def add(self, us: npt.NDArray[np.int64]) -> None:
+        """Adds the intervals of rows."""
+        if len(us):
+            self._count(
+                np.concatenate((self.us, us)), np.concatenate((self.rows, np.ones_like(us)))
+            )
+        if len(self.us) > MAX_INTERVALS and not self._is_rounded:
+            self._is_rounded = True
+            self._count(self.us, self.rows)
+
+    def _count(self, us: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> None:
+        if self._is_rounded:
+            _, exponent = np.frexp(us.astype(np.float64))
+            unit = np.int64(1) << np.maximum(exponent - 12, 0).astype(np.int64)
+            us = us // unit * unit
+        self.us, place = np.unique(us, return_inverse=True)
+        self.rows = np.bincount(place, rows).astype(np.int64)
+
+    def quantile(self, rank: float) -> int:
+        """Returns the interval of the row with this number, in the order of intervals."""
+        at = np.searchsorted(np.cumsum(self.rows), rank, side="right")
+        return int(self.us[min(int(at), len(self.us) - 1)])
+
+    def usual_rate(self) -> float:
+        """Returns the rate of the usual interval: the mean of those next to the median; NaN without rows."""
+        if not len(self.us) or not (median := self.quantile(int(self.rows.sum()) / 2)):
+            return float("nan")
+        is_usual = (self.us > median / TOLERANCE) & (self.us < median * TOLERANCE)
+        us, rows = self.us[is_usual].tolist(), self.rows[is_usual].tolist()
+        mean: float = sum(map(operator.mul, us, rows)) / sum(rows)
+        # Time stamps have a resolution of 0.1 ms, so a rate is known to about three digits.
+        return round(1e6 / mean, 1 if mean < 1e5 else 3)
+
+    def up_to(self, us: float) -> _Intervals:
+        """Returns the intervals that are no longer than this."""
+        found = _Intervals()
+        found.us, found.rows = self.us[self.us <= us], self.rows[self.us <= us]
+        return found
+
+
+#: The stamped rows of a run: their number, the first and the last time stamp, and the losses before the last.
+_RUN = np.dtype([("run", "i8"), ("rows", "i8"), ("first", "f8"), ("last", "f8"), ("lost", "i8")])
 
 
 class Rates:
     """The rates of rows, added part by part. Only time inside runs counts."""
 
     def __init__(self) -> None:
-        #: For each run the number of stamped rows and the first and the last time stamp.
-        self._stamps: dict[int, list[float]] = {}
-        #: For each run the number of missing samples before the last stamped row.
-        self._lost: dict[int, int] = {}
-        #: Number of rows by the interval to the previous one, in us: all; without loss; by the counter.
-        self._all: Counter[int] = Counter()
-        self._intact: Counter[int] = Counter()
-        self._counted: Counter[int] = Counter()
+        #: The runs that can go on.
+        self._open = np.empty(0, _RUN)
+        #: Of the other runs, the intervals and the seconds.
+        self._steps = 0
+        self._seconds: list[npt.NDArray[np.float64]] = []
+        #: Intervals: all; without loss; by the counter.
+        self._all, self._intact, self._counted = _Intervals(), _Intervals(), _Intervals()
         self._rows = 0
 
     def add(
@@ -47,41 +113,58 @@ class Rates:
         """
         self._rows += len(samples)
         samples = samples[np.isfinite(time[samples])]
-        if not len(samples):
-            return
-        number = runs.run[samples]
-        starts = np.array([0])
-        if number.min() != number.max():
-            order = np.argsort(number, kind="stable")
-            samples, number = samples[order], number[order]
-            starts = np.flatnonzero(np.diff(number, prepend=-1))
-        for rows in np.split(samples, starts[1:]):
-            self._add_run(int(runs.run[rows[0]]), time[rows], runs.lost[rows])
+        if len(samples):
+            self._add_stamped(runs.run[samples], time[samples], runs.lost[samples])
+        self._close(runs.present)
 
-    def _add_run(
-        self, number: int, time: npt.NDArray[np.float64], lost: npt.NDArray[np.int64]
+    def _add_stamped(
+        self,
+        run: npt.NDArray[np.int64],
+        time: npt.NDArray[np.float64],
+        lost: npt.NDArray[np.int64],
     ) -> None:
-        stamps = self._stamps.setdefault(number, [0, float(time[0]), 0.0])
-        if stamps[0]:
-            time = np.concatenate(([stamps[2]], time))
-            lost = np.concatenate(([self._lost[number]], lost))
-            stamps[0] -= 1
-        stamps[0] += len(time)
-        stamps[2], self._lost[number] = float(time[-1]), int(lost[-1])
-        intervals, missing = np.rint(np.diff(time) * 1e6).astype(np.int64), np.diff(lost)
-        is_ahead = intervals > 0
-        intervals, missing = intervals[is_ahead], missing[is_ahead]
-        _count(self._all, intervals)
-        _count(self._intact, intervals[missing == 0])
-        _count(self._counted, intervals // (1 + missing))
+        """Adds rows with time stamps, each run after its last row so far."""
+        known = self._open
+        run = np.concatenate((known["run"], run))
+        time = np.concatenate((known["last"], time))
+        lost = np.concatenate((known["lost"], lost))
+        if np.any(run[1:] < run[:-1]):
+            order = np.argsort(run, kind="stable")
+            run, time, lost = run[order], time[order], lost[order]
+        starts = np.flatnonzero(np.diff(run, prepend=-1))
+        ends = np.append(starts[1:], len(run)) - 1
+        found = np.empty(len(starts), _RUN)
+        found["run"], found["rows"], found["first"] = run[starts], ends - starts + 1, time[starts]
+        found["last"], found["lost"] = time[ends], lost[ends]
+        earlier = np.searchsorted(found["run"], known["run"])
+        found["rows"][earlier] += known["rows"] - 1
+        found["first"][earlier] = known["first"]
+        self._open = found
+
+        is_same = run[1:] == run[:-1]
+        intervals = np.rint(np.diff(time) * 1e6)
+        # A step that no integer has is damage.
+        is_ahead = is_same & (intervals > 0) & (intervals < MAX_INTERVAL)
+        intervals, missing = intervals[is_ahead].astype(np.int64), np.diff(lost)[is_ahead]
+        self._all.add(intervals)
+        self._intact.add(intervals[missing == 0])
+        self._counted.add(intervals // (1 + missing))
+
+    def _close(self, present: Sequence[int]) -> None:
+        """Keeps only the sums of the runs that cannot go on."""
+        goes_on = np.isin(self._open["run"], present)
+        steps, seconds = _spans(self._open[~goes_on])
+        self._steps += steps
+        if len(seconds):
+            self._seconds.append(seconds)
+        self._open = self._open[goes_on]
 
     @property
     def mean(self) -> float:
         """Rows per second; NaN for fewer than two time stamps in each run."""
-        spans = [(rows - 1, last - first) for rows, first, last in self._stamps.values()]
-        spans = [(steps, span) for steps, span in spans if span > 0]
-        seconds = math.fsum(span for _, span in spans)  # the same in any order
-        return sum(steps for steps, _ in spans) / seconds if seconds else float("nan")
+        steps, seconds = _spans(self._open)
+        total = math.fsum(itertools.chain(*self._seconds, seconds))  # the same in any order
+        return (self._steps + steps) / total if total else float("nan")
 
     def nominal(self, samples: int, *, has_counter: bool) -> float:
         """Returns the rows per second between which no sample is missing; NaN if not known.
@@ -90,44 +173,18 @@ class Rates:
             samples: Number of samples of the devices, with and without a row.
             has_counter: Whether samples have a packet counter, without which losses are not known.
         """
-        if has_counter and self._intact:
-            return _usual_rate(self._intact)
+        if has_counter and len(self._intact.us):
+            return self._intact.usual_rate()
         if has_counter and self._rows == samples:
-            return _usual_rate(self._counted)
+            return self._counted.usual_rate()
         # Losses are not known, but among the shortest intervals there are few.
-        if not (total := self._all.total()):
+        if not (total := int(self._all.rows.sum())):
             return float("nan")
-        shortest = _quantile(self._all, SHORTEST * total)
-        return _usual_rate(
-            {us: rows for us, rows in self._all.items() if us <= TOLERANCE * shortest}
-        )
+        shortest = self._all.quantile(SHORTEST * total)
+        return self._all.up_to(TOLERANCE * shortest).usual_rate()
 
 
-def _count(counter: Counter[int], intervals: npt.NDArray[np.int64]) -> None:
-    values, rows = np.unique(intervals, return_counts=True)
-    counter.update(dict(zip(values.tolist(), rows.tolist(), strict=True)))
-
-
-def _quantile(counts: dict[int, int], rank: float) -> int:
-    below = 0
-    for interval in sorted(counts):
-        below += counts[interval]
-        if below > rank:
-            break
-    return interval
-
-
-def _usual_rate(counts: dict[int, int]) -> float:
-    """Returns the rate of the usual interval: the mean of those next to the median."""
-    total = sum(counts.values())
-    if not total:
-        return float("nan")
-    median = _quantile(counts, total / 2)
-    if not median:
-        return float("nan")
-    usual = {
-        us: rows for us, rows in counts.items() if median / TOLERANCE < us < median * TOLERANCE
-    }
-    mean = sum(us * rows for us, rows in usual.items()) / sum(usual.values())
-    # Time stamps have a resolution of 0.1 ms, so a rate is known to about three digits.
-    return round(1e6 / mean, 1 if mean < 1e5 else 3)
+def _spans(runs: npt.NDArray[Any]) -> tuple[int, npt.NDArray[np.float64]]:
+    """Returns the number of intervals in runs, and the seconds of each; runs of no time do not count."""
+    seconds = runs["last"] - runs["first"]
+    return int((runs["rows"] - 1)[seconds > 0].sum()), seconds[seconds > 0]

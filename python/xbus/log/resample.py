@@ -67,12 +67,16 @@ def spans(runs: Runs, of_samples: PartRuns) -> Iterator[Span]:
         runs: The runs of the log.
         of_samples: The runs that its samples belong to.
     """
-    numbers = {id(run): number for number, run in enumerate(runs.all)}
-    for run in itertools.chain.from_iterable(runs.of_devices().values()):
-        if run.span.stamps:
-            number = numbers[id(run)]
-            samples = np.flatnonzero(of_samples.run == number)
-            yield Span(run.bid, number, samples, run.span.start, run.span.end)
+    order = np.argsort(of_samples.run, kind="stable")
+    samples = np.split(order, np.searchsorted(of_samples.run[order], np.arange(1, len(runs))))
+    stamps, bids = runs.spans, runs.rows["bid"]
+    for number in itertools.chain.from_iterable(runs.of_devices().values()):
+        span = stamps[number]
+        if span["stamps"]:
+            own = samples[number]
+            yield Span(
+                int(bids[number]), int(number), own, float(span["start"]), float(span["end"])
+            )
 
 
 class Resampled(ByQuantity[npt.NDArray[Any]]):

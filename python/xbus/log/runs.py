@@ -5,8 +5,7 @@ A run is the samples of one device between two of its restarts.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,10 +15,24 @@ from xbus import _core
 from xbus.log.arrays import read_only
 from xbus.protocol.tables import RECEIVER, device_of
 
-__all__ = ["PartRuns", "Run", "Runs", "recorded", "steady_time"]
+__all__ = ["PartRuns", "Runs", "steady_time"]
 
 RUN = np.dtype(
     [("bid", "u1"), ("first", "i8"), ("last", "i8"), ("start", "f8"), ("duration", "f8")]
+)
+#: Earliest and latest time stamp, and the number of time stamps.
+SPAN = np.dtype([("start", "f8"), ("end", "f8"), ("stamps", "i8")])
+#: What is kept of a run. ``bid`` is that of the first sample of the device.
+STATE = np.dtype(
+    [
+        ("bid", "u1"),
+        ("first", "i8"),
+        ("last", "i8"),
+        ("samples", "i8"),
+        ("lost", "i8"),
+        ("steady", SPAN),
+        ("receiver", SPAN),
+    ]
 )
 
 
@@ -32,167 +45,175 @@ def steady_time(part: _core.Part) -> npt.NDArray[np.float64]:
     return time
 
 
-class Span:
-    """The earliest and the latest time stamp, and the number of time stamps."""
-
-    def __init__(self) -> None:
-        self.start = self.end = float("nan")
-        self.stamps = 0
-
-    def add(self, stamps: npt.NDArray[np.float64]) -> None:
-        """Adds time stamps, in any order."""
-        if len(stamps):
-            self.start = float(np.fmin(self.start, stamps.min()))
-            self.end = float(np.fmax(self.end, stamps.max()))
-            self.stamps += len(stamps)
-
-    @property
-    def duration(self) -> float:
-        """Seconds; NaN for fewer than two time stamps."""
-        return self.end - self.start if self.stamps > 1 else float("nan")
-
-
-@dataclass
-class Run:
-    """The samples of one device between two of its restarts.
-
-    Attributes:
-        bid: BID of the device, as in its first sample.
-        first: Index of the first sample.
-        last: Index of the last sample.
-        samples: Number of samples.
-        lost: Number of samples that are missing.
-    """
-
-    bid: int
-    first: int
-    last: int
-    samples: int = 0
-    lost: int = 0
-    _steady: Span = field(default_factory=Span)
-    _receiver: Span = field(default_factory=Span)
-
-    @property
-    def span(self) -> Span:
-        """Time stamps of the receiver count only if there are no others: without a fix they are arbitrary."""
-        return self._steady if self._steady.stamps else self._receiver
-
-    def add_times(self, steady: npt.NDArray[np.float64], time: npt.NDArray[np.float64]) -> None:
-        """Adds the times of samples, and the same with NaN for the samples of the receiver."""
-        is_steady = np.isfinite(steady)
-        self._steady.add(steady[is_steady])
-        self._receiver.add(time[np.isfinite(time) & ~is_steady])
-
-
 class PartRuns(NamedTuple):
     """The runs that the samples of a part belong to.
 
     Attributes:
-        run: For each sample the number of its run in `Runs.all`, ``(N,)``.
+        run: For each sample the number of its run in `Runs.table`, ``(N,)``.
         lost: For each sample the number of samples missing in its run up to it, ``(N,)``.
+        present: The last run of each device, up to the end of the part.
     """
 
     run: npt.NDArray[np.int64]
     lost: npt.NDArray[np.int64]
+    present: tuple[int, ...]
 
 
 class Runs:
-    """The runs of the devices of a log.
-
-    Attributes:
-        all: The runs, in the order of their first samples.
-    """
+    """The runs of the devices of a log, in the order of their first samples. A run takes about 90 bytes."""
 
     def __init__(self) -> None:
-        self.all: list[Run] = []
+        self._rows = np.zeros(4, STATE)
+        self._size = 0
         #: The number of the present run of each device.
         self._present: dict[int, int] = {}
+
+    def __len__(self) -> int:
+        return self._size
 
     def add(self, part: _core.Part) -> PartRuns:
         """Adds the next part of the log, and returns the runs that its samples belong to."""
         size = len(part)
         run, lost = np.zeros(size, np.int64), np.zeros(size, np.int64)
         if not size:
-            return PartRuns(run, lost)
+            return PartRuns(run, lost, tuple(self._present.values()))
         bids = part.bid
         devices = device_of(bids)
         lost[part.gaps.sample - part.first] = part.gaps.lost
-        restarts = part.restarts.sample - part.first
-        found = []
-        for device in np.unique(devices).tolist():
-            rows = np.flatnonzero(devices == device)
-            starts = restarts[devices[restarts] == device]
-            pieces = np.split(rows, np.searchsorted(rows, starts))
-            if not len(pieces[0]) or device in self._present:
-                head, *pieces = pieces
-                self._extend(self._present.get(device), head, run, lost)
-            found += [(int(rows[0]), device, rows) for rows in pieces]
-        for first, device, rows in sorted(found, key=lambda piece: piece[0]):
-            earlier = self._present.get(device)
-            bid = int(bids[first]) if earlier is None else self.all[earlier].bid
-            self._present[device] = len(self.all)
-            self.all.append(Run(bid, part.first + first, part.first + first))
-            self._extend(self._present[device], rows, run, lost)
-        self._add_times(part, run)
-        return PartRuns(run, lost)
+        begins = np.zeros(size, np.bool_)
+        begins[part.restarts.sample - part.first] = True
+        found, first = np.unique(devices, return_index=True)
+        begins[
+            [row for device, row in zip(found, first, strict=True) if device not in self._present]
+        ] = True
+        numbers = self._size - 1 + np.cumsum(begins)
+        self._append(bids, devices, np.flatnonzero(begins))
+        for device in found.tolist():
+            rows = np.flatnonzero(devices == device) if len(found) > 1 else slice(None)
+            own = np.where(begins[rows], numbers[rows], -1)
+            run[rows] = np.maximum(np.maximum.accumulate(own), self._present.get(device, -1))
+            self._present[device] = int(run[rows][-1])
+        self._count(part, run, lost)
+        return PartRuns(run, lost, tuple(self._present.values()))
 
-    def _extend(
+    def _append(
         self,
-        number: int | None,
-        rows: npt.NDArray[np.intp],
-        run: npt.NDArray[np.int64],
-        lost: npt.NDArray[np.int64],
+        bids: npt.NDArray[np.uint8],
+        devices: npt.NDArray[np.uint8],
+        first: npt.NDArray[np.intp],
     ) -> None:
-        """Adds the samples in ``rows`` to a run."""
-        if number is None or not len(rows):
-            return
-        present = self.all[number]
-        run[rows] = number
-        lost[rows] = present.lost + np.cumsum(lost[rows])
-        present.lost = int(lost[rows[-1]])
-        present.samples += len(rows)
+        """Adds empty runs that begin at these samples of a part."""
+        size = self._size + len(first)
+        if size > len(self._rows):
+            rows = np.zeros(max(size, 2 * len(self._rows)), STATE)
+            rows[: self._size] = self._rows[: self._size]
+            self._rows = rows
+        new = self._rows[self._size : size]
+        own = bids[first]
+        for device in np.unique(devices[first]).tolist():
+            is_own = devices[first] == device
+            known = self._present.get(device)
+            own[is_own] = own[is_own][0] if known is None else self._rows["bid"][known]
+        new["bid"], new["first"] = own, -1
+        for span in ("steady", "receiver"):
+            new[span]["start"] = new[span]["end"] = np.nan
+        self._size = size
 
-    def _add_times(self, part: _core.Part, run: npt.NDArray[np.int64]) -> None:
-        steady = steady_time(part)
-        order = np.argsort(run, kind="stable") if len(self.all) > 1 else np.arange(len(run))
-        starts = np.flatnonzero(np.diff(run[order], prepend=-1))
-        for rows in np.split(order, starts[1:]):
-            present = self.all[int(run[rows[0]])]
-            present.last = part.first + int(rows[-1])
-            present.add_times(steady[rows], part.time[rows])
+    def _count(
+        self, part: _core.Part, run: npt.NDArray[np.int64], lost: npt.NDArray[np.int64]
+    ) -> None:
+        """Adds the samples of a part to their runs, and adds up the losses within each run."""
+        order = np.argsort(run, kind="stable") if np.any(run[1:] < run[:-1]) else slice(None)
+        of_rows = run[order]
+        starts = np.flatnonzero(np.diff(of_rows, prepend=-1))
+        ends = np.append(starts[1:], len(of_rows)) - 1
+        rows = self._rows[of_rows[starts]]
+        total = np.cumsum(lost[order])
+        before = rows["lost"] - total[starts] + lost[order][starts]
+        lost[order] = total + np.repeat(before, ends - starts + 1)
+        samples = part.first + np.arange(len(run))[order]
+        rows["first"] = np.where(rows["first"] < 0, samples[starts], rows["first"])
+        rows["last"], rows["lost"] = samples[ends], lost[order][ends]
+        rows["samples"] += ends - starts + 1
+        steady, time = steady_time(part)[order], part.time[order]
+        is_steady = np.isfinite(steady)
+        _extend(rows["steady"], steady, is_steady, starts)
+        _extend(rows["receiver"], time, np.isfinite(time) & ~is_steady, starts)
+        self._rows[of_rows[starts]] = rows
 
-    def seconds_before(self) -> list[float]:
+    @property
+    def rows(self) -> npt.NDArray[Any]:
+        """What is known of each run: a structured array of bid, samples, lost, and more."""
+        return self._rows[: self._size]
+
+    @property
+    def spans(self) -> npt.NDArray[Any]:
+        """The time stamps of each run: a structured array of start, end and stamps.
+
+        Those of the receiver count only if there are no others: without a fix they are arbitrary.
+        """
+        rows = self.rows
+        spans = rows["steady"].copy()
+        others = spans["stamps"] == 0
+        spans[others] = rows["receiver"][others]
+        return spans
+
+    @property
+    def durations(self) -> npt.NDArray[np.float64]:
+        """Seconds of each run; NaN for fewer than two time stamps."""
+        spans = self.spans
+        return np.where(spans["stamps"] > 1, spans["end"] - spans["start"], np.nan)
+
+    def seconds_before(self) -> npt.NDArray[np.float64]:
         """Returns the seconds that its device recorded before each run."""
-        recorded: dict[int, float] = {}
-        before = []
-        for run in self.all:
-            before.append(recorded.get(run.bid, 0.0))
-            seconds = run.span.duration if run.span.stamps > 1 else 0.0
-            recorded[run.bid] = before[-1] + seconds
+        seconds = np.nan_to_num(self.durations, nan=0.0)
+        before = np.empty(len(seconds))
+        for numbers in self.of_devices().values():
+            before[numbers] = np.concatenate(([0.0], np.cumsum(seconds[numbers])[:-1]))
         return before
 
-    def of_devices(self) -> dict[int, list[Run]]:
-        """Returns the runs of each device, by its BID, in the order of their first samples."""
-        devices: dict[int, list[Run]] = {}
-        for run in self.all:
-            devices.setdefault(run.bid, []).append(run)
-        return devices
+    def of_devices(self) -> dict[int, npt.NDArray[np.intp]]:
+        """Returns the numbers of the runs of each device, by its BID, in the order of their first samples."""
+        bids = self.rows["bid"]
+        found, first = np.unique(bids, return_index=True)
+        return {bid: np.flatnonzero(bids == bid) for bid in found[np.argsort(first)].tolist()}
+
+    def recorded(self, numbers: npt.NDArray[np.intp]) -> float:
+        """Returns the sum of the durations of runs that have one; NaN if none has."""
+        durations = self.durations[numbers]
+        known = durations[np.isfinite(durations)]
+        return float(np.cumsum(known)[-1]) if len(known) else math.nan
 
     @property
     def duration(self) -> float:
         """Seconds recorded: the sum of a device's runs, the longest of several devices; NaN if not known."""
-        durations = [recorded(runs) for runs in self.of_devices().values()]
-        return max((seconds for seconds in durations if np.isfinite(seconds)), default=np.nan)
+        durations = [self.recorded(numbers) for numbers in self.of_devices().values()]
+        return max((seconds for seconds in durations if math.isfinite(seconds)), default=math.nan)
 
     def table(self) -> npt.NDArray[Any]:
         """Returns a structured array of bid, first, last, start and duration, read-only."""
-        rows = [
-            (run.bid, run.first, run.last, run.span.start, run.span.duration) for run in self.all
-        ]
-        return read_only(np.array(rows, RUN))
+        table = np.empty(self._size, RUN)
+        for name in ("bid", "first", "last"):
+            table[name] = self.rows[name]
+        table["start"], table["duration"] = self.spans["start"], self.durations
+        return read_only(table)
 
 
-def recorded(runs: Iterable[Run]) -> float:
-    """Returns the sum of the durations of runs that have one; NaN if none has."""
-    durations = [run.span.duration for run in runs if run.span.stamps > 1]
-    return sum(durations) if durations else float("nan")
+def _extend(
+    spans: npt.NDArray[Any],
+    time: npt.NDArray[np.float64],
+    counts: npt.NDArray[np.bool_],
+    starts: npt.NDArray[np.intp],
+) -> None:
+    """Adds time stamps to spans.
+
+    Args:
+        spans: The spans.
+        time: Times of samples.
+        counts: Whether each of them is a time stamp of its span.
+        starts: Where the samples of each span begin.
+    """
+    stamps = np.where(counts, time, np.nan)
+    spans["start"] = np.fmin(spans["start"], np.fmin.reduceat(stamps, starts))
+    spans["end"] = np.fmax(spans["end"], np.fmax.reduceat(stamps, starts))
+    spans["stamps"] += np.add.reduceat(counts.astype(np.int64), starts)

@@ -116,9 +116,11 @@ def frames_of(column: Column | None) -> dict[int, npt.NDArray[np.int64]]:
 
 def _rows_of(column: Column) -> Iterator[tuple[int, npt.NDArray[np.intp]]]:
     ids = column.values["deviceId"]
-    found, first = np.unique(ids, return_index=True)
-    for device_id in found[np.argsort(first)].tolist():
-        yield device_id, np.flatnonzero(ids == device_id)
+    order = np.argsort(ids, kind="stable")
+    found, starts = np.unique(ids[order], return_index=True)
+    rows = np.split(order, starts[1:]) if len(found) else []
+    for _, device_id, own in sorted(zip(order[starts].tolist(), found.tolist(), rows, strict=True)):
+        yield device_id, own
 
 
 def _in_order(frame: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.int64]]:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from xbus.report.data import MAX_ROWS
 from xbus.report.figures import Figure
 
 __all__ = ["Block", "Heading", "Paragraph", "Plot", "Section", "Table", "table_of_first"]
-
-#: Maximum number of gaps, places of damage and events in a table; ``xbus info --json`` lists all.
-MAX_ROWS = 100
 
 
 @dataclass(frozen=True)
@@ -75,5 +73,5 @@ def table_of_first(
     """Yields a table of the first rows of ``total``, and a note about the rest."""
     yield Table(head, rows[:MAX_ROWS], numeric)
     if total > MAX_ROWS:
-        text = f"… and {total - MAX_ROWS:,} more {things}; xbus info --json lists all."
+        text = f"… and {total - MAX_ROWS:,} more {things}; xbus info --json lists more."
         yield Paragraph(text, is_note=True)

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.describe.log_summary import LogSummary
+from xbus.describe.listing import FirstRows, LargestRows
+from xbus.describe.log_summary import EVENT_MIDS, LogSummary
 from xbus.describe.text import describe_message
 from xbus.log.column import Column
 from xbus.log.log import Log, steady_time
-from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
+from xbus.protocol.undecoded import output_mids
 from xbus.report.allan import Longest
 from xbus.report.axis import Axis
 from xbus.report.thin import Bands, BoolArray, Curves, FloatArray, Steps
@@ -48,9 +49,14 @@ NOISY = ("acceleration", "acceleration_hr", "rate_of_turn", "rate_of_turn_hr")
 STATUS = ("status_word", "status_byte")
 #: Flags that should be set.
 EXPECTED = [STATUS_FLAGS[name] for name in ("filter_valid", "gnss_fix")]
-EVENTS = (MessageId.Error, MessageId.Warning)
+#: Index of the sample after a gap, number of missing samples, and position of that sample.
+GAP = np.dtype([("sample", "i8"), ("lost", "i8"), ("position", "f8")])
 #: Maximum number of listed settings; a log with many commands contains more.
 MAX_SETTINGS = 100
+#: Maximum number of gaps, places of damage and events in a table; ``xbus info --json`` lists more.
+MAX_ROWS = 100
+#: Maximum number of messages in which settings are looked for.
+MAX_EXAMINED = 10_000
 
 
 class Panel(NamedTuple):
@@ -215,8 +221,9 @@ class ReportData:
         steps: Time between samples of each device, ms, by BID.
         end: Position of the last sample on the axis.
         lost, damage: Times of missing samples and damaged bytes; the weights count them.
-        gaps: Position of the first sample after each gap of the summary.
-        events: Position of each event of the summary.
+        gaps: The largest gaps, `GAP`.
+        events: Positions of the first events of the summary.
+        marks: Times of errors and warnings, by name.
         flags: Fields of the status word that were ever set, by name and value.
         status_rows: Number of status words.
         last_unset: When each flag of `EXPECTED` was last not set.
@@ -232,8 +239,9 @@ class ReportData:
         self.steps: dict[int, Curves] = {}
         self.end = 0.0
         self.lost, self.damage = Bands(), Bands()
-        self.gaps: list[float] = []
-        self.events: list[float] = []
+        self.gaps = LargestRows(GAP, "lost", MAX_ROWS)
+        self.events = FirstRows(np.dtype("f8"), MAX_ROWS)
+        self.marks: dict[str, Bands] = {"Error": Bands(), "Warning": Bands()}
         self.flags: dict[tuple[str, int], Flag] = {}
         self.status_rows = 0
         self.last_unset: dict[str, float] = {}
@@ -242,6 +250,7 @@ class ReportData:
         self._series: dict[tuple[str, str | None, int], Series] = {}
         self._tracks: dict[tuple[str, int], Track] = {}
         self._seen: set[tuple[str, str]] = set()
+        self._examined = 0
         #: Position and run of the last sample with a time stamp of each device.
         self._last_step: dict[int, tuple[float, int]] = {}
         #: Position of the last sample of each device.
@@ -259,7 +268,12 @@ class ReportData:
     @property
     def restarts(self) -> int:
         """Number of restarts of the devices."""
-        return sum(len(device.runs) - 1 for device in self.summary.devices)
+        return sum(len(device.restarts) for device in self.summary.devices)
+
+    @property
+    def is_examining(self) -> bool:
+        """Whether all messages about settings are known so far."""
+        return self._examined < MAX_EXAMINED and len(self.settings) < MAX_SETTINGS
 
     @property
     def has_counter(self) -> bool:
@@ -272,17 +286,15 @@ class ReportData:
         return list(self._series.values())
 
     def _add(self, part: Log) -> None:
-        gaps, damage = len(self.summary.gaps), len(self.summary.damage)
         runs = self.summary.add(part)
         last = self.axis.last
         x = self.axis.positions(part, runs)
         if self.utc is None and self.axis.kind == "time":
             self._find_utc(part, x)
         before = np.concatenate(([last], x))
-        self._add_damage(part, x, before, damage)
-        new = self.summary.events[len(self.events) :]
-        self.events += [float(before[event.sample - part.first_sample]) for event in new]
-        self._add_gaps(part, x, gaps)
+        self._add_damage(part, x, before)
+        self._add_events(part, before)
+        self._add_gaps(part, x)
         devices = device_of(part.bid)
         for bid in np.unique(devices).tolist():
             is_own = devices == bid
@@ -319,29 +331,40 @@ class ReportData:
             since = np.timedelta64(round(x[known[0]] * 1e9), "ns")
             self.utc = part.utc[known[0]] - since
 
-    def _add_gaps(self, part: Log, x: FloatArray, gaps: int) -> None:
+    def _add_gaps(self, part: Log, x: FloatArray) -> None:
         """Adds the gaps of this part: each is between two samples of one device."""
-        found = self.summary.gaps[gaps:]
-        if not found:
+        found = part.gaps
+        if not len(found):
             return
         devices = device_of(part.bid)
-        rows = np.array([gap.sample for gap in found]) - part.first_sample
+        rows = found["sample"] - part.first_sample
         before = np.empty(len(rows))
         for bid in np.unique(devices[rows]).tolist():
             own = np.flatnonzero(devices == bid)
             positions = np.concatenate(([self._last.get(bid, x[own[0]])], x[own]))
             is_own = devices[rows] == bid
             before[is_own] = positions[np.searchsorted(own, rows[is_own])]
-        self.gaps += x[rows].tolist()
-        self.lost.add(np.minimum(before, x[rows]), x[rows], [gap.lost for gap in found])
+        gaps = np.empty(len(found), GAP)
+        gaps["sample"], gaps["lost"], gaps["position"] = found["sample"], found["lost"], x[rows]
+        self.gaps.add(gaps)
+        self.lost.add(np.minimum(before, x[rows]), x[rows], found["lost"])
 
-    def _add_damage(self, part: Log, x: FloatArray, before: FloatArray, damage: int) -> None:
+    def _add_damage(self, part: Log, x: FloatArray, before: FloatArray) -> None:
         """Adds the damage of this part, with the positions of its samples and of those before them."""
-        if damaged := self.summary.damage[damage:]:
-            offsets, lengths, _ = zip(*damaged, strict=True)
-            rows = np.searchsorted(part.offset, offsets)
+        found = part.core.damage
+        if len(found.offset):
+            rows = np.searchsorted(part.offset, found.offset)
             after = np.append(x, before[-1])[rows]
-            self.damage.add(np.minimum(before[rows], after), after, lengths)
+            self.damage.add(np.minimum(before[rows], after), after, found.length)
+
+    def _add_events(self, part: Log, before: FloatArray) -> None:
+        """Adds errors and warnings, with the positions of the samples before those of this part."""
+        messages = part.messages
+        for mid, marks in zip(EVENT_MIDS, self.marks.values(), strict=True):
+            times = before[messages.sample[messages.mid == mid] - part.first_sample]
+            marks.add(times, times, np.ones(len(times)))
+        is_event = np.isin(messages.mid, EVENT_MIDS)
+        self.events.add(before[messages.sample[is_event] - part.first_sample])
 
     def _add_steps(self, part: Log, bid: int, x: FloatArray, run: npt.NDArray[np.int64]) -> None:
         """Adds the time between samples; times of the GNSS receiver are not comparable."""
@@ -387,9 +410,11 @@ class ReportData:
                 flag.bands.add(start[on], end[on], rows[on])
 
     def _add_settings(self, part: Log, x: FloatArray) -> None:
-        for at in np.flatnonzero(~np.isin(part.messages.mid, EVENTS)).tolist():
-            if len(self.settings) == MAX_SETTINGS:
+        others = [*EVENT_MIDS, *output_mids(np.unique(part.messages.mid).tolist())]
+        for at in np.flatnonzero(~np.isin(part.messages.mid, others)).tolist():
+            if not self.is_examining:
                 return
+            self._examined += 1
             message = part.messages[at]
             text = describe_message(message)
             if not text or text.endswith(" bytes") or (message.name, text) in self._seen:

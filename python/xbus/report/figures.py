@@ -117,12 +117,8 @@ def events(data: ReportData) -> Figure | None:
     lost = [f"{n:,.0f} lost" for n in data.lost.weight]
     damage = [f"{n:,.0f} bytes" for n in data.damage.weight]
     rows = [("samples lost", data.lost, lost), ("damage", data.damage, damage)]
-    positions = list(zip(data.events, data.summary.events, strict=True))
-    for name in ("Error", "Warning"):
-        at = [x for x, event in positions if event.name == name]
-        bands = Bands()
-        bands.add(at, at, np.ones(len(at)))
-        rows.append((f"{name.lower()}s", bands, [f"{n:.0f}" for n in bands.weight]))
+    for name, marks in data.marks.items():
+        rows.append((f"{name.lower()}s", marks, [f"{n:.0f}" for n in marks.weight]))
     return _bands(data, "events", [(*row, ALARM) for row in rows if len(row[1])])
 
 

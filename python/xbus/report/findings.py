@@ -43,9 +43,9 @@ def _losses(data: ReportData) -> Iterator[Finding]:
         text = describe_losses(stats.lost_samples, stats.gaps, has_counter=data.has_counter)
         text += f", {share}"
         if len(summary.gaps) > 1:
-            gap, x = max(zip(summary.gaps, data.gaps, strict=True), key=lambda pair: pair[0].lost)
-            where = f" before {x:,.2f} s" if data.axis.kind == "time" else ""
-            text += f"; largest gap: {format_count(gap.lost, 'sample')}{where}"
+            gap = data.gaps.rows[data.gaps.rows["lost"].argmax()]
+            where = f" before {gap['position']:,.2f} s" if data.axis.kind == "time" else ""
+            text += f"; largest gap: {format_count(int(gap['lost']), 'sample')}{where}"
         yield Finding(True, text, "gaps")
     for tracker in summary.trackers:
         if tracker.lost_samples:
@@ -77,10 +77,11 @@ def _pauses(series: Series, data: ReportData) -> bool:
 
 def _events(data: ReportData) -> Iterator[Finding]:
     for name in ("Error", "Warning"):
-        events = [event for event in data.summary.events if event.name == name]
-        if events:
-            number = format_count(len(events), name.lower())
-            text = f"{number} from the device; the first: {events[0].result}"
+        if number := data.summary.messages[name]:
+            kinds = (kind for kind in data.summary.kinds.values() if kind.name == name)
+            text = f"{format_count(number, name.lower())} from the device"
+            if (first := next(kinds, None)) is not None:
+                text += f"; the first: {first.result}"
             yield Finding(True, text, "events")
     is_one = len(data.axis.devices) < 2
     if data.restarts:

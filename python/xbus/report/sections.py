@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
 
+from xbus._core import damage_reasons
+from xbus.describe.log_summary import event_result
 from xbus.describe.log_text import quantity_rows
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.undecoded import NO_ORIENTATION
 from xbus.report import figures
 from xbus.report.blocks import (
-    MAX_ROWS,
     Block,
     Heading,
     Paragraph,
@@ -20,7 +22,7 @@ from xbus.report.blocks import (
     Table,
     table_of_first,
 )
-from xbus.report.data import MAX_SETTINGS, STATUS, ReportData, Series
+from xbus.report.data import MAX_ROWS, STATUS, ReportData, Series
 from xbus.report.findings import percent
 from xbus.report.noise import noise
 
@@ -180,28 +182,30 @@ def _format_number(number: float, span: float) -> str:
 
 
 def _gaps(data: ReportData) -> Iterator[Block]:
-    gaps = list(zip(data.summary.gaps, data.gaps, strict=True))
-    largest = sorted(gaps, key=lambda gap: -gap[0].lost)[:MAX_ROWS]
     rows = [
-        (_format_time(data, x), f"{gap.lost:,}", f"{gap.sample:,}")
-        for gap, x in sorted(largest, key=lambda gap: gap[0].sample)
+        (_format_time(data, position), f"{lost:,}", f"{sample:,}")
+        for sample, lost, position in data.gaps.rows.tolist()
     ]
     head = ("before, s", "samples lost", "next sample")
-    yield from table_of_first(head, rows, (0, 1, 2), len(gaps), "gaps, smaller")
+    total = len(data.summary.gaps)
+    yield from table_of_first(head, rows, (0, 1, 2), total, "gaps, smaller")
 
 
 def _damage(data: ReportData) -> Iterator[Block]:
-    damage = data.summary.damage
-    rows = [(f"{at:,}", f"{size:,}", reason) for at, size, reason in damage[:MAX_ROWS]]
+    damage, reasons = data.summary.damage, damage_reasons()
+    rows = [
+        (f"{at:,}", f"{size:,}", reasons[reason])
+        for at, size, reason in damage.rows[:MAX_ROWS].tolist()
+    ]
     yield from table_of_first(("byte", "bytes", "reason"), rows, (0, 1), len(damage), "places")
 
 
 def _events(data: ReportData) -> Iterator[Block]:
-    events = list(zip(data.summary.events, data.events, strict=True))
-    rows = [
-        (_format_time(data, x), f"{event.offset:,}", event.name, str(event.result))
-        for event, x in events[:MAX_ROWS]
-    ]
+    events = data.summary.events
+    rows = []
+    for event, position in zip(events.rows, data.events.rows, strict=False):
+        name, result = event_result(int(event["mid"]), event["payload"])
+        rows.append((_format_time(data, position), f"{event['offset']:,}", name, str(result)))
     head = ("after, s", "byte", "", "text")
     yield from table_of_first(head, rows, (0, 1), len(events), "events")
 
@@ -222,7 +226,7 @@ def _settings(data: ReportData) -> Iterator[Block]:
         rows = [(f"{setting.time:,.2f}", setting.name, setting.text) for setting in data.settings]
         time = "after, s" if data.axis.kind == "time" else data.axis.kind
         yield Table((time, "message", "text"), rows, numeric=(0,))
-    if len(data.settings) == MAX_SETTINGS:
+    if not data.is_examining:
         yield Paragraph("There may be more; xbus dump lists all.", is_note=True)
     if configuration is None and not data.settings:
         yield Paragraph("The recording contains no message about settings.")
@@ -247,9 +251,12 @@ def _configuration_rows(configuration: Configuration) -> Iterator[tuple[str, str
 
 def _unknown(data: ReportData) -> Iterator[Block]:
     unknown = data.summary.unknown
-    rows = [(f"0x{key:04X}", f"{n:,}", f"{size:,}") for key, (n, size) in unknown.items()]
+    rows = [
+        (f"0x{key:04X}", f"{n:,}", f"{size:,}")
+        for key, (n, size) in itertools.islice(unknown.items(), MAX_ROWS)
+    ]
     head = ("identifier", "packets", "bytes")
-    yield from table_of_first(head, rows, (1, 2), len(rows), "identifiers")
+    yield from table_of_first(head, rows, (1, 2), len(unknown), "identifiers")
 
 
 def _format_time(data: ReportData, x: float) -> str:
