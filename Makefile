@@ -28,6 +28,7 @@ bench:
 	python benches/peers.py
 	python benches/export.py
 	python benches/threads.py
+	python benches/batch.py
 	python benches/report.py
 	python benches/memory.py
 	python benches/startup.py
