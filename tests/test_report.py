@@ -592,15 +592,24 @@ def test_a_browser_shows_the_colours(tmp_path: Path) -> None:
 
 
 @browser
-def test_every_mark_is_visible_in_a_narrow_window(tmp_path: Path) -> None:
+@pytest.mark.parametrize("width", [360, 500, 800, 1600])
+def test_every_mark_is_visible_at_every_width(width: int, tmp_path: Path) -> None:
     """Each gap, place of damage and error has a mark that is two pixels wide, however narrow the plot."""
     out = tmp_path / "page.html"
     write_report(FIELD, out)
-    figures = Page(out.read_text("utf-8")).figures
-    dom, complaints = browse(out, "--dump-dom", width=500)
+    text = out.read_text("utf-8")
+    figures = Page(text).figures
+    # A window is at least 500 pixels wide. The policy of the page allows no other style.
+    text = re.sub("<meta http-equiv[^>]*>", "", text)
+    style = f"<style>html {{ width: {width}px }}</style></head>"
+    out.write_text(text.replace("</head>", style, 1), "utf-8")
+    dom, complaints = browse(out, "--dump-dom", width=max(width, 500))
     assert complaints == ""
     at = [figure["name"] for figure in figures].index("events")
     plot = dom.split('class="plot js-plotly-plot"')[1:][at]
+    drawn = re.search(r'class="main-svg"[^>]* width="([0-9.]+)"', plot)
+    assert drawn is not None
+    assert 0.8 * min(width, 1200) < float(drawn[1]) <= width  # of a page of at most 1,200 pixels
     _, *traces = plot.split('class="trace scatter')
     gathered = gather(FIELD)
     expected = [len(gathered.lost), len(gathered.damage), len(gathered.events)]
@@ -608,6 +617,7 @@ def test_every_mark_is_visible_in_a_narrow_window(tmp_path: Path) -> None:
     for trace, number in zip(traces, expected, strict=True):
         points = re.findall(r'<path class="point"[^>]*translate\(([-0-9.]+),[^>]*>', trace)
         assert len(points) == 2 * number  # both ends
+        assert all(0 <= float(x) <= float(drawn[1]) for x in points)
         assert "stroke-width: 2px" in trace
         assert "stroke: rgb(214, 40, 40)" in trace
 
