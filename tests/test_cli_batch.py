@@ -188,6 +188,12 @@ def test_progress_of_writing(monkeypatch: pytest.MonkeyPatch) -> None:
     size = Path(WALK).stat().st_size
     run("decode", WALK, "-o", "out.csv")
     assert reported[-2:] == [("writing out.csv", 0, size), ("writing out.csv", size, size)]
+    reported.clear()
+    run("decode", WALK, "-o", "out.npz")
+    done = [done for task, done, _ in reported if task == "writing out.npz"]
+    assert done == sorted(done)
+    assert (done[0], done[-1]) == (0, size)
+    assert len(done) > len(xbus.read_log(WALK).keys())  # after each array
 
 
 def test_an_interrupt_stops_all_jobs() -> None:

@@ -134,23 +134,20 @@ class Decoding:
         key = self._key
         task, size = f"writing {label(os.path.basename(out))}", log.stats.bytes  # noqa: PTH119
         progress.update(task, 0, size)
-        file_format = FORMATS.get(suffix_of(out))
-        if file_format is None and isinstance(key, str) and is_string(key):
-            strings = log.strings.table(key)
-            with writing(out):
-                export.npz({key: strings}, out)
-            return len(strings), len(strings.dtype.names or ())
-        if file_format is None:
-            from xbus.log.resample import Resampled
-            from xbus.log.trackers import Tracker
+        expected, done = 0, 0
 
-            content = table if isinstance(table, Resampled | Tracker) else log
+        def report(written: int) -> None:
+            nonlocal done
+            done += written
+            progress.update(task, size * done // max(expected, 1), size)
+
+        file_format = FORMATS.get(suffix_of(out))
+        if file_format is None:
+            arrays, rows, columns = self._arrays(log, table)
+            expected = sum(array.nbytes for array in arrays.values())
             with writing(out):
-                if content is log:
-                    log.to_npz(out, raw=self._raw)
-                else:
-                    content.to_npz(out)
-            return len(content), len(content.keys())
+                export.npz(arrays, out, report)
+            return rows, columns
         from xbus.log.table_file import write_table
 
         if isinstance(key, str) and is_string(key):
@@ -158,16 +155,22 @@ class Decoding:
         else:
             expected = len(table.satellites) if key == "gnss_sat_info" else len(table)
             stream = table.arrow_stream(raw=True) if self._raw else table.arrow_stream()
-        rows = 0
-
-        def report(written: int) -> None:
-            nonlocal rows
-            rows += written
-            progress.update(task, size * rows // max(expected, 1), size)
-
         with writing(out):
             write_table(stream, out, file_format, written=report)
-        return rows, len(stream.columns)
+        return done, len(stream.columns)
+
+    def _arrays(self, log: Log, table: Any) -> tuple[dict[str, Any], int, int]:
+        """Returns the arrays of an npz file, and how many samples and quantities, or strings, these are."""
+        from xbus.log.resample import Resampled
+        from xbus.log.trackers import Tracker
+
+        if isinstance(table, Resampled | Tracker):
+            return table.npz_arrays(), len(table), len(table.keys())
+        key = self._key
+        if isinstance(key, str) and is_string(key):
+            strings = log.strings.table(key)
+            return {key: strings}, len(strings), len(strings.dtype.names or ())
+        return log.npz_arrays(raw=self._raw), len(log), len(log.keys())
 
     def _table(self, log: Log, names: str, *, is_npz: bool) -> Any:
         """Returns what to write: the log, the column of a quantity, or None for strings."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Protocol
 
 import numpy as np
@@ -77,10 +77,26 @@ def _column(name: str, values: npt.NDArray[Any], metadata: Mapping[str, str]) ->
     return {"name": name, "kind": kind, "values": data, "mask": mask, "metadata": dict(metadata)}
 
 
-def npz(arrays: Mapping[str, npt.NDArray[Any]], path: str | os.PathLike[str]) -> None:
-    """Writes an npz file."""
-    with replacing(path) as out:
-        np.savez(out, **arrays)  # type: ignore[arg-type]
+def npz(
+    arrays: Mapping[str, npt.NDArray[Any]],
+    path: str | os.PathLike[str],
+    written: Callable[[int], None] | None = None,
+) -> None:
+    """Writes an npz file, as `numpy.savez` does.
+
+    Args:
+        arrays: The arrays by name.
+        path: Path of the file.
+        written: Is called with the number of bytes of each array that is written.
+    """
+    from zipfile import ZipFile
+
+    with replacing(path) as out, ZipFile(out, "w") as file:
+        for name, array in arrays.items():
+            with file.open(f"{name}.npy", "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
+            if written is not None:
+                written(array.nbytes)
 
 
 @contextlib.contextmanager

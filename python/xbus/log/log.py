@@ -659,6 +659,12 @@ class Log(ByQuantity[Column]):
             KeyError: The log does not have one of the quantities.
             OSError: The file cannot be written.
         """
+        export.npz(self.npz_arrays(keys, raw=raw), path)
+
+    def npz_arrays(
+        self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False
+    ) -> dict[str, npt.NDArray[Any]]:
+        """Returns the arrays of `to_npz`, by name."""
         chosen = self._chosen(keys)
         arrays: dict[str, npt.NDArray[Any]] = {"time": self.time}
         arrays["packet_counter.unwrapped"] = self.packet_counter
@@ -679,7 +685,7 @@ class Log(ByQuantity[Column]):
                 arrays[f"{stem}.offsets"] = column.offsets
         if keys is None and self._filter is None:
             arrays |= {name: self.strings.table(name) for name in self.strings.counts if name}
-        export.npz(arrays, path)
+        return arrays
 
     # Comparison and print
 

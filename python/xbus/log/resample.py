@@ -210,6 +210,10 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         Raises:
             OSError: The file cannot be written.
         """
+        export.npz(self.npz_arrays(), path)
+
+    def npz_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Returns the arrays of `to_npz`, by name."""
         names = ("time", "run", "bid", "utc")
         arrays: dict[str, npt.NDArray[Any]] = {name: getattr(self, name) for name in names}
         for key, values in self.items():
@@ -220,7 +224,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
                 # Of a record, the mask has a byte for each field.
                 known = ~np.ascontiguousarray(mask).view(np.bool_)
                 arrays[f"{stem}.known"] = known.view(mask.dtype).reshape(mask.shape)
-        export.npz(arrays, path)
+        return arrays
 
     def __repr__(self) -> str:
         return f"<Resampled {len(self):,} rows at {self.rate:g} Hz: {', '.join(map(_stem, self))}>"

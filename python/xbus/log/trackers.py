@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -94,8 +94,12 @@ class Tracker:
         Raises:
             OSError: The file cannot be written.
         """
+        export.npz(self.npz_arrays(), path)
+
+    def npz_arrays(self) -> dict[str, npt.NDArray[Any]]:
+        """Returns the arrays of `to_npz`, by name."""
         names = ("sample", "packet_counter", "magnetic_field")
-        export.npz({name: getattr(self, name) for name in names}, path)
+        return {name: getattr(self, name) for name in names}
 
 
 def trackers_of(column: Column | None) -> dict[int, Tracker]:
