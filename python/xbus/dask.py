@@ -19,8 +19,7 @@ from typing import TYPE_CHECKING, Any
 from xbus.extras import require
 from xbus.files import is_url, local_name
 from xbus.log.part_tables import PartTables
-from xbus.log.parts import LogPart, joined_parts, split_log
-from xbus.log.read import BLOCK
+from xbus.log.parts import PART, LogPart, joined_parts, split_log
 from xbus.protocol.values import StringType
 from xbus.remote import Url, matching_urls
 from xbus.wire.strings import string_types
@@ -46,7 +45,7 @@ def read_logs(
     sources: Name | Sequence[Name | Sequence[Name]],
     *,
     index: str | None = "time",
-    block_bytes: int = BLOCK,
+    block_bytes: int = PART,
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),

@@ -35,7 +35,7 @@ from xbus.protocol.values import StringType
 from xbus.remote import Version
 from xbus.wire.strings import mask_of
 
-__all__ = ["LogPart", "joined_parts", "split_log"]
+__all__ = ["PART", "LogPart", "joined_parts", "split_log"]
 
 #: Bytes after a part that decide how it ends: more than two of the longest frames.
 LOOKAHEAD = 1 << 18
