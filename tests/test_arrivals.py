@@ -7,7 +7,9 @@ import gzip
 import io
 import json
 import lzma
+import os
 import struct
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -369,6 +371,29 @@ def test_side_files(tmp_path: Path, side: bytes, known: int, fault: str | None) 
     joined = np.concatenate([item.host_time for item in xbus.iter_log(path, block_bytes=300)])
     np.testing.assert_array_equal(joined, log.host_time)
     assert {item.times_fault for item in xbus.iter_log(path, block_bytes=300)} == {log.times_fault}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_side_file_that_is_a_pipe_is_not_read(tmp_path: Path) -> None:
+    """The pipe has no writer, for which a reader would wait."""
+    path = written(tmp_path, DATA, None)
+    os.mkfifo(f"{path}.times")
+    log = xbus.read_log(path)
+    assert log.times_fault == f"{path}.times cannot be read: not a regular file"
+    assert len(log) == 100
+
+
+def test_a_side_file_of_any_size_needs_little_memory(tmp_path: Path) -> None:
+    """It is not read to its end: 8 GiB of zeros are records of pieces without bytes."""
+    path = written(tmp_path, DATA, HEAD)
+    with Path(f"{path}.times").open("r+b") as file:
+        file.truncate(8 << 30)
+    tracemalloc.start()
+    log = xbus.read_log(path)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert log.times_fault == f"{path}.times has more records than the log has bytes"
+    assert peak < 64 << 20
 
 
 @pytest.mark.parametrize("is_side_compressed", [False, True])

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import os
+import socket
 import struct
 import zlib
 from collections.abc import Callable
@@ -20,6 +21,7 @@ import streams
 import xbus
 from conftest import OWN_CAPTURES, counter, differences, facts, facts_of, fine, read
 from streams import frame, mtdata2, real
+from test_cli import run
 
 READERS: list[Callable[[Any], Any]] = [
     xbus.read_log,
@@ -366,3 +368,50 @@ def test_a_reader_may_read_another_log() -> None:
 
     assert len(xbus.read_log(Reader(some, some))) == 1
     assert inner == [3, 3]
+
+
+# ---------------------------------------------------------------------------------------------
+# Paths that are no files
+# ---------------------------------------------------------------------------------------------
+
+
+def listening(path: Path) -> socket.socket:
+    """Returns a socket with a path."""
+    one = socket.socket(socket.AF_UNIX)
+    one.bind(str(path))
+    return one
+
+
+@both
+@pytest.mark.skipif(os.name != "posix", reason="no such paths here")
+def test_folders_sockets_and_devices(
+    reader: Callable[[Any], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They have no content, or no end; the error says so, and the command adds the remedy."""
+    monkeypatch.chdir(tmp_path)
+    Path("folder.gz").mkdir()
+    with listening(Path("socket")):
+        for path, error, sentence in (
+            ("/dev/zero", "a device, not a recording", "xbus record writes what a device sends"),
+            ("socket", "a socket, not a recording", "name a file or a pipe"),
+            ("folder.gz", "Is a directory", ""),
+        ):
+            with pytest.raises(OSError, match=error):
+                reader(path)
+            for command in (
+                ["info"],
+                ["decode", "-o", "x.csv"],
+                ["dump"],
+                ["report", "-o", "x.html"],
+            ):
+                if not Path(path).is_dir():
+                    result = run(*command, path)
+                    assert result.exit_code == 1
+                    assert result.stderr.startswith(
+                        f"xbus: cannot read {path}: {error}; {sentence}"
+                    )
+                    assert result.stderr.count("\n") == 1
+    result = run("info", "/dev/null")
+    assert (result.exit_code, result.stderr.count("\n")) == (1, 1)
+    assert "no Xbus frame in /dev/null: the input is empty" in result.stderr
+    assert not Path("x.csv").exists()

@@ -14,6 +14,7 @@ from xbus.remote import RemoteFile, Version, remote_version
 __all__ = [
     "COMPRESSIONS",
     "MAGIC_SIZE",
+    "check_is_recording",
     "compression_of",
     "decompressed",
     "file_version",
@@ -95,15 +96,34 @@ def is_plain(name: str) -> bool:
         return True  # reading it reports the error
 
 
-def open_file(name: str) -> BinaryIO:
+def check_is_recording(path: str) -> None:
+    """Checks that a path can be read to an end: a file, a pipe or the null device.
+
+    Raises:
+        OSError: There is no such file, or it is a folder, a socket or a device.
+    """
+    mode = os.stat(path).st_mode  # noqa: PTH116
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), path)
+    if stat.S_ISSOCK(mode):
+        raise OSError(errno.ENXIO, "a socket, not a recording", path)
+    if stat.S_ISCHR(mode) and not os.path.samefile(path, os.devnull):  # noqa: PTH121
+        raise OSError(errno.ENODEV, "a device, not a recording", path)
+
+
+def open_file(name: str, *, is_regular: bool = False) -> BinaryIO:
     """Opens a file to read its content, decompressed if it is compressed: see `is_plain`.
+
+    Args:
+        name: Path or URL.
+        is_regular: Refuse what is no regular file, such as a pipe, which could have no writer and no end.
 
     Raises:
         ImportError: A library for the URL or the compression is not installed.
-        OSError: The file cannot be opened.
+        OSError: The file cannot be opened, or it is a folder, a socket or a device.
     """
     path = local_name(name)
-    raw: Any = RemoteFile(path) if is_url(path) else open(path, "rb", buffering=0)  # noqa: PTH123, SIM115
+    raw: Any = RemoteFile(path) if is_url(path) else _open_local(path, is_regular=is_regular)
     try:
         suffix = suffix_of_compression(path)
         if not suffix and not is_url(path) and raw.seekable():
@@ -113,6 +133,22 @@ def open_file(name: str) -> BinaryIO:
     except BaseException:
         raw.close()
         raise
+
+
+def _open_local(path: str, *, is_regular: bool) -> BinaryIO:
+    if not is_regular:
+        check_is_recording(path)
+        return open(path, "rb", buffering=0)  # noqa: PTH123
+
+    def opener(path: str, flags: int) -> int:
+        # Without O_NONBLOCK, to open a pipe waits for its writer.
+        return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
+
+    file = open(path, "rb", buffering=0, opener=opener)  # noqa: SIM115
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "not a regular file", path)
+    return file
 
 
 def decompressed(raw: Any, suffix: str, name: str) -> BinaryIO:

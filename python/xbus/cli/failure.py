@@ -29,6 +29,8 @@ REMEDIES = {
     errno.EDQUOT: "free some space, or write to another disk",
     errno.EFBIG: "raise the limit (ulimit -f), or write fewer quantities",
     errno.EPROTONOSUPPORT: "check the URL",
+    errno.ENODEV: "xbus record writes what a device sends to a file",
+    errno.ENXIO: "name a file or a pipe",
     errno.EBADF: "redirect it to a file, or to /dev/null",
 }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import io
 import os
 import select
@@ -18,6 +17,7 @@ from xbus.cli.failure import Failure, cannot
 from xbus.cli.progress import ShowsProgress
 from xbus.files import (
     MAGIC_SIZE,
+    check_is_recording,
     compression_of,
     decompressed,
     is_magic_start,
@@ -309,9 +309,8 @@ def _size(name: str) -> int | None:
     if not is_plain(name):
         return None
     with _reading(name):
+        check_is_recording(local_name(name))
         status = os.stat(local_name(name))  # noqa: PTH116 - pathlib is slow to import
-        if stat.S_ISDIR(status.st_mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if not stat.S_ISREG(status.st_mode):
             return None  # a pipe that is opened twice would end
         _open(name).close()

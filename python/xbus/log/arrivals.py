@@ -7,6 +7,9 @@ It begins with a header of 24 bytes: ``XBUSTIME``, the version (1) and the size 
 the nanoseconds to add to the steady clock of the host for the time since 1970, as I8. Each record is about a
 piece of bytes that was read at once: the offset in ``NAME.mtb`` at which it ends (U8), and its arrival on the
 clock of the host, in ns since 1970 (I8). All numbers are little-endian. An incomplete last record is ignored.
+
+A side file is read only if it is a regular file. One with many more records than the recording has bytes is
+not used: a piece has at least one byte. A record takes 16 bytes of memory.
 """
 
 from __future__ import annotations
@@ -37,6 +40,8 @@ RECORD = np.dtype([("end", "<u8"), ("arrival", "<i8")])
 EXPECTED = (b"XBUSTIME", 1, RECORD.itemsize)
 #: Bytes to decompress at a time.
 BLOCK = 1 << 20
+#: Records that a side file may have beyond one for each byte of the log, which a power cut can shorten.
+SPARE = 1 << 20
 #: A power cut can cost the log more of its end than the side file, but not more than this, in ns.
 LOST = 60 * 10**9
 
@@ -241,9 +246,8 @@ def arrivals_of(source: Source) -> Arrivals | None:
         return None
     for side in side_files(path):
         try:
-            with contextlib.closing(open_file(side)) as file:
-                data = b"".join(_blocks(file))
-            return _arrivals(data, side, _content_size(path))
+            with contextlib.closing(open_file(side, is_regular=True)) as file:
+                return _arrivals(file, side, _content_size(path))
         except FileNotFoundError:
             continue
         except OSError as error:
@@ -264,25 +268,87 @@ def _blocks(file: BinaryIO) -> Iterator[bytes]:
         yield data
 
 
-def _arrivals(data: bytes, side: str, size: int) -> Arrivals:
-    if len(data) < HEAD.itemsize or np.frombuffer(data, HEAD, 1)[0].item()[:3] != EXPECTED:
+def _arrivals(file: BinaryIO, side: str, size: int) -> Arrivals:
+    """Reads a side file block by block.
+
+    Args:
+        file: The side file.
+        side: Its name.
+        size: Size of the log in bytes.
+    """
+    head = _read_head(file)
+    if len(head) < HEAD.itemsize or np.frombuffer(head, HEAD)[0].item()[:3] != EXPECTED:
         return _none(f"{side} is not a side file of version 1")
-    count = (len(data) - HEAD.itemsize) // RECORD.itemsize
-    records = np.frombuffer(data, RECORD, count, HEAD.itemsize)
-    end = np.minimum(records["end"], np.iinfo(np.int64).max).astype(np.int64)
-    time = records["arrival"].astype(np.int64)
-    falls = np.flatnonzero(end[1:] < end[:-1])
-    if len(falls):
-        # Which of the two is wrong is not known; those before are as good as in a file that was cut there.
-        fault = f"{side} is damaged: offsets descend after record {falls[0]}; the rest is not used"
-        return Arrivals(end[: falls[0]], time[: falls[0]], size, fault)
-    within = int(np.searchsorted(end, size))  # the piece that contains the end of the log
-    if within == len(end) or end[-1] == size:
-        return Arrivals(end, time, size)
-    fault = f"{side} is for {end[-1]} bytes, but the log has {size}"
-    if abs(int(time[-1]) - int(time[within])) > LOST:
+    needed = _Needed(size)
+    held, before = np.empty(0, RECORD), 0  # the last record, and the number of those before it
+    for new in _records(file):
+        records = np.concatenate((held, new))
+        falls = np.flatnonzero(records["end"][1:] < records["end"][:-1])
+        if len(falls):
+            # Which of the two is wrong is not known; those before are as good as in a file cut there.
+            needed.add(records[: falls[0]])
+            number = before + int(falls[0])
+            fault = (
+                f"{side} is damaged: offsets descend after record {number}; the rest is not used"
+            )
+            return needed.arrivals(fault)
+        needed.add(records[:-1])
+        held, before = records[-1:], before + len(records) - 1
+        if before > size + SPARE:
+            return _none(f"{side} has more records than the log has bytes")
+    needed.add(held)
+    if not len(held) or needed.within is None or (last := held[0])["end"] == size:
+        return needed.arrivals()
+    fault = f"{side} is for {last['end']} bytes, but the log has {size}"
+    if abs(int(last["arrival"]) - int(needed.within["arrival"])) > LOST:
         return _none(f"{fault}: it belongs to another log")
-    return Arrivals(end, time, size, fault)
+    return needed.arrivals(fault)
+
+
+class _Needed:
+    """The records up to the end of a log.
+
+    Args:
+        size: Size of the log in bytes.
+
+    Attributes:
+        within: The record of the piece that contains the end of the log; None if it is missing.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._size, self._parts = size, [np.empty(0, RECORD)]
+        self.within: Any = None
+
+    def add(self, records: npt.NDArray[Any]) -> None:
+        """Adds the next records."""
+        if self.within is None:
+            inside = int(np.searchsorted(records["end"], self._size))
+            self._parts.append(records[: inside + 1])
+            self.within = records[inside] if inside < len(records) else None
+
+    def arrivals(self, fault: str | None = None) -> Arrivals:
+        """Returns the arrivals of the log."""
+        records = np.concatenate(self._parts)
+        end = np.minimum(records["end"], np.iinfo(np.int64).max).astype(np.int64)
+        return Arrivals(end, records["arrival"].astype(np.int64), self._size, fault)
+
+
+def _read_head(file: BinaryIO) -> bytes:
+    head = b""
+    while len(head) < HEAD.itemsize and (data := file.read(HEAD.itemsize - len(head))):
+        head += data
+    return head
+
+
+def _records(file: BinaryIO) -> Iterator[npt.NDArray[Any]]:
+    """Yields the records of a side file, some at a time; an incomplete last one is left out."""
+    rest = b""
+    while data := file.read(BLOCK):
+        data = rest + data
+        whole = len(data) // RECORD.itemsize
+        rest = data[whole * RECORD.itemsize :]
+        if whole:
+            yield np.frombuffer(data, RECORD, whole)
 
 
 def joined(several: Iterable[Arrivals | None]) -> Arrivals | None:

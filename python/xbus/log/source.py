@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from xbus.files import (
     MAGIC_SIZE,
+    check_is_recording,
     compression_of,
     is_plain,
     is_url,
@@ -109,7 +110,10 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
     if isinstance(source, str | os.PathLike):
         path = os.fspath(source)
         name = os.fsdecode(path)
-        return local_name(name) if is_plain(name) else open_file(name)
+        if not is_plain(name):
+            return open_file(name)
+        check_is_recording(local_name(name))
+        return local_name(name)
     if isinstance(source, bytes | Readable):
         _check_compression(source[:MAGIC_SIZE] if isinstance(source, bytes) else _head(source))
         return source
