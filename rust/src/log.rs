@@ -220,6 +220,11 @@ impl Part {
     #[allow(clippy::cast_possible_wrap)]
     pub fn samples_of(&self, column: &Column) -> Vec<i64> {
         let mut samples = huge_pages::with_capacity(column.rows);
+        if column.single.len() == column.rows {
+            // A hostile log has thousands of such columns, for which all samples together would be read too often.
+            samples.extend(column.single.iter().map(|sample| *sample as i64));
+            return samples;
+        }
         if self.is_dense(column) {
             samples.extend((self.first as i64..).take(column.rows));
             return samples;

@@ -13,6 +13,7 @@ from xbus import _core
 from xbus.log.arrivals import Arrivals
 from xbus.log.identity import HEAD_MESSAGES
 from xbus.log.log import Log, MissingDeviceError
+from xbus.log.messages import Messages
 from xbus.log.pacing import ReplayPace
 from xbus.log.source import Readable
 from xbus.protocol.ids import MessageId
@@ -100,13 +101,21 @@ class _Head:
         self._bid = bid
         self._frames: dict[tuple[bool, int, int], bytes] = {}
 
-    def add(self, part: Log, start: int, end: float) -> None:
-        """Adds the messages of a part between two offsets."""
-        for message in _head_messages(part):
-            if start <= message.offset < end:
-                frame = encode_frame(message.mid, message.payload, bid=message.bid)
-                is_other = message.mid != MessageId.Configuration
-                self._frames[is_other, message.mid, message.bid] = frame
+    def add(self, messages: Messages, rows: npt.NDArray[np.intp], start: int, end: float) -> None:
+        """Adds messages between two offsets.
+
+        Args:
+            messages: The messages of a part.
+            rows: Those of `HEAD_MESSAGES`, from `_head_rows`.
+            start: The first offset.
+            end: The offset after the last.
+        """
+        first, last = np.searchsorted(messages.offset[rows], [start, end])
+        for row in rows[first:last].tolist():
+            message = messages[row]
+            frame = encode_frame(message.mid, message.payload, bid=message.bid)
+            is_other = message.mid != MessageId.Configuration
+            self._frames[is_other, message.mid, message.bid] = frame
 
     def frames(self, devices: Iterable[int]) -> bytes:
         """Returns the frames.
@@ -121,16 +130,18 @@ class _Head:
         )
 
 
-def _head_messages(part: Log) -> Iterator[Message]:
-    rows = np.flatnonzero(np.isin(part.messages.mid, HEAD_MESSAGES))
-    return (part.messages[row] for row in rows.tolist())
+def _head_rows(messages: Messages) -> npt.NDArray[np.intp]:
+    return np.flatnonzero(np.isin(messages.mid, HEAD_MESSAGES))
 
 
-def _only(part: Log, chunk: Chunk, bid: int) -> Chunk:
-    """Returns the frames of one device in bytes of a part."""
-    own = part.of_device(bid)
+def _frames_of(own: Log) -> npt.NDArray[np.int64]:
+    """Returns where the frames of a part of one device begin, ``(n,)``, ascending."""
+    return np.sort(np.concatenate([own.offset, own.messages.offset]))
+
+
+def _only(starts: npt.NDArray[np.int64], chunk: Chunk) -> Chunk:
+    """Returns the frames in a chunk that begin at some of these offsets."""
     begin, end = int(chunk.start[0]), int(chunk.end[0])
-    starts = np.sort(np.concatenate([own.offset, own.messages.offset]))
     starts = starts[slice(*np.searchsorted(starts, [begin, end]).tolist())]
     frames = []
     for start in (starts - begin).tolist():
@@ -252,13 +263,15 @@ def _pieces(
 
     def taken(upto: int) -> Iterator[Chunk]:
         chunk = tee.take(piece, upto)
-        chunk = chunk if device is None else _only(part, chunk, device)
+        chunk = chunk if device is None else _only(frames_of_device, chunk)
         if chunk.data:
             yield chunk
 
     for part in parts(tee):
         devices |= set(np.unique(device_of(part.bid)).tolist())
         own = part if device is None else part.of_device(device)
+        frames_of_device = NOWHERE if device is None else _frames_of(own)
+        head_rows = _head_rows(part.messages)
         numbers = number(own)
         if is_first and len(numbers):
             piece = max(piece, int(numbers[0]))  # what precedes the first sample belongs to it
@@ -267,13 +280,13 @@ def _pieces(
         for row in changes.tolist():
             offset = int(own.offset[row])
             yield from taken(offset)
-            head.add(part, start, offset)
+            head.add(part.messages, head_rows, start, offset)
             start, piece = offset, int(numbers[row])
             if frames := head.frames(devices):
                 yield Chunk(piece, frames)
         end += part.stats.bytes
         yield from taken(end)
-        head.add(part, start, math.inf)
+        head.add(part.messages, head_rows, start, math.inf)
         start = end
     if device is not None and device not in devices:
         raise MissingDeviceError(device, sorted(devices))
@@ -299,7 +312,7 @@ def split_by_device(source: Readable, parts: Parts, heads: Mapping[int, bytes]) 
             if bid not in begun and bid in heads:
                 yield Chunk(bid, heads[bid])
             begun.add(bid)
-            yield _only(part, chunk._replace(piece=bid), bid)
+            yield _only(_frames_of(part.of_device(bid)), chunk._replace(piece=bid))
 
 
 def device_heads(parts: Iterable[Log]) -> dict[int, bytes]:
@@ -317,7 +330,7 @@ def device_heads(parts: Iterable[Log]) -> dict[int, bytes]:
         devices, rows = np.unique(device_of(part.bid), return_index=True)
         for device, row in zip(devices.tolist(), rows.tolist(), strict=True):
             first.setdefault(device, part.first_sample + row)
-        for message in _head_messages(part):
+        for message in part.messages.with_mids(*HEAD_MESSAGES):
             messages.setdefault((message.mid, message.bid), message)
     heads = {}
     for device, sample in first.items():

@@ -19,7 +19,7 @@ from xbus.report.page import page
 __all__ = ["BLOCK", "gather", "gather_parts", "plotly_js", "write_page", "write_report"]
 
 #: Bytes of input in memory at a time.
-BLOCK = 16 << 20
+BLOCK = 4 << 20
 
 
 def write_report(
