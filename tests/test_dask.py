@@ -33,7 +33,7 @@ def client() -> Iterator[Client]:
     """Two worker processes with one thread each. They are the default of dask while they run."""
     with (
         LocalCluster(  # type: ignore[no-untyped-call]
-            n_workers=2, threads_per_worker=1, dashboard_address=None, memory_limit=0
+            n_workers=2, threads_per_worker=1, dashboard_address="127.0.0.1:0", memory_limit=0
         ) as cluster,
         Client(cluster) as client,  # type: ignore[no-untyped-call]
     ):
