@@ -559,7 +559,7 @@ def test_not_enough_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     def out_of_memory(*_: Any, **__: Any) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("xbus.log.table_file.write_table", out_of_memory)
+    monkeypatch.setattr("xbus.log.part_file.write_parts", out_of_memory)
     assert "not enough memory; decode one --quantity" in sentence(
         run("decode", WALK, "-o", "out.csv")
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -167,7 +168,14 @@ def decode(
         click.echo("xbus: --rate has no effect: the table of a tracker has no times", err=True)
         inputs = replace(inputs, rate=None)
     decoding = Decoding(
-        inputs, keys, strict=strict, rate=rate_out, max_gap=max_gap, tracker=tracker, raw=raw
+        inputs,
+        keys,
+        strict=strict,
+        rate=rate_out,
+        max_gap=max_gap,
+        tracker=tracker,
+        raw=raw,
+        threads=os.cpu_count() or 1,
     )
     if raw and (rate_out or tracker):
         raise click.UsageError("--raw excludes --rate-out and --tracker")

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
 from xbus.cli.export_target import check_output, quality_text, restart_count, writing
 from xbus.cli.failure import Failure
 from xbus.cli.input_options import InputOptions
-from xbus.cli.inputs import label, no_frame
+from xbus.cli.inputs import Input, label, no_frame, reading_task
 from xbus.cli.progress import ShowsProgress
 from xbus.cli.resampling import resampled
+from xbus.cli.stored import Stored, stored
 from xbus.cli.undecoded import check_decoded, tracker_of, undecoded_lines
 from xbus.formatting import format_count
 
 if TYPE_CHECKING:
+    from xbus.cli.decoded_totals import DecodedTotals
+    from xbus.cli.rate_use import RateUse
     from xbus.log.log import Log
+    from xbus.log.parts import LogPart
     from xbus.log.table_file import FileFormat
+    from xbus.log.trackers import Tracker
     from xbus.protocol.keys import EntryKey
 
 __all__ = ["SUFFIXES", "Decoding", "is_string", "suffix_of"]
@@ -32,6 +38,8 @@ FORMATS: dict[str, FileFormat] = {
 }
 #: The suffixes of output files, the default first.
 SUFFIXES = (*FORMATS, ".npz")
+#: Bytes of input that a thread decodes at a time.
+PART = 8 << 20
 
 
 def suffix_of(path: str) -> str:
@@ -46,6 +54,19 @@ def is_string(key: EntryKey) -> bool:
     return key in StringType.__members__
 
 
+@contextlib.contextmanager
+def unchanged(names: str) -> Iterator[None]:
+    """Converts the error of an input that changes while it is read to a Failure."""
+    from xbus.errors import XbusError
+
+    try:
+        yield
+    except XbusError as error:
+        raise Failure(
+            f"{names} changed while it was decoded; wait until it is complete, or decode a copy"
+        ) from error
+
+
 class Decoding:
     """Decodes recordings with the same options.
 
@@ -57,6 +78,7 @@ class Decoding:
         max_gap: As for `Log.resample`.
         tracker: The Awinda tracker to write, or None.
         raw: Write fields of structs as integers, as on the wire.
+        threads: Number of threads.
     """
 
     def __init__(
@@ -69,7 +91,9 @@ class Decoding:
         max_gap: float | None = None,
         tracker: str | None = None,
         raw: bool = False,
+        threads: int = 1,
     ) -> None:
+        self._threads = threads
         self._inputs, self._keys, self._strict, self._raw = inputs, list(keys), strict, raw
         self._rate, self._max_gap, self._tracker = rate, max_gap, tracker
 
@@ -87,14 +111,104 @@ class Decoding:
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - jobs of this command write files
         check_output(files, out)
-        with self._inputs.checked_rate(job.recording) as use:
-            log = self._read(files, progress)
+        with (
+            self._inputs.opened(files, progress) as source,
+            self._inputs.checked_rate(job.recording) as use,
+        ):
+            if self._needs_whole_log(out):
+                return self._decode_whole(source, source, job, use, progress)
+            with stored(source, files) as recording:
+                return self._decode_stored(source, recording, job, use, progress)
+
+    def _needs_whole_log(self, out: str) -> bool:
+        """Returns whether the log cannot be decoded part by part."""
+        is_table = suffix_of(out) in FORMATS and self._rate is None and self._tracker is None
+        return not is_table or any(is_string(key) for key in self._keys)
+
+    # Part by part
+
+    def _decode_stored(
+        self,
+        source: Input,
+        recording: Stored,
+        job: Job,
+        use: RateUse,
+        progress: ShowsProgress,
+    ) -> tuple[str, dict[str, Any]]:
+        from xbus.cli.decoded_totals import DecodedTotals
+        from xbus.log.part_file import write_parts
+        from xbus.log.parts import split_log
+
+        files, out = job.recording.files, job.out
+        assert out is not None  # noqa: S101 - see `decode`
+        names, size = ", ".join(map(label, files)), recording.size
+        if self._strict:
+            self._check_damage(source, recording, files)
+        with unchanged(names):
+            parts = split_log(
+                recording.source,
+                block_bytes=PART,
+                allow_restart=self._inputs.allow_restart,
+                threads=self._threads,
+                progress=lambda done: progress.update(reading_task(files[-1]), done, size),
+                **self._inputs.for_log,
+            )
+        empty = parts[0].empty(quantities=self._quantities)
+        if not any(part.samples for part in parts) or not (self._keys or len(empty.keys())):
+            # Nothing to write: the whole log tells why.
+            return self._decode_whole(source, recording.source, job, use, progress)
+        self._check_keys(empty, names)
+        totals = DecodedTotals(recording.times_fault)
+        task = f"writing {label(os.path.basename(out))}"  # noqa: PTH119
+
+        def add(part: LogPart, log: Log) -> None:
+            totals.add(log)
             use.add(log)
+            progress.update(task, part.end, size)
+
+        progress.update(task, 0, size)
+        with unchanged(names), writing(out):
+            rows, columns = write_parts(
+                parts,
+                out,
+                FORMATS[suffix_of(out)],
+                quantities=self._quantities,
+                key=self._key,
+                raw=self._raw,
+                threads=self._threads,
+                read=add,
+            )
+        return self._result(totals, None, rows, columns)
+
+    def _check_damage(self, source: Input, recording: Stored, files: Sequence[str]) -> None:
+        """Raises the error of the first damage."""
+        from xbus.log.read import iter_log
+
+        with self._strictly(source, files):
+            whole = source if source.total is not None else recording.source
+            for _ in iter_log(
+                whole, strict=True, quantities=self._quantities, **self._inputs.for_log
+            ):
+                pass
+
+    # At once
+
+    def _decode_whole(
+        self,
+        source: Input,
+        log_source: Input | str | list[str],
+        job: Job,
+        use: RateUse,
+        progress: ShowsProgress,
+    ) -> tuple[str, dict[str, Any]]:
+        files, out = job.recording.files, job.out
+        assert out is not None  # noqa: S101 - see `decode`
+        log = self._read(source, log_source, files)
+        use.add(log)
         names = ", ".join(map(label, files))
         if not self._keys or not len(log):
-            check_decoded(
-                log, names
-            )  # else the samples may have other quantities than the chosen ones
+            # Else the samples may have other quantities than the chosen ones.
+            check_decoded(log, names)
         table = self._table(log, names, is_npz=suffix_of(out) == ".npz")
         if self._rate is not None:
             table = resampled(log, self._keys, self._rate, self._max_gap, names)
@@ -102,30 +216,50 @@ class Decoding:
         if self._tracker is not None:
             table = tracker = tracker_of(log, self._tracker, names)
         rows, columns = self._write(log, table, out, progress)
-        shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
-        lines = [f"{shape}; {quality_text(log, tracker)}", *undecoded_lines(log, tracker)]
-        return "\n".join(lines), self._summary(log, rows, columns)
+        return self._result(log, tracker, rows, columns)
 
-    def _read(self, files: Sequence[str], progress: ShowsProgress) -> Log:
-        from xbus.errors import DecodeError
+    @property
+    def _quantities(self) -> list[EntryKey] | None:
+        """The quantities to decode; None for all."""
+        return [key for key in self._keys if not is_string(key)] if self._keys else None
+
+    def _read(
+        self, source: Input, log_source: Input | str | list[str], files: Sequence[str]
+    ) -> Log:
         from xbus.log.read import read_log
 
-        quantities = [key for key in self._keys if not is_string(key)] if self._keys else None
-        with self._inputs.opened(files, progress) as source:
-            try:
-                log = read_log(
-                    source, strict=self._strict, quantities=quantities, **self._inputs.for_log
-                )
-            except DecodeError as error:
-                problem, _, _ = str(error).partition(";")
-                where = f", which is {source.locate(error.offset)}" if len(files) > 1 else ""
-                names = ", ".join(map(label, files))
-                raise Failure(
-                    f"{names}: {problem}{where}; without --strict, damage is skipped"
-                ) from error
+        with self._strictly(source, files):
+            log = read_log(
+                log_source,
+                strict=self._strict,
+                quantities=self._quantities,
+                **self._inputs.for_log,
+            )
         if not len(log) and not len(log.messages) and not log.stats.strings:
             raise no_frame(files, log.stats.bytes, source.head)
         return log
+
+    @contextlib.contextmanager
+    def _strictly(self, source: Input, files: Sequence[str]) -> Iterator[None]:
+        """Converts the error of damage to a Failure."""
+        from xbus.errors import DecodeError
+
+        try:
+            yield
+        except DecodeError as error:
+            problem, _, _ = str(error).partition(";")
+            where = f", which is {source.locate(error.offset)}" if len(files) > 1 else ""
+            names = ", ".join(map(label, files))
+            raise Failure(
+                f"{names}: {problem}{where}; without --strict, damage is skipped"
+            ) from error
+
+    def _result(
+        self, log: Log | DecodedTotals, tracker: Tracker | None, rows: int, columns: int
+    ) -> tuple[str, dict[str, Any]]:
+        shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
+        lines = [f"{shape}; {quality_text(log, tracker)}", *undecoded_lines(log, tracker)]
+        return "\n".join(lines), self._summary(log, rows, columns)
 
     def _write(self, log: Log, table: Any, out: str, progress: ShowsProgress) -> tuple[int, int]:
         """Writes OUT and returns its rows and columns; for an npz file its samples and quantities."""
@@ -156,7 +290,7 @@ class Decoding:
             expected = len(table.satellites) if key == "gnss_sat_info" else len(table)
             stream = table.arrow_stream(raw=True) if self._raw else table.arrow_stream()
         with writing(out):
-            write_table(stream, out, file_format, written=report)
+            write_table(stream, out, file_format, threads=self._threads, written=report)
         return done, len(stream.columns)
 
     def _arrays(self, log: Log, table: Any) -> tuple[dict[str, Any], int, int]:
@@ -183,12 +317,21 @@ class Decoding:
             if not len(log) and not found:
                 raise Failure(f"{names} has no samples; xbus info lists the content")
             return log
+        if any(is_string(key) for key in self._keys):
+            if self._keys[0] not in log.strings.counts:
+                raise Failure(f"no {self._keys[0]} in {names}; xbus info lists the content")
+            return None
+        self._check_keys(log, names)
+        return log if self._key is None else log[self._key]
+
+    def _check_keys(self, log: Log, names: str) -> None:
+        """Checks that a log has the chosen quantities.
+
+        Raises:
+            Failure: It lacks one, or has it in several coordinate systems.
+        """
         for key in self._keys:
             name = key if isinstance(key, str) else key[0]
-            if is_string(key):
-                if name not in log.strings.counts:
-                    raise Failure(f"no {name} in {names}; xbus info lists the content")
-                return None
             systems = [found for found in log if isinstance(found, tuple) and found[0] == name]
             if systems and isinstance(key, str):
                 choices = " or ".join(map(":".join, systems))
@@ -198,9 +341,8 @@ class Decoding:
             if key not in log:
                 text = key if isinstance(key, str) else ":".join(key)
                 raise Failure(f"no {text} in {names}; xbus info lists the content")
-        return log if self._key is None else log[self._key]
 
-    def _summary(self, log: Log, rows: int, columns: int) -> dict[str, Any]:
+    def _summary(self, log: Log | DecodedTotals, rows: int, columns: int) -> dict[str, Any]:
         """Returns the summary for JSON."""
         from xbus.describe.text import known_digits
 

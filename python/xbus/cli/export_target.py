@@ -16,6 +16,7 @@ from xbus.cli.inputs import STDIN, label
 from xbus.formatting import describe_damage, describe_losses, format_count
 
 if TYPE_CHECKING:
+    from xbus.cli.decoded_totals import DecodedTotals
     from xbus.describe.log_summary import LogSummary
     from xbus.log.log import Log
     from xbus.log.trackers import Tracker
@@ -52,14 +53,14 @@ def writing(out: str) -> Iterator[None]:
         raise cannot(f"write {label(out)}", error) from error
 
 
-def _is_counted(log: Log | LogSummary) -> bool:
+def _is_counted(log: Log | LogSummary | DecodedTotals) -> bool:
     """Returns whether samples have a packet counter."""
     from xbus.log.log import Log
 
     return bool((log.packet_counter != -1).any()) if isinstance(log, Log) else log.has_counter
 
 
-def _losses(log: Log | LogSummary, tracker: Tracker | None) -> str:
+def _losses(log: Log | LogSummary | DecodedTotals, tracker: Tracker | None) -> str:
     if tracker is not None:
         return describe_losses(tracker.lost_samples, tracker.gaps, has_counter=True)
     if trackers := log.trackers:
@@ -70,14 +71,14 @@ def _losses(log: Log | LogSummary, tracker: Tracker | None) -> str:
     return describe_losses(stats.lost_samples, stats.gaps, has_counter=_is_counted(log))
 
 
-def _is_stamped(log: Log | LogSummary) -> bool:
+def _is_stamped(log: Log | LogSummary | DecodedTotals) -> bool:
     """Returns whether a sample has a time."""
     from xbus.log.log import Log
 
     return bool((log.time == log.time).any()) if isinstance(log, Log) else math.isfinite(log.start)
 
 
-def restart_count(log: Log | LogSummary) -> int:
+def restart_count(log: Log | LogSummary | DecodedTotals) -> int:
     """Returns how often devices restarted."""
     import numpy as np
 
@@ -87,7 +88,7 @@ def restart_count(log: Log | LogSummary) -> int:
     return len(bids) - len(np.unique(bids))
 
 
-def quality_text(log: Log | LogSummary, tracker: Tracker | None = None) -> str:
+def quality_text(log: Log | LogSummary | DecodedTotals, tracker: Tracker | None = None) -> str:
     """Returns duration, restarts, losses and damage as one line; losses of one tracker if it is given."""
     stats = log.stats
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []

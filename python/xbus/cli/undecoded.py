@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from xbus.cli.failure import Failure
 
 if TYPE_CHECKING:
+    from xbus.cli.decoded_totals import DecodedTotals
     from xbus.describe.log_summary import LogSummary
     from xbus.log.log import Log
     from xbus.log.trackers import Tracker
@@ -31,7 +32,7 @@ def check_decoded(log: Log | LogSummary, names: str) -> None:
         raise Failure(f"{names}: nothing was decoded: {describe_undecoded(log.undecoded)}")
 
 
-def undecoded_lines(log: Log, tracker: Tracker | None = None) -> Iterator[str]:
+def undecoded_lines(log: Log | DecodedTotals, tracker: Tracker | None = None) -> Iterator[str]:
     """Yields what is not in the table, and why; the table is that of the log or of a tracker."""
     from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 

@@ -7,7 +7,7 @@ import io
 import math
 import os
 import stat
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -201,6 +201,7 @@ def split_log(
     strings: Iterable[StringType | str] = (),
     allow_restart: bool = False,
     threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> list[LogPart]:
     """Splits a log into parts that can be read in any process and any order.
 
@@ -218,6 +219,7 @@ def split_log(
         strings: As in `read_log`.
         allow_restart: As in `read_log`.
         threads: As in `read_log`.
+        progress: Called with the number of bytes that are read so far, after each part.
 
     Returns:
         The parts, in order; at least one.
@@ -262,7 +264,11 @@ def split_log(
         values=False,
     )
     first_pass = _FirstPass(bid)
-    found = list(first_pass.parts(reader, given, block_bytes, arrivals))
+    found = []
+    for part in first_pass.parts(reader, given, block_bytes, arrivals):
+        found.append(part)
+        if progress is not None:
+            progress(part[1])
     _check_versions(given, versions, "changed while it was split; split it again")
     whole = _Whole(
         versions,

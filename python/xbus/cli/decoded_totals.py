@@ -1,0 +1,90 @@
+"""What ``xbus decode`` says about a log that it decodes part by part."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from xbus.describe.log_summary import TrackerSummary
+from xbus.describe.text import device_name
+from xbus.log.log import Log
+from xbus.log.runs import Run, Runs
+from xbus.log.stats import Stats
+from xbus.log.trackers import count_losses, frames_of
+from xbus.protocol.undecoded import Undecoded
+
+__all__ = ["DecodedTotals"]
+
+
+class DecodedTotals:
+    """The counts of a log, added up part by part: much less work than a `LogSummary`.
+
+    Args:
+        times_fault: What is wrong with the side file of arrivals, or None; if it is known before the parts.
+
+    Attributes:
+        stats: Counts of what was read.
+        has_counter: Whether a sample has a packet counter.
+        times_fault: What is wrong with the side file of arrivals, or None.
+    """
+
+    def __init__(self, times_fault: str | None = None) -> None:
+        self.stats = Stats(**{field.name: 0 for field in fields(Stats)})
+        self.has_counter = False
+        self.times_fault = times_fault
+        self._damaged = 0
+        self._runs = Runs()
+        self._undecoded: dict[tuple[str, int], Undecoded] = {}
+        self._frames: dict[int, list[npt.NDArray[np.int64]]] = {}
+
+    def add(self, part: Log) -> None:
+        """Adds the next part."""
+        counts = asdict(self.stats)
+        self.stats = Stats(**{name: counts[name] + n for name, n in asdict(part.stats).items()})
+        self.has_counter |= part.has_counter
+        self.times_fault = self.times_fault or part.times_fault
+        self._damaged += len(part.damage)
+        self._runs.add(part.core)
+        for item in part.undecoded:
+            earlier = self._undecoded.get(item[:2])
+            self._undecoded[item[:2]] = item if earlier is None else earlier.plus(item)
+        for device_id, frame in frames_of(part.get("awinda_snapshot")).items():
+            self._frames.setdefault(device_id, []).append(frame)
+
+    @property
+    def damage(self) -> range:
+        """Numbers of the places of damage."""
+        return range(self._damaged)
+
+    @property
+    def runs(self) -> list[Run]:
+        """The runs of all devices, as `Log.runs`."""
+        return self._runs.all
+
+    @property
+    def start(self) -> float:
+        """Start of the first run with time stamps, in seconds on the device clock; NaN without any."""
+        return next((run.span.start for run in self.runs if run.span.stamps), math.nan)
+
+    @property
+    def duration(self) -> float:
+        """Seconds recorded, as `Log.duration`."""
+        return self._runs.duration
+
+    @property
+    def undecoded(self) -> list[Undecoded]:
+        """Output that is not decoded, as `Log.undecoded`."""
+        messages = sorted(item for item in self._undecoded.values() if item.kind == "message")
+        return [*messages, *(item for item in self._undecoded.values() if item.kind == "packet")]
+
+    @property
+    def trackers(self) -> dict[int, TrackerSummary]:
+        """The Awinda trackers by device identifier, in the order in which they appear."""
+        return {
+            device_id: TrackerSummary(device_name(device_id), len(frame), *count_losses(frame))
+            for device_id, frames in self._frames.items()
+            for frame in [np.concatenate(frames)]
+        }

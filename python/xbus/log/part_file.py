@@ -1,0 +1,68 @@
+"""Writes the table of a log to a file part by part, so that the log need not fit into memory."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+from xbus import _core
+from xbus.log.export import replacing
+from xbus.log.log import Log
+from xbus.log.parts import LogPart
+from xbus.log.table_file import FileFormat, in_order, write_batches
+from xbus.protocol.keys import EntryKey, Key
+
+__all__ = ["write_parts"]
+
+
+def write_parts(
+    parts: Sequence[LogPart],
+    path: str | os.PathLike[str],
+    file_format: FileFormat,
+    *,
+    quantities: Sequence[Key] | None = None,
+    key: EntryKey | None = None,
+    raw: bool = False,
+    threads: int = 1,
+    read: Callable[[LogPart, Log], None] | None = None,
+) -> tuple[int, int]:
+    """Writes the table of a log to a file, which appears whole or not at all.
+
+    The table is that of `Log.to_arrow` for the whole log. Parts are decoded and encoded on several threads
+    and written in their order.
+
+    Args:
+        parts: All parts of the log, from `split_log`.
+        path: Path of the file.
+        file_format: ``"parquet"``, ``"csv"`` or ``"arrow"``.
+        quantities: As in `read_log`.
+        key: As in `Log.to_arrow`: a quantity whose table has a row per packet, or None.
+        raw: As in `Log.to_arrow`.
+        threads: Number of threads. About twice as many parts are in memory at a time.
+        read: Called with each part and its log, in order.
+
+    Returns:
+        The number of rows and columns.
+
+    Raises:
+        OSError: The file cannot be written, or the log cannot be read.
+        XbusError: The log has changed since it was split.
+    """
+    empty = parts[0].empty(quantities=quantities).arrow_stream(key, raw=raw)
+    file = _core.TableFile(file_format, empty)
+
+    def decode(part: LogPart) -> tuple[LogPart, Log, list[_core.Batch]]:
+        log = part.read(quantities=quantities)
+        return part, log, list(log.arrow_stream(key, raw=raw).batches())
+
+    with replacing(path) as out, ThreadPoolExecutor(threads, thread_name_prefix="xbus") as pool:
+
+        def batches() -> Iterator[_core.Batch]:
+            for part, log, found in in_order(pool, decode, parts, threads):
+                if read is not None:
+                    read(part, log)
+                yield from found
+
+        rows = sum(write_batches(file, batches(), out, pool, threads))
+    return rows, len(empty.columns)
