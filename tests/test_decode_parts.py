@@ -23,6 +23,7 @@ from test_cli import FIELD, WALK, run, sentence
 from test_table_file import assert_identical
 from xbus import MessageId, encode_frame
 from xbus.cli import decoding
+from xbus.cli.memory import workers_within
 
 #: Bytes of a part: so few that every log has many.
 PART = 3000
@@ -224,3 +225,63 @@ def test_many_recordings(tmp_path: Path) -> None:
         assert_identical(
             pq.read_table(f"out/{name}.parquet"), xbus.read_log(f"{name}.mtb").to_arrow()
         )
+
+
+# ---------------------------------------------------------------------------------------------
+# Memory
+# ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("memory", "message"),
+    [
+        ("204MB", "204MB is too little; decode needs 205MB"),
+        ("1kB", "1kB is too little; decode needs 205MB"),
+        ("much", "'much' is no size, such as 500MB or 2GB"),
+        ("512", "'512' is no size, such as 500MB or 2GB"),
+    ],
+)
+def test_too_little_memory(memory: str, message: str) -> None:
+    result = run("decode", WALK, "-o", "out.csv", "--memory", memory)
+    assert result.exit_code == 2
+    assert message in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("memory", "recordings", "jobs", "expected"),
+    [
+        (205, 1, None, (1, 1)),
+        (512, 1, None, (1, 13)),
+        (10_000, 1, None, (1, 16)),
+        (512, 100, None, (3, 1)),
+        (10_000, 100, None, (16, 1)),
+        (10_000, 100, 4, (4, 4)),
+        (512, 2, 4, (2, 4)),
+    ],
+)
+def test_workers_within_memory(
+    memory: int,
+    recordings: int,
+    jobs: int | None,
+    expected: tuple[int, int],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 16)
+    assert workers_within(memory * 10**6, recordings, jobs) == expected
+
+
+def test_parts_of_a_wide_table_are_smaller(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The table of a part has no more rows than a chunk of the file."""
+    monkeypatch.setattr("xbus.log.part_file.chunk_rows", lambda *_, **__: 10)
+    sizes = []
+    split = xbus.split_log
+
+    def noted(*args: Any, **options: Any) -> Any:
+        parts = split(*args, **options)
+        sizes.append(max(part.samples for part in parts))
+        return parts
+
+    monkeypatch.setattr("xbus.log.parts.split_log", noted)
+    assert run("decode", WALK, "-o", "out.parquet").exit_code == 0
+    assert sizes[0] > 15 > sizes[1]
+    assert_identical(pq.read_table("out.parquet"), xbus.read_log(WALK).to_arrow())

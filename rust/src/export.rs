@@ -28,7 +28,9 @@ use arrow_schema::{ArrowError, DataType, Schema, SchemaRef};
 /// Rows of a chunk, at most. As many values of a column are in memory at once.
 const CHUNK_ROWS: usize = 1 << 18;
 /// Bytes of the rows of a chunk in memory, about, if these are fewer than [`CHUNK_ROWS`].
-const CHUNK_BYTES: usize = 32 << 20;
+const CHUNK_BYTES: usize = 16 << 20;
+/// The same for CSV, whose text is longer than the numbers.
+const CSV_BYTES: usize = 4 << 20;
 
 /// The format of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -185,8 +187,9 @@ impl Writer {
 
 /// How many rows of a table with this schema a chunk has, so that its size in memory is bounded.
 #[must_use]
-pub fn chunk_rows(schema: &Schema) -> usize {
+pub fn chunk_rows(format: Format, schema: &Schema) -> usize {
     let size = |data_type: &DataType| data_type.primitive_width().unwrap_or(16);
     let row: usize = schema.fields().iter().map(|field| size(field.data_type())).sum();
-    (CHUNK_BYTES / row.max(1)).clamp(1, CHUNK_ROWS)
+    let bytes = if format == Format::Csv { CSV_BYTES } else { CHUNK_BYTES };
+    (bytes / row.max(1)).clamp(1, CHUNK_ROWS)
 }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -13,6 +12,7 @@ from xbus.cli.decoding import SUFFIXES, Decoding, is_string, suffix_of
 from xbus.cli.export_target import check_output
 from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import label, reading_task
+from xbus.cli.memory import memory_option, workers_within
 from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
@@ -123,6 +123,7 @@ def _key(value: str) -> EntryKey:
     is_flag=True,
     help="Write fields of structs, such as gnss_pvt_data_lat, as integers, as on the wire.",
 )
+@memory_option
 @click.option("--strict", is_flag=True, help="Fail at the first damage.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 @click.option(
@@ -143,6 +144,7 @@ def decode(
     max_gap: float | None,
     tracker: str | None,
     raw: bool,
+    memory: int,
     strict: bool,
     quiet: bool,
     as_json: bool,
@@ -157,6 +159,9 @@ def decode(
     quantities (acceleration_x, ...) in the units that xbus quantities lists. Missing values are null.
     Satellites (--quantity gnss_sat_info) and the strings of each type are separate tables.
 
+    Tables are written part by part: a log may be larger than memory. Standard input, URLs and compressed
+    files are first copied to a temporary file (TMPDIR).
+
     An .npz file contains an array NAME for each quantity, with NAME.sample and NAME.time; fields of structs
     are in their units. An existing OUT is replaced, and a failed run leaves no partial file.
     """
@@ -164,9 +169,13 @@ def decode(
     check_resampling(keys, rate_out, max_gap)
     if tracker and (keys or rate_out):
         raise click.UsageError("--tracker excludes --quantity and --rate-out")
+    if raw and (rate_out or tracker):
+        raise click.UsageError("--raw excludes --rate-out and --tracker")
     if tracker and inputs.rate is not None:
         click.echo("xbus: --rate has no effect: the table of a tracker has no times", err=True)
         inputs = replace(inputs, rate=None)
+    recordings = inputs.recordings() if out_dir is not None else [inputs.recording()]
+    workers = workers_within(memory, len(recordings), jobs)
     decoding = Decoding(
         inputs,
         keys,
@@ -175,22 +184,20 @@ def decode(
         max_gap=max_gap,
         tracker=tracker,
         raw=raw,
-        threads=os.cpu_count() or 1,
+        threads=workers.threads,
     )
-    if raw and (rate_out or tracker):
-        raise click.UsageError("--raw excludes --rate-out and --tracker")
     if out_dir is not None:
         outcomes = batch.run(
-            batch.plan(inputs.recordings(), out_dir, suffix),
+            batch.plan(recordings, out_dir, suffix),
             decoding.decode,
-            workers=jobs,
+            workers=workers.jobs,
             skip_existing=skip_existing,
             quiet=quiet,
         )
         batch.finish(outcomes, quiet=quiet, as_json=as_json)
         return
     assert out is not None  # noqa: S101 - see `check_targets`
-    recording = inputs.recording()
+    [recording] = recordings
     check_output(recording.files, out)
     recording.show_notes()
     with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:

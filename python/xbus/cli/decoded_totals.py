@@ -11,7 +11,7 @@ import numpy.typing as npt
 from xbus.describe.log_summary import TrackerSummary
 from xbus.describe.text import device_name
 from xbus.log.log import Log
-from xbus.log.runs import Run, Runs
+from xbus.log.runs import Runs
 from xbus.log.stats import Stats
 from xbus.log.trackers import count_losses, frames_of
 from xbus.protocol.undecoded import Undecoded
@@ -28,6 +28,7 @@ class DecodedTotals:
     Attributes:
         stats: Counts of what was read.
         has_counter: Whether a sample has a packet counter.
+        runs: The runs of all devices.
         times_fault: What is wrong with the side file of arrivals, or None.
     """
 
@@ -36,7 +37,7 @@ class DecodedTotals:
         self.has_counter = False
         self.times_fault = times_fault
         self._damaged = 0
-        self._runs = Runs()
+        self.runs = Runs()
         self._undecoded: dict[tuple[str, int], Undecoded] = {}
         self._frames: dict[int, list[npt.NDArray[np.int64]]] = {}
 
@@ -47,7 +48,7 @@ class DecodedTotals:
         self.has_counter |= part.has_counter
         self.times_fault = self.times_fault or part.times_fault
         self._damaged += len(part.damage)
-        self._runs.add(part.core)
+        self.runs.add(part.core)
         for item in part.undecoded:
             earlier = self._undecoded.get(item[:2])
             self._undecoded[item[:2]] = item if earlier is None else earlier.plus(item)
@@ -60,19 +61,16 @@ class DecodedTotals:
         return range(self._damaged)
 
     @property
-    def runs(self) -> list[Run]:
-        """The runs of all devices, as `Log.runs`."""
-        return self._runs.all
-
-    @property
     def start(self) -> float:
         """Start of the first run with time stamps, in seconds on the device clock; NaN without any."""
-        return next((run.span.start for run in self.runs if run.span.stamps), math.nan)
+        spans = self.runs.spans
+        starts = spans["start"][spans["stamps"] > 0]
+        return float(starts[0]) if len(starts) else math.nan
 
     @property
     def duration(self) -> float:
         """Seconds recorded, as `Log.duration`."""
-        return self._runs.duration
+        return self.runs.duration
 
     @property
     def undecoded(self) -> list[Undecoded]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
@@ -39,7 +39,7 @@ FORMATS: dict[str, FileFormat] = {
 #: The suffixes of output files, the default first.
 SUFFIXES = (*FORMATS, ".npz")
 #: Bytes of input that a thread decodes at a time.
-PART = 8 << 20
+PART = 4 << 20
 
 
 def suffix_of(path: str) -> str:
@@ -137,22 +137,15 @@ class Decoding:
     ) -> tuple[str, dict[str, Any]]:
         from xbus.cli.decoded_totals import DecodedTotals
         from xbus.log.part_file import write_parts
-        from xbus.log.parts import split_log
 
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
         names, size = ", ".join(map(label, files)), recording.size
+        task = reading_task(files[0])
         if self._strict:
             self._check_damage(source, recording, files)
         with unchanged(names):
-            parts = split_log(
-                recording.source,
-                block_bytes=PART,
-                allow_restart=self._inputs.allow_restart,
-                threads=self._threads,
-                progress=lambda done: progress.update(reading_task(files[-1]), done, size),
-                **self._inputs.for_log,
-            )
+            parts = self._parts(recording, lambda done: progress.update(task, done, size))
         empty = parts[0].empty(quantities=self._quantities)
         if not any(part.samples for part in parts) or not (self._keys or len(empty.keys())):
             # Nothing to write: the whole log tells why.
@@ -179,6 +172,29 @@ class Decoding:
                 read=add,
             )
         return self._result(totals, None, rows, columns)
+
+    def _parts(self, recording: Stored, progress: Callable[[int], None]) -> list[LogPart]:
+        """Returns parts whose tables are no larger than a chunk of the file, so that memory is bounded."""
+        from xbus.log.part_file import chunk_rows
+        from xbus.log.parts import split_log
+
+        def split(size: int) -> list[LogPart]:
+            return split_log(
+                recording.source,
+                block_bytes=size,
+                allow_restart=self._inputs.allow_restart,
+                threads=self._threads,
+                progress=progress,
+                **self._inputs.for_log,
+            )
+
+        parts = split(PART)
+        empty = parts[0].empty(quantities=self._quantities)
+        if self._key is not None and self._key not in empty:
+            return parts
+        rows = chunk_rows(empty, self._key, raw=self._raw)
+        most = max(part.samples for part in parts)
+        return parts if most <= rows else split(max(PART * rows // most, 1))
 
     def _check_damage(self, source: Input, recording: Stored, files: Sequence[str]) -> None:
         """Raises the error of the first damage."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-__all__ = ["parse_rotation"]
+__all__ = ["parse_rotation", "parse_size"]
 
 #: Units of sizes and times.
 BYTES = {"kb": 1_000, "mb": 1_000_000, "gb": 1_000_000_000}
@@ -30,3 +30,15 @@ def parse_rotation(value: str) -> dict[str, Any]:
     raise click.BadParameter(
         f"{value!r} is neither a size (100MB, 2GB) nor a time (90s, 30min, 1h)"
     )
+
+
+def parse_size(value: str) -> int:
+    """Returns a size in bytes.
+
+    Raises:
+        BadParameter: The text is no size.
+    """
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([kmg]b)", value.lower())
+    if found is None:
+        raise click.BadParameter(f"{value!r} is no size, such as 500MB or 2GB")
+    return math.ceil(float(found[1]) * BYTES[found[2]])

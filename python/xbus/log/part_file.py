@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 from xbus import _core
 from xbus.log.export import replacing
@@ -13,7 +12,12 @@ from xbus.log.parts import LogPart
 from xbus.log.table_file import FileFormat, in_order, write_batches
 from xbus.protocol.keys import EntryKey, Key
 
-__all__ = ["write_parts"]
+__all__ = ["chunk_rows", "write_parts"]
+
+
+def chunk_rows(log: Log, key: EntryKey | None, *, raw: bool) -> int:
+    """Returns how many rows of a table a chunk of a Parquet file has; key and raw are as in `write_parts`."""
+    return _core.TableFile("parquet", log.arrow_stream(key, raw=raw)).chunk_rows
 
 
 def write_parts(
@@ -49,6 +53,8 @@ def write_parts(
         OSError: The file cannot be written, or the log cannot be read.
         XbusError: The log has changed since it was split.
     """
+    from concurrent.futures import ThreadPoolExecutor  # imported late: `import xbus` must be quick
+
     empty = parts[0].empty(quantities=quantities).arrow_stream(key, raw=raw)
     file = _core.TableFile(file_format, empty)
 
@@ -56,13 +62,16 @@ def write_parts(
         log = part.read(quantities=quantities)
         return part, log, list(log.arrow_stream(key, raw=raw).batches())
 
+    # Half of the threads decode while the others encode.
+    ahead = (threads + 1) // 2
+
     with replacing(path) as out, ThreadPoolExecutor(threads, thread_name_prefix="xbus") as pool:
 
         def batches() -> Iterator[_core.Batch]:
-            for part, log, found in in_order(pool, decode, parts, threads):
+            for part, log, found in in_order(pool, decode, parts, ahead):
                 if read is not None:
                     read(part, log)
                 yield from found
 
-        rows = sum(write_batches(file, batches(), out, pool, threads))
+        rows = sum(write_batches(file, batches(), out, pool, ahead))
     return rows, len(empty.columns)

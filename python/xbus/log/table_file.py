@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from typing import BinaryIO, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, BinaryIO, Literal, TypeAlias, TypeVar
 
 from xbus import _core
 from xbus.log.export import replacing
+
+if TYPE_CHECKING:
+    from concurrent.futures import Executor, Future
 
 __all__ = ["FileFormat", "in_order", "write_batches", "write_table"]
 
@@ -39,6 +41,8 @@ def write_table(
     Raises:
         OSError: The file cannot be written.
     """
+    from concurrent.futures import ThreadPoolExecutor  # imported late: `import xbus` must be quick
+
     threads = threads or os.cpu_count() or 1
     file = _core.TableFile(file_format, table)
     with replacing(path) as out, ThreadPoolExecutor(threads) as pool:

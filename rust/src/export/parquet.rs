@@ -16,8 +16,8 @@ use parquet::schema::types::ColumnPath;
 /// acceleration over a row group does not let a query skip any.
 const SELECTING: [&str; 3] = ["sample", "time", "host_time"];
 
-/// Values that a page encodes at a time.
-const PAGE_ROWS: usize = 1 << 16;
+/// Values of a page, at most: a page is as large as its bytes allow.
+const PAGE_ROWS: usize = 1 << 18;
 
 /// The columns of a row group, encoded.
 pub struct RowGroup(Vec<ArrowColumnChunk>);

@@ -21,7 +21,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyCapsule;
 
 use super::column::Column;
-use super::convert::arrow_error;
+use super::convert::{arrow_error, detached};
 use super::log::Part;
 use crate::arrow::{Batches, Table};
 
@@ -95,12 +95,12 @@ impl ArrowStream {
     }
 
     #[getter]
-    fn columns(&self, py: Python<'_>) -> Vec<String> {
-        py.detach(|| self.schema()).fields().iter().map(|field| field.name().clone()).collect()
+    fn columns(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        Ok(detached(py, || self.schema())?.fields().iter().map(|field| field.name().clone()).collect())
     }
 
-    fn batches(&self, py: Python<'_>) -> BatchIterator {
-        BatchIterator(Mutex::new(py.detach(|| self.made())))
+    fn batches(&self, py: Python<'_>) -> PyResult<BatchIterator> {
+        Ok(BatchIterator(Mutex::new(detached(py, || self.made())?)))
     }
 }
 
@@ -160,7 +160,7 @@ impl BatchIterator {
     }
 
     fn __next__(&self, py: Python<'_>) -> PyResult<Option<Batch>> {
-        let next = py.detach(|| self.0.lock().unwrap_or_else(PoisonError::into_inner).next());
+        let next = detached(py, || self.0.lock().unwrap_or_else(PoisonError::into_inner).next())?;
         next.transpose().map(|batch| batch.map(Batch)).map_err(arrow_error)
     }
 }

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 
 use super::array::hand_over;
 use super::arrow::{ArrowStream, Batch};
-use super::convert::arrow_error;
+use super::convert::{arrow_error, detached};
 use crate::export::{self, Format};
 
 /// Rows that are encoded for a file.
@@ -42,11 +42,11 @@ pub struct TableFile {
 impl TableFile {
     #[new]
     fn new(py: Python<'_>, file_format: Format, table: &ArrowStream) -> PyResult<Self> {
-        let schema = py.detach(|| table.schema());
+        let schema = detached(py, || table.schema())?;
         Ok(Self {
             encoder: export::Encoder::new(file_format, schema.clone()).map_err(arrow_error)?,
             writer: Mutex::new(export::Writer::new(file_format, schema.clone()).map_err(arrow_error)?),
-            chunk_rows: export::chunk_rows(&schema),
+            chunk_rows: export::chunk_rows(file_format, &schema),
         })
     }
 
@@ -58,7 +58,7 @@ impl TableFile {
     fn encode(&self, py: Python<'_>, batches: Vec<PyRef<'_, Batch>>) -> PyResult<Chunk> {
         let batches: Vec<RecordBatch> = batches.iter().map(|batch| batch.0.clone()).collect();
         let rows = batches.iter().map(RecordBatch::num_rows).sum();
-        let chunk = py.detach(|| self.encoder.encode(&batches)).map_err(arrow_error)?;
+        let chunk = detached(py, || self.encoder.encode(&batches))?.map_err(arrow_error)?;
         Ok(Chunk { chunk: Mutex::new(Some(chunk)), rows })
     }
 
@@ -79,10 +79,10 @@ impl TableFile {
         py: Python<'py>,
         write: impl FnOnce(&mut export::Writer) -> Result<Vec<u8>, arrow_schema::ArrowError> + Send,
     ) -> PyResult<Bytes<'py>> {
-        let bytes = py.detach(|| {
+        let bytes = detached(py, || {
             let mut writer = self.writer.lock().map_err(|_| PyRuntimeError::new_err("writing has failed before"))?;
             write(&mut writer).map_err(arrow_error)
-        })?;
+        })??;
         Ok(hand_over(py, bytes))
     }
 }
