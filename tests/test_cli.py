@@ -324,20 +324,35 @@ def test_ctrl_c_between_two_reads_ends_the_program(tmp_path: Path) -> None:
         assert child.returncode == 130
 
 
+#: What replaces the writing of OUT: half a file is written, and then nothing more. A pause of the main thread
+#: could begin after the signal.
+STUCK = {
+    "walk.npz": (
+        "import numpy\n"
+        "def stuck(out, *arrays, **options):\n"
+        "    out.write(b'half'); print('now', flush=True)\n"
+        "    while True: time.sleep(0.1)\n"
+        "numpy.lib.format.write_array = stuck"
+    ),
+    "walk.parquet": (
+        "from xbus.log import part_file\n"
+        "def stuck(file, batches, out, pool, ahead):\n"
+        "    out.write(b'half'); print('now', flush=True)\n"
+        "    while True: yield pool.submit(time.sleep, 0.1).result() or 0\n"
+        "part_file.write_batches = stuck"
+    ),
+}
+
+
+@pytest.mark.parametrize("name", list(STUCK))
 @pytest.mark.parametrize(
     ("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
 def test_a_signal_while_writing_leaves_no_partial_file(
-    number: int, code: int, tmp_path: Path
+    number: int, code: int, name: str, tmp_path: Path
 ) -> None:
-    patched = (
-        "import sys, time, numpy; from xbus.cli import main\n"
-        "def stuck(out, **arrays):\n"
-        "    out.write(b'half'); out.flush(); print('now', flush=True)\n"
-        "    while True: time.sleep(0.1)\n"  # a pause could begin after the signal
-        "numpy.savez = stuck; main(sys.argv[1:])"
-    )
-    out = tmp_path / "walk.npz"
+    patched = f"import sys, time\n{STUCK[name]}\nfrom xbus.cli import main\nmain(sys.argv[1:])"
+    out = tmp_path / name
     out.write_bytes(b"what was there")
     command = [sys.executable, "-c", patched, "decode", WALK, "-o", str(out)]
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
