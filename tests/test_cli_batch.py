@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
 import random
+import signal
+import time
 from pathlib import Path
 
 import pyarrow.parquet
 import pytest
 
 import xbus
-from test_cli import FIELD, WALK, run
+from test_cli import FIELD, WALK, run, start
 from test_cli_decode import rotated
 from xbus.cli import batch
 from xbus.cli.progress import Progress, ShowsProgress
@@ -194,6 +197,47 @@ def test_progress_of_writing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert done == sorted(done)
     assert (done[0], done[-1]) == (0, size)
     assert len(done) > len(xbus.read_log(WALK).keys())  # after each array
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes")
+def test_only_files_of_a_folder_are_recordings() -> None:
+    """A pipe would wait for a writer. One that is named is read, and Ctrl-C ends the wait."""
+    Path("a.mtb").write_bytes(Path(WALK).read_bytes())
+    os.mkfifo("b.mtb")
+    for given in (".", "*.mtb"):
+        result = run("decode", given, "--out-dir", "out", "--suffix", ".npz")
+        assert (result.exit_code, result.stderr.splitlines()[-1]) == (0, "1 recording done")
+    arguments = ["decode", "b.mtb", "a.mtb", "--out-dir", "pipes", "--suffix", ".npz"]
+    with start(*arguments) as child:
+        while not Path("pipes/a.npz").exists():
+            assert child.poll() is None
+            time.sleep(0.01)
+        child.send_signal(signal.SIGINT)
+        assert child.wait(timeout=20) == 130
+    assert [path.name for path in Path("pipes").iterdir()] == ["a.npz"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights")
+def test_a_link_is_the_same_file() -> None:
+    """Links to pieces, such as that to the latest one, do not hide their names."""
+    data = Path(WALK).read_bytes()
+    Path("walk.mtb").write_bytes(data[:80_000])
+    Path("walk-0001.mtb").write_bytes(data[80_000:])
+    Path("a-latest.mtb").symlink_to("walk-0001.mtb")
+    shown = json.loads(
+        run("info", ".", "a-latest.mtb", str(Path("walk.mtb").resolve()), "--json").stdout
+    )
+    assert [item["files"] for item in shown] == [["./walk.mtb", "./walk-0001.mtb"]]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="such names do not exist")
+def test_names_that_would_break_a_line() -> None:
+    for name in ("one\ntwo.mtb", "bell\a.mtb", "a b.mtb"):
+        Path(name).write_bytes(Path(WALK).read_bytes())
+    result = run("decode", ".", "--out-dir", "out", "--suffix", ".npz")
+    names = [line.partition("  ")[0] for line in result.stderr.splitlines()[1:-1]]
+    assert names == ["./a b.mtb", "./bell\\x07.mtb", "./one\\ntwo.mtb"]
+    assert Path("out/one\ntwo.npz").exists()
 
 
 def test_an_interrupt_stops_all_jobs() -> None:

@@ -231,7 +231,7 @@ def run(
     outcomes = [Outcome(job) for job in jobs]
     for outcome in outcomes:
         out = outcome.job.out
-        if skip_existing and out is not None and os.path.exists(out):  # noqa: PTH110
+        if skip_existing and out is not None and os.path.isfile(out):  # noqa: PTH113
             outcome.is_skipped, outcome.text, outcome.values = True, "skipped", {"skipped": True}
     waiting = [at for at, outcome in enumerate(outcomes) if not outcome.is_skipped]
     with Progress("", shown=not quiet) as bar:

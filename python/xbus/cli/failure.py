@@ -21,6 +21,7 @@ __all__ = ["Failure", "cannot", "failure_of", "handle_errors", "stop_requested"]
 REMEDIES = {
     errno.ENOENT: "check the path",
     errno.ENOTDIR: "check the path",
+    errno.EEXIST: "choose another name",
     errno.EISDIR: "name files, such as DIR/*.mtb",
     errno.EACCES: "get the permission, or work on a copy",
     errno.EPERM: "get the permission, or work on a copy",

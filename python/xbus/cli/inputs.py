@@ -22,8 +22,10 @@ from xbus.files import (
     decompressed,
     is_magic_start,
     is_plain,
+    is_url,
     local_name,
     open_file,
+    suffix_of_compression,
 )
 
 if TYPE_CHECKING:
@@ -48,8 +50,13 @@ SIGNAL_INTERVAL = 0.2
 
 
 def label(name: str) -> str:
-    """Returns a printable file name."""
-    return "standard input" if name == STDIN else click.format_filename(name)
+    """Returns a printable file name: control characters, which break lines, are escaped."""
+    if name == STDIN:
+        return "standard input"
+    text = click.format_filename(name)
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def reading_task(name: str) -> str:
@@ -321,7 +328,21 @@ def _open(name: str) -> IO[bytes]:
     if name == STDIN:
         raw: IO[bytes] = getattr(sys.stdin.buffer, "raw", sys.stdin.buffer)
         return raw
-    return open_file(name)
+    return _open_pipe(name) or open_file(name)
+
+
+def _open_pipe(name: str) -> IO[bytes] | None:
+    """Opens a named pipe without waiting for its writer, so that Ctrl-C is handled; None for other files."""
+    if os.name != "posix" or is_url(name) or suffix_of_compression(name):
+        return None
+    path = local_name(name)
+    with contextlib.suppress(OSError):  # `open_file` reports it
+        if not stat.S_ISFIFO(os.stat(path).st_mode):  # noqa: PTH116
+            return None
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        os.set_blocking(descriptor, True)
+        return open(descriptor, "rb", buffering=0)  # noqa: PTH123
+    return None
 
 
 def _open_hex(name: str) -> IO[bytes]:

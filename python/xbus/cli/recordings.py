@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import os
+import stat
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -73,14 +74,18 @@ def find_files(names: Sequence[str]) -> list[str]:
     """
     from xbus.log.arrivals import side_files
 
-    found: dict[str, str] = {}
+    found: dict[str, tuple[str, str]] = {}
     for name in names:
         for file in _expand(name):
-            key = file if file == STDIN or is_url(file) else os.path.abspath(local_name(file))  # noqa: PTH100
-            found.setdefault(key, file)
-    sides = {side for key in found for side in side_files(key)}
-    recordings = [file for key, file in found.items() if key not in sides]
-    return recordings or list(found.values())
+            is_local = file != STDIN and not is_url(file)
+            path = os.path.abspath(local_name(file)) if is_local else file  # noqa: PTH100
+            # A link is the same file, whose real name says whether it is a piece.
+            target = os.path.realpath(path) if is_local else file
+            if target not in found or path == target != found[target][0]:
+                found[target] = path, file
+    sides = {side for path, _ in found.values() for side in side_files(path)}
+    recordings = [file for path, file in found.values() if path not in sides]
+    return recordings or [file for _, file in found.values()]
 
 
 def _expand(name: str) -> Iterator[str]:
@@ -95,6 +100,7 @@ def _expand(name: str) -> Iterator[str]:
             files = sorted(file for file in os.listdir(path) if file.lower().endswith(suffixes))  # noqa: PTH208
         except OSError as error:
             raise cannot(f"read {label(name)}", error) from error
+        files = [file for file in files if _is_recording(os.path.join(path, file))]  # noqa: PTH118
         if not files:
             raise Failure(
                 f"no {SUFFIX} file in the folder {label(name)}; name the files, such as {label(name)}/*.bin"
@@ -102,7 +108,7 @@ def _expand(name: str) -> Iterator[str]:
         yield from (os.path.join(path, file) for file in files)  # noqa: PTH118
     elif glob.has_magic(path) and not os.path.lexists(path):
         files = sorted(glob.glob(path, recursive=True))  # noqa: PTH207
-        files = [file for file in files if not os.path.isdir(file)]  # noqa: PTH112
+        files = [file for file in files if _is_recording(file)]
         if not files:
             raise _no_match(name)
         yield from files
@@ -122,6 +128,14 @@ def _matching_urls(pattern: str) -> list[str]:
 
 def _no_match(pattern: str) -> Failure:
     return Failure(f"no file matches {label(pattern)}; check the pattern")
+
+
+def _is_recording(path: str) -> bool:
+    """Returns whether a file of a folder can be a recording: no folder, pipe, socket or device."""
+    try:
+        return stat.S_ISREG(os.stat(path).st_mode)  # noqa: PTH116 - pathlib is slow to import
+    except OSError:
+        return True  # reading it reports the error
 
 
 def several_recordings(

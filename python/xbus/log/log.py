@@ -466,9 +466,9 @@ class Log(ByQuantity[Column]):
         value. Fields are in the units of `Column.scaled`.
 
         Values are unknown before the first and after the last row of a quantity, and between two rows that
-        are further apart than `max_gap`. No value depends on two runs or on two devices. The times of a run
-        begin at its first time stamp. There is no filter: if the new rate is lower, motion and vibration
-        faster than half of it appear as slower ones.
+        are further apart than `max_gap`; a previous value is kept for at most `max_gap`. No value depends on
+        two runs or on two devices. The times of a run begin at its first time stamp. There is no filter: if
+        the new rate is lower, motion and vibration faster than half of it appear as slower ones.
 
         Args:
             rate: Rows per second.
