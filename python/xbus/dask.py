@@ -83,7 +83,7 @@ def read_logs(
         OSError: A file cannot be read.
         ValueError: The same column has different coordinates or units in two files, or no column has the name
             ``index``. The other errors are those of `split_log`.
-        XbusError: A file changed while it was read. This and OSError also occur in computations.
+        LogChangedError: A file changed while it was read. This and OSError also occur in computations.
 
     >>> import xbus.dask
     >>> frame = xbus.dask.read_logs(["tests/captures/walk.mtb", "tests/captures/field.mtb"])

@@ -57,11 +57,11 @@ def is_string(key: EntryKey) -> bool:
 @contextlib.contextmanager
 def unchanged(names: str) -> Iterator[None]:
     """Converts the error of an input that changes while it is read to a Failure."""
-    from xbus.errors import XbusError
+    from xbus.log.parts import LogChangedError
 
     try:
         yield
-    except XbusError as error:
+    except LogChangedError as error:
         raise Failure(
             f"{names} changed while it was decoded; wait until it is complete, or decode a copy"
         ) from error

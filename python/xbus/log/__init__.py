@@ -5,7 +5,7 @@ from xbus.log.column import Column
 from xbus.log.hostclock import HostClock
 from xbus.log.log import Log, LogDevice, MissingDeviceError
 from xbus.log.messages import Messages, Unknown
-from xbus.log.parts import LogPart, split_log
+from xbus.log.parts import LogChangedError, LogPart, split_log
 from xbus.log.read import iter_log, read_log
 from xbus.log.resample import Resampled
 from xbus.log.scan import scan_log
@@ -17,6 +17,7 @@ __all__ = [
     "Column",
     "HostClock",
     "Log",
+    "LogChangedError",
     "LogDevice",
     "LogPart",
     "Messages",

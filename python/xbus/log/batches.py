@@ -50,8 +50,8 @@ def log_batches(
 
     Raises:
         ImportError: The extra ``arrow`` is not installed.
-        XbusError: A file changed while it was read; also while batches are taken, as is OSError. The other
-            errors are those of `split_log`.
+        LogChangedError: A file changed while it was read; this and OSError also while batches are taken. The
+            other errors are those of `split_log`.
 
     >>> import xbus
     >>> reader = xbus.log_batches("tests/captures/walk.mtb", quantities=["temperature"])

@@ -51,7 +51,7 @@ def write_parts(
 
     Raises:
         OSError: The file cannot be written, or the log cannot be read.
-        XbusError: The log has changed since it was split.
+        LogChangedError: The log has changed since it was split.
     """
     from concurrent.futures import ThreadPoolExecutor  # imported late: `import xbus` must be quick
 

@@ -35,7 +35,7 @@ from xbus.protocol.values import StringType
 from xbus.remote import Version
 from xbus.wire.strings import mask_of
 
-__all__ = ["PART", "LogPart", "joined_parts", "split_log"]
+__all__ = ["PART", "LogChangedError", "LogPart", "joined_parts", "split_log"]
 
 #: Bytes after a part that decide how it ends: more than two of the longest frames.
 LOOKAHEAD = 1 << 18
@@ -43,6 +43,10 @@ LOOKAHEAD = 1 << 18
 PART = 64 << 20
 #: What messages say of a file that is no longer what it was.
 CHANGED = "has changed since it was split; split it again"
+
+
+class LogChangedError(XbusError):
+    """The input of a log changed while it was read, or since it was split."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,7 @@ class LogPart:
 
         Raises:
             OSError: The input cannot be read.
-            XbusError: The input has changed since it was split.
+            LogChangedError: The input has changed since it was split.
             ValueError: A quantity that does not exist, or fewer threads than one.
 
         >>> import xbus
@@ -188,8 +192,8 @@ class LogPart:
             raise self._changed() from error
         return log
 
-    def _changed(self) -> XbusError:
-        return XbusError(f"{_name(self._begin.source)} {CHANGED}")
+    def _changed(self) -> LogChangedError:
+        return LogChangedError(f"{_name(self._begin.source)} {CHANGED}")
 
 
 def split_log(
@@ -227,7 +231,7 @@ def split_log(
     Raises:
         TypeError: A file object, a pipe or a device, which can be read only once.
         ValueError: ``block_bytes`` less than 1. The other errors are those of `read_log`.
-        XbusError: A file changed while it was split.
+        LogChangedError: A file changed while it was split.
 
     >>> import xbus
     >>> from concurrent.futures import ThreadPoolExecutor
@@ -434,8 +438,8 @@ def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: 
 
     Raises:
         OSError: One cannot be accessed.
-        XbusError: One has changed. The message is its name and ``problem``.
+        LogChangedError: One has changed. The message is its name and ``problem``.
     """
     for one, before, now in zip(_each(source), versions, _versions(source), strict=True):
         if before != now:
-            raise XbusError(f"{_name(one)} {problem}")
+            raise LogChangedError(f"{_name(one)} {problem}")

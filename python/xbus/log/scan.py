@@ -62,8 +62,8 @@ def scan_log(
 
     Raises:
         ImportError: The extra ``polars`` is not installed.
-        XbusError: A file changed while it was read; also while a query is collected, as is OSError. The other
-            errors are those of `split_log`.
+        LogChangedError: A file changed while it was read; this and OSError also while a query is collected.
+            The other errors are those of `split_log`.
 
     >>> import polars as pl, xbus
     >>> log = xbus.scan_log("tests/captures/walk.mtb")
