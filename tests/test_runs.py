@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 
 import xbus
 from conftest import counter, differences, facts, fine
-from streams import frame, mtdata2, packet
-from test_cli import WALK, run
+from streams import dirty, frame, gnssins, mtdata2, packet
+from test_cli import FIELD, WALK, run
+from xbus.log.runs import PartRuns, Runs
 from xbus.protocol.tables import QUANTITIES
 from xbus.report import gather
 
@@ -369,3 +370,39 @@ def test_raw_option(tmp_path: Path) -> None:
         assert pq.read_table(out).equals(log.to_arrow(keys))
     for wrong in (["--tracker", "1", "-o", "x.csv"], ["-o", "x.csv", "--rate-out", "10"]):
         assert run("decode", WALK, "--raw", *wrong).exit_code == 2
+
+
+# ---------------------------------------------------------------------------------------------
+# Parts of one run
+# ---------------------------------------------------------------------------------------------
+
+
+def runs_in_parts(data: bytes, block: int) -> tuple[Runs, list[PartRuns]]:
+    runs = Runs()
+    return runs, [runs.add(part.core) for part in xbus.iter_log(data, block_bytes=block)]
+
+
+@pytest.mark.parametrize("block", [300, 5000, 1 << 20])
+@pytest.mark.parametrize(
+    "data",
+    [
+        Path(WALK).read_bytes(),
+        Path(FIELD).read_bytes(),
+        gnssins(300),
+        dirty(300),
+        b"".join(mtdata2(counter(i), fine(9 * i), bid=1 + i // 90) for i in range(300)),
+        b"".join(mtdata2(counter(i)) for i in range(90)) + frame(0x3E) + gnssins(50),
+    ],
+    ids=["walk", "field", "with position", "dirty", "two devices", "restart"],
+)
+def test_a_part_of_one_run_adds_the_same(
+    data: bytes, block: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fast, parts = runs_in_parts(data, block)
+    monkeypatch.setattr("xbus.log.runs._is_one_run", lambda *_: False)
+    plain, expected = runs_in_parts(data, block)
+    assert fast.rows.tobytes() == plain.rows.tobytes()
+    for one, other in zip(parts, expected, strict=True):
+        assert one.run.tolist() == other.run.tolist()
+        assert one.lost.tolist() == other.lost.tolist()
+        assert one.present == other.present
