@@ -40,6 +40,14 @@ pub fn out_of_memory() -> ! {
     resume_unwind(Box::new(OutOfMemory)) // without the message and the backtrace of a panic
 }
 
+/// Ends the work if there is no memory for this many bytes more: some libraries abort the process without memory.
+#[cfg(feature = "python")]
+pub fn expect_memory(size: usize) {
+    if Vec::<u8>::new().try_reserve_exact(size).is_err() {
+        out_of_memory();
+    }
+}
+
 /// Does work. What it changes is not to be used any more if it ends early.
 ///
 /// # Errors

@@ -59,11 +59,17 @@ def failure_of(error: Exception) -> Failure | None:
             return error
         case ImportError() | XbusError():
             return Failure(str(error))
-        case MemoryError():
-            return Failure("not enough memory; decode one --quantity at a time, or split the log")
+        case MemoryError() | RuntimeError() if _is_lack_of_memory(error):
+            return Failure(
+                "not enough memory; close other programs, or raise the limit (ulimit -v)"
+            )
         case OSError():
             return cannot(f"write to {error.filename or 'standard output'}", error)
     return None
+
+
+def _is_lack_of_memory(error: Exception) -> bool:
+    return isinstance(error, MemoryError) or str(error) == "can't start new thread"
 
 
 @contextlib.contextmanager
@@ -83,11 +89,14 @@ def handle_errors() -> Iterator[None]:
     except KeyboardInterrupt:
         _discard_output()
         raise click.exceptions.Exit(128 + signal.SIGINT) from None
-    except (ImportError, MemoryError, OSError, XbusError) as error:
+    except Exception as error:
         # Errors of inputs and of OUT are handled where they are used.
+        failure = failure_of(error)
+        if failure is None or failure is error:
+            raise
         if isinstance(error, OSError):
             _discard_output()
-        raise failure_of(error) or error from error
+        raise failure from error
 
 
 @contextlib.contextmanager

@@ -34,24 +34,41 @@ def json_pieces(value: Any, indent: str = "\n") -> Iterator[str]:
     '{\n  "n": 2,\n  "rows": [\n    1,\n    []\n  ]\n}'
     """
     inner = indent + "  "
-    if isinstance(value, dict) and value:
+    if not _has_rows(value):
+        yield _dumps(value, indent)
+    elif isinstance(value, dict):
         start = "{"
         for key, item in value.items():
             yield f"{start}{inner}{json.dumps(key)}: "
             yield from json_pieces(item, inner)
             start = ","
         yield indent + "}"
-    elif isinstance(value, list | JsonRows):
+    else:
         start = "["
+        encode = _row_encoder(inner) if isinstance(value, JsonRows) else None
         for item in value:
             yield start + inner
-            yield from (
-                json_pieces(item, inner) if isinstance(value, list) else [_dumps(item, inner)]
-            )
+            yield from [encode(item)] if encode else json_pieces(item, inner)
             start = ","
         yield "[]" if start == "[" else indent + "]"
-    else:
-        yield _dumps(value, indent)
+
+
+def _has_rows(value: Any) -> bool:
+    if isinstance(value, dict):
+        value = list(value.values())
+    return isinstance(value, JsonRows) or (isinstance(value, list) and any(map(_has_rows, value)))
+
+
+def _row_encoder(indent: str) -> Callable[[Any], str]:
+    """Returns a function that encodes a row, ten times as fast as `json.dumps` if its values are no lists."""
+    encoder = json.JSONEncoder(allow_nan=False, separators=(f",{indent}  ", ": "))
+
+    def encode(row: Any) -> str:
+        if not isinstance(row, dict) or any(isinstance(item, list | dict) for item in row.values()):
+            return _dumps(row, indent)
+        return f"{{{indent}  {encoder.encode(row)[1:-1]}{indent}}}" if row else "{}"
+
+    return encode
 
 
 def _dumps(value: Any, indent: str) -> str:

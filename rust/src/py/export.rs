@@ -10,6 +10,7 @@ use pyo3::prelude::*;
 use super::array::hand_over;
 use super::arrow::{ArrowStream, Batch};
 use super::convert::{arrow_error, detached};
+use crate::catch::expect_memory;
 use crate::export::{self, Format};
 
 /// Rows that are encoded for a file.
@@ -25,6 +26,9 @@ impl Chunk {
         self.rows
     }
 }
+
+/// More than the memory that a compressor needs, in bytes.
+const COMPRESSOR_SIZE: usize = 16 << 20;
 
 /// Bytes of a file: a read-only array.
 type Bytes<'py> = Bound<'py, PyArray1<u8>>;
@@ -58,7 +62,12 @@ impl TableFile {
     fn encode(&self, py: Python<'_>, batches: Vec<PyRef<'_, Batch>>) -> PyResult<Chunk> {
         let batches: Vec<RecordBatch> = batches.iter().map(|batch| batch.0.clone()).collect();
         let rows = batches.iter().map(RecordBatch::num_rows).sum();
-        let chunk = detached(py, || self.encoder.encode(&batches))?.map_err(arrow_error)?;
+        let chunk = detached(py, || {
+            let size: usize = batches.iter().map(RecordBatch::get_array_memory_size).sum();
+            expect_memory(size + COMPRESSOR_SIZE);
+            self.encoder.encode(&batches)
+        })?;
+        let chunk = chunk.map_err(arrow_error)?;
         Ok(Chunk { chunk: Mutex::new(Some(chunk)), rows })
     }
 
