@@ -229,6 +229,18 @@ def test_any_stream_can_be_shown(data: bytes) -> None:
     json.dumps(snapshot_dict(model), allow_nan=False)
 
 
+def test_several_devices_are_reported() -> None:
+    """Their rates and values are mixed."""
+    frames = [encode_sample({"temperature": 20.0}, bid=bid) for bid in (0xFF, 1)]
+    model = known(b"".join(frames))
+    assert not model.events
+    model.add_block(read_log(encode_sample({"temperature": 20.0}, bid=2)), 1.0)
+    model.add_block(read_log(b"".join(frames)), 2.0)
+    (event,) = model.events
+    assert event.text.startswith("samples of several devices (BID 1, 2) are shown as those of one")
+    assert event.is_bad
+
+
 def words(model: Model) -> dict[str, str]:
     return {status_row.label: status_row.text for status_row in status_rows(model, UNICODE)}
 

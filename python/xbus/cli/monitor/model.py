@@ -8,10 +8,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+
 from xbus.cli.monitor.attitude import ORIENTATIONS, Attitude, attitude_of
 from xbus.log.column import Column
 from xbus.log.log import Log
-from xbus.protocol.tables import RECEIVER
+from xbus.protocol.tables import RECEIVER, device_of
 from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
@@ -162,6 +164,7 @@ class Model:
         last_attitude: The last attitude of the device, and its time; None if there is none.
         fix: The GNSS fix.
         counts: Totals.
+        devices: BIDs of the devices that sent samples; 1 stands for FF too.
         events: The latest events.
         recording: The current recording.
         corrections: What was forwarded from a caster, in words; None without one.
@@ -180,6 +183,7 @@ class Model:
     last_attitude: tuple[Attitude, float] | None = None
     fix: Fix = field(default_factory=Fix)
     counts: Counts = field(default_factory=Counts)
+    devices: set[int] = field(default_factory=set)
     events: deque[MonitorEvent] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     recording: RecordingState | None = None
     corrections: str | None = None
@@ -225,9 +229,21 @@ class Model:
             quantity = self.quantities.setdefault((name, None), QuantityState(name))
             quantity.value = packets[-1]
             quantity.update(len(packets), now, math.nan)
+        self._add_devices(block)
         self._add_strings(block, now)
         self._update_attitude(updated, now)
         self.fix.update_from_block(block)
+
+    def _add_devices(self, block: Log) -> None:
+        """Adds an event if another device sends samples, which are shown as those of the first."""
+        before = len(self.devices)
+        self.devices |= set(np.unique(device_of(block.bid)).tolist())
+        if len(self.devices) > max(before, 1):
+            bids = ", ".join(map(str, sorted(self.devices)))
+            self.add_event(
+                f"samples of several devices (BID {bids}) are shown as those of one; xbus cut --bid N "
+                "writes those of one"
+            )
 
     def add_undecoded(self, counts: Mapping[int, int]) -> None:
         """Updates the outputs that are not decoded, such as legacy MTData.
