@@ -25,6 +25,8 @@ ROOT = Path(__file__).resolve().parents[1]
 CAPTURES = "tests/captures"
 #: Its `python` blocks are tests, which test_pytest_plugin runs.
 PAGE_OF_TESTS = ROOT / "docs" / "howto" / "ci.md"
+#: Its `python` blocks are run by test_dask.
+PAGE_OF_CLUSTERS = ROOT / "docs" / "howto" / "cluster.md"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 MODULES = ["xbus", *(module.name for module in pkgutil.walk_packages(xbus.__path__, "xbus."))]
 
@@ -56,7 +58,8 @@ def test_docstrings(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
 def test_every_python_block_is_run(page: Path) -> None:
-    for block in [*blocks(page, "py"), *(blocks(page, "python") if page != PAGE_OF_TESTS else [])]:
+    is_run = page in (PAGE_OF_TESTS, PAGE_OF_CLUSTERS)
+    for block in [*blocks(page, "py"), *([] if is_run else blocks(page, "python"))]:
         raise AssertionError(f"no test runs this block; write it as pycon, with >>>:\n{block}")
     for block in blocks(page, "pycon"):
         assert block.startswith(">>> "), block

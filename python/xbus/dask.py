@@ -16,6 +16,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from xbus.extras import require
 from xbus.files import is_url, local_name
 from xbus.log.part_tables import PartTables
@@ -226,14 +228,18 @@ class _Reader:
         )
         own = [name for name in names if name in tables.columns]
         table = arrow.table(tables.read(partition.part, own)).select(own)
-        fields = [schema.field(name) for name in names]
-        arrays = [
-            table[field.name].cast(field.type)
-            if field.name in own
-            else arrow.nulls(len(table), field.type)
-            for field in fields
-        ]
-        return self._frame(arrow.table(arrays, arrow.schema(fields)), partition.file, columns)
+        fields = arrow.schema([schema.field(name) for name in names])
+        if table.schema != fields:  # some columns are missing, or have fewer bits
+            table = arrow.table(
+                [
+                    table[field.name].cast(field.type)
+                    if field.name in own
+                    else arrow.nulls(len(table), field.type)
+                    for field in fields
+                ],
+                fields,
+            )
+        return self._frame(table, partition.file, columns)
 
     def _frame(self, table: pa.Table, file: int, columns: list[str] | None) -> pd.DataFrame:
         arrow, pandas = require("pyarrow", "dask", PURPOSE), require("pandas", "dask", PURPOSE)
@@ -248,9 +254,10 @@ class _Reader:
             and arrow.types.is_integer(field.type)
             and field.type != arrow.uint64()
         }
-        frame = frame.astype(floats)
+        if floats:
+            frame = frame.astype(floats)
         if columns is None or FILE in columns:
-            codes = [file] * len(frame)
+            codes = np.full(len(frame), file, np.int32)
             frame[FILE] = pandas.Categorical.from_codes(codes, categories=list(self.files))
         if self.index is not None:
             frame = frame.set_index(self.index)
