@@ -6,10 +6,13 @@ import functools
 import os
 import signal
 import sys
+import types
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
+import fsspec
 import numpy as np
 import pandas as pd
 import pytest
@@ -22,6 +25,7 @@ import xbus.dask
 from conftest import OWN_CAPTURES
 from object_store import ObjectStore
 from streams import mtdata2, packet, real
+from test_docs import PAGE_OF_CLUSTERS, blocks
 from xbus import XbusError
 
 AHRS, GNSSINS = streams.ahrs(3000), streams.gnssins(2000)
@@ -289,3 +293,64 @@ def test_columns_that_mean_different_things(tmp_path: Path) -> None:
         ValueError, match=r"quaternion_q0 is in ENU in .*a\.mtb but in NED in .*b\.mtb; read these"
     ):
         read_logs(str(tmp_path / "*.mtb"))
+
+
+# Examples
+
+
+@pytest.mark.parametrize("number", range(3))
+def test_examples(
+    number: int, client: Client, store: ObjectStore, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The `python` blocks of the page run, with this cluster and stand-ins for Ray and Spark."""
+    block = blocks(PAGE_OF_CLUSTERS, "python")[number]
+    for name in ("walk.mtb", "only/2026/walk.mtb"):
+        store.put(name, WALK.read_bytes())
+    monkeypatch.setitem(fsspec.config.conf, "s3", store.options)
+    for name, module in stand_ins().items():
+        monkeypatch.setitem(sys.modules, name, module)
+    printed: list[Any] = []
+    text = block.replace('{"anon": True}', repr(store.options))
+    text = text.replace("2026/", "only/2026/")  # without the objects of other tests
+    text = text.replace("tcp://scheduler:8786", client.scheduler_info()["address"])
+    names: dict[str, Any] = {"print": printed.append}
+    exec(text, names)  # noqa: S102
+    if "client" in names:
+        names["client"].close()
+    values = xbus.read_log(WALK)["acceleration"].values
+    if number == 0:
+        assert printed[0].tolist() == pytest.approx(values.mean(axis=0, dtype=np.float64), abs=1e-5)
+    else:
+        assert printed == [pytest.approx((values**2).sum(), rel=1e-5)]
+
+
+def stand_ins() -> dict[str, Any]:
+    """Modules that run a function in this process, after they have pickled it and its argument."""
+
+    def sent(value: Any) -> Any:
+        return cloudpickle.loads(cloudpickle.dumps(value))
+
+    def run(function: Any, argument: Any) -> Any:
+        return sent(function)(sent(argument))
+
+    ray = types.SimpleNamespace(
+        remote=lambda function: types.SimpleNamespace(remote=lambda part: run(function, part)),
+        get=list,
+    )
+    rdd = types.SimpleNamespace(
+        map=lambda function: types.SimpleNamespace(sum=lambda: sums(function))
+    )
+    found: list[Any] = []
+
+    def sums(function: Any) -> float:
+        return float(sum(run(function, part) for part in found))
+
+    def parallelize(parts: list[Any], count: int) -> Any:
+        assert count == len(parts)
+        found[:] = parts
+        return rdd
+
+    session = types.SimpleNamespace(sparkContext=types.SimpleNamespace(parallelize=parallelize))
+    builder = types.SimpleNamespace(getOrCreate=lambda: session)
+    sql = types.SimpleNamespace(SparkSession=types.SimpleNamespace(builder=builder))
+    return {"ray": ray, "pyspark": types.SimpleNamespace(sql=sql), "pyspark.sql": sql}

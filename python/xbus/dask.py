@@ -90,7 +90,7 @@ def read_logs(
     >>> import xbus.dask
     >>> frame = xbus.dask.read_logs(["tests/captures/walk.mtb", "tests/captures/field.mtb"])
     >>> frame.groupby("file", observed=True)["acceleration_z"].count().compute().to_dict()
-    {'tests/captures/walk.mtb': 1000, 'tests/captures/field.mtb': 977}
+    {'tests/captures/walk.mtb': 1000, 'tests/captures/field.mtb': 978}
     """
     dask = require("dask", "dask", PURPOSE)
     frames = require("dask.dataframe", "dask", PURPOSE)
