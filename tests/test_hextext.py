@@ -27,6 +27,8 @@ FRAME = bytes.fromhex("FAFF3000D1")
         "0xFAFF3000D1",
         r"\xFA\xFF\x30\x00\xD1",
         "FA:FF:30:00:D1",
+        "FA-FF-30-00-D1",
+        "2026-11-29 12:00:01 RX FA-FF-30-00-D1",
         "FAh FFh 30h 00h D1h",
         "FA FF 30 0 D1",
         "FA FF\n30\r\n\n00 D1\n",

@@ -23,7 +23,8 @@ COMMENT = re.compile(r"//.*|#.*|/\*.*?\*/")
 TIME = re.compile(r"[0-2]?[0-9]:[0-5][0-9]:[0-5][0-9]([.,][0-9]+)?")
 #: What can stand between bytes.
 SEPARATORS = re.compile(r"[\s,;{}()\[\]\"'`|]+")
-BYTES = re.compile(r"[0-9A-Fa-f]+(?::[0-9A-Fa-f]{2})*")
+#: Dashes need five bytes, the shortest frame: fewer can be a date.
+BYTES = re.compile(r"[0-9A-Fa-f]+(?::[0-9A-Fa-f]{2})*|[0-9A-Fa-f]{2}(?:-[0-9A-Fa-f]{2}){4,}")
 
 
 def from_hex(text: str) -> bytes:
@@ -115,6 +116,7 @@ def _bytes(tokens: list[str]) -> Iterator[bytes]:
         digits = _digits(token).replace(":", "")
         if not BYTES.fullmatch(digits):
             raise ValueError(f"{token!r} is not hex")
+        digits = digits.replace("-", "")
         if len(digits) == 1:
             digits = "0" + digits  # as Arduino prints it
         if len(digits) % 2:
