@@ -1502,6 +1502,14 @@ def test_the_first_identity_message_wins() -> None:
     assert (log.device_id, log.firmware) == (0x037003F8, (1, 9, 3, 1, 2))
 
 
+def test_identities_of_two_devices_are_not_mixed() -> None:
+    """A file of two recordings, one after the other, has the identity of the first device."""
+    first = configuration("037003F8 0480 0001")
+    log = xbus.read_log(first + GOOD + configuration("800040D2 00000000", b"MTi-630-8A1G6  "))
+    assert (log.device_id, log.product_code) == (0x037003F8, None)
+    assert log.identity == xbus.read_log(first).identity
+
+
 def test_identity_is_empty_without_messages() -> None:
     log = xbus.read_log(GOOD)
     assert (log.device_id, log.product_code, log.firmware, log.configuration) == (None,) * 4

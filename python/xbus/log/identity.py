@@ -28,7 +28,8 @@ HEAD_MESSAGES = (*IDENTITY_MESSAGES, MessageId.ReqStringOutputTypeAck, MessageId
 class Identity:
     """Identifier, product code, firmware and configuration of a device.
 
-    The first message that has one of them counts.
+    The first message that has one of them counts. Messages with another device identifier, as in files of
+    several recordings, do not.
     """
 
     device_id: int | None = None
@@ -47,7 +48,9 @@ class Identity:
         return identity
 
     def merged(self, other: Identity) -> Identity:
-        """Returns this identity with its gaps filled in from another one."""
+        """Returns this identity with its gaps filled in from another one of the same device."""
+        if self.device_id is not None and other.device_id not in (None, self.device_id):
+            return self
         known = {key: value for key, value in vars(self).items() if value is not None}
         # FirmwareRev has the build, which Configuration lacks.
         if self.firmware and self.firmware.build is None and other.firmware:
