@@ -40,13 +40,16 @@ pub fn out_of_memory() -> ! {
     resume_unwind(Box::new(OutOfMemory)) // without the message and the backtrace of a panic
 }
 
-/// Ends the work if there is no memory for this many bytes more: some libraries abort the process without memory.
-#[cfg(feature = "python")]
+/// Ends the work if there is no memory for this many bytes more, and at least for [`ROOM`]: small vectors and some libraries
+/// do not check whether there is any, and abort the process.
 pub fn expect_memory(size: usize) {
-    if Vec::<u8>::new().try_reserve_exact(size).is_err() {
+    if Vec::<u8>::new().try_reserve_exact(size.max(ROOM)).is_err() {
         out_of_memory();
     }
 }
+
+/// When glibc frees less than this, it later keeps more memory instead of returning it to the system.
+const ROOM: usize = (32 << 20) + 1;
 
 /// Does work. What it changes is not to be used any more if it ends early.
 ///

@@ -4,7 +4,7 @@
 //! 4 KiB, about 8 GB/s with huge pages. So a column reserves all the memory that it is expected to need at once, and asks
 //! the kernel for huge pages.
 
-use crate::catch::out_of_memory;
+use crate::catch::{expect_memory, out_of_memory};
 use crate::column::Progress;
 
 /// Below this many numbers a vector doubles: a quantity that occurs once must not reserve memory for millions of rows.
@@ -31,13 +31,23 @@ pub fn reserve<T>(out: &mut Vec<T>, more: usize, progress: Progress) {
     if out.try_reserve_exact(expected.max(doubled) - out.len()).is_err() {
         reserve_or_end(out, doubled - out.len());
     }
+    leave_room(out);
     request_huge_pages(out);
 }
 
 /// Reserves memory for `more` numbers at the end of `out`, or ends the work: see [`out_of_memory`].
-fn reserve_or_end<T>(out: &mut Vec<T>, more: usize) {
+pub fn reserve_or_end<T>(out: &mut Vec<T>, more: usize) {
     if out.try_reserve_exact(more).is_err() {
         out_of_memory();
+    }
+    leave_room(out);
+}
+
+/// Ends the work if a large vector took nearly all memory: small ones do not check whether there is any.
+fn leave_room<T>(out: &Vec<T>) {
+    const LARGE: usize = 1 << 20;
+    if out.capacity() * size_of::<T>() >= LARGE {
+        expect_memory(0);
     }
 }
 

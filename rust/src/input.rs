@@ -5,6 +5,7 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::ops::Range;
 
+use crate::huge_pages;
 use crate::scan::Window;
 
 /// Most bytes to read at a time: enough to make system calls cheap, few enough for the second-level cache.
@@ -57,6 +58,8 @@ impl<R: Read> Stream<R> {
         let missing = until.saturating_sub(position + self.held.len() as u64);
         let end = self.held.end + usize::try_from(missing).unwrap_or(PIECE).clamp(LEAST, PIECE);
         if self.buffer.len() < end {
+            let more = end - self.buffer.len();
+            huge_pages::reserve_or_end(&mut self.buffer, more);
             self.buffer.resize(end, 0);
         }
         loop {

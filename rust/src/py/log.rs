@@ -11,6 +11,7 @@ use super::array::{Array, hand_over, hand_over_all, hand_over_signed, lend};
 use super::column::Column;
 use super::convert::detached;
 use super::source::Source;
+use crate::catch::expect_memory;
 use crate::clock::Clocks;
 use crate::log::{self, Blocks, Input, Options, Place, TimedPart, Times, Wanted};
 use crate::{state, utc};
@@ -74,6 +75,7 @@ impl Reader {
     fn advance(&mut self, py: Python<'_>, size: u64) -> PyResult<bool> {
         let Self { reader, source, blocks, .. } = self;
         let until = reader.at().saturating_add(size);
+        detached(py, || expect_memory(0))?;
         match source {
             Source::Bytes(bytes, range) => {
                 let bytes = &bytes.bind(py).as_bytes()[range.clone()];
