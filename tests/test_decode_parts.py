@@ -215,6 +215,21 @@ def test_a_file_that_changes_is_reported(monkeypatch: pytest.MonkeyPatch) -> Non
     assert len(list(Path().iterdir())) == 2
 
 
+def test_a_file_that_disappears_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    shutil.copy(WALK, "log.mtb")
+    split = xbus.split_log
+
+    def split_and_delete(*args: Any, **options: Any) -> Any:
+        parts = split(*args, **options)
+        Path("log.mtb").unlink()
+        return parts
+
+    monkeypatch.setattr("xbus.log.parts.split_log", split_and_delete)
+    expected = "cannot read log.mtb: No such file or directory; check the path"
+    assert sentence(run("decode", "log.mtb", "-o", "out.parquet")) == expected
+    assert not list(Path().iterdir())
+
+
 def test_many_recordings(tmp_path: Path) -> None:
     for name in ("walk", "field", "dirty"):
         Path(f"{name}.mtb").write_bytes(LOGS[name])

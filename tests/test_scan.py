@@ -217,6 +217,21 @@ def test_rows(
     )
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_row_index_needs_no_column(engine: Literal["in-memory", "streaming"]) -> None:
+    lazy = scan_log(WALK, block_bytes=20_000)
+    table = lazy.collect().lazy()
+    queries: list[Callable[[pl.LazyFrame], pl.LazyFrame]] = [
+        lambda frame: frame.with_row_index("row").select("row"),
+        lambda frame: frame.with_row_index("row").filter(pl.col("row") > 1000).select("row"),
+        lambda frame: frame.with_row_index("row").select(pl.len()),
+        lambda frame: frame.select(pl.int_range(pl.len())),
+        lambda frame: frame.head(200).with_row_index("row").select(pl.col("row").sum()),
+    ]
+    for query in queries:
+        assert_frame_equal(query(lazy).collect(engine=engine), query(table).collect())
+
+
 def test_a_consumer_that_stops_reads_no_more(reads: list[tuple[int, list[str] | None]]) -> None:
     reader = log_batches(WALK, block_bytes=1000, threads=2)
     reader.read_next_batch()

@@ -128,6 +128,15 @@ def test_missing_device() -> None:
         split_log(second_device(), bid=3)
 
 
+def test_missing_device_with_two_bids() -> None:
+    """BID FF and 1 are the same device, also in different parts."""
+    data = b"".join(
+        mtdata2(streams.real(0x4020, i, 0, 0), bid=bid) for bid in (255, 1) for i in range(50)
+    )
+    with pytest.raises(MissingDeviceError, match=r"BID 255$"):
+        split_log(data, bid=3, block_bytes=100)
+
+
 def test_chosen_quantities() -> None:
     data = streams.gnssins(500)
     parts = split_log(data, block_bytes=5000)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
 from xbus.cli.export_target import check_output, quality_text, restart_count, writing
-from xbus.cli.failure import Failure
+from xbus.cli.failure import Failure, cannot
 from xbus.cli.input_options import InputOptions
 from xbus.cli.inputs import Input, label, no_frame, reading_task
 from xbus.cli.progress import ShowsProgress
@@ -55,8 +55,8 @@ def is_string(key: EntryKey) -> bool:
 
 
 @contextlib.contextmanager
-def unchanged(names: str) -> Iterator[None]:
-    """Converts the error of an input that changes while it is read to a Failure."""
+def reading(names: str) -> Iterator[None]:
+    """Converts the errors of an input that changes or cannot be read to a Failure."""
     from xbus.log.parts import LogChangedError
 
     try:
@@ -65,6 +65,9 @@ def unchanged(names: str) -> Iterator[None]:
         raise Failure(
             f"{names} changed while it was decoded; wait until it is complete, or decode a copy"
         ) from error
+    except OSError as error:
+        name = label(error.filename) if error.filename else names
+        raise cannot(f"read {name}", error) from error
 
 
 class Decoding:
@@ -144,7 +147,7 @@ class Decoding:
         task = reading_task(files[0])
         if self._strict:
             self._check_damage(source, recording, files)
-        with unchanged(names):
+        with reading(names):
             parts = self._parts(recording, lambda done: progress.update(task, done, size))
         empty = parts[0].empty(quantities=self._quantities)
         if not any(part.samples for part in parts) or not (self._keys or len(empty.keys())):
@@ -160,7 +163,7 @@ class Decoding:
             progress.update(task, part.end, size)
 
         progress.update(task, 0, size)
-        with unchanged(names), writing(out):
+        with writing(out):
             rows, columns = write_parts(
                 parts,
                 out,
@@ -169,6 +172,7 @@ class Decoding:
                 key=self._key,
                 raw=self._raw,
                 threads=self._threads,
+                reading=lambda: reading(names),
                 read=add,
             )
         return self._result(totals, None, rows, columns)

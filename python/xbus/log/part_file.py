@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 
 from xbus import _core
 from xbus.log.export import replacing
@@ -29,6 +30,7 @@ def write_parts(
     key: EntryKey | None = None,
     raw: bool = False,
     threads: int = 1,
+    reading: Callable[[], AbstractContextManager[None]] = nullcontext,
     read: Callable[[LogPart, Log], None] | None = None,
 ) -> tuple[int, int]:
     """Writes the table of a log to a file, which appears whole or not at all.
@@ -44,6 +46,7 @@ def write_parts(
         key: As in `Log.to_arrow`: a quantity whose table has a row per packet, or None.
         raw: As in `Log.to_arrow`.
         threads: Number of threads. About twice as many parts are in memory at a time.
+        reading: Returns a context in which a part is read. It may replace errors of the input by others.
         read: Called with each part and its log, in order.
 
     Returns:
@@ -59,7 +62,8 @@ def write_parts(
     file = _core.TableFile(file_format, empty)
 
     def decode(part: LogPart) -> tuple[LogPart, Log, list[_core.Batch]]:
-        log = part.read(quantities=quantities)
+        with reading():
+            log = part.read(quantities=quantities)
         return part, log, list(log.arrow_stream(key, raw=raw).batches())
 
     # Half of the threads decode while the others encode.

@@ -329,7 +329,7 @@ class _FirstPass:
         is_bytes = not isinstance(source, KnownPieces) and not _is_name(source)
         identities: dict[int, Identity] = {}
         clocks: dict[int, HostClock] = {}
-        bids: dict[int, None] = {}
+        bids: dict[int, int] = {}  # of the first sample of each device
         samples = 0
         more = True
         while more:
@@ -357,10 +357,11 @@ class _FirstPass:
             if arrivals is not None:
                 clocks = HostTimes(core, arrivals, clocks).clocks
             if self._bid is not None:
-                bids |= dict.fromkeys(device.bid for device in log.devices)
+                for device in log.devices:
+                    bids.setdefault(_core.device_of(device.bid), device.bid)
         self.has_host_times = bool(clocks)
         if self._bid is not None and not samples:
-            raise MissingDeviceError(self._bid, bids)
+            raise MissingDeviceError(self._bid, bids.values())
 
 
 def _time_range(part: _core.Part) -> tuple[float, float, bool]:

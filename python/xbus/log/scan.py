@@ -110,7 +110,8 @@ class _Frames:
             stream: _core.ArrowStream = self._tables.read(part, columns)
             frame: pl.DataFrame = self._polars.DataFrame(stream)
             if columns is not None:
-                frame = frame.select(columns)
+                # For a row index no column is needed. `drop` keeps the number of rows, `select` does not.
+                frame = frame.select(columns) if columns else frame.drop(frame.columns)
             if rows is not None:
                 frame = frame.head(rows - (part.first_sample - self._parts[0].first_sample))
             return frame if predicate is None else frame.filter(predicate)
