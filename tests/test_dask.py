@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import os
+import random
 import signal
 import sys
 import types
@@ -165,6 +166,17 @@ def files(tmp_path: Path) -> tuple[str, str]:
     for path, data in zip(paths, (AHRS, GNSSINS), strict=True):
         Path(path).write_bytes(data)
     return paths
+
+
+def test_many_columns_give_no_warning(tmp_path: Path) -> None:
+    data = streams.random_log(random.Random(1), 600)
+    path = tmp_path / "wide.mtb"
+    path.write_bytes(data)
+    found = read_logs(path, index=None).compute(scheduler="synchronous")
+    expected = xbus.read_log(data).to_pandas()
+    assert len(expected.columns) > 100
+    assert_frame_equal(found.drop(columns="file"), expected, check_exact=True)
+    assert set(found["file"]) == {str(path)}
 
 
 def test_files_with_different_columns(files: tuple[str, str]) -> None:

@@ -258,7 +258,10 @@ class _Reader:
             frame = frame.astype(floats)
         if columns is None or FILE in columns:
             codes = np.full(len(frame), file, np.int32)
-            frame[FILE] = pandas.Categorical.from_codes(codes, categories=list(self.files))
+            names = pandas.Categorical.from_codes(codes, categories=list(self.files))
+            # To insert it into a frame of more than a hundred columns would give a warning.
+            column = pandas.Series(names, index=frame.index, name=FILE)
+            frame = pandas.concat([frame, column], axis="columns")
         if self.index is not None:
             frame = frame.set_index(self.index)
         return frame if columns is None else frame[columns]
