@@ -414,6 +414,21 @@ def test_a_log_without_samples(tmp_path: Path) -> None:
     assert "messages  MTData 3\n" in text
 
 
+@pytest.mark.parametrize(
+    ("restarts", "text"),
+    [
+        (0, "no run has two time stamps"),
+        (1, "no run has two time stamps; restarted 1 time"),
+        (9, "no run has two time stamps; restarted 9 times"),
+    ],
+)
+def test_a_duration_needs_two_time_stamps(restarts: int, text: str) -> None:
+    sent = sample(counter(1), fine(100))
+    data = sent + (frame(MessageId.WakeUp, b"") + sent) * restarts
+    page = " ".join(info_text("x", facts_of(data)).split())
+    assert f"duration not known: {text} samples" in page
+
+
 def test_a_log_without_counter_and_time(tmp_path: Path) -> None:
     output = output_of(sample(packet(0x3010, bytes(4))) * 2, tmp_path)
     assert output["quantities"][0]["rate_hz"] is None

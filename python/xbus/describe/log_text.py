@@ -35,6 +35,10 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
     if finite(summary.duration) is not None:
         restarts = "" if len(devices) > 1 else "".join(map(_restarts, devices))
         yield "duration", f"{summary.duration:,.2f} s{restarts}"
+    elif finite(summary.start) is not None:
+        count = len(summary.runs.rows) - len(devices)
+        restarted = f"; restarted {format_count(count, 'time')}" if count else ""
+        yield "duration", f"not known: no run has two time stamps{restarted}"
     elif stats.samples and summary.has_counter:
         yield (
             "duration",
