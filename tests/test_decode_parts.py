@@ -230,6 +230,17 @@ def test_a_file_that_disappears_is_named(monkeypatch: pytest.MonkeyPatch) -> Non
     assert not list(Path().iterdir())
 
 
+def test_pieces_of_different_devices_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from xbus.log.pieces import PiecesError
+
+    def refuse(*_: object, **__: object) -> None:
+        raise PiecesError("log-0001.mtb", "log.mtb", "it is from another device", is_restart=False)
+
+    shutil.copy(WALK, "log.mtb")
+    monkeypatch.setattr("xbus.log.parts.split_log", refuse)
+    assert "it is from another device" in sentence(run("decode", "log.mtb", "-o", "out.parquet"))
+
+
 def test_many_recordings(tmp_path: Path) -> None:
     for name in ("walk", "field", "dirty"):
         Path(f"{name}.mtb").write_bytes(LOGS[name])

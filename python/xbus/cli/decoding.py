@@ -56,11 +56,14 @@ def is_string(key: EntryKey) -> bool:
 
 @contextlib.contextmanager
 def reading(names: str) -> Iterator[None]:
-    """Converts the errors of an input that changes or cannot be read to a Failure."""
+    """Converts the errors of an input that changes, cannot be read or is no recording to a Failure."""
     from xbus.log.parts import LogChangedError
+    from xbus.log.pieces import PiecesError
 
     try:
         yield
+    except PiecesError as error:
+        raise Failure(str(error)) from error
     except LogChangedError as error:
         raise Failure(
             f"{names} changed while it was decoded; wait until it is complete, or decode a copy"
