@@ -41,12 +41,10 @@ class _Intervals:
         self.rows = np.empty(0, np.int64)
         self._is_rounded = False
 
-    def add(self, us: npt.NDArray[np.int64]) -> None:
-        """Adds the intervals of rows."""
+    def add(self, us: npt.NDArray[np.int64], rows: npt.NDArray[np.int64]) -> None:
+        """Adds different intervals, and the number of rows with each."""
         if len(us):
-            self._count(
-                np.concatenate((self.us, us)), np.concatenate((self.rows, np.ones_like(us)))
-            )
+            self._count(np.concatenate((self.us, us)), np.concatenate((self.rows, rows)))
         if len(self.us) > MAX_INTERVALS and not self._is_rounded:
             self._is_rounded = True
             self._count(self.us, self.rows)
@@ -146,9 +144,13 @@ class Rates:
         # A step that no integer has is damage.
         is_ahead = is_same & (intervals > 0) & (intervals < MAX_INTERVAL)
         intervals, missing = intervals[is_ahead].astype(np.int64), np.diff(lost)[is_ahead]
-        self._all.add(intervals)
-        self._intact.add(intervals[missing == 0])
-        self._counted.add(intervals // (1 + missing))
+        different = intact = counted = np.unique(intervals, return_counts=True)
+        if missing.any():
+            intact = np.unique(intervals[missing == 0], return_counts=True)
+            counted = np.unique(intervals // (1 + missing), return_counts=True)
+        self._all.add(*different)
+        self._intact.add(*intact)
+        self._counted.add(*counted)
 
     def _close(self, present: Sequence[int]) -> None:
         """Keeps only the sums of the runs that cannot go on."""
