@@ -103,6 +103,16 @@ def test_a_report_needs_little_memory(tmp_path: Path, kind: str) -> None:
     assert out.stat().st_size < 20_000_000
 
 
+@pytest.mark.parametrize("kind", ["damage", "messages"])
+def test_the_reason_why_nothing_was_decoded_needs_little_memory(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(HOSTILE[kind] * 10)
+    code, _, lines, peak = measured("decode", "-q", str(path), "-o", str(tmp_path / "log.csv"))
+    assert (code, len(lines)) == (1, 1)
+    assert lines[0].startswith(f"xbus: {path}")
+    assert peak < MOST
+
+
 def test_a_command_without_memory_ends_with_one_sentence(tmp_path: Path) -> None:
     """The limit leaves room for the libraries, which differ, and little for the log."""
     path = tmp_path / "log.mtb"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
@@ -73,6 +73,14 @@ def reading(names: str) -> Iterator[None]:
         raise cannot(f"read {name}", error) from error
 
 
+def _without_samples(names: str, strings: Iterable[str]) -> Failure:
+    if found := ", ".join(strings):
+        return Failure(
+            f"{names} has no samples, only strings: {found}; choose a type with --quantity"
+        )
+    return Failure(f"{names} has no samples; xbus info lists the content")
+
+
 class Decoding:
     """Decodes recordings with the same options.
 
@@ -122,7 +130,7 @@ class Decoding:
             self._inputs.checked_rate(job.recording) as use,
         ):
             if self._needs_whole_log(out):
-                return self._decode_whole(source, source, job, use, progress)
+                return self._decode_whole(source, job, use, progress)
             with stored(source, files) as recording:
                 return self._decode_stored(source, recording, job, use, progress)
 
@@ -154,8 +162,7 @@ class Decoding:
             parts = self._parts(recording, lambda done: progress.update(task, done, size))
         empty = parts[0].empty(quantities=self._quantities)
         if not any(part.samples for part in parts) or not (self._keys or len(empty.keys())):
-            # Nothing to write: the whole log tells why.
-            return self._decode_whole(source, recording.source, job, use, progress)
+            raise self._nothing_to_write(source, recording, files, empty)
         self._check_keys(empty, names)
         totals = DecodedTotals(recording.times_fault)
         task = f"writing {label(os.path.basename(out))}"  # noqa: PTH119
@@ -179,6 +186,28 @@ class Decoding:
                 read=add,
             )
         return self._result(totals, None, rows, columns)
+
+    def _nothing_to_write(
+        self, source: Input, recording: Stored, files: Sequence[str], empty: Log
+    ) -> Failure:
+        """Returns why there is nothing to write, which may take memory for a part only."""
+        from xbus.describe.log_summary import LogSummary
+        from xbus.log.read import iter_log
+
+        names = ", ".join(map(label, files))
+        parts = iter_log(
+            recording.source,
+            block_bytes=PART,
+            allow_restart=self._inputs.allow_restart,
+            **self._inputs.for_log,
+        )
+        with reading(names):
+            summary = LogSummary(parts)
+        if not summary.stats.frames and not summary.stats.strings:
+            return no_frame(files, summary.stats.bytes, source.head)
+        check_decoded(summary, names)
+        self._check_keys(empty, names)
+        return _without_samples(names, summary.strings)
 
     def _parts(self, recording: Stored, progress: Callable[[int], None]) -> list[LogPart]:
         """Returns parts whose tables are no larger than a chunk of the file, so that memory is bounded."""
@@ -219,14 +248,13 @@ class Decoding:
     def _decode_whole(
         self,
         source: Input,
-        log_source: Input | str | list[str],
         job: Job,
         use: RateUse,
         progress: ShowsProgress,
     ) -> tuple[str, dict[str, Any]]:
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
-        log = self._read(source, log_source, files)
+        log = self._read(source, files)
         use.add(log)
         names = ", ".join(map(label, files))
         if not self._keys or not len(log):
@@ -246,14 +274,12 @@ class Decoding:
         """The quantities to decode; None for all."""
         return [key for key in self._keys if not is_string(key)] if self._keys else None
 
-    def _read(
-        self, source: Input, log_source: Input | str | list[str], files: Sequence[str]
-    ) -> Log:
+    def _read(self, source: Input, files: Sequence[str]) -> Log:
         from xbus.log.read import read_log
 
         with self._strictly(source, files):
             log = read_log(
-                log_source,
+                source,
                 strict=self._strict,
                 quantities=self._quantities,
                 **self._inputs.for_log,
@@ -332,13 +358,9 @@ class Decoding:
     def _table(self, log: Log, names: str, *, is_npz: bool) -> Any:
         """Returns what to write: the log, the column of a quantity, or None for strings."""
         if not self._keys:
-            found = ", ".join(name or "others" for name in log.strings.counts)
-            if not len(log) and found and not is_npz:
-                raise Failure(
-                    f"{names} has no samples, only strings: {found}; choose a type with --quantity"
-                )
-            if not len(log) and not found:
-                raise Failure(f"{names} has no samples; xbus info lists the content")
+            found = log.strings.counts
+            if not len(log) and not (found and is_npz):
+                raise _without_samples(names, [name or "others" for name in found])
             return log
         if any(is_string(key) for key in self._keys):
             if self._keys[0] not in log.strings.counts:
