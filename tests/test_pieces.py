@@ -190,6 +190,26 @@ def test_a_restart_needs_consecutive_names_or_permission(tmp_path: Path) -> None
         xbus.read_log([first, third])
 
 
+def test_a_copy_of_a_piece_is_no_restart(tmp_path: Path) -> None:
+    piece = stamped(1, 2, 3)
+    names = saved(tmp_path, walk=stamped(0), walk_0001=piece, walk_0002=piece)
+    with pytest.raises(ValueError, match=r"walk-0002.mtb does not .*: it has the same samples"):
+        xbus.read_log(names)
+    assert len(xbus.read_log(names, allow_restart=True)) == 7
+
+
+def test_a_device_that_appears_later_on_a_bus() -> None:
+    """It names itself in a later piece than the first device does."""
+    pieces = [
+        device(1) + stamped(1, bid=1) + stamped(1, bid=2),
+        encode_frame(MessageId.DeviceID, (2).to_bytes(4, "big"), bid=2)
+        + stamped(2, bid=1)
+        + stamped(2, bid=2),
+    ]
+    log = xbus.read_log(pieces)
+    assert {device.bid: device.samples for device in log.devices} == {1: 2, 2: 2}
+
+
 def test_a_piece_of_another_session_is_no_restart(tmp_path: Path) -> None:
     """The Configuration at the start of a file has the time at which the recording started."""
     payload = bytearray(118)

@@ -37,9 +37,15 @@ def check_output(files: Sequence[str], out: str) -> None:
         if os.path.isdir(out):  # noqa: PTH112
             number = errno.EISDIR
         elif not os.access(folder, os.W_OK) and (os.path.isfile(out) or not os.path.exists(out)):  # noqa: PTH110, PTH113
-            number = errno.EACCES  # OUT is written to a temporary file in its folder
+            # OUT is written to a temporary file in its folder.
+            number = errno.EROFS if _is_read_only(folder) else errno.EACCES
         if number is not None:
             raise OSError(number, os.strerror(number))
+
+
+def _is_read_only(folder: str) -> bool:
+    """Returns whether the file system of a folder is read-only."""
+    return os.name == "posix" and bool(os.statvfs(folder).f_flag & os.ST_RDONLY)
 
 
 @contextlib.contextmanager

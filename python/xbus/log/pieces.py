@@ -95,13 +95,13 @@ class Ends:
     Attributes:
         first: The first stamp of each device, by BID.
         last: The last stamp of each device, by BID.
-        device_ids: The device identifiers in the messages at the start.
+        device_ids: The device identifiers in the messages at the start, by BID.
         head: The Configuration message before the first sample, or None.
     """
 
     first: dict[int, Stamp] = field(default_factory=dict)
     last: dict[int, Stamp] = field(default_factory=dict)
-    device_ids: frozenset[int] = frozenset()
+    device_ids: dict[int, set[int]] = field(default_factory=dict)
     head: bytes | None = None
 
 
@@ -372,8 +372,10 @@ def _decode(data: bytes) -> Log:
 
 def _ends_of(start: Log, end: Log) -> Ends:
     messages = [message for message in start.messages if message.mid in IDENTITY_MESSAGES]
-    found = (Identity().updated([message]).device_id for message in messages)
-    ids = frozenset(number for number in found if number is not None)
+    ids: dict[int, set[int]] = {}
+    for message in messages:
+        if (number := Identity().updated([message]).device_id) is not None:
+            ids.setdefault(int(device_of(message.bid)), set()).add(number)
     heads = (
         message.payload
         for message in messages
@@ -439,20 +441,16 @@ def _check(
     if numbers is not None and numbers[0]:
         notes.append(_missing(pieces[0].name, range(numbers[0])))
     last: dict[int, Stamp] = {}
-    ids: frozenset[int] = frozenset()
+    ids: dict[int, set[int]] = {}
     for at, (one, other) in enumerate(pairwise(pieces)):
         last |= one.ends.last
-        ids |= one.ends.device_ids
+        for bid, found in one.ends.device_ids.items():
+            ids[bid] = ids.get(bid, set()) | found
         is_consecutive = numbers is not None and numbers[at] + 1 == numbers[at + 1]
         if numbers is not None and not is_consecutive:
             missing = range(numbers[at] + 1, numbers[at + 1])
             notes.append(_missing(one.name, missing))
-        reason = None
-        if ids and other.ends.device_ids and not ids & other.ends.device_ids:
-            reason = f"it is from device {_hex(other.ends.device_ids)}, not {_hex(ids)}"
-        elif last and other.ends.first and not last.keys() & other.ends.first.keys():
-            reason = f"it has BID {_list(other.ends.first)}, not {_list(last)}"
-        if reason is not None:
+        if reason := _conflict(ids, last, other):
             raise PiecesError(one.name, other.name, reason, is_restart=False)
         if reason := _step_back(last, other.ends.first):
             by_recorder = (
@@ -463,12 +461,34 @@ def _check(
             )
             if not (allow_restart or by_recorder):
                 raise PiecesError(one.name, other.name, reason, is_restart=True)
+            if not allow_restart and _extent(one) == _extent(other):
+                raise PiecesError(one.name, other.name, "it has the same samples", is_restart=True)
             notes.append(f"the device restarted before {other.name}")
         elif numbers is not None and _has_same_start(one, other):
             continue
         elif direct and (reason := _doubt(pieces[0], one, other, last)):
             raise PiecesError(one.name, other.name, reason, is_restart=False)
     return notes
+
+
+def _conflict(ids: dict[int, set[int]], last: dict[int, Stamp], other: Piece) -> str | None:
+    """Returns why a piece cannot follow those before; None if it can.
+
+    Args:
+        ids: The device identifiers in the pieces before, by BID. More devices can appear on a bus.
+        last: The last stamp of each device in the pieces before.
+        other: The piece.
+    """
+    for bid, found in other.ends.device_ids.items():
+        if bid in ids and not ids[bid] & found:
+            return f"it is from device {_hex(found)}, not {_hex(ids[bid])}"
+    if last and other.ends.first and not last.keys() & other.ends.first.keys():
+        return f"it has BID {_list(other.ends.first)}, not {_list(last)}"
+    return None
+
+
+def _extent(piece: Piece) -> tuple[dict[int, Stamp], dict[int, Stamp], int | None]:
+    return piece.ends.first, piece.ends.last, piece.size
 
 
 def _has_same_start(one: Piece, other: Piece) -> bool:
@@ -542,7 +562,7 @@ def _missing(name: str, numbers: range) -> str:
     return f"{first} is missing" if first == last else f"{first} to {last} are missing"
 
 
-def _hex(ids: frozenset[int]) -> str:
+def _hex(ids: set[int]) -> str:
     return ", ".join(f"{number:08X}" for number in sorted(ids))
 
 
