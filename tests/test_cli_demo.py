@@ -63,5 +63,5 @@ def test_a_folder_that_is_a_file(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     output = sentence(run("demo", "--folder", str(tmp_path / "file")))
     assert (
-        output == f"cannot write to {tmp_path / 'file'}: File exists; try again, or check the disk"
+        output == f"cannot write to {tmp_path / 'file'}: File exists; choose another name"
     )
