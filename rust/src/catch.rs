@@ -40,7 +40,7 @@ pub fn out_of_memory() -> ! {
     resume_unwind(Box::new(OutOfMemory)) // without the message and the backtrace of a panic
 }
 
-/// Ends the work if there is no memory for this many bytes more, and at least for [`ROOM`]: small vectors and some libraries
+/// Ends the work if there is no memory for this many bytes more, and at least for `ROOM`: small vectors and some libraries
 /// do not check whether there is any, and abort the process.
 pub fn expect_memory(size: usize) {
     if Vec::<u8>::new().try_reserve_exact(size.max(ROOM)).is_err() {
