@@ -62,6 +62,4 @@ def test_no_such_product() -> None:
 def test_a_folder_that_is_a_file(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     output = sentence(run("demo", "--folder", str(tmp_path / "file")))
-    assert (
-        output == f"cannot write to {tmp_path / 'file'}: File exists; choose another name"
-    )
+    assert output == f"cannot write to {tmp_path / 'file'}: File exists; choose another name"
