@@ -93,8 +93,8 @@ def test_table_and_summary(log: str, options: str, monkeypatch: pytest.MonkeyPat
     arguments, how, key = OPTIONS[options]
     result = run("decode", "log.mtb", "-o", "out.parquet", "--json", *arguments)
     whole = at_once(monkeypatch, "log.mtb", "-o", "whole.parquet", "--json", *arguments)
-    said = [text.replace("whole.parquet", "out.parquet") for text in whole[1:]]
-    assert (result.exit_code, result.stdout, result.stderr) == (whole[0], *said)
+    lines = [text.replace("whole.parquet", "out.parquet") for text in whole[1:]]
+    assert (result.exit_code, result.stdout, result.stderr) == (whole[0], *lines)
     if result.exit_code == 0:
         expected = xbus.read_log("log.mtb", **how).to_arrow(key, raw="--raw" in arguments)
         found = pq.read_table("out.parquet")

@@ -17,7 +17,7 @@ TRIGGERS = [mtdata2(counter(0), trigger(5000)), *COUNTED[1:]]
 LATE = [*COUNTED[:40], mtdata2(counter(40), fine(0)), *COUNTED[41:]]
 MESSAGES = [frame(0x3E)]
 
-#: Recordings, and what is said about --rate.
+#: Recordings, and the line that --rate prints.
 TABLE = {
     "effect": (COUNTED, None),
     "stamps": (STAMPED, "--rate has no effect: the device sends time stamps"),

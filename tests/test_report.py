@@ -689,7 +689,7 @@ def test_a_restarted_device_continues_the_axis() -> None:
 
 
 def test_two_devices() -> None:
-    """Each has plots of its own, on its own clock."""
+    """Each has separate plots, on its own clock."""
     temperature = {bid: packet(0x0810, struct.pack(">f", 20 + bid)) for bid in (1, 2)}
     rows = [
         sample(row, temperature[bid], start=90 * bid, bid=bid)

@@ -25,7 +25,8 @@ from hypothesis import strategies as st
 import reference
 from xbus import _core
 from xbus.log.export import stream_of
-from xbus.log.table_file import FileFormat, in_order, write_batches, write_table
+from xbus.log.in_order import in_order
+from xbus.log.table_file import FileFormat, write_batches, write_table
 
 #: Bits of floats: NaN with payloads and signs, zeros, infinities, subnormals, the largest, powers of ten.
 NOT_FINITE = (0x7FF8000000000001, 0xFFF8000000000000, 0x7FF0000000000000, 0xFFF0000000000000)

@@ -20,6 +20,7 @@ import numpy as np
 
 from xbus.extras import require
 from xbus.files import is_url, local_name
+from xbus.log import export
 from xbus.log.part_tables import PartTables
 from xbus.log.parts import PART, LogPart, joined_parts, split_log
 from xbus.protocol.values import StringType
@@ -243,9 +244,7 @@ class _Reader:
 
     def _frame(self, table: pa.Table, file: int, columns: list[str] | None) -> pd.DataFrame:
         arrow, pandas = require("pyarrow", "dask", PURPOSE), require("pandas", "dask", PURPOSE)
-        frame: pd.DataFrame = table.to_pandas(
-            types_mapper={arrow.uint64(): pandas.UInt64Dtype()}.get
-        )
+        frame: pd.DataFrame = export.pandas(table)
         # As in a table of a whole log, where to_pandas does this if there are nulls.
         floats = {
             field.name: "float64"

@@ -64,7 +64,7 @@ EVENT = np.dtype(
 EVENT_MIDS = (MessageId.Error, MessageId.Warning)
 #: Maximum number of bytes that are kept of the payload of an event, more than a device sends.
 MAX_PAYLOAD = 256
-#: Maximum number of kinds of events that are told apart.
+#: Maximum number of kinds of events that are counted separately.
 MAX_KINDS = 1000
 #: Number of the largest gaps that are kept.
 MAX_LARGEST = 100

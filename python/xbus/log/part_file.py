@@ -8,9 +8,10 @@ from contextlib import AbstractContextManager, nullcontext
 
 from xbus import _core
 from xbus.log.export import replacing
+from xbus.log.in_order import in_order
 from xbus.log.log import Log
 from xbus.log.parts import LogPart
-from xbus.log.table_file import FileFormat, in_order, write_batches
+from xbus.log.table_file import FileFormat, write_batches
 from xbus.protocol.keys import EntryKey, Key
 
 __all__ = ["chunk_rows", "write_parts"]

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from xbus import _core
-from xbus.log.log import Log
+from xbus.log.in_order import in_order
+from xbus.log.log import UTC_SOURCES, Log
 from xbus.log.parts import LogPart
-
-if TYPE_CHECKING:
-    from concurrent.futures import Future
 
 __all__ = ["SCAN_BLOCK", "PartTables", "read_ahead"]
 
 #: Default size of the parts of a log that is read as a stream of tables, in bytes of input: large enough that
 #: their number costs little, small enough that a few of them and their tables fit into little memory.
 SCAN_BLOCK = 16 << 20
-#: The quantities of which the column ``utc`` is made.
-UTC_SOURCES = ("utc_time", "gnss_pvt_data")
 
 T = TypeVar("T")
 
@@ -90,15 +85,9 @@ def read_ahead(parts: Iterable[LogPart], read: Callable[[LogPart], T], threads: 
         return
     from concurrent.futures import ThreadPoolExecutor  # imported late: `import xbus` must be quick
 
-    pending: deque[Future[T]] = deque()
     pool = ThreadPoolExecutor(threads, thread_name_prefix="xbus")
     try:
-        for part in parts:
-            pending.append(pool.submit(read, part))
-            if len(pending) > threads:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
+        yield from in_order(pool, read, parts, threads)
     finally:
         # Without waiting: a consumer that stops may drop the generator in a thread of the pool.
         pool.shutdown(wait=False, cancel_futures=True)

@@ -121,7 +121,7 @@ class LogPart:
 
         Args:
             quantities: As in `read_log`.
-            threads: As in `read_log`. One by default: usually each process reads a part of its own.
+            threads: As in `read_log`. One by default: usually each process reads another part.
 
         Raises:
             OSError: The input cannot be read.
@@ -345,9 +345,11 @@ class _FirstPass:
                 break
             core = reader.take()
             log = Log(core, identities=identities)
-            own = core if self._bid is None else core.of_device(self._bid, samples)
             self._shape.add(core)
-            self._of_device.add(own)
+            own = core
+            if self._bid is not None:
+                own = core.of_device(self._bid, samples)
+                self._of_device.add(own)
             data = _Bytes.of(source, start, end) if is_bytes else source
             arrived = arrivals and arrivals.between(start, end)
             begin = _Begin(data, not more, state, identities, clocks, arrived)

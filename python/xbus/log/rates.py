@@ -110,9 +110,12 @@ class Rates:
             time: The time of each sample of the part in seconds, ``(N,)``; NaN without a time stamp.
         """
         self._rows += len(samples)
-        samples = samples[np.isfinite(time[samples])]
+        stamps = time[samples]
+        is_known = np.isfinite(stamps)
+        if not is_known.all():
+            samples, stamps = samples[is_known], stamps[is_known]
         if len(samples):
-            self._add_stamped(runs.run[samples], time[samples], runs.lost[samples])
+            self._add_stamped(runs.run[samples], stamps, runs.lost[samples])
         self._close(runs.present)
 
     def _add_stamped(

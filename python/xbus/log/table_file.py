@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, BinaryIO, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, BinaryIO, Literal, TypeAlias
 
 from xbus import _core
 from xbus.log.export import replacing
+from xbus.log.in_order import in_order
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor, Future
+    from concurrent.futures import Executor
 
-__all__ = ["FileFormat", "in_order", "write_batches", "write_table"]
+__all__ = ["FileFormat", "write_batches", "write_table"]
 
 FileFormat: TypeAlias = Literal["parquet", "csv", "arrow"]
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 
 def write_table(
@@ -91,27 +88,3 @@ def _chunks(batches: Iterable[_core.Batch], size: int) -> Iterator[list[_core.Ba
                 group, missing = [], size
     if group:
         yield group
-
-
-def in_order(
-    pool: Executor, function: Callable[[T], R], items: Iterable[T], ahead: int
-) -> Iterator[R]:
-    """Yields the result of a function for each item in their order.
-
-    Args:
-        pool: Calls the function.
-        function: The function.
-        items: Its arguments. They are taken from here as they are needed.
-        ahead: Number of results that are computed before they are needed.
-    """
-    pending: deque[Future[R]] = deque()
-    try:
-        for item in items:
-            pending.append(pool.submit(function, item))
-            if len(pending) > ahead:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
-    finally:
-        for future in pending:
-            future.cancel()

@@ -43,8 +43,8 @@ use crate::scan::{Scanner, Seam, Step, Window};
 pub enum Input<'a> {
     /// All bytes of it. They are read in place.
     Memory(&'a [u8]),
-    /// Bytes that may change: a regular file, or memory that others write. Each thread copies what it reads into a buffer
-    /// of its own, and looks at nothing but this copy.
+    /// Bytes that may change: a regular file, or memory that others write. Each thread copies what it reads into a
+    /// private buffer, and looks at nothing but this copy.
     Copied(&'a dyn ReadAt),
 }
 
