@@ -21,7 +21,7 @@ import xbus
 from conftest import OWN_CAPTURES, counter, fine
 from streams import mtdata2, packet, real
 from test_arrow import DATA, SATELLITES
-from xbus.log import export
+from xbus.export.replacing import replacing
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -200,7 +200,7 @@ def test_an_interruption(error: type[BaseException], before: bytes | None, tmp_p
         path.write_bytes(before)
 
     def write() -> None:
-        with export.replacing(path) as out:
+        with replacing(path) as out:
             out.write(b"half of it")
             out.flush()
             assert len(list(tmp_path.iterdir())) == (1 if before is None else 2)

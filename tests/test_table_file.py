@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 
 import reference
 from xbus import _core
-from xbus.log.export import stream_of
+from xbus.export.tables import stream_of
 from xbus.log.in_order import in_order
 from xbus.log.table_file import FileFormat, write_batches, write_table
 

@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from xbus.export import tables
 from xbus.extras import require
 from xbus.files import is_url, local_name
-from xbus.log import export
 from xbus.log.part_tables import PartTables
 from xbus.log.parts import PART, LogPart, joined_parts, split_log
 from xbus.protocol.values import StringType
@@ -222,13 +222,13 @@ class _Reader:
         if columns is not None:  # one is always read, for the number of rows
             wanted = {*columns, self.index, "sample"}
             names = [name for name in names if name in wanted]
-        tables = PartTables(
+        part_tables = PartTables(
             [partition.part],
             lambda stream: arrow.RecordBatchReader.from_stream(stream).schema.names,
             raw=self.raw,
         )
-        own = [name for name in names if name in tables.columns]
-        table = arrow.table(tables.read(partition.part, own)).select(own)
+        own = [name for name in names if name in part_tables.columns]
+        table = arrow.table(part_tables.read(partition.part, own)).select(own)
         fields = arrow.schema([schema.field(name) for name in names])
         if table.schema != fields:  # some columns are missing, or have fewer bits
             table = arrow.table(
@@ -244,7 +244,7 @@ class _Reader:
 
     def _frame(self, table: pa.Table, file: int, columns: list[str] | None) -> pd.DataFrame:
         arrow, pandas = require("pyarrow", "dask", PURPOSE), require("pandas", "dask", PURPOSE)
-        frame: pd.DataFrame = export.pandas(table)
+        frame: pd.DataFrame = tables.pandas(table)
         # As in a table of a whole log, where to_pandas does this if there are nulls.
         floats = {
             field.name: "float64"

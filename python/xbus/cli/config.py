@@ -46,7 +46,7 @@ def dump(port: str, out: str | None, as_json: bool, baudrate: int | None) -> Non
 
     PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
     """
-    from xbus.log.export import replacing
+    from xbus.export.replacing import replacing
 
     with connect_device(port, baudrate) as device:
         settings = device.settings()

@@ -9,6 +9,7 @@ import click
 
 from xbus.cli import batch
 from xbus.cli.decoding import SUFFIXES, Decoding, is_string, suffix_of
+from xbus.cli.export_formats import EXPORTS, FormatOptions, format_options
 from xbus.cli.export_target import check_output
 from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import label, reading_task
@@ -81,7 +82,8 @@ def _key(value: str) -> EntryKey:
     "out",
     callback=_out,
     metavar="OUT",
-    help="File to write: .parquet, .csv, .arrow, .feather or .npz.",
+    help="File to write. Its suffix determines the format: a table (.parquet, .csv, .arrow, .feather), .npz, "
+    "or .gpx.",
 )
 @batch.batch_options
 @click.option(
@@ -123,6 +125,7 @@ def _key(value: str) -> EntryKey:
     is_flag=True,
     help="Write fields of structs, such as gnss_pvt_data_lat, as integers, as on the wire.",
 )
+@format_options
 @memory_option
 @click.option("--strict", is_flag=True, help="Fail at the first damage.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
@@ -144,12 +147,13 @@ def decode(
     max_gap: float | None,
     tracker: str | None,
     raw: bool,
+    options: FormatOptions,
     memory: int,
     strict: bool,
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Writes logs as tables: Parquet, CSV, Arrow or npz.
+    """Writes logs as tables, or in the formats of other software.
 
     IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input. Compressed input (gzip,
     xz, bzip2, Zstandard) is decompressed. The pieces of one recording (walk.mtb, walk-0001.mtb, ...) are
@@ -171,6 +175,12 @@ def decode(
         raise click.UsageError("--tracker excludes --quantity and --rate-out")
     if raw and (rate_out or tracker):
         raise click.UsageError("--raw excludes --rate-out and --tracker")
+    target = suffix if out is None else suffix_of(out)
+    options.check(target)
+    if target in EXPORTS:
+        for name, value in {"--raw": raw, "--rate-out": rate_out, "--tracker": tracker}.items():
+            if value:
+                raise click.UsageError(f"{name} applies to tables and .npz, not to {target}")
     if tracker and inputs.rate is not None:
         click.echo("xbus: --rate has no effect: the table of a tracker has no times", err=True)
         inputs = replace(inputs, rate=None)
@@ -184,6 +194,7 @@ def decode(
         max_gap=max_gap,
         tracker=tracker,
         raw=raw,
+        options=options,
         threads=workers.threads,
     )
     if out_dir is not None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
+from xbus.cli.export_formats import EXPORTS, FormatOptions
 from xbus.cli.export_target import check_output, quality_text, restart_count, writing
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.input_options import InputOptions
@@ -37,7 +39,7 @@ FORMATS: dict[str, FileFormat] = {
     ".feather": "arrow",
 }
 #: The suffixes of output files, the default first.
-SUFFIXES = (*FORMATS, ".npz")
+SUFFIXES = (*FORMATS, ".npz", *EXPORTS)
 #: Bytes of input that a thread decodes at a time.
 PART = 4 << 20
 
@@ -92,6 +94,7 @@ class Decoding:
         max_gap: As for `Log.resample`.
         tracker: The Awinda tracker to write, or None.
         raw: Write fields of structs as integers, as on the wire.
+        options: Options of the format.
         threads: Number of threads.
     """
 
@@ -105,8 +108,10 @@ class Decoding:
         max_gap: float | None = None,
         tracker: str | None = None,
         raw: bool = False,
+        options: FormatOptions | None = None,
         threads: int = 1,
     ) -> None:
+        self._options = options or FormatOptions()
         self._threads = threads
         self._inputs, self._keys, self._strict, self._raw = inputs, list(keys), strict, raw
         self._rate, self._max_gap, self._tracker = rate, max_gap, tracker
@@ -136,7 +141,10 @@ class Decoding:
 
     def _needs_whole_log(self, out: str) -> bool:
         """Returns whether the log cannot be decoded part by part."""
-        is_table = suffix_of(out) in FORMATS and self._rate is None and self._tracker is None
+        suffix = suffix_of(out)
+        if suffix in EXPORTS:
+            return False
+        is_table = suffix in FORMATS and self._rate is None and self._tracker is None
         return not is_table or any(is_string(key) for key in self._keys)
 
     # Part by part
@@ -150,7 +158,8 @@ class Decoding:
         progress: ShowsProgress,
     ) -> tuple[str, dict[str, Any]]:
         from xbus.cli.decoded_totals import DecodedTotals
-        from xbus.log.part_file import write_parts
+        from xbus.export.format import ExportError
+        from xbus.log.part_file import export_parts, write_parts
 
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
@@ -161,7 +170,9 @@ class Decoding:
         with reading(names):
             parts = self._parts(recording, lambda done: progress.update(task, done, size))
         empty = parts[0].empty(quantities=self._quantities)
-        if not any(part.samples for part in parts) or not (self._keys or len(empty.keys())):
+        file_format = self._options.format_of(suffix_of(out))
+        is_empty = not any(part.samples for part in parts) or not (self._keys or len(empty.keys()))
+        if is_empty and (file_format is None or file_format.needs_samples):
             raise self._nothing_to_write(source, recording, files, empty)
         self._check_keys(empty, names)
         totals = DecodedTotals(recording.times_fault)
@@ -173,19 +184,26 @@ class Decoding:
             progress.update(task, part.end, size)
 
         progress.update(task, 0, size)
-        with writing(out):
-            rows, columns = write_parts(
-                parts,
-                out,
-                FORMATS[suffix_of(out)],
-                quantities=self._quantities,
-                key=self._key,
-                raw=self._raw,
-                threads=self._threads,
-                reading=lambda: reading(names),
-                read=add,
+        write = (
+            functools.partial(
+                write_parts, file_format=FORMATS[suffix_of(out)], key=self._key, raw=self._raw
             )
-        return self._result(totals, None, rows, columns)
+            if file_format is None
+            else functools.partial(export_parts, file_format=file_format)
+        )
+        with writing(out):
+            try:
+                counts = write(
+                    parts,
+                    out,
+                    quantities=self._quantities,
+                    threads=self._threads,
+                    reading=lambda: reading(names),
+                    read=add,
+                )
+            except ExportError as error:
+                raise Failure(f"{names}: {error}") from error
+        return self._result(totals, None, counts)
 
     def _nothing_to_write(
         self, source: Input, recording: Stored, files: Sequence[str], empty: Log
@@ -266,8 +284,7 @@ class Decoding:
         tracker = None
         if self._tracker is not None:
             table = tracker = tracker_of(log, self._tracker, names)
-        rows, columns = self._write(log, table, out, progress)
-        return self._result(log, tracker, rows, columns)
+        return self._result(log, tracker, self._write(log, table, out, progress))
 
     @property
     def _quantities(self) -> list[EntryKey] | None:
@@ -304,15 +321,16 @@ class Decoding:
             ) from error
 
     def _result(
-        self, log: Log | DecodedTotals, tracker: Tracker | None, rows: int, columns: int
+        self, log: Log | DecodedTotals, tracker: Tracker | None, counts: Mapping[str, int]
     ) -> tuple[str, dict[str, Any]]:
-        shape = f"{format_count(rows, 'row')}, {format_count(columns, 'column')}"
-        lines = [f"{shape}; {quality_text(log, tracker)}", *undecoded_lines(log, tracker)]
-        return "\n".join(lines), self._summary(log, rows, columns)
+        """Returns the text and values of what was written; counts are as those of `Writer.counts`."""
+        written = ", ".join(format_count(count, name) for name, count in counts.items())
+        lines = [f"{written}; {quality_text(log, tracker)}", *undecoded_lines(log, tracker)]
+        return "\n".join(lines), self._summary(log, counts)
 
-    def _write(self, log: Log, table: Any, out: str, progress: ShowsProgress) -> tuple[int, int]:
+    def _write(self, log: Log, table: Any, out: str, progress: ShowsProgress) -> dict[str, int]:
         """Writes OUT and returns its rows and columns; for an npz file its samples and quantities."""
-        from xbus.log import export
+        from xbus.export import tables
 
         key = self._key
         task, size = f"writing {label(os.path.basename(out))}", log.stats.bytes  # noqa: PTH119
@@ -329,8 +347,8 @@ class Decoding:
             arrays, rows, columns = self._arrays(log, table)
             expected = sum(array.nbytes for array in arrays.values())
             with writing(out):
-                export.npz(arrays, out, report)
-            return rows, columns
+                tables.npz(arrays, out, report)
+            return {"row": rows, "column": columns}
         from xbus.log.table_file import write_table
 
         if isinstance(key, str) and is_string(key):
@@ -340,7 +358,7 @@ class Decoding:
             stream = table.arrow_stream(raw=True) if self._raw else table.arrow_stream()
         with writing(out):
             write_table(stream, out, file_format, threads=self._threads, written=report)
-        return done, len(stream.columns)
+        return {"row": done, "column": len(stream.columns)}
 
     def _arrays(self, log: Log, table: Any) -> tuple[dict[str, Any], int, int]:
         """Returns the arrays of an npz file, and how many samples and quantities, or strings, these are."""
@@ -387,7 +405,7 @@ class Decoding:
                 text = key if isinstance(key, str) else ":".join(key)
                 raise Failure(f"no {text} in {names}; xbus info lists the content")
 
-    def _summary(self, log: Log | DecodedTotals, rows: int, columns: int) -> dict[str, Any]:
+    def _summary(self, log: Log | DecodedTotals, counts: Mapping[str, int]) -> dict[str, Any]:
         """Returns the summary for JSON."""
         from xbus.describe.text import known_digits
 
@@ -395,8 +413,7 @@ class Decoding:
         keys = [key if isinstance(key, str) else ":".join(key) for key in self._keys]
         return {
             "quantities": keys or None,
-            "rows": rows,
-            "columns": columns,
+            **{f"{name}s": count for name, count in counts.items()},
             "duration_s": known_digits(log.duration),
             "bytes": stats.bytes,
             "frames": stats.frames,

@@ -61,7 +61,7 @@ def info(
         if job.out is None:
             return "", values
         from xbus.describe.json_text import json_pieces
-        from xbus.log.export import replacing
+        from xbus.export.replacing import replacing
 
         with writing(job.out), replacing(job.out) as file:
             for piece in json_pieces(values):

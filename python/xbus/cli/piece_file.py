@@ -10,8 +10,8 @@ from typing import IO, TYPE_CHECKING
 import numpy as np
 
 from xbus.cli.export_target import writing
+from xbus.export.replacing import replacing
 from xbus.log.arrivals import Arrivals, side_files
-from xbus.log.export import replacing
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.log import export
+from xbus.export import tables
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.flags import Flags
@@ -273,7 +273,7 @@ class Column:
         Raises:
             ImportError: The extra ``arrow`` is not installed.
         """
-        table: pa.Table = export.arrow(self.arrow_stream(raw=raw))
+        table: pa.Table = tables.arrow(self.arrow_stream(raw=raw))
         return table
 
     def to_pandas(self, *, raw: bool = False) -> pd.DataFrame:
@@ -285,7 +285,7 @@ class Column:
         Raises:
             ImportError: The extra ``pandas`` is not installed.
         """
-        frame: pd.DataFrame = export.pandas(self.arrow_stream(raw=raw))
+        frame: pd.DataFrame = tables.pandas(self.arrow_stream(raw=raw))
         return frame
 
     def to_polars(self, *, raw: bool = False) -> pl.DataFrame:
@@ -297,7 +297,7 @@ class Column:
         Raises:
             ImportError: The extra ``polars`` is not installed.
         """
-        frame: pl.DataFrame = export.polars(self.arrow_stream(raw=raw))
+        frame: pl.DataFrame = tables.polars(self.arrow_stream(raw=raw))
         return frame
 
     # Comparison, pickle and print

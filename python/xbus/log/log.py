@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.export import tables
 from xbus.formatting import describe_damage, describe_losses, format_count
-from xbus.log import export
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.column import Column
+from xbus.log.exports import Exports
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identity_of
 from xbus.log.messages import Messages, Unknown
@@ -30,7 +31,7 @@ from xbus.log.table_file import write_table
 from xbus.log.trackers import Tracker, trackers_of
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
-from xbus.protocol.tables import MASTER, QUANTITIES, UTC_VALID, device_of
+from xbus.protocol.tables import MASTER, QUANTITIES, UTC_SOURCES, UTC_VALID, device_of
 from xbus.protocol.undecoded import Undecoded, describe_undecoded, output_mids
 
 if TYPE_CHECKING:
@@ -40,8 +41,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Log", "LogDevice", "MissingDeviceError", "steady_time"]
 
-#: Quantities from which the UTC of samples is known.
-UTC_SOURCES = ("utc_time", "gnss_pvt_data")
 
 DAMAGE = np.dtype([("offset", "i8"), ("length", "i8"), ("reason", "U12")])
 
@@ -83,7 +82,7 @@ class LogDevice(NamedTuple):
     samples: int
 
 
-class Log(ByQuantity[Column]):
+class Log(ByQuantity[Column], Exports):
     """A decoded recording: a mapping from quantity to `Column`, with the other messages and the damage.
 
     ``log[key]`` takes a name (``"acceleration"``), a `DataId`, or a tuple of one of these with coordinates
@@ -230,6 +229,20 @@ class Log(ByQuantity[Column]):
         [9.99]
         """
         return self._runs.table()
+
+    @cached_property
+    def restarts(self) -> npt.NDArray[np.int64]:
+        """Indices of the samples with which a run begins after a restart of its device, ``(n,)`` int64.
+
+        The first run of a device begins without a restart. Unlike `runs`, this names a restart between this
+        part of a log and the previous one.
+
+        >>> import xbus
+        >>> frames = [xbus.encode_sample({"packet_counter": 1}), xbus.encode_frame(0x3E, b"")]
+        >>> xbus.read_log(b"".join(frames * 2)).restarts.tolist()
+        [1]
+        """
+        return read_only(self._core.restarts.sample.astype(np.int64))
 
     @property
     def duration(self) -> float:
@@ -544,7 +557,7 @@ class Log(ByQuantity[Column]):
         >>> log.to_arrow(["packet_counter", "acceleration"]).column_names
         ['sample', 'time', 'packet_counter', 'acceleration_x', 'acceleration_y', 'acceleration_z']
         """
-        table: pa.Table = export.arrow(self.arrow_stream(keys, raw=raw))
+        table: pa.Table = tables.arrow(self.arrow_stream(keys, raw=raw))
         return table
 
     def to_pandas(
@@ -562,7 +575,7 @@ class Log(ByQuantity[Column]):
             ImportError: The extra ``pandas`` is not installed.
             KeyError: The log does not have one of the quantities.
         """
-        frame: pd.DataFrame = export.pandas(self.arrow_stream(keys, raw=raw))
+        frame: pd.DataFrame = tables.pandas(self.arrow_stream(keys, raw=raw))
         return frame
 
     def to_polars(
@@ -578,7 +591,7 @@ class Log(ByQuantity[Column]):
             ImportError: The extra ``polars`` is not installed.
             KeyError: The log does not have one of the quantities.
         """
-        frame: pl.DataFrame = export.polars(self.arrow_stream(keys, raw=raw))
+        frame: pl.DataFrame = tables.polars(self.arrow_stream(keys, raw=raw))
         return frame
 
     def to_parquet(
@@ -659,7 +672,7 @@ class Log(ByQuantity[Column]):
             KeyError: The log does not have one of the quantities.
             OSError: The file cannot be written.
         """
-        export.npz(self.npz_arrays(keys, raw=raw), path)
+        tables.npz(self.npz_arrays(keys, raw=raw), path)
 
     def npz_arrays(
         self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False

@@ -1,4 +1,4 @@
-"""Writes the table of a log to a file part by part, so that the log need not fit into memory."""
+"""Writes a log to a file part by part, so that the log need not fit into memory."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 from xbus import _core
-from xbus.log.export import replacing
+from xbus.export.format import Format, export
+from xbus.export.replacing import replacing
 from xbus.log.in_order import in_order
 from xbus.log.log import Log
+from xbus.log.part_tables import read_ahead
 from xbus.log.parts import LogPart
 from xbus.log.table_file import FileFormat, write_batches
 from xbus.protocol.keys import EntryKey, Key
 
-__all__ = ["chunk_rows", "write_parts"]
+__all__ = ["chunk_rows", "export_parts", "write_parts"]
 
 
 def chunk_rows(log: Log, key: EntryKey | None, *, raw: bool) -> int:
@@ -33,7 +35,7 @@ def write_parts(
     threads: int = 1,
     reading: Callable[[], AbstractContextManager[None]] = nullcontext,
     read: Callable[[LogPart, Log], None] | None = None,
-) -> tuple[int, int]:
+) -> dict[str, int]:
     """Writes the table of a log to a file, which appears whole or not at all.
 
     The table is that of `Log.to_arrow` for the whole log. Parts are decoded and encoded on several threads
@@ -51,7 +53,7 @@ def write_parts(
         read: Called with each part and its log, in order.
 
     Returns:
-        The number of rows and columns.
+        The number of rows and columns, as ``{"row": 1000, "column": 40}``.
 
     Raises:
         OSError: The file cannot be written, or the log cannot be read.
@@ -79,4 +81,49 @@ def write_parts(
                 yield from found
 
         rows = sum(write_batches(file, batches(), out, pool, ahead))
-    return rows, len(empty.columns)
+    return {"row": rows, "column": len(empty.columns)}
+
+
+def export_parts(
+    parts: Sequence[LogPart],
+    path: str | os.PathLike[str],
+    file_format: Format,
+    *,
+    quantities: Sequence[Key] | None = None,
+    threads: int = 1,
+    reading: Callable[[], AbstractContextManager[None]] = nullcontext,
+    read: Callable[[LogPart, Log], None] | None = None,
+) -> dict[str, int]:
+    """Writes a log in the format of other software, to a file that appears whole or not at all.
+
+    Args:
+        parts: All parts of the log, from `split_log`.
+        path: Path of the file.
+        file_format: The format and its options.
+        quantities: As in `read_log`. Only those that the format needs are decoded.
+        threads: Number of threads that decode. As many parts are in memory at a time.
+        reading: As in `write_parts`.
+        read: As in `write_parts`.
+
+    Returns:
+        What was written, as `Writer.counts`.
+
+    Raises:
+        ExportError: The log has nothing that the format can hold, or more than it can hold.
+        OSError: The file cannot be written, or the log cannot be read.
+        LogChangedError: The log has changed since it was split.
+    """
+    shape = parts[0].empty(quantities=quantities)
+    needed = file_format.quantities(shape)
+
+    def decode(part: LogPart) -> tuple[LogPart, Log]:
+        with reading():
+            return part, part.read(quantities=quantities if needed is None else needed)
+
+    def logs() -> Iterator[Log]:
+        for part, log in read_ahead(parts, decode, threads):
+            if read is not None:
+                read(part, log)
+            yield log
+
+    return export(file_format, shape, logs(), path)

@@ -7,8 +7,9 @@ from typing import TypeVar
 
 from xbus import _core
 from xbus.log.in_order import in_order
-from xbus.log.log import UTC_SOURCES, Log
+from xbus.log.log import Log
 from xbus.log.parts import LogPart
+from xbus.protocol.tables import UTC_SOURCES
 
 __all__ = ["SCAN_BLOCK", "PartTables", "read_ahead"]
 

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.export import tables
 from xbus.geometry import quaternion
-from xbus.log import export
 from xbus.log.arrays import read_only
 from xbus.log.column import Column
 from xbus.log.runs import PartRuns, Runs
@@ -157,12 +157,12 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         Raises:
             ImportError: The extra ``arrow`` is not installed.
         """
-        table: pa.Table = export.arrow(self.arrow_stream())
+        table: pa.Table = tables.arrow(self.arrow_stream())
         return table
 
     def arrow_stream(self) -> _core.ArrowStream:
         """Returns the table of `to_arrow` as a stream for libraries that speak the Arrow C interface."""
-        return export.stream_of(self._series())
+        return tables.stream_of(self._series())
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Returns the table of `to_arrow`, for libraries that speak the Arrow C interface."""
@@ -174,7 +174,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         Raises:
             ImportError: The extra ``pandas`` is not installed.
         """
-        frame: pd.DataFrame = export.pandas(self)
+        frame: pd.DataFrame = tables.pandas(self)
         return frame
 
     def to_polars(self) -> pl.DataFrame:
@@ -183,7 +183,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         Raises:
             ImportError: The extra ``polars`` is not installed.
         """
-        frame: pl.DataFrame = export.polars(self.arrow_stream())
+        frame: pl.DataFrame = tables.polars(self.arrow_stream())
         return frame
 
     def to_parquet(self, path: str | os.PathLike[str]) -> None:
@@ -210,7 +210,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         Raises:
             OSError: The file cannot be written.
         """
-        export.npz(self.npz_arrays(), path)
+        tables.npz(self.npz_arrays(), path)
 
     def npz_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Returns the arrays of `to_npz`, by name."""

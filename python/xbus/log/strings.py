@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.log import export
+from xbus.export import tables
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.messages import piece
@@ -145,14 +145,14 @@ class Strings(Sequence[String]):
             ImportError: The extra ``arrow`` is not installed.
             ValueError: No string type has this name.
         """
-        table: pa.Table = export.arrow(self.arrow_stream(kind))
+        table: pa.Table = tables.arrow(self.arrow_stream(kind))
         return table
 
     def arrow_stream(self, kind: StringType | str) -> _core.ArrowStream:
         """Returns the table of `to_arrow` as a stream for libraries that speak the Arrow C interface."""
         table = self.table(kind)
         units = {field.name: field.unit for field in STRING_FIELDS[one_type(kind)].fields}
-        return export.stream_of(
+        return tables.stream_of(
             (name, table[name], {"unit": units[name]} if units.get(name) else {})
             for name in table.dtype.names or ()
         )

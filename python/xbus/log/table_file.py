@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, BinaryIO, Literal, TypeAlias
 
 from xbus import _core
-from xbus.log.export import replacing
+from xbus.export.replacing import replacing
 from xbus.log.in_order import in_order
 
 if TYPE_CHECKING:

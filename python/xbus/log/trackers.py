@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.log import export
+from xbus.export import tables
 from xbus.log.arrays import read_only
 from xbus.log.column import Column
 
@@ -68,12 +68,12 @@ class Tracker:
         Raises:
             ImportError: The extra ``arrow`` is not installed.
         """
-        table: pa.Table = export.arrow(self.arrow_stream())
+        table: pa.Table = tables.arrow(self.arrow_stream())
         return table
 
     def arrow_stream(self) -> _core.ArrowStream:
         """Returns the table of `to_arrow` as a stream for libraries that speak the Arrow C interface."""
-        return export.stream_of(
+        return tables.stream_of(
             [
                 ("sample", self.sample, {}),
                 ("packet_counter", self.packet_counter, {}),
@@ -94,7 +94,7 @@ class Tracker:
         Raises:
             OSError: The file cannot be written.
         """
-        export.npz(self.npz_arrays(), path)
+        tables.npz(self.npz_arrays(), path)
 
     def npz_arrays(self) -> dict[str, npt.NDArray[Any]]:
         """Returns the arrays of `to_npz`, by name."""

@@ -19,6 +19,7 @@ __all__ = [
     "RECEIVER",
     "RESULT_CODES",
     "STATUS_FLAGS",
+    "UTC_SOURCES",
     "UTC_VALID",
     "Field",
     "MessageField",
@@ -291,6 +292,8 @@ _BY_ID = {quantity.id: quantity for quantity in QUANTITIES.values()}
 RECEIVER = tuple(name for name, row in QUANTITIES.items() if row.clock == "receiver")
 #: Quantities whose samples come later than they were taken.
 LATE = tuple(name for name, row in QUANTITIES.items() if row.clock in ("receiver", "trigger"))
+#: Quantities from which the UTC of samples is known.
+UTC_SOURCES = ("utc_time", "gnss_pvt_data")
 #: The bus identifier of a stand-alone device, which has 1 as well (section 5.1): see `device_of`.
 MASTER = 0xFF
 #: First byte of every frame (section 5.1).

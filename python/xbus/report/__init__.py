@@ -7,8 +7,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from xbus.export.replacing import replacing
 from xbus.extras import require
-from xbus.log.export import replacing
 from xbus.log.log import Log
 from xbus.log.read import iter_log
 from xbus.log.source import Source

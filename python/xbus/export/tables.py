@@ -1,19 +1,19 @@
-"""Exports tables to other libraries and to files. A file appears whole or not at all."""
+"""Tables as those of other libraries, and arrays as npz files."""
 
 from __future__ import annotations
 
-import contextlib
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.export.replacing import replacing
 from xbus.extras import require
 
-__all__ = ["arrow", "npz", "pandas", "polars", "replacing", "stream_of"]
+__all__ = ["arrow", "npz", "pandas", "polars", "stream_of"]
 
 #: What dates and times of numpy are in a table.
 KINDS = {"M8[ns]": "datetime", "M8[D]": "date", "m8[us]": "time"}
@@ -97,32 +97,3 @@ def npz(
                 np.lib.format.write_array(member, np.asanyarray(array), allow_pickle=False)
             if written is not None:
                 written(array.nbytes)
-
-
-@contextlib.contextmanager
-def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
-    """Opens a file to write that replaces ``path`` when it is complete.
-
-    The file is written beside ``path`` and removed after an error, so neither a full disk nor Ctrl-C leaves
-    half a file. If ``path`` is not a regular file (``/dev/stdout``, a pipe), it is written directly.
-    """
-    import secrets
-    from pathlib import Path  # imported late: it takes longer than the rest of xbus
-
-    target = Path(path)
-    if target.exists() and not target.is_file():
-        with target.open("wb") as out:
-            yield out
-        return
-    # Follows links, and keeps the permissions of an existing file.
-    target = target.resolve()
-    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
-    try:
-        with part.open("xb") as out:
-            yield out
-        if target.exists():
-            part.chmod(target.stat().st_mode & 0o777)
-        part.replace(target)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise

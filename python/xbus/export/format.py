@@ -1,0 +1,96 @@
+"""A file format that is written part by part."""
+
+from __future__ import annotations
+
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager
+from typing import ClassVar, Protocol
+
+from xbus.export.part import Part
+from xbus.protocol.keys import EntryKey
+
+__all__ = ["ExportError", "Format", "Writer", "export"]
+
+
+class ExportError(ValueError):
+    """A log has nothing that a format can hold, or more than it can hold."""
+
+
+class Writer(Protocol):
+    """Writes the parts of a log to a file."""
+
+    def write(self, part: Part) -> None:
+        """Writes the next part.
+
+        Raises:
+            ExportError: The format cannot hold the part.
+        """
+        ...
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """What was written so far, by its name in the singular: ``{"point": 400, "segment": 1}``."""
+        ...
+
+
+class Format(ABC):
+    """A file format and its options, which are the attributes of the subclass.
+
+    The same parts, however a log is divided, give the same file.
+
+    Attributes:
+        needs_samples: Whether a log without samples has nothing to write.
+    """
+
+    needs_samples: ClassVar[bool] = True
+
+    @abstractmethod
+    def quantities(self, shape: Part) -> Sequence[EntryKey] | None:
+        """Returns which quantities of a log the file needs, so that others need not be decoded; None for all.
+
+        `Part.utc` needs `UTC_SOURCES`.
+
+        Args:
+            shape: The log, or one without samples that has its columns.
+
+        Raises:
+            ExportError: The log lacks what the format needs.
+        """
+
+    @abstractmethod
+    def open(self, path: str | os.PathLike[str], shape: Part) -> AbstractContextManager[Writer]:
+        """Returns a context that writes a file, or several.
+
+        They appear when the context ends. If it ends with an error, nothing appears.
+
+        Args:
+            path: Path of the file.
+            shape: As in `quantities`.
+        """
+
+
+def export(
+    file_format: Format, shape: Part, parts: Iterable[Part], path: str | os.PathLike[str]
+) -> dict[str, int]:
+    """Writes a log to a file, which appears whole or not at all.
+
+    Args:
+        file_format: The format.
+        shape: The log, or one without samples that has its columns.
+        parts: The log, or its parts in order.
+        path: Path of the file.
+
+    Returns:
+        What was written, as `Writer.counts`.
+
+    Raises:
+        ExportError: The log has nothing that the format can hold, or more than it can hold.
+        OSError: The file cannot be written.
+    """
+    file_format.quantities(shape)  # raises if something is missing
+    with file_format.open(path, shape) as writer:
+        for part in parts:
+            writer.write(part)
+        return writer.counts

@@ -1,0 +1,84 @@
+"""Formats of other software: what all of them have in common.
+
+A new format in `EXPORTS` is tested here without a change.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import xbus
+from test_cli import WALK, run
+from test_decode_parts import LOGS, PART
+from xbus.cli import decoding
+from xbus.cli.export_formats import EXPORTS, FormatOptions
+from xbus.export.format import ExportError, Format, export
+
+#: A file is in the files of a folder, or one.
+Content = dict[str, bytes]
+
+
+@pytest.fixture(autouse=True)
+def _small_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(decoding, "PART", PART)
+
+
+def content(folder: Path) -> Content:
+    """The files in a folder, with their content."""
+    files = [path for path in folder.rglob("*") if path.is_file()]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+
+
+def format_of(suffix: str) -> Format:
+    found = FormatOptions().format_of(suffix)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("name", LOGS)
+@pytest.mark.parametrize("suffix", EXPORTS)
+def test_the_parts_of_a_log_give_the_file_of_the_whole_log(suffix: str, name: str) -> None:
+    log = xbus.read_log(LOGS[name])
+    Path("log.mtb").write_bytes(LOGS[name])
+    for folder in ("whole", "parts"):
+        Path(folder).mkdir()
+    result = run("decode", "log.mtb", "-o", f"parts/out{suffix}")
+    if result.exit_code == 1:
+        with pytest.raises(ExportError) as refused:
+            export(format_of(suffix), log, [log], f"whole/out{suffix}")
+        assert result.stderr == f"xbus: log.mtb: {refused.value}\n"
+        assert content(Path("whole")) == content(Path("parts")) == {}
+        return
+    assert result.exit_code == 0, result.stderr
+    counts = export(format_of(suffix), log, [log], f"whole/out{suffix}")
+    assert content(Path("parts")) == content(Path("whole")) != {}
+    assert all(f"{count:,} {noun}" in result.stderr for noun, count in counts.items())
+
+
+@pytest.mark.parametrize("suffix", EXPORTS)
+def test_a_failure_leaves_the_file_of_before(suffix: str) -> None:
+    log = xbus.read_log(LOGS["walk"])
+    export(format_of(suffix), log, [log], f"out{suffix}")
+    before = content(Path())
+
+    def broken() -> xbus.Log:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(OSError, match="No space"):
+        export(format_of(suffix), log, (broken() for _ in range(1)), f"out{suffix}")
+    assert content(Path()) == before
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--raw"], ["--rate-out", "10"], ["--tracker", "1"]],
+    ids=lambda arguments: arguments[0],
+)
+def test_options_of_tables_are_refused(arguments: list[str]) -> None:
+    result = run("decode", WALK, "-o", "out.gpx", *arguments)
+    assert result.exit_code == 2
+    assert f"{arguments[0]} applies to tables and .npz, not to .gpx" in result.stderr
+    assert content(Path()) == {}
