@@ -1,8 +1,8 @@
-"""Counts, sizes and losses in words. Imports nothing, so that commands start fast."""
+"""Counts, sizes, losses and identifiers in words. Imports nothing, so that commands start fast."""
 
 from __future__ import annotations
 
-__all__ = ["describe_damage", "describe_losses", "format_count", "format_size"]
+__all__ = ["describe_damage", "describe_losses", "device_name", "format_count", "format_size"]
 
 
 def format_count(number: int, noun: str, plural: str | None = None) -> str:
@@ -56,3 +56,8 @@ def describe_damage(length: int, places: int) -> str:
     if not length:
         return "no damage"
     return f"{format_count(length, 'byte')} of damage in {format_count(places, 'place')}"
+
+
+def device_name(number: int) -> str:
+    """Returns a device identifier as printed on the device: 8 digits, 10 from the 600-series on."""
+    return f"{number:010X}" if number >> 31 else f"{number:08X}"

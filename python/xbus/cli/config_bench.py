@@ -73,8 +73,8 @@ def _apply(
     port: str, settings: Settings, baudrate: int | None, *, dry_run: bool, **options: bool
 ) -> dict[str, Any]:
     """Returns what was done at a port, or why nothing was."""
-    from xbus.describe.text import device_name
     from xbus.device import ApplyError
+    from xbus.formatting import device_name
 
     row: dict[str, Any] = {
         "port": port,
@@ -103,7 +103,7 @@ def _apply(
 
 
 def _device(row: dict[str, Any]) -> str:
-    from xbus.describe.text import printable
+    from xbus.wire.result_code import printable
 
     code = printable((row["product_code"] or "").encode())
     return f"{code} {row['device_id'] or ''}".strip()

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.describe.log_summary import TrackerSummary
-from xbus.describe.text import device_name
+from xbus.formatting import device_name
 from xbus.log.log import Log
 from xbus.log.runs import Runs
 from xbus.log.stats import Stats

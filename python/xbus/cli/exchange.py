@@ -12,7 +12,7 @@ import click
 from xbus import _core
 from xbus.cli.printing import print_line
 from xbus.describe.json_value import payload_value
-from xbus.describe.text import ResultCode, describe_message, message_dict, read_result_code
+from xbus.describe.text import describe_message, message_dict
 from xbus.device import Device
 from xbus.formatting import format_count
 from xbus.protocol.ids import MessageId
@@ -20,6 +20,7 @@ from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import State
 from xbus.wire.codec import Damage, Scanner, encode_frame, named_item
 from xbus.wire.message import Message
+from xbus.wire.result_code import ResultCode, read_result_code
 from xbus.wire.strings import String
 
 __all__ = ["Exchange", "show_exchange"]

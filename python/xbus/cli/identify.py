@@ -32,7 +32,8 @@ def identify(port: str, baudrate: int | None, as_json: bool) -> None:
 
     PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
     """
-    from xbus.describe.text import device_name, printable
+    from xbus.formatting import device_name
+    from xbus.wire.result_code import printable
 
     with connect_device(port, baudrate) as device, device.configure():
         components, reason = _selftest(device)

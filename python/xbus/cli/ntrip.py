@@ -86,8 +86,8 @@ def ntrip(
 
 
 def _print_mountpoints(url: str, user: str | None, password: str | None, *, as_json: bool) -> None:
-    from xbus.describe.text import printable
     from xbus.rtk import read_source_table
+    from xbus.wire.result_code import printable
 
     try:
         table = read_source_table(url, user=user, password=password)

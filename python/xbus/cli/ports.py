@@ -55,7 +55,7 @@ def _row(port: Port) -> dict[str, Any]:
 
 def _identify(port: Port) -> dict[str, Any]:
     """Returns the device on a port, or the problem."""
-    from xbus.describe.text import device_name
+    from xbus.formatting import device_name
 
     if sys.stderr is not None and sys.stderr.isatty():
         click.echo(f"identifying {port.device}", err=True)
@@ -92,7 +92,7 @@ def _print_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
 
 def _describe(row: dict[str, Any]) -> str:
     """Returns the device on a port as one line."""
-    from xbus.describe.text import printable
+    from xbus.wire.result_code import printable
 
     if "baudrate" not in row:
         return str(row.get("problem", "not identified"))

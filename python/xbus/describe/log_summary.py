@@ -13,13 +13,8 @@ import numpy.typing as npt
 from xbus import _core
 from xbus.describe.json_text import JsonRows
 from xbus.describe.listing import MAX_LISTED, FirstRows, LargestRows
-from xbus.describe.text import (
-    ResultCode,
-    device_name,
-    known_digits,
-    read_result_code,
-    recording_date,
-)
+from xbus.describe.text import known_digits, recording_date
+from xbus.formatting import device_name
 from xbus.log.column import Column
 from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identity_of
 from xbus.log.log import Log, steady_time
@@ -33,6 +28,7 @@ from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import QUANTITIES, UTC_VALID, device_of, message_name
 from xbus.protocol.undecoded import Undecoded
 from xbus.wire.message import Message
+from xbus.wire.result_code import ResultCode, read_result_code
 
 __all__ = [
     "EVENT_MIDS",

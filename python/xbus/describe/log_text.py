@@ -7,10 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from xbus.describe.log_summary import DeviceSummary, LogSummary
-from xbus.describe.text import device_name, finite, printable, recording_date
-from xbus.formatting import describe_damage, describe_losses, format_count
+from xbus.describe.text import finite, recording_date
+from xbus.formatting import describe_damage, describe_losses, device_name, format_count
 from xbus.log.identity import Identity
 from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
+from xbus.wire.result_code import printable
 
 __all__ = ["format_utc", "log_rows", "quantity_rows"]
 

@@ -8,28 +8,27 @@ from dataclasses import is_dataclass
 from enum import IntEnum, IntFlag
 from functools import cache
 from inspect import signature
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from xbus import _core
+from xbus.formatting import device_name
 from xbus.log.identity import Identity
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.messages import LAYOUTS
-from xbus.protocol.tables import QUANTITIES, RESULT_CODES, Field, Quantity
+from xbus.protocol.tables import QUANTITIES, Field, Quantity
 from xbus.protocol.values import Output
 from xbus.wire.message import Message
+from xbus.wire.result_code import printable, read_result_code
 
 __all__ = [
-    "ResultCode",
     "describe_message",
     "describe_packet",
-    "device_name",
     "finite",
     "message_dict",
     "packet_dict",
-    "read_result_code",
     "recording_date",
     "value_text",
 ]
@@ -39,37 +38,6 @@ DIGITS = {"Float32": "%.7g", "Fp1220": "%.9g", "Fp1632": "%.12g", "Float64": "%.
 
 
 # Messages
-
-
-class ResultCode(NamedTuple):
-    """The result code of an Error or Warning message, and its meaning.
-
-    Attributes:
-        code: The number; None if the payload is too short for one.
-        text: Meaning of the number, and text that the device adds.
-        detail: The bytes after the code of an error, in hex; None without any.
-    """
-
-    code: int | None
-    text: str
-    detail: str | None
-
-    def __str__(self) -> str:
-        code = "" if self.code is None else f"{self.code}: "
-        return f"{code}{self.text}" + (f" (detail {self.detail})" if self.detail else "")
-
-
-def read_result_code(message: Message) -> ResultCode:
-    """Returns the result code of an Error or Warning message."""
-    wide = 4 if message.name == "Warning" else 1
-    if len(message.payload) < wide:
-        return ResultCode(None, "without a code", None)
-    code, rest = int.from_bytes(message.payload[:wide], "big"), message.payload[wide:]
-    text = RESULT_CODES.get(code, "a code that xbus does not know")
-    if message.name == "Warning":
-        words = printable(rest)
-        return ResultCode(code, f"{text} ({words})" if words else text, None)
-    return ResultCode(code, text, rest.hex(" ").upper() or None)
 
 
 def describe_message(message: Message) -> str:
@@ -166,11 +134,6 @@ def _word(value: Any) -> str:
     return printable(value.encode()) if isinstance(value, str) else str(value).lower()
 
 
-def device_name(number: int) -> str:
-    """Returns a device identifier as printed on the device: 8 digits, 10 from the 600-series on."""
-    return f"{number:010X}" if number >> 31 else f"{number:08X}"
-
-
 def recording_date(configuration: Configuration) -> str | None:
     """Returns the date of a recording by the clock of its host: ``"2026-11-22 09:29:59.00"``."""
     date, time = configuration.date, configuration.time
@@ -178,12 +141,6 @@ def recording_date(configuration: Configuration) -> str | None:
         return None
     day = f"{date[:4]}-{date[4:6]}-{date[6:]}"
     return day if time is None else f"{day} {time[:2]}:{time[2:4]}:{time[4:6]}.{time[6:]}"
-
-
-def printable(data: bytes) -> str:
-    """Returns text of a device without characters that control a terminal."""
-    text = data.decode("ascii", "backslashreplace").strip("\0 \r\n")
-    return "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)
 
 
 # Packets

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from xbus.cli.monitor.model import QuantityState
-from xbus.describe.text import device_name, finite
+from xbus.describe.text import finite
+from xbus.formatting import device_name
 from xbus.protocol.tables import QUANTITIES, UTC_VALID
 
 __all__ = ["format_rate", "format_unit", "format_value", "set_flags", "value_json"]
