@@ -129,11 +129,38 @@ def draw_report(folder: Path) -> None:
     )
 
 
+def draw_plots() -> None:
+    from matplotlib.figure import Figure
+
+    import xbus
+    from xbus import SimulatedDevice
+
+    log = xbus.read_log(RECORDING)
+    figure = Figure(figsize=(9, 8), layout="constrained")
+    axes = figure.subplots(4, sharex=True)
+    log.plot(["acceleration", "magnetic_field", "lat_lon"], time="utc", ax=axes)
+    figure.savefig(GALLERY / "plots.png", dpi=80)
+
+    virtual = SimulatedDevice("MTi-630", trajectory="still", noise=1)
+    outputs = {"packet_counter": None, "sample_time_fine": None, "acceleration_hr": 2000}
+    with xbus.connect(virtual) as device, device.configure() as cfg:
+        cfg.set_output_configuration(outputs, check_baudrate=False)
+    virtual.advance(200)
+    data = bytes(virtual.read())
+    knock = xbus.encode_sample({"acceleration_hr": [0, 6, 9.8]})
+    virtual.advance(100)
+    log = xbus.read_log(data + knock + virtual.read())
+    figure = Figure(figsize=(9, 3.2), layout="constrained")
+    log["acceleration_hr"].plot(ax=figure.subplots())
+    figure.savefig(GALLERY / "spike.png", dpi=80)
+
+
 def main() -> None:
     GALLERY.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         draw_terminals(Path(folder))
         draw_report(Path(folder))
+    draw_plots()
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ import xbus
 from conftest import OWN_CAPTURES, counter, damaged_streams, fine
 from streams import mtdata2, packet
 from xbus import MessageId, SimulatedDevice, encode_frame, encode_sample
+from xbus.plots.palette import ALARM, COLOURS
 from xbus.report import gather, write_report
 from xbus.report.findings import findings, percent
 from xbus.report.page import page
@@ -157,7 +158,7 @@ def test_every_quantity_has_its_plots() -> None:
     report = page_of(WALK)
     log = xbus.read_log(WALK)
     names = [figure["name"] for figure in report.figures]
-    for name in ("quaternion", "euler_angles", "acceleration", "velocity_xyz", "lat_lon"):
+    for name in ("quaternion", "euler_angles", "acceleration", "velocity_xyz"):
         data = report.figure(name)["data"]
         assert [curve["name"] for curve in data] == list(log[name].fields)
         for at, curve in enumerate(data):
@@ -585,7 +586,7 @@ def test_a_browser_shows_the_colours(tmp_path: Path) -> None:
     picture = pixels((tmp_path / "page.png").read_bytes())
     flat = picture[..., :3].reshape(-1, 3).astype(int)
     # The colours of curves, bands and problems.
-    for colour in ("#e4572e", "#1f9d8a", "#3a86d4", "#d62828"):
+    for colour in (*COLOURS[:3], ALARM):
         wanted = [int(colour[at : at + 2], 16) for at in (1, 3, 5)]
         near = np.abs(flat - wanted).max(axis=1) < 12
         assert np.count_nonzero(near) > 300, colour

@@ -141,14 +141,9 @@ def _plot(log: Log, path: Path) -> Path | None:
         from matplotlib.figure import Figure
     except ImportError:
         return None
-    columns = _plotted(log)
-    figure = Figure(figsize=(9, 3 * len(columns)), layout="constrained")
-    for axes, column in zip(
-        figure.subplots(len(columns), squeeze=False)[:, 0], columns, strict=True
-    ):
-        axes.plot(column.time - log.time[0], column.values, linewidth=0.8, label=column.fields)
-        axes.set(ylabel=f"{column.name}, {column.unit}", xlabel="time, s")
-        axes.legend(loc="upper right")
+    names = [column.name for column in _plotted(log)]
+    figure = Figure(figsize=(9, 3 * len(names)), layout="constrained")
+    log.plot(names, ax=figure.subplots(len(names), squeeze=False))
     plot = path.with_suffix(".png")
     figure.savefig(plot, dpi=150)
     return plot

@@ -15,9 +15,11 @@ from xbus.export import tables
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.flags import Flags
+from xbus.log.plotting import PlotTime, plot_columns
 from xbus.log.rates import Rates
 from xbus.log.rendering import html_table
 from xbus.log.runs import Runs
+from xbus.plots.draw import Backend
 from xbus.protocol.tables import QUANTITIES, Field, Quantity
 
 if TYPE_CHECKING:
@@ -299,6 +301,28 @@ class Column:
         """
         frame: pl.DataFrame = tables.polars(self.arrow_stream(raw=raw))
         return frame
+
+    # Plots
+
+    def plot(
+        self, *, time: PlotTime = "device", backend: Backend = "matplotlib", ax: Any = None
+    ) -> Any:
+        """Draws the quantity over time; see `Log.plot`.
+
+        Args:
+            time: As for `Log.plot`.
+            backend: As for `Log.plot`.
+            ax: The Axes of matplotlib to draw into, or one for each plot. Default: a new figure.
+
+        Returns:
+            The Axes of matplotlib, or an array of them if the quantity has several plots, such as
+            ``lat_lon``; a Figure of plotly.
+
+        Raises:
+            ImportError: The extra ``plot``, or ``report`` for plotly, is not installed.
+            ValueError: The quantity has no plot or no rows, or the log has no valid UTC.
+        """
+        return plot_columns([self], self._part, time=time, backend=backend, ax=ax)
 
     # Comparison, pickle and print
 

@@ -20,6 +20,7 @@ from xbus.log.exports import Exports
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identity_of
 from xbus.log.messages import Messages, Unknown
+from xbus.log.plotting import PlotTime, plot_columns
 from xbus.log.rendering import html_table, text_table
 from xbus.log.resample import Resampled, check_rate, spans
 from xbus.log.runs import PartRuns, Runs
@@ -29,6 +30,8 @@ from xbus.log.stats import Stats
 from xbus.log.strings import Strings
 from xbus.log.table_file import write_table
 from xbus.log.trackers import Tracker, trackers_of
+from xbus.plots.draw import Backend
+from xbus.plots.panels import has_panels
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
 from xbus.protocol.tables import MASTER, QUANTITIES, UTC_SOURCES, UTC_VALID, device_of
@@ -530,6 +533,50 @@ class Log(ByQuantity[Column], Exports):
             max_gap=max_gap,
             first_sample=self.first_sample,
         )
+
+    def plot(
+        self,
+        keys: Key | Iterable[Key] | None = None,
+        *,
+        time: PlotTime = "device",
+        backend: Backend = "matplotlib",
+        ax: Any = None,
+    ) -> Any:
+        """Draws quantities over time, one below the other.
+
+        Plots of long logs have the minimum and the maximum of each of some 2,000 intervals, at the moments
+        of their measurement, so no spike is lost. A line ends where rows are missing, and where a device
+        restarted. Each device has curves of its own. To see more of a part, read only that part:
+        ``read_log(..., between=(60, 70))``.
+
+        Args:
+            keys: One key, or several. Default: all quantities with a plot.
+            time: ``"device"``: seconds on the device's clock, as in `time`; after a restart the axis goes
+                on one step after the last sample, because the length of the interruption is not known.
+                Without time stamps it is the packet counter or the number of the sample. ``"utc"``: `utc`,
+                and between its values the clock of the device. Samples of a run without UTC are left out,
+                with a warning.
+            backend: ``"matplotlib"``, or ``"plotly"`` for a figure to zoom in.
+            ax: The Axes of matplotlib to draw into, or one for each plot. Default: a new figure.
+
+        Returns:
+            The Axes of matplotlib for one plot, an array of them for several; a Figure of plotly.
+
+        Raises:
+            ImportError: The extra ``plot``, or ``report`` for plotly, is not installed.
+            KeyError: The log does not have one of the quantities.
+            ValueError: A quantity has no plot, the log has no valid UTC, or there is nothing to plot.
+
+        >>> import xbus
+        >>> log = xbus.read_log("tests/captures/walk.mtb")
+        >>> axes = log.plot(["acceleration", "rate_of_turn"])
+        >>> [ax.get_ylabel() for ax in axes]
+        ['acceleration, m/s2', 'rate_of_turn, rad/s']
+        """
+        columns = [self[key] for key in self._chosen(keys)]
+        if keys is None:
+            columns = [column for column in columns if has_panels(column.name)]
+        return plot_columns(columns, self._core, time=time, backend=backend, ax=ax)
 
     def to_arrow(self, keys: Key | Iterable[Key] | None = None, *, raw: bool = False) -> pa.Table:
         """Returns a pyarrow table.

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.report.thin import FloatArray
+from xbus.plots.thin import FloatArray
 
 __all__ = ["Floor", "Longest", "Stretch", "allan_deviation", "at_one_second", "flicker_floor"]
 

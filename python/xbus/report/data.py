@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,39 +11,18 @@ import numpy.typing as npt
 from xbus.describe.listing import FirstRows, LargestRows
 from xbus.describe.log_summary import EVENT_MIDS, LogSummary
 from xbus.describe.text import describe_message
+from xbus.log.axis import Axis
 from xbus.log.column import Column
 from xbus.log.log import Log, steady_time
+from xbus.plots.panels import has_fix, panel_rows
+from xbus.plots.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
 from xbus.protocol.undecoded import output_mids
 from xbus.report.allan import Longest
-from xbus.report.axis import Axis
-from xbus.report.thin import Bands, BoolArray, Curves, FloatArray, Steps
-from xbus.report.track import SOURCES, Track, has_fix
+from xbus.report.track import SOURCES, Track
 
 __all__ = ["Flag", "Panel", "ReportData", "Series", "Setting"]
 
-#: Plots of struct quantities: title, unit and fields. Other structs have no plot.
-STRUCT_PLOTS: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
-    "gnss_pvt_data": [
-        ("fix type and satellites", "", ("fixtype", "numSV")),
-        ("stated accuracy", "m", ("hAcc", "vAcc")),
-        ("height", "m", ("height", "hMSL")),
-        ("velocity", "m/s", ("velN", "velE", "velD", "sAcc")),
-        ("dilution of precision", "", ("pdop", "hdop", "vdop", "tdop")),
-    ],
-    "gps_dop": [("", "", ("pdop", "hdop", "vdop", "tdop"))],
-    "raw_acc_gyr_mag_temp": [
-        ("accelerometer", "counts", ("accX", "accY", "accZ")),
-        ("gyroscope", "counts", ("gyrX", "gyrY", "gyrZ")),
-        ("magnetometer", "counts", ("magX", "magY", "magZ")),
-        ("temperature", "degC", ("Temp",)),
-    ],
-    "trigger_in1": [("polarity", "", ("polarity",))],
-    "trigger_in2": [("polarity", "", ("polarity",))],
-    "trigger_in3": [("polarity", "", ("polarity",))],
-}
-#: Plots of ``gnss_pvt_data`` that are valid without a fix.
-VALID_WITHOUT_FIX = ("fix type and satellites",)
 #: Quantities with an Allan deviation.
 NOISY = ("acceleration", "acceleration_hr", "rate_of_turn", "rate_of_turn_hr")
 STATUS = ("status_word", "status_byte")
@@ -123,9 +102,9 @@ class Series:
         starts = run_starts(run, self._run)
         self._run = int(run[-1]) if len(run) else self._run
         breaks = self.steps.breaks(time, starts)
-        for title, unit, names, values in _plotted(column):
-            panel = self.panels.setdefault(title, Panel(title, unit, Curves(names)))
-            panel.curves.add(time, values, breaks)
+        for rows in panel_rows(column):
+            panel = Panel(rows.title, rows.unit, Curves(rows.names))
+            self.panels.setdefault(rows.title, panel).curves.add(time, rows.values, breaks)
         if self.longest is not None:
             self.longest.add(time, column.values, breaks)
         return breaks
@@ -140,40 +119,6 @@ def run_starts(run: npt.NDArray[np.int64], last: int) -> BoolArray:
     """
     starts = np.diff(run, prepend=run[:1] if last < 0 else last) != 0
     return np.asarray(starts, np.bool_)
-
-
-def _plotted(
-    column: Column,
-) -> Iterator[tuple[str, str, tuple[str, ...], npt.NDArray[Any]]]:
-    """Yields title, unit, names and values ``(N, k)`` of each plot of a quantity."""
-    row = QUANTITIES[column.name]
-    if column.name == "gnss_sat_info":
-        yield "satellites", "", ("numSvs",), column.values["numSvs"][:, None]
-        if len(column.satellites):
-            yield "signal strength", "dBHz", ("minimum", "mean", "maximum"), _signals(column)
-    elif column.fields and row.fields:
-        for title, unit, names in STRUCT_PLOTS.get(column.name, []):
-            values = np.stack([column.scaled[name] for name in names], axis=1)
-            if column.name == "gnss_pvt_data" and title not in VALID_WITHOUT_FIX:
-                # Without a fix the other fields are arbitrary.
-                values = np.where(has_fix(column.values)[:, None], values, np.nan)
-            yield title, unit, names, values
-    elif row.group != "Timestamp" and row.kind != "id" and column.name not in STATUS:
-        values = column.values
-        names = column.fields or (column.name,)
-        yield "", column.unit, names, values.reshape(len(values), len(names))
-
-
-def _signals(column: Column) -> FloatArray:
-    """Returns minimum, mean and maximum C/N0 of the satellites of each row; NaN without satellites."""
-    signals = column.satellites["cno"].astype(np.float64)
-    starts, ends = column.offsets[:-1], column.offsets[1:]
-    found = np.full((len(starts), 3), np.nan)
-    some = ends > starts
-    for at, reduce in enumerate((np.minimum, np.add, np.maximum)):
-        found[some, at] = reduce.reduceat(signals, starts[some])
-    found[some, 1] /= (ends - starts)[some]
-    return found
 
 
 class Flag:
@@ -288,7 +233,7 @@ class ReportData:
     def _add(self, part: Log) -> None:
         runs = self.summary.add(part)
         last = self.axis.last
-        x = self.axis.positions(part, runs)
+        x = self.axis.positions(part.core, runs.run)
         if self.utc is None and self.axis.kind == "time":
             self._find_utc(part, x)
         before = np.concatenate(([last], x))

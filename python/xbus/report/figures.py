@@ -1,47 +1,28 @@
-"""The plots of a report as plotly figures; the page adds the colours of its theme."""
+"""The plots of a report as plotly figures, with numpy arrays; the page adds the colours of its theme."""
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from xbus.plots.palette import ALARM, COLOURS
+from xbus.plots.panels import label
+from xbus.plots.plot import Plot, TimeAxis
+from xbus.plots.thin import Bands, FloatArray
+from xbus.plots.traces import traces
 from xbus.report.allan import allan_deviation
 from xbus.report.data import Panel, ReportData, Series
-from xbus.report.thin import Bands, FloatArray
 
 __all__ = ["Figure", "events", "flags", "noise", "panel", "steps", "track", "tracks"]
 
 Figure = dict[str, Any]
 
-#: Colours of curves, visible on white and on black.
-COLOURS = (
-    "#e4572e",
-    "#1f9d8a",
-    "#3a86d4",
-    "#b07aa1",
-    "#c99a00",
-    "#7f8c8d",
-    "#8c564b",
-    "#e377c2",
-    "#5b6abf",
-)
-#: The colour of problems.
-ALARM = "#d62828"
 #: Heights in pixels: a plot, a row of bands, and the margin around the rows.
 HEIGHT, ROW, MARGIN = 280, 26, 70
 #: Height of a band, and the smallest width of a mark, in pixels.
 BAND, MARK = 12, 2
-
-
-def numbers(values: npt.NDArray[Any]) -> dict[str, str]:
-    """Returns an array in the binary form of plotly; NaN is a gap."""
-    short = values.dtype == np.float32
-    data = np.asarray(values, "<f4" if short else "<f8")
-    return {"dtype": "f4" if short else "f8", "bdata": base64.b64encode(data.tobytes()).decode()}
 
 
 def axis_title(data: ReportData) -> str:
@@ -67,24 +48,11 @@ def _over_time(data: ReportData, name: str, traces: list[Figure], y: Figure, hei
 
 def panel(data: ReportData, series: Series, panel: Panel) -> Figure:
     """Returns a quantity over time, with a curve for each component."""
-    traces: list[Figure] = []
-    curves = panel.curves
-    for at, (name, curve) in enumerate(zip(curves.names, curves.curves, strict=True)):
-        colour = COLOURS[at % len(COLOURS)]
-        time, values = curve.line()
-        common = {"type": "scatter", "name": name, "legendgroup": name}
-        isolated = curve.isolated()
-        if has_line := len(isolated) < len(curve.time) or not len(isolated):
-            line = {"mode": "lines", "line": _line(colour)}
-            traces.append({**common, **line, "x": numbers(time), "y": numbers(values)})
-        if len(isolated):
-            dots = {"mode": "markers", "marker": {"color": colour, "size": 3}}
-            points = {"x": numbers(curve.time[isolated]), "y": numbers(curve.values[isolated])}
-            traces.append({**common, **dots, **points, "showlegend": not has_line})
-    title = panel.title or series.name
-    y = {"title": {"text": f"{title}, {panel.unit}" if panel.unit else title}}
-    figure = _over_time(data, f"{series.anchor} {panel.title}".strip(), traces, y, HEIGHT)
-    figure["layout"]["showlegend"] = len(curves.names) > 1
+    plot = Plot(label(series.name, panel.title, panel.unit), {"": panel.curves})
+    drawn = [trace for line in plot.lines(TimeAxis("")) for trace in traces(line)]
+    y = {"title": {"text": plot.label}}
+    figure = _over_time(data, f"{series.anchor} {panel.title}".strip(), drawn, y, HEIGHT)
+    figure["layout"]["showlegend"] = plot.has_names
     return figure
 
 
@@ -102,8 +70,8 @@ def steps(data: ReportData) -> Figure:
                 "type": "scatter",
                 "mode": "lines",
                 "name": f"BID {bid}",
-                "x": numbers(time),
-                "y": numbers(values),
+                "x": time,
+                "y": values,
                 # The step before a sample extends over the time before the sample.
                 "line": {**_line(COLOURS[(2 + at) % len(COLOURS)]), "shape": "vh"},
             }
@@ -143,17 +111,17 @@ def _bands(
     if not rows:
         return None
     traces = []
-    for at, (label, bands, texts, colour) in enumerate(rows):
+    for at, (name_of_row, bands, texts, colour) in enumerate(rows):
         x = np.stack([bands.start, bands.end, np.full(len(bands), np.nan)], axis=1).ravel()
         traces.append(
             {
                 "type": "scatter",
                 "mode": "lines+markers",
-                "x": numbers(x),
-                "y": numbers(np.full(len(x), float(-at))),
+                "x": x,
+                "y": np.full(len(x), float(-at)),
                 "text": [part for text in texts for part in (text, text, "")],
                 "hovertemplate": "%{x:.6~g}: %{text}<extra></extra>",
-                "name": label,
+                "name": name_of_row,
                 "line": {"color": colour, "width": BAND},
                 "marker": {
                     "symbol": "line-ns-open",
@@ -194,8 +162,8 @@ def track(data: ReportData) -> Figure | None:
         gaps = np.flatnonzero(np.diff(positions.piece)) + 1
         columns = (*positions.metres(best.origin), positions.time)
         x, y, time = (np.insert(column, gaps, np.nan) for column in columns)
-        trace: Figure = {"type": "scatter", "x": numbers(x), "y": numbers(y), "name": name}
-        trace["customdata"] = numbers(time)
+        trace: Figure = {"type": "scatter", "x": x, "y": y, "name": name}
+        trace["customdata"] = time
         trace["hovertemplate"] = "%{customdata:.2f} s<br>%{x:.2f} m, %{y:.2f} m"
         if at:
             style = {
@@ -232,8 +200,8 @@ def noise(series: Series) -> tuple[Figure, list[tuple[FloatArray, FloatArray]]] 
         {
             "type": "scatter",
             "mode": "lines+markers",
-            "x": numbers(tau),
-            "y": numbers(deviation),
+            "x": tau,
+            "y": deviation,
             "name": name,
             "line": {"color": COLOURS[at], "width": 1.5},
             "marker": {"size": 4},

@@ -10,6 +10,9 @@ from html import escape
 from importlib import resources
 from typing import Any
 
+import numpy as np
+import numpy.typing as npt
+
 from xbus.report.blocks import Block, Heading, Paragraph, Plot, Section, Table
 from xbus.report.findings import Finding
 
@@ -32,7 +35,9 @@ def document(title: str, body: Iterable[str], figures: Any, plotly: str) -> str:
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
     )
     # "<" could end the script element around the JSON.
-    data = json.dumps(figures, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    data = json.dumps(figures, default=_numbers, allow_nan=False, separators=(",", ":")).replace(
+        "<", "\\u003c"
+    )
     return "".join(
         [
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n',
@@ -133,6 +138,13 @@ def _text(text: str) -> str:
             char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
         )
     )
+
+
+def _numbers(values: npt.NDArray[Any]) -> dict[str, str]:
+    """Returns an array in the binary form of plotly; NaN is a gap."""
+    short = values.dtype == np.float32
+    data = np.asarray(values, "<f4" if short else "<f8")
+    return {"dtype": "f4" if short else "f8", "bdata": base64.b64encode(data.tobytes()).decode()}
 
 
 def _resource(name: str) -> str:

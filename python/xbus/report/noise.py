@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from xbus.formatting import format_count
+from xbus.plots.thin import FloatArray
 from xbus.report import figures
 from xbus.report.allan import PARTS, at_one_second, flicker_floor
 from xbus.report.blocks import Block, Heading, Paragraph, Plot, Table
 from xbus.report.data import ReportData, Series
 from xbus.report.findings import percent
-from xbus.report.thin import FloatArray
 
 __all__ = ["noise"]
 

@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
 from xbus.geometry.earth import ecef_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from xbus.log.column import Column
+from xbus.plots.panels import has_fix
+from xbus.plots.thin import BINS, BoolArray, FloatArray, bin_width, thin
 from xbus.protocol.values import LatLonAlt
-from xbus.report.thin import BINS, BoolArray, FloatArray, bin_width, thin
 
-__all__ = ["FIXES", "SOURCES", "Track", "has_fix"]
+__all__ = ["SOURCES", "Track"]
 
-#: Fix types of the receiver with a position (Table 25): 2D, 3D, GNSS and dead reckoning.
-FIXES = (2, 3, 4)
 #: Quantities with a position, the best first.
 SOURCES = ("lat_lon", "position_ecef", "gnss_pvt_data")
 #: Limits of valid positions, in degrees and metres.
 LIMITS = {"lat_lon": np.array([90.0, 360.0]), "position_ecef": np.full(3, 1e9)}
-
-
-def has_fix(rows: npt.NDArray[Any]) -> BoolArray:
-    """Returns which rows of ``gnss_pvt_data`` have a position that the receiver marks as valid, ``(N,)``."""
-    fixed: BoolArray = np.isin(rows["fixtype"], FIXES) & (rows["flags"] & 1 == 1)
-    return fixed
 
 
 class Track:

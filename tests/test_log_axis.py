@@ -1,4 +1,4 @@
-"""The positions of samples on the axis of a report."""
+"""The positions of samples on the axis of plots."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ import pytest
 import xbus
 from conftest import counter, fine
 from streams import frame, mtdata2, packet
+from xbus.log.axis import Axis
 from xbus.log.runs import Runs
-from xbus.report.axis import Axis
 
 PVT = packet(0x7010, bytes(94))
 WAKEUP = frame(0x3E)
@@ -28,7 +28,7 @@ def places(*parts: bytes) -> tuple[Axis, npt.NDArray[np.float64]]:
 
 def place(logs: Iterable[xbus.Log]) -> tuple[Axis, npt.NDArray[np.float64]]:
     axis, runs = Axis(), Runs()
-    return axis, np.concatenate([axis.positions(log, runs.add(log.core)) for log in logs])
+    return axis, np.concatenate([axis.positions(log.core, runs.add(log.core).run) for log in logs])
 
 
 #: Samples, the kind of axis, and the expected positions.

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from xbus.report.thin import BINS, Bands, Curve, Curves, FloatArray, Steps, thin
+from xbus.plots.thin import BINS, Bands, Curve, Curves, FloatArray, Steps, thin
 
 SEEDS = st.integers(0, 2**32 - 1)
 

@@ -1,14 +1,14 @@
-"""The horizontal axis of a report: a position for each sample, even without a time stamp."""
+"""The horizontal axis of plots: a position for each sample, even without a time stamp."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from xbus.log.log import Log, steady_time
-from xbus.log.runs import PartRuns
+from xbus import _core
+from xbus.log.runs import steady_time
+from xbus.plots.thin import BoolArray, FloatArray
 from xbus.protocol.tables import device_of
-from xbus.report.thin import BoolArray, FloatArray
 
 __all__ = ["Axis"]
 
@@ -42,31 +42,32 @@ class Axis:
     Attributes:
         kind: ``"time"`` in s, else ``"packet counter"`` or ``"sample"``; empty before the first sample.
         last: Position of the last sample.
+        origin: Value of the first clock at position 0.
         devices: BIDs of the devices that sent samples.
 
     >>> import xbus
     >>> from xbus.log.runs import Runs
     >>> log = xbus.read_log("tests/captures/walk.mtb")
-    >>> Axis().positions(log, Runs().add(log.core))[:3].round(3).tolist()
+    >>> Axis().positions(log.core, Runs().add(log.core).run)[:3].round(3).tolist()
     [0.0, 0.01, 0.02]
     """
 
     def __init__(self) -> None:
         self.kind = ""
-        self.last = 0.0
+        self.last = self.origin = 0.0
         self.devices: set[int] = set()
         #: Whether only samples of the GNSS receiver have a time.
         self._is_receiver = False
         self._clocks: dict[int, _Clock] = {}
 
-    def positions(self, part: Log, runs: PartRuns) -> FloatArray:
+    def positions(self, part: _core.Part, run: npt.NDArray[np.int64]) -> FloatArray:
         """Returns the position of each sample, ``(N,)``.
 
         A sample without a time stamp of the device is between its neighbours.
 
         Args:
             part: The next part of the log.
-            runs: The runs that its samples belong to.
+            run: The number of the run of each sample, ``(N,)``.
         """
         if not len(part):
             return np.empty(0)
@@ -75,27 +76,27 @@ class Axis:
         if not self.kind:
             self._start(part)
         if self.kind == "sample":
-            x = (part.first_sample + np.arange(len(part))).astype(np.float64)
+            x = (part.first + np.arange(len(part))).astype(np.float64)
         else:
-            x = self._from_clocks(part, runs.run, devices)
+            x = self._from_clocks(part, run, devices)
         self.last = float(x[-1])
         return x
 
-    def _start(self, part: Log) -> None:
+    def _start(self, part: _core.Part) -> None:
         for kind, is_receiver in (("time", False), ("time", True), ("packet counter", False)):
             self.kind, self._is_receiver = kind, is_receiver
             if np.isfinite(self._stamps(part)).any():
                 return
         self.kind = "sample"
 
-    def _stamps(self, part: Log) -> FloatArray:
+    def _stamps(self, part: _core.Part) -> FloatArray:
         """Returns the clock value of each sample; NaN if there is none."""
         if self.kind == "time":
             return part.time if self._is_receiver else steady_time(part)
         return np.where(part.packet_counter != -1, part.packet_counter, np.nan)
 
     def _from_clocks(
-        self, part: Log, run: npt.NDArray[np.int64], devices: npt.NDArray[np.uint8]
+        self, part: _core.Part, run: npt.NDArray[np.int64], devices: npt.NDArray[np.uint8]
     ) -> FloatArray:
         stamps = self._stamps(part)
         receiver = part.time if self.kind == "time" else np.full(len(part), np.nan)
@@ -136,6 +137,8 @@ class Axis:
         if clock.run != run:
             if clock.run >= 0:
                 before = max(before, clock.value + clock.offset + clock.step)
+            if not any(known.run >= 0 for known in self._clocks.values()):
+                self.origin = float(values[0]) - before
             clock.run, clock.offset = run, before - float(values[0])
         clock.value = float(values[-1])
         x: FloatArray = np.interp(np.arange(len(stamps)), rows, values + clock.offset)

@@ -1,0 +1,1 @@
+"""Plots of quantities over time: which curves there are, how they are thinned, and drawing them."""
