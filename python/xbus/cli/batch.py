@@ -74,6 +74,7 @@ def check_targets(out: str | None, out_dir: str | None) -> None:
         for param in ctx.command.params:
             if (
                 param.name in ("jobs", "skip_existing", "suffix")
+                and not (param.name == "suffix" and out is not None and out.endswith(("/", os.sep)))
                 and ctx.get_parameter_source(param.name) == ParameterSource.COMMANDLINE
             ):
                 raise click.UsageError(f"{param.opts[-1]} needs --out-dir")
@@ -123,7 +124,7 @@ def plan(recordings: Sequence[Recording], folder: str, suffix: str) -> list[Job]
     Args:
         recordings: The recordings.
         folder: The folder to write to. It is created.
-        suffix: The suffix of the files.
+        suffix: The suffix of the files; a slash if each recording is written to a folder.
 
     Raises:
         Failure: The folder cannot be created.
@@ -231,7 +232,7 @@ def run(
     outcomes = [Outcome(job) for job in jobs]
     for outcome in outcomes:
         out = outcome.job.out
-        if skip_existing and out is not None and os.path.isfile(out):  # noqa: PTH113
+        if skip_existing and out is not None and os.path.exists(out):  # noqa: PTH110
             outcome.is_skipped, outcome.text, outcome.values = True, "skipped", {"skipped": True}
     waiting = [at for at, outcome in enumerate(outcomes) if not outcome.is_skipped]
     with Progress("", shown=not quiet) as bar:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from xbus.cli import batch
-from xbus.cli.decoding import SUFFIXES, Decoding, is_string, suffix_of
+from xbus.cli.dataset_options import Dataset, check_folder, dataset_options, is_folder
+from xbus.cli.decoding import FORMATS, SUFFIXES, Decoding, is_string, suffix_of
 from xbus.cli.export_formats import EXPORTS, FormatOptions, format_options
 from xbus.cli.export_target import check_output
 from xbus.cli.input_options import InputOptions, input_options
@@ -30,10 +33,14 @@ def _out(
     param: click.Parameter,  # noqa: ARG001
     value: str | None,
 ) -> str | None:
-    """Returns a path with a known suffix."""
-    if value is not None and suffix_of(value) not in SUFFIXES:
-        raise click.BadParameter(f"{value!r} must end in one of {', '.join(SUFFIXES)}")
-    return value
+    """Returns a path with a known suffix, or that of a folder."""
+    if value is None or is_folder(value) or suffix_of(value) in SUFFIXES:
+        return value
+    if os.path.isdir(value):  # noqa: PTH112 - pathlib is slow to import
+        raise click.BadParameter(
+            f"{value!r} is a folder; {os.path.join(value, '')!r} writes a table to several files in it"  # noqa: PTH118
+        )
+    raise click.BadParameter(f"{value!r} must end in one of {', '.join(SUFFIXES)}, or in /")
 
 
 def _keys(
@@ -83,8 +90,9 @@ def _key(value: str) -> EntryKey:
     callback=_out,
     metavar="OUT",
     help="File to write. Its suffix determines the format: a table (.parquet, .csv, .arrow, .feather), .npz, "
-    "or .gpx.",
+    "or .gpx. If OUT ends in /, a folder of tables.",
 )
+@dataset_options
 @batch.batch_options
 @click.option(
     "--suffix",
@@ -92,7 +100,7 @@ def _key(value: str) -> EntryKey:
     default=SUFFIXES[0],
     show_default=True,
     metavar="SUFFIX",
-    help="Suffix of the files in --out-dir, which determines their format.",
+    help="Suffix of the files in --out-dir or a folder, which determines their format.",
 )
 @click.option(
     "--quantity",
@@ -142,6 +150,8 @@ def decode(
     skip_existing: bool,
     jobs: int | None,
     suffix: str,
+    partition_by: str | None,
+    partition_size: int,
     keys: list[EntryKey],
     rate_out: float | None,
     max_gap: float | None,
@@ -163,11 +173,16 @@ def decode(
     quantities (acceleration_x, ...) in the units that xbus quantities lists. Missing values are null.
     Satellites (--quantity gnss_sat_info) and the strings of each type are separate tables.
 
+    An OUT that ends in / is a folder with files of one table, which polars, DuckDB, Arrow and dask read
+    together: part-0000.parquet, ..., each of about --partition-size. With --out-dir and --partition-by or
+    --partition-size, each recording becomes such a folder.
+
     Tables are written part by part: a log may be larger than memory. Standard input, URLs and compressed
     files are first copied to a temporary file (TMPDIR).
 
     An .npz file contains an array NAME for each quantity, with NAME.sample and NAME.time; fields of structs
-    are in their units. An existing OUT is replaced, and a failed run leaves no partial file.
+    are in their units. An existing OUT is replaced, and a failed run leaves no partial file. A folder is
+    replaced only if xbus wrote its files.
     """
     batch.check_targets(out, out_dir)
     check_resampling(keys, rate_out, max_gap)
@@ -175,8 +190,16 @@ def decode(
         raise click.UsageError("--tracker excludes --quantity and --rate-out")
     if raw and (rate_out or tracker):
         raise click.UsageError("--raw excludes --rate-out and --tracker")
-    target = suffix if out is None else suffix_of(out)
+    dataset = _dataset(out, Dataset(suffix, partition_size, partition_by is not None))
+    target = suffix if out is None or dataset else suffix_of(out)
     options.check(target)
+    if dataset is not None:
+        if target not in FORMATS:
+            raise click.UsageError(f"a folder has tables: {', '.join(FORMATS)}, not {target}")
+        if rate_out or tracker or any(map(is_string, keys)):
+            raise click.UsageError(
+                "--rate-out, --tracker and strings are written to one file, not to a folder"
+            )
     if target in EXPORTS:
         for name, value in {"--raw": raw, "--rate-out": rate_out, "--tracker": tracker}.items():
             if value:
@@ -195,11 +218,12 @@ def decode(
         tracker=tracker,
         raw=raw,
         options=options,
+        dataset=dataset,
         threads=workers.threads,
     )
     if out_dir is not None:
         outcomes = batch.run(
-            batch.plan(recordings, out_dir, suffix),
+            batch.plan(recordings, out_dir, suffix if dataset is None else os.sep),
             decoding.decode,
             workers=workers.jobs,
             skip_existing=skip_existing,
@@ -209,7 +233,10 @@ def decode(
         return
     assert out is not None  # noqa: S101 - see `check_targets`
     [recording] = recordings
-    check_output(recording.files, out)
+    if dataset is not None:
+        check_folder(out)
+    else:
+        check_output(recording.files, out)
     recording.show_notes()
     with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:
         text, summary = decoding.decode(batch.Job(recording, out), progress)
@@ -218,3 +245,20 @@ def decode(
         print_json({"files": recording.files, "out": out} | summary)
     if not quiet:
         click.echo(f"{label(out)}: {text}", err=True)
+
+
+def _dataset(out: str | None, options: Dataset) -> Dataset | None:
+    """Returns how to write a folder for each recording; None if each is written to a file."""
+    source = click.get_current_context().get_parameter_source
+    given = [
+        "--" + name.replace("_", "-")
+        for name in ("partition_by", "partition_size")
+        if source(name) == ParameterSource.COMMANDLINE
+    ]
+    if out is None:
+        return options if given else None
+    if is_folder(out):
+        return options
+    if given:
+        raise click.UsageError(f"{given[0]} needs a folder, such as -o {suffix_of(out)[1:]}/")
+    return None

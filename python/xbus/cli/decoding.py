@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
+from xbus.cli.dataset_options import Dataset, check_folder, foreign_files
 from xbus.cli.export_formats import EXPORTS, FormatOptions
 from xbus.cli.export_target import check_output, quality_text, restart_count, writing
 from xbus.cli.failure import Failure, cannot
@@ -23,13 +24,14 @@ from xbus.formatting import format_count
 if TYPE_CHECKING:
     from xbus.cli.decoded_totals import DecodedTotals
     from xbus.cli.rate_use import RateUse
+    from xbus.export.format import Format
     from xbus.log.log import Log
     from xbus.log.parts import LogPart
     from xbus.log.table_file import FileFormat
     from xbus.log.trackers import Tracker
     from xbus.protocol.keys import EntryKey
 
-__all__ = ["SUFFIXES", "Decoding", "is_string", "suffix_of"]
+__all__ = ["FORMATS", "SUFFIXES", "Decoding", "is_string", "suffix_of"]
 
 #: The formats of tables, by suffix. An npz file is not a table.
 FORMATS: dict[str, FileFormat] = {
@@ -95,6 +97,7 @@ class Decoding:
         tracker: The Awinda tracker to write, or None.
         raw: Write fields of structs as integers, as on the wire.
         options: Options of the format.
+        dataset: How to write a folder of files, or None for one file.
         threads: Number of threads.
     """
 
@@ -109,9 +112,11 @@ class Decoding:
         tracker: str | None = None,
         raw: bool = False,
         options: FormatOptions | None = None,
+        dataset: Dataset | None = None,
         threads: int = 1,
     ) -> None:
         self._options = options or FormatOptions()
+        self._dataset = dataset
         self._threads = threads
         self._inputs, self._keys, self._strict, self._raw = inputs, list(keys), strict, raw
         self._rate, self._max_gap, self._tracker = rate, max_gap, tracker
@@ -129,7 +134,10 @@ class Decoding:
         """
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - jobs of this command write files
-        check_output(files, out)
+        if self._dataset is None:
+            check_output(files, out)
+        else:
+            check_folder(out)
         with (
             self._inputs.opened(files, progress) as source,
             self._inputs.checked_rate(job.recording) as use,
@@ -142,7 +150,7 @@ class Decoding:
     def _needs_whole_log(self, out: str) -> bool:
         """Returns whether the log cannot be decoded part by part."""
         suffix = suffix_of(out)
-        if suffix in EXPORTS:
+        if suffix in EXPORTS or self._dataset is not None:
             return False
         is_table = suffix in FORMATS and self._rate is None and self._tracker is None
         return not is_table or any(is_string(key) for key in self._keys)
@@ -159,7 +167,8 @@ class Decoding:
     ) -> tuple[str, dict[str, Any]]:
         from xbus.cli.decoded_totals import DecodedTotals
         from xbus.export.format import ExportError
-        from xbus.log.part_file import export_parts, write_parts
+        from xbus.export.replacing import ForeignFilesError
+        from xbus.log.dataset import DatasetError
 
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
@@ -170,13 +179,13 @@ class Decoding:
         with reading(names):
             parts = self._parts(recording, lambda done: progress.update(task, done, size))
         empty = parts[0].empty(quantities=self._quantities)
-        file_format = self._options.format_of(suffix_of(out))
+        file_format = None if self._dataset else self._options.format_of(suffix_of(out))
         is_empty = not any(part.samples for part in parts) or not (self._keys or len(empty.keys()))
         if is_empty and (file_format is None or file_format.needs_samples):
             raise self._nothing_to_write(source, recording, files, empty)
         self._check_keys(empty, names)
         totals = DecodedTotals(recording.times_fault)
-        task = f"writing {label(os.path.basename(out))}"  # noqa: PTH119
+        task = f"writing {label(os.path.basename(os.path.normpath(out)))}"  # noqa: PTH119
 
         def add(part: LogPart, log: Log) -> None:
             totals.add(log)
@@ -184,13 +193,7 @@ class Decoding:
             progress.update(task, part.end, size)
 
         progress.update(task, 0, size)
-        write = (
-            functools.partial(
-                write_parts, file_format=FORMATS[suffix_of(out)], key=self._key, raw=self._raw
-            )
-            if file_format is None
-            else functools.partial(export_parts, file_format=file_format)
-        )
+        write = self._write_of(out, file_format)
         with writing(out):
             try:
                 counts = write(
@@ -201,9 +204,30 @@ class Decoding:
                     reading=lambda: reading(names),
                     read=add,
                 )
-            except ExportError as error:
+            except (ExportError, DatasetError) as error:
                 raise Failure(f"{names}: {error}") from error
+            except ForeignFilesError as error:
+                raise foreign_files(out, error) from error
         return self._result(totals, None, counts)
+
+    def _write_of(self, out: str, file_format: Format | None) -> Callable[..., dict[str, int]]:
+        """Returns the function that writes parts."""
+        from xbus.log.dataset import write_dataset
+        from xbus.log.part_file import export_parts, write_parts
+
+        if file_format is not None:
+            return functools.partial(export_parts, file_format=file_format)
+        how: dict[str, Any] = {"key": self._key, "raw": self._raw}
+        if (dataset := self._dataset) is None:
+            return functools.partial(write_parts, file_format=FORMATS[suffix_of(out)], **how)
+        return functools.partial(
+            write_dataset,
+            file_format=FORMATS[dataset.suffix],
+            suffix=dataset.suffix,
+            size=dataset.size,
+            by_hour=dataset.by_hour,
+            **how,
+        )
 
     def _nothing_to_write(
         self, source: Input, recording: Stored, files: Sequence[str], empty: Log

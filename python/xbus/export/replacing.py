@@ -1,13 +1,24 @@
-"""Files that appear whole or not at all."""
+"""Files and folders that appear whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
+import re
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["replacing"]
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["ForeignFilesError", "check_replaceable", "replacing", "replacing_folder"]
+
+#: The mark of a folder that may be replaced. Readers of datasets ignore it, because it is empty and its name
+#: begins with a dot.
+MARK = ".xbus-dataset"
+#: The files of such a folder.
+PART = re.compile(r"((date=[0-9-]+/)?hour=[0-9]+/)?part-[0-9]{4}\.[a-z]+")
 
 
 @contextlib.contextmanager
@@ -37,3 +48,69 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+class ForeignFilesError(ValueError):
+    """A folder "has files ...", which would be lost if it were replaced."""
+
+
+@contextlib.contextmanager
+def replacing_folder(path: str | os.PathLike[str]) -> Iterator[str]:
+    """Makes a folder beside ``path`` that replaces it when it is complete, and yields its path.
+
+    It is removed after an error. Its files must have names such as
+    ``date=2026-11-22/hour=09/part-0000.parquet``. A hidden mark is added to it.
+
+    Raises:
+        ForeignFilesError: ``path`` is a folder without the mark, or with other files.
+        OSError: A folder cannot be made, or ``path`` is a file.
+    """
+    import secrets
+    import shutil
+    from pathlib import Path  # imported late: it takes longer than the rest of xbus
+
+    target = Path(path).resolve()
+    check_replaceable(target)
+    mark = secrets.token_hex(4)
+    part, old = (target.with_name(f".{target.name}.{mark}.{end}") for end in ("part", "old"))
+    part.mkdir()
+    try:
+        yield str(part)
+        (part / MARK).touch()
+        check_replaceable(target)
+        if target.exists():
+            target.rename(old)
+        part.rename(target)
+    except BaseException:
+        if old.exists() and not target.exists():
+            old.rename(target)
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def check_replaceable(path: str | os.PathLike[str]) -> None:
+    """Raises the errors of `replacing_folder` that can be known before there is anything to write."""
+    from pathlib import Path
+
+    target = Path(path)
+    if not target.exists():
+        return
+    names = _files(target)  # raises NotADirectoryError
+    if MARK in names:
+        names = {
+            name for name in names if name != MARK and not PART.fullmatch(name.replace(os.sep, "/"))
+        }
+    if names:
+        raise ForeignFilesError(f"has files that xbus did not write, such as {min(names)}")
+
+
+def _files(folder: Path) -> set[str]:
+    """Returns the files in a folder and its subfolders, relative to it, and subfolders that are empty."""
+    if not folder.is_dir():
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(folder))
+    found = set()
+    for name, folders, files in os.walk(folder):
+        for file in files or ([] if folders or name == str(folder) else [""]):
+            found.add(os.path.relpath(os.path.join(name, file), folder))  # noqa: PTH118
+    return found

@@ -13,7 +13,7 @@ from xbus.log.in_order import in_order
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-__all__ = ["FileFormat", "write_batches", "write_table"]
+__all__ = ["FileFormat", "chunks", "write_batches", "write_table"]
 
 FileFormat: TypeAlias = Literal["parquet", "csv", "arrow"]
 
@@ -65,14 +65,14 @@ def write_batches(
         ahead: Number of chunks that are encoded while another one is written.
     """
     out.write(file.start().data)
-    groups = _chunks(batches, file.chunk_rows)
+    groups = chunks(batches, file.chunk_rows)
     for chunk in in_order(pool, file.encode, groups, ahead):
         out.write(file.append(chunk).data)
         yield len(chunk)
     out.write(file.finish().data)
 
 
-def _chunks(batches: Iterable[_core.Batch], size: int) -> Iterator[list[_core.Batch]]:
+def chunks(batches: Iterable[_core.Batch], size: int) -> Iterator[list[_core.Batch]]:
     """Yields batches that have ``size`` rows together, the last ones fewer."""
     group: list[_core.Batch] = []
     missing = size
