@@ -10,6 +10,7 @@ import shutil
 import struct
 import subprocess
 import zlib
+from html import unescape
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -158,18 +159,28 @@ def test_every_quantity_has_its_plots() -> None:
     report = page_of(WALK)
     log = xbus.read_log(WALK)
     names = [figure["name"] for figure in report.figures]
-    for name in ("quaternion", "euler_angles", "acceleration", "velocity_xyz"):
+    for name in ("quaternion", "euler_angles", "acceleration"):
         data = report.figure(name)["data"]
         assert [curve["name"] for curve in data] == list(log[name].fields)
         for at, curve in enumerate(data):
             np.testing.assert_array_equal(array(curve["y"]), log[name].values[:, at])
             assert array(curve["x"]) == pytest.approx(log[name].time - log.time[0])
     assert report.figure("acceleration")["layout"]["yaxis"]["title"]["text"] == "acceleration, m/s2"
-    under = report.figure("acceleration")["layout"]["xaxis"]["title"]["text"]
-    assert under == "time since 09:30:00.000 UTC, s"
+    start = np.datetime64("2026-11-22T09:30", "ms").astype(int)
+    assert report.figure("acceleration")["clock"] == [[0, start, 1]]
+    speed = report.figure("speed")["data"]
+    assert [curve["name"] for curve in speed] == ["filter", "receiver"]
+    north = log["velocity_xyz"].values[:, :2]
+    assert array(speed[0]["y"]) == pytest.approx(np.hypot(*north.T), abs=1e-6)
+    norm = report.figure("magnetic_field")["data"][3]
+    assert norm["name"] == "norm"
+    field = log["magnetic_field"].values
+    assert array(norm["y"]) == pytest.approx(np.linalg.norm(field, axis=1), abs=1e-6)
+    # Latitude and longitude are flat over time.
+    assert not any("lat_lon" in name for name in names)
     assert {"baro_pressure", "temperature", "status", "steps", "track"} <= set(names)
-    accuracy = report.figure("gnss_pvt_data stated accuracy")
-    assert accuracy["data"][0]["name"] == "hAcc"
+    accuracy = report.figure("accuracy")
+    assert accuracy["data"][0]["name"] == "horizontal"
     assert array(accuracy["data"][0]["y"]) == pytest.approx(log["gnss_pvt_data"].scaled["hAcc"])
     assert {"noise acceleration", "noise rate_of_turn"} <= set(names)
     assert len(names) == len(set(names)) == report.tags.count("figure")
@@ -339,9 +350,7 @@ def test_a_receiver_without_a_fix_has_no_height() -> None:
     fixes = np.isin(xbus.read_log(data)["gnss_pvt_data"].values["fixtype"], (2, 3, 4))
     assert 0 < np.count_nonzero(fixes) < len(fixes)
     report = page_of(data)
-    assert len(array(report.figure("gnss_pvt_data height")["data"][0]["y"])) == np.count_nonzero(
-        fixes
-    )
+    assert len(array(report.figure("height")["data"][0]["y"])) == np.count_nonzero(fixes)
     satellites = report.figure("gnss_pvt_data fix type and satellites")["data"][0]["y"]
     assert len(array(satellites)) == len(fixes)
     assert any(item.startswith("no GNSS fix in") for item in output(data))
@@ -631,8 +640,16 @@ VISITOR = """<script>
   const report = {};
   const ranges = () => plots.map((plot) => plot.layout.xaxis.range.map(Number));
   report.before = ranges();
-  await Plotly.relayout(plots[0], { "xaxis.range[0]": 2, "xaxis.range[1]": 3 });
-  await new Promise((go) => setTimeout(go, 100));
+  const zoom = async (from, to) => {
+    await Plotly.relayout(plots[0], { "xaxis.range[0]": from, "xaxis.range[1]": to });
+    await new Promise((go) => setTimeout(go, 100));
+    return plots[1].layout.xaxis;
+  };
+  report.marks = [];
+  for (const [from, to] of [[0, 0.05], [0, 4000], [0, 90000], [2, 3]]) {
+    const { ticktext, title } = await zoom(from, to);
+    report.marks.push([ticktext[0], ticktext[1], title.text]);
+  }
   report.zoomed = ranges();
   dispatchEvent(new Event("beforeprint"));
   report.printed = plots.map((plot) => plot.layout.width);
@@ -656,10 +673,21 @@ def test_zoom_and_print_apply_to_all_plots(tmp_path: Path) -> None:
     assert complaints == ""
     found = re.search('<pre id="ranges">(.*?)</pre>', dom)
     assert found is not None
-    reported = json.loads(found[1])
+    reported = json.loads(unescape(found[1]))
     for figure, before, zoomed in zip(figures, reported["before"], reported["zoomed"], strict=True):
         assert zoomed == ([2, 3] if figure["is_over_time"] else before), figure["name"]
         assert before != [2, 3]
+    day = "below, UTC of 2026-11-22"
+    assert reported["marks"] == [
+        ["0.000<br>09:30:00", "0.005<br>09:30:00.005", f"time since the start, s; {day}"],
+        ["0:00<br>09:30:00", "10:00<br>09:40:00", f"time since the start, min:s; {day}"],
+        [
+            "0:00:00<br>09:30:00",
+            "3:00:00<br>12:30:00",
+            f"time since the start, h:min:s; {day} to 2026-11-23",
+        ],
+        ["2.0<br>09:30:02", "2.1<br>09:30:02.100", f"time since the start, s; {day}"],
+    ]
     assert set(reported["printed"]) == {700}
     assert set(reported["after"]) == {True}
 
@@ -687,6 +715,22 @@ def test_a_restarted_device_continues_the_axis() -> None:
     report = page_of(log)
     assert ["1.60", "10", "150"] in report.rows
     assert any(row[0] == "1.99" and row[2] == "Error" for row in report.rows)
+
+
+def test_utc_goes_on_during_a_restart() -> None:
+    """The axis shows no interruption, and UTC shows how long it took."""
+
+    def utc(second: int) -> bytes:
+        date = (0).to_bytes(4, "big") + (2026).to_bytes(2, "big")
+        return packet(0x1010, date + bytes([11, 22, 9, 30, second, 7]))
+
+    wake_up = encode_frame(MessageId.WakeUp)
+    rows = [sample(0), sample(1, utc(1)), wake_up, sample(0), wake_up, sample(0, utc(20))]
+    zero = np.datetime64("2026-11-22T09:30:00", "ns").astype(int)
+    clock = gather(b"".join(rows)).clock
+    assert [piece.start for piece in clock] == pytest.approx([0, 0.02, 0.03])
+    expected = [zero + 990_000_000, None, zero + 20_000_000_000]
+    assert [piece.utc for piece in clock] == expected
 
 
 def test_two_devices() -> None:

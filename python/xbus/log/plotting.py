@@ -113,7 +113,7 @@ def _plots(
             text = label(column.name, rows.title, rows.unit)
             text = f"{column.name}\n{text}" if rows.title else text
             plot = plots.setdefault(rows.title, Plot(text))
-            plot.curves["" if is_one else f"BID {bid}"] = curves
+            plot.curves["" if is_one else f"BID {bid}"] = curves.by_name
     return list(plots.values())
 
 

@@ -20,7 +20,7 @@ STRUCT_PANELS: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
         ("fix type and satellites", "", ("fixtype", "numSV")),
         ("stated accuracy", "m", ("hAcc", "vAcc")),
         ("height", "m", ("height", "hMSL")),
-        ("velocity", "m/s", ("velN", "velE", "velD", "sAcc")),
+        ("velocity", "m/s", ("velN", "velE", "velD", "gSpeed", "sAcc")),
         ("dilution of precision", "", ("pdop", "hdop", "vdop", "tdop")),
     ],
     "gps_dop": [("", "", ("pdop", "hdop", "vdop", "tdop"))],
@@ -119,6 +119,10 @@ def panel_rows(column: PlottedColumn) -> Iterator[Rows]:
             # The norm is constant in a field without disturbances, however the device turns.
             norm = np.linalg.norm(values, axis=1, keepdims=True)
             names, values = (*names, "norm"), np.concatenate((values, norm), axis=1)
+        if name == "velocity_xyz":
+            # In all coordinate systems, z is vertical.
+            speed = np.linalg.norm(values[:, :2], axis=1, keepdims=True)
+            names, values = (*names, "speed"), np.concatenate((values, speed), axis=1)
         yield Rows("", column.unit, names, values)
 
 

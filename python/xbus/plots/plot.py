@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.plots.palette import Style, style_of
-from xbus.plots.thin import Curve, Curves, FloatArray
+from xbus.plots.thin import Curve, FloatArray
 
 __all__ = ["Line", "Plot", "TimeAxis"]
 
@@ -65,17 +65,18 @@ class Plot:
 
     Attributes:
         label: Text at the vertical axis, with the unit, in one or two lines.
-        curves: The curves of each device, by the name of the device, which is empty for the only one.
+        curves: The curves by name, for each device or other source by its name, which is empty for the only
+            one.
     """
 
     label: str
-    curves: dict[str, Curves] = field(default_factory=dict)
+    curves: dict[str, dict[str, Curve]] = field(default_factory=dict)
 
     def lines(self, axis: TimeAxis) -> Iterator[Line]:
         """Yields the curves."""
         number = 0
         for device, curves in self.curves.items():
-            for name, curve in zip(curves.names, curves.curves, strict=True):
+            for name, curve in curves.items():
                 full = ", ".join(filter(None, (name, device)))
                 yield _line(full, style_of(number), curve, axis)
                 number += 1
@@ -83,7 +84,7 @@ class Plot:
     @property
     def has_names(self) -> bool:
         """Whether there is more than one curve."""
-        return sum(len(curves.names) for curves in self.curves.values()) > 1
+        return sum(map(len, self.curves.values())) > 1
 
 
 def _line(name: str, style: Style, curve: Curve, axis: TimeAxis) -> Line:

@@ -201,6 +201,11 @@ class Curves:
         self.maximum[at] = max(self.maximum[at], column.max())
 
     @property
+    def by_name(self) -> dict[str, Curve]:
+        """The curves, by the names of their components."""
+        return dict(zip(self.names, self.curves, strict=True))
+
+    @property
     def deviation(self) -> FloatArray:
         """Standard deviation of each component, ``(k,)``."""
         return np.sqrt(self.square / np.maximum(self.count, 1))

@@ -19,6 +19,7 @@ from xbus.plots.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
 from xbus.protocol.undecoded import output_mids
 from xbus.report.allan import Longest
+from xbus.report.clock import Clock, ClockPiece
 from xbus.report.track import SOURCES, Track
 
 __all__ = ["Flag", "Panel", "ReportData", "Series", "Setting"]
@@ -26,6 +27,16 @@ __all__ = ["Flag", "Panel", "ReportData", "Series", "Setting"]
 #: Quantities with an Allan deviation.
 NOISY = ("acceleration", "acceleration_hr", "rate_of_turn", "rate_of_turn_hr")
 STATUS = ("status_word", "status_byte")
+#: Panels of which the section about the track shows everything.
+IN_TRACK = {
+    ("lat_lon", "latitude"),
+    ("lat_lon", "longitude"),
+    ("position_ecef", ""),
+    ("altitude_ellipsoid", ""),
+    ("altitude_msl", ""),
+    ("gnss_pvt_data", "height"),
+    ("gnss_pvt_data", "stated accuracy"),
+}
 #: Flags that should be set.
 EXPECTED = [STATUS_FLAGS[name] for name in ("filter_valid", "gnss_fix")]
 #: Index of the sample after a gap, number of missing samples, and position of that sample.
@@ -162,7 +173,6 @@ class ReportData:
     Attributes:
         summary: The content of ``xbus info``.
         axis: The horizontal axis.
-        utc: UTC at the origin, or None.
         steps: Time between samples of each device, ms, by BID.
         end: Position of the last sample on the axis.
         lost, damage: Times of missing samples and damaged bytes; the weights count them.
@@ -180,7 +190,7 @@ class ReportData:
     def __init__(self, parts: Iterable[Log]) -> None:
         self.summary = LogSummary(())
         self.axis = Axis()
-        self.utc: np.datetime64 | None = None
+        self._clocks: dict[int, Clock] = {}
         self.steps: dict[int, Curves] = {}
         self.end = 0.0
         self.lost, self.damage = Bands(), Bands()
@@ -216,6 +226,19 @@ class ReportData:
         return sum(len(device.restarts) for device in self.summary.devices)
 
     @property
+    def clock(self) -> list[ClockPiece]:
+        """UTC along the axis: that of the first device that knows it; empty if none does."""
+        return next(filter(None, (clock.pieces() for clock in self._clocks.values())), [])
+
+    @property
+    def utc(self) -> np.datetime64 | None:
+        """UTC at the origin, or None."""
+        first = next(iter(self.clock), None)
+        if first is None or first.utc is None or first.start > 0:
+            return None
+        return np.datetime64(first.utc, "ns")
+
+    @property
     def is_examining(self) -> bool:
         """Whether all messages about settings are known so far."""
         return self._examined < MAX_EXAMINED and len(self.settings) < MAX_SETTINGS
@@ -230,12 +253,27 @@ class ReportData:
         """The quantities, in order of first appearance."""
         return list(self._series.values())
 
+    def panels(self, series: Series) -> list[Panel]:
+        """Returns the plots of a quantity, without those that the section about the track has."""
+        has_track = any(track.rows for track in self.tracks.values())
+        return [
+            panel
+            for title, panel in series.panels.items()
+            if not (has_track and (series.name, title) in IN_TRACK)
+        ]
+
+    def anchor(self, series: Series) -> str:
+        """Returns the target of links to a quantity, or an empty string."""
+        if self.panels(series):
+            return series.anchor
+        if series.panels:
+            return "track"
+        return "status" if series.name in STATUS else ""
+
     def _add(self, part: Log) -> None:
         runs = self.summary.add(part)
         last = self.axis.last
         x = self.axis.positions(part.core, runs.run)
-        if self.utc is None and self.axis.kind == "time":
-            self._find_utc(part, x)
         before = np.concatenate(([last], x))
         self._add_damage(part, x, before)
         self._add_events(part, before)
@@ -252,6 +290,9 @@ class ReportData:
     def _add_device(self, part: Log, bid: int, x: FloatArray, run: npt.NDArray[np.int64]) -> None:
         """Adds the samples of one device at these positions, and the numbers of their runs."""
         self._last[bid] = float(x[-1])
+        if self.axis.kind == "time":
+            is_steady = np.isfinite(steady_time(part))
+            self._clocks.setdefault(bid, Clock()).add(x, run, part.utc, is_steady)
         self._add_steps(part, bid, x, run)
         # The status byte repeats a part of the status word.
         status = next((name for name in STATUS if name in part), None)
@@ -269,12 +310,6 @@ class ReportData:
             if column.name == "gnss_pvt_data":
                 fixes = int(np.count_nonzero(has_fix(column.values)))
                 self.positions = self.positions[0] + fixes, self.positions[1] + len(column)
-
-    def _find_utc(self, part: Log, x: FloatArray) -> None:
-        known = np.flatnonzero(~np.isnat(part.utc) & np.isfinite(steady_time(part)))
-        if len(known):
-            since = np.timedelta64(round(x[known[0]] * 1e9), "ns")
-            self.utc = part.utc[known[0]] - since
 
     def _add_gaps(self, part: Log, x: FloatArray) -> None:
         """Adds the gaps of this part: each is between two samples of one device."""

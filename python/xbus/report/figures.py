@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,7 +15,17 @@ from xbus.plots.traces import traces
 from xbus.report.allan import allan_deviation
 from xbus.report.data import Panel, ReportData, Series
 
-__all__ = ["Figure", "events", "flags", "noise", "panel", "steps", "track", "tracks"]
+__all__ = [
+    "Figure",
+    "events",
+    "flags",
+    "noise",
+    "panel",
+    "profiles",
+    "steps",
+    "track",
+    "tracks",
+]
 
 Figure = dict[str, Any]
 
@@ -26,12 +36,10 @@ BAND, MARK = 12, 2
 
 
 def axis_title(data: ReportData) -> str:
-    """Returns the title of the horizontal axis."""
-    if data.axis.kind != "time":
-        return "packet counter since the start" if data.axis.kind == "packet counter" else "sample"
-    if data.utc is None:
+    """Returns the title of the horizontal axis; the page replaces that of an axis of time."""
+    if data.axis.kind == "time":
         return "time since the start, s"
-    return f"time since {str(data.utc.astype('datetime64[ms]'))[11:]} UTC, s"
+    return "packet counter since the start" if data.axis.kind == "packet counter" else "sample"
 
 
 def _over_time(data: ReportData, name: str, traces: list[Figure], y: Figure, height: int) -> Figure:
@@ -41,6 +49,13 @@ def _over_time(data: ReportData, name: str, traces: list[Figure], y: Figure, hei
     return {
         "name": name,
         "is_over_time": True,
+        # For the marks of the axis: milliseconds of UTC since 1970 where each run starts, and their rate.
+        "clock": [
+            [piece.start, None if piece.utc is None else piece.utc / 1e6, piece.rate]
+            for piece in data.clock
+        ]
+        if data.axis.kind == "time"
+        else None,
         "data": traces,
         "layout": {"xaxis": x, "yaxis": y, "height": height, "showlegend": len(traces) > 1},
     }
@@ -48,12 +63,76 @@ def _over_time(data: ReportData, name: str, traces: list[Figure], y: Figure, hei
 
 def panel(data: ReportData, series: Series, panel: Panel) -> Figure:
     """Returns a quantity over time, with a curve for each component."""
-    plot = Plot(label(series.name, panel.title, panel.unit), {"": panel.curves})
+    plot = Plot(label(series.name, panel.title, panel.unit), {"": panel.curves.by_name})
+    return _plot(data, f"{series.anchor} {panel.title}".strip(), plot)
+
+
+def _plot(data: ReportData, name: str, plot: Plot) -> Figure:
     drawn = [trace for line in plot.lines(TimeAxis("")) for trace in traces(line)]
-    y = {"title": {"text": plot.label}}
-    figure = _over_time(data, f"{series.anchor} {panel.title}".strip(), drawn, y, HEIGHT)
+    figure = _over_time(data, name, drawn, {"title": {"text": plot.label}}, HEIGHT)
     figure["layout"]["showlegend"] = plot.has_names
     return figure
+
+
+class Profile(NamedTuple):
+    """A plot below the track.
+
+    Attributes:
+        label: Text at the vertical axis.
+        curves: Quantity, title of its panel, component, and name of the curve.
+    """
+
+    label: str
+    curves: tuple[tuple[str, str, str, str], ...]
+
+
+#: The plots below the track, by name.
+PROFILES = {
+    "height": Profile(
+        "height above ellipsoid, m",
+        (
+            ("altitude_ellipsoid", "", "altitude_ellipsoid", "filter"),
+            ("gnss_pvt_data", "height", "height", "receiver"),
+        ),
+    ),
+    "height above the sea": Profile(
+        "height above sea level, m",
+        (
+            ("altitude_msl", "", "altitude_msl", "filter"),
+            ("gnss_pvt_data", "height", "hMSL", "receiver"),
+        ),
+    ),
+    "speed": Profile(
+        "horizontal speed, m/s",
+        (
+            ("velocity_xyz", "", "speed", "filter"),
+            ("gnss_pvt_data", "velocity", "gSpeed", "receiver"),
+        ),
+    ),
+    "accuracy": Profile(
+        "stated accuracy, m",
+        (
+            ("gnss_pvt_data", "stated accuracy", "hAcc", "horizontal"),
+            ("gnss_pvt_data", "stated accuracy", "vAcc", "vertical"),
+        ),
+    ),
+}
+
+
+def profiles(data: ReportData) -> Iterator[Figure]:
+    """Yields height, speed and accuracy over time, as far as they are known."""
+    for name, profile in PROFILES.items():
+        plot = Plot(profile.label)
+        for quantity, title, component, curve_name in profile.curves:
+            for series in data.series:
+                panel = series.panels.get(title)
+                if series.name != quantity or panel is None:
+                    continue
+                curve = panel.curves.by_name[component]
+                if len(curve.time):
+                    plot.curves.setdefault(series.device, {})[curve_name] = curve
+        if plot.curves:
+            yield _plot(data, name, plot)
 
 
 def _line(colour: str) -> Figure:

@@ -119,7 +119,7 @@ def _status(data: ReportData) -> Iterator[Finding]:
     if fixes < positions and not data.status_rows:
         text = f"no GNSS fix in {percent(positions - fixes, positions)} of the time"
         series = next(series for series in data.series if series.name == "gnss_pvt_data")
-        yield Finding(True, text, series.anchor)
+        yield Finding(True, text, data.anchor(series))
 
 
 def _unset(data: ReportData, name: str, problem: str) -> Iterator[Finding]:
@@ -139,7 +139,9 @@ def _values(data: ReportData) -> Iterator[Finding]:
             # Fields that a receiver does not provide are not a problem.
             if panel.curves.missing and not QUANTITIES[series.name].fields:
                 values = format_count(panel.curves.missing, "value")
-                yield Finding(True, f"{values} of {series.label} NaN or infinite", series.anchor)
+                yield Finding(
+                    True, f"{values} of {series.label} NaN or infinite", data.anchor(series)
+                )
 
 
 def _missing(data: ReportData) -> Iterator[Finding]:

@@ -22,7 +22,7 @@ from xbus.report.blocks import (
     Table,
     table_of_first,
 )
-from xbus.report.data import MAX_ROWS, STATUS, ReportData, Series
+from xbus.report.data import MAX_ROWS, ReportData, Series
 from xbus.report.findings import percent
 from xbus.report.noise import noise
 
@@ -74,7 +74,7 @@ def _quantities(data: ReportData) -> Iterator[Block]:
         found = [series for series in data.series if (series.name, series.coordinates) == key]
         regular = all(map(_is_regular, found))
         gaps.append(f"{sum(series.steps.gaps for series in found):,}" if regular else "")
-        if found and (anchor := _anchor(found[0])):
+        if found and (anchor := data.anchor(found[0])):
             links[at] = anchor
     yield Table(
         [*head, "gaps by time"],
@@ -91,13 +91,6 @@ def _trackers(data: ReportData) -> Iterator[Block]:
     ]
     yield Table(("tracker", "rows", "samples lost", "gaps"), rows, numeric=(1, 2, 3))
     yield Paragraph(f"{NO_ORIENTATION}.", is_note=True)
-
-
-def _anchor(series: Series) -> str:
-    """Returns the anchor of the section that shows a quantity, or an empty string."""
-    if series.panels:
-        return series.anchor
-    return "status" if series.name in STATUS else ""
 
 
 def _is_regular(series: Series) -> bool:
@@ -130,21 +123,22 @@ def _track(data: ReportData) -> Iterator[Block]:
         text += " lat_lon has Float32 precision, which resolves about half a metre."
     yield Plot(figure)
     yield Paragraph(text, is_note=True)
+    yield from map(Plot, figures.profiles(data))
 
 
 def _plots(data: ReportData) -> Iterator[Block]:
-    plotted = [series for series in data.series if series.panels]
-    panels = [panel for series in plotted for panel in series.panels.values()]
-    if width := max((panel.curves.width for panel in panels), default=0):
+    plotted = {series: found for series in data.series if (found := data.panels(series))}
+    widths = (panel.curves.width for found in plotted.values() for panel in found)
+    if width := max(widths, default=0):
         unit = "s" if data.axis.kind == "time" else "steps"
         text = (
             f"The plots show the minimum and the maximum of every {width:.3g} {unit} or less, so no spike is "
             "lost. A line ends where rows are missing."
         )
         yield Paragraph(text, is_note=True)
-    for series in plotted:
+    for series, found in plotted.items():
         yield Heading(series.anchor, series.title)
-        for panel in series.panels.values():
+        for panel in found:
             yield Plot(figures.panel(data, series, panel))
 
 
