@@ -27,6 +27,7 @@ __all__ = [
     "GapArrays",
     "HostClock",
     "MessageArrays",
+    "MessageFile",
     "Packet",
     "Part",
     "Reader",
@@ -1073,3 +1074,66 @@ class Chunk:
     """Rows that are encoded for a file."""
 
     def __len__(self) -> int: ...
+
+@final
+class MessageFile:
+    """Makes an MCAP file of messages of ROS 2. The caller writes the bytes.
+
+    Args:
+        compression: How chunks are compressed.
+        metadata: Metadata records: the name and entries of each.
+    """
+
+    def __new__(
+        cls,
+        compression: Literal["zstd", "lz4", "none"],
+        metadata: Sequence[tuple[str, dict[str, str]]],
+    ) -> MessageFile: ...
+    def declare(self, name: str, schema: str, definition: str, metadata: dict[str, str]) -> int:
+        """Adds a topic and returns its number. The file has the topic if it has messages.
+
+        Args:
+            name: Its name.
+            schema: The type of its messages.
+            definition: The definition of the type, in the language of ROS 2 (``ros2msg``).
+            metadata: What else readers may want to know.
+        """
+    @property
+    def counts(self) -> list[int]:
+        """Number of messages of each topic so far."""
+    def write(
+        self,
+        first: int,
+        stamps: npt.NDArray[np.int64],
+        log_times: npt.NDArray[np.uint64],
+        rows: Sequence[
+            tuple[
+                int,
+                npt.NDArray[np.int64],
+                bytes,
+                int | None,
+                npt.NDArray[np.uint8],
+                npt.NDArray[np.uint64] | None,
+            ]
+        ],
+    ) -> npt.NDArray[np.uint8]:
+        """Writes the messages of some samples, sample by sample in the order of ``rows``.
+
+        A message is a head with the time stamp of its sample, and a body.
+
+        Args:
+            first: Index of the first sample.
+            stamps: Time stamp of each sample, ``(N,)``, ns since 1970.
+            log_times: The time by which readers order messages, ``(N,)``, ns since 1970.
+            rows: For each topic its number; the samples of its messages, ``(n,)``, rising; their head; where
+                the head has the time stamp, or None; the bodies, joined; where each one ends, or None if all
+                have one size.
+
+        Returns:
+            The bytes with which the file continues.
+
+        Raises:
+            ValueError: The rows of a topic do not fit, or the format cannot hold the messages.
+        """
+    def finish(self) -> npt.NDArray[np.uint8]:
+        """Returns the bytes with which the file ends. No message may follow."""

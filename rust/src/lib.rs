@@ -64,6 +64,8 @@ pub mod input;
 pub mod layout;
 pub mod live;
 pub mod log;
+#[cfg(feature = "export")]
+pub mod message_file;
 pub mod packet;
 #[cfg(feature = "python")]
 mod py;

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.decoding import SUFFIXES, suffix_of
+from xbus.cli.decoding import SUFFIXES
+from xbus.cli.export_formats import suffix_of
 from xbus.cli.export_target import check_output, writing
 from xbus.cli.failure import Failure
 from xbus.cli.input_options import InputOptions, input_options

@@ -11,8 +11,8 @@ from click.core import ParameterSource
 
 from xbus.cli import batch
 from xbus.cli.dataset_options import Dataset, check_folder, dataset_options, is_folder
-from xbus.cli.decoding import FORMATS, SUFFIXES, Decoding, is_string, suffix_of
-from xbus.cli.export_formats import EXPORTS, FormatOptions, format_options
+from xbus.cli.decoding import FORMATS, SUFFIXES, Decoding, is_string
+from xbus.cli.export_formats import EXPORTS, FormatOptions, format_options, suffix_of
 from xbus.cli.export_target import check_output
 from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import label, reading_task
@@ -29,11 +29,13 @@ __all__ = ["decode"]
 
 
 def _out(
-    ctx: click.Context,  # noqa: ARG001 - click's signature
-    param: click.Parameter,  # noqa: ARG001
+    ctx: click.Context,
+    param: click.Parameter,  # noqa: ARG001 - click's signature
     value: str | None,
 ) -> str | None:
     """Returns a path with a known suffix, or that of a folder."""
+    if value is not None and ctx.params.get("rosbag2"):
+        return value.rstrip("/" + os.sep)
     if value is None or is_folder(value) or suffix_of(value) in SUFFIXES:
         return value
     if os.path.isdir(value):  # noqa: PTH112 - pathlib is slow to import
@@ -90,7 +92,7 @@ def _key(value: str) -> EntryKey:
     callback=_out,
     metavar="OUT",
     help="File to write. Its suffix determines the format: a table (.parquet, .csv, .arrow, .feather), .npz, "
-    "or .gpx. If OUT ends in /, a folder of tables.",
+    ".gpx or .mcap. If OUT ends in /, a folder of tables.",
 )
 @dataset_options
 @batch.batch_options
@@ -191,7 +193,7 @@ def decode(
     if raw and (rate_out or tracker):
         raise click.UsageError("--raw excludes --rate-out and --tracker")
     dataset = _dataset(out, Dataset(suffix, partition_size, partition_by is not None))
-    target = suffix if out is None or dataset else suffix_of(out)
+    target = suffix if out is None or dataset else options.suffix(out)
     options.check(target)
     if dataset is not None:
         if target not in FORMATS:
@@ -223,7 +225,7 @@ def decode(
     )
     if out_dir is not None:
         outcomes = batch.run(
-            batch.plan(recordings, out_dir, suffix if dataset is None else os.sep),
+            batch.plan(recordings, out_dir, _end(suffix, options, dataset)),
             decoding.decode,
             workers=workers.jobs,
             skip_existing=skip_existing,
@@ -236,7 +238,7 @@ def decode(
     if dataset is not None:
         check_folder(out)
     else:
-        check_output(recording.files, out)
+        check_output(recording.files, out, is_folder=options.writes_folder)
     recording.show_notes()
     with Progress(reading_task(recording.files[0]), shown=not quiet) as progress:
         text, summary = decoding.decode(batch.Job(recording, out), progress)
@@ -245,6 +247,13 @@ def decode(
         print_json({"files": recording.files, "out": out} | summary)
     if not quiet:
         click.echo(f"{label(out)}: {text}", err=True)
+
+
+def _end(suffix: str, options: FormatOptions, dataset: Dataset | None) -> str:
+    """Returns what the names of the outputs in --out-dir end with."""
+    if dataset is not None:
+        return os.sep
+    return "" if options.writes_folder else suffix
 
 
 def _dataset(out: str | None, options: Dataset) -> Dataset | None:

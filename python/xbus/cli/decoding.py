@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
 from xbus.cli.dataset_options import Dataset, check_folder, foreign_files
-from xbus.cli.export_formats import EXPORTS, FormatOptions
+from xbus.cli.export_formats import EXPORTS, FormatOptions, suffix_of
 from xbus.cli.export_target import check_output, quality_text, restart_count, writing
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.input_options import InputOptions
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from xbus.log.trackers import Tracker
     from xbus.protocol.keys import EntryKey
 
-__all__ = ["FORMATS", "SUFFIXES", "Decoding", "is_string", "suffix_of"]
+__all__ = ["FORMATS", "SUFFIXES", "Decoding", "is_string"]
 
 #: The formats of tables, by suffix. An npz file is not a table.
 FORMATS: dict[str, FileFormat] = {
@@ -44,11 +44,6 @@ FORMATS: dict[str, FileFormat] = {
 SUFFIXES = (*FORMATS, ".npz", *EXPORTS)
 #: Bytes of input that a thread decodes at a time.
 PART = 4 << 20
-
-
-def suffix_of(path: str) -> str:
-    """Returns the suffix of a path, in lower case."""
-    return os.path.splitext(path)[1].lower()  # noqa: PTH122 - pathlib is slow to import
 
 
 def is_string(key: EntryKey) -> bool:
@@ -135,7 +130,7 @@ class Decoding:
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - jobs of this command write files
         if self._dataset is None:
-            check_output(files, out)
+            check_output(files, out, is_folder=self._options.writes_folder)
         else:
             check_folder(out)
         with (
@@ -149,7 +144,7 @@ class Decoding:
 
     def _needs_whole_log(self, out: str) -> bool:
         """Returns whether the log cannot be decoded part by part."""
-        suffix = suffix_of(out)
+        suffix = self._options.suffix(out)
         if suffix in EXPORTS or self._dataset is not None:
             return False
         is_table = suffix in FORMATS and self._rate is None and self._tracker is None
@@ -179,7 +174,8 @@ class Decoding:
         with reading(names):
             parts = self._parts(recording, lambda done: progress.update(task, done, size))
         empty = parts[0].empty(quantities=self._quantities)
-        file_format = None if self._dataset else self._options.format_of(suffix_of(out))
+        suffix = self._options.suffix(out)
+        file_format = None if self._dataset else self._options.format_of(suffix)
         is_empty = not any(part.samples for part in parts) or not (self._keys or len(empty.keys()))
         if is_empty and (file_format is None or file_format.needs_samples):
             raise self._nothing_to_write(source, recording, files, empty)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -14,16 +15,88 @@ from click.core import ParameterSource
 if TYPE_CHECKING:
     from xbus.export.format import Format
 
-__all__ = ["EXPORTS", "FormatOptions", "format_options"]
+__all__ = ["EXPORTS", "FormatOptions", "format_options", "suffix_of"]
 
 #: The class of each format by suffix, as module and name: imported when it is used.
 EXPORTS: dict[str, tuple[str, str]] = {
     ".gpx": ("xbus.export.gpx", "Gpx"),
+    ".mcap": ("xbus.export.ros.mcap", "Mcap"),
 }
 
 #: For each option of the command the suffixes that it applies to, and the option. Its name is that of an
 #: attribute of their classes.
-OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {}
+OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
+    "ros_style": (
+        (".mcap",),
+        click.option(
+            "--ros-style",
+            type=click.Choice(["rep", "driver"]),
+            default="rep",
+            show_default=True,
+            help="Messages that follow REP-103, 105 and 145, or those of the vendor's ROS 2 driver.",
+        ),
+    ),
+    "rosbag2": (
+        (".mcap",),
+        click.option(
+            "--rosbag2",
+            is_flag=True,
+            is_eager=True,  # -o depends on it
+            help="Write a folder of rosbag2 named OUT: an .mcap file and its metadata.yaml.",
+        ),
+    ),
+    "frame_id": (
+        (".mcap",),
+        click.option(
+            "--frame-id",
+            metavar="NAME",
+            default="imu_link",
+            show_default=True,
+            help="Frame id of the sensor.",
+        ),
+    ),
+    "topic_prefix": (
+        (".mcap",),
+        click.option(
+            "--topic-prefix",
+            metavar="NAME",
+            default="",
+            help="What the names of ROS topics begin with: /imu1.",
+        ),
+    ),
+    "keep_coordinates": (
+        (".mcap",),
+        click.option(
+            "--keep-coordinates",
+            is_flag=True,
+            help="Keep NED and NWU instead of converting them to ENU; frame ids say so: imu_link_ned.",
+        ),
+    ),
+    "mag_norm": (
+        (".mcap",),
+        click.option(
+            "--mag-norm",
+            type=float,
+            metavar="TESLA",
+            help="Scale the magnetic field: tesla of its norm at calibration, such as 49e-6.",
+        ),
+    ),
+    "compression": (
+        (".mcap",),
+        click.option(
+            "--compression",
+            type=click.Choice(["zstd", "lz4", "none"]),
+            default="zstd",
+            show_default=True,
+            help="Compression of an .mcap file.",
+        ),
+    ),
+}
+
+
+def suffix_of(path: str) -> str:
+    """Returns the suffix of a path, in lower case."""
+    return os.path.splitext(path)[1].lower()  # noqa: PTH122 - pathlib is slow to import
 
 
 @dataclass(frozen=True)
@@ -38,8 +111,17 @@ class FormatOptions:
     values: dict[str, Any] = field(default_factory=dict)
     given: frozenset[str] = frozenset()
 
+    @property
+    def writes_folder(self) -> bool:
+        """Whether the format is a folder."""
+        return bool(self.values.get("rosbag2"))
+
+    def suffix(self, out: str) -> str:
+        """Returns the suffix that determines the format of OUT; a folder of rosbag2 may have any name."""
+        return ".mcap" if self.writes_folder else suffix_of(out)
+
     def check(self, suffix: str) -> None:
-        """Checks that the options on the command line apply to a format.
+        """Checks that the options on the command line apply to a format, and to each other.
 
         Raises:
             UsageError: One does not.
@@ -51,6 +133,10 @@ class FormatOptions:
                 raise click.UsageError(
                     f"{option} applies to {' and '.join(suffixes)}, not to {suffix}"
                 )
+        try:
+            self.format_of(suffix)
+        except ValueError as error:
+            raise click.UsageError(str(error)) from error
 
     def format_of(self, suffix: str) -> Format | None:
         """Returns the format with a suffix, or None if it is not one of other software."""

@@ -24,8 +24,14 @@ if TYPE_CHECKING:
 __all__ = ["check_output", "quality_text", "restart_count", "writing"]
 
 
-def check_output(files: Sequence[str], out: str) -> None:
-    """Raises the errors of OUT that can be known before reading, which may take long."""
+def check_output(files: Sequence[str], out: str, *, is_folder: bool = False) -> None:
+    """Raises the errors of OUT that can be known before reading, which may take long.
+
+    Args:
+        files: The input.
+        out: The file to write, or the folder, which must be new.
+        is_folder: Whether it is a folder.
+    """
     for file in files:
         with contextlib.suppress(OSError):
             if file != STDIN and os.path.samefile(file, out):  # noqa: PTH121 - pathlib is slow to import
@@ -34,7 +40,9 @@ def check_output(files: Sequence[str], out: str) -> None:
         folder = os.path.dirname(out) or "."  # noqa: PTH120
         os.stat(folder)  # noqa: PTH116
         number = None
-        if os.path.isdir(out):  # noqa: PTH112
+        if is_folder and os.path.lexists(out):
+            number = errno.EEXIST
+        elif os.path.isdir(out):  # noqa: PTH112
             number = errno.EISDIR
         elif not os.access(folder, os.W_OK) and (os.path.isfile(out) or not os.path.exists(out)):  # noqa: PTH110, PTH113
             # OUT is written to a temporary file in its folder.

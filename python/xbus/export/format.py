@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol
 from xbus.export.part import Part
 from xbus.protocol.keys import EntryKey
 
-__all__ = ["ExportError", "Format", "Writer", "export"]
+__all__ = ["ExportError", "Format", "Survey", "Writer", "export"]
 
 
 class ExportError(ValueError):
@@ -32,6 +32,25 @@ class Writer(Protocol):
     @property
     def counts(self) -> dict[str, int]:
         """What was written so far, by its name in the singular: ``{"point": 400, "segment": 1}``."""
+        ...
+
+
+class Survey(Protocol):
+    """Sees all parts of a log before the first one is written.
+
+    Attributes:
+        quantities: What it needs to see; the columns of others may be missing.
+    """
+
+    quantities: Sequence[EntryKey]
+
+    def add(self, part: Part) -> None:
+        """Adds the next part."""
+        ...
+
+    @property
+    def format(self) -> Format:
+        """The format that writes the log, with what was found."""
         ...
 
 
@@ -59,6 +78,14 @@ class Format(ABC):
             ExportError: The log lacks what the format needs.
         """
 
+    def survey(self, shape: Part) -> Survey | None:  # noqa: ARG002 - for formats that have one
+        """Returns what has to see all parts before the first one is written; None if nothing has to.
+
+        Args:
+            shape: As in `quantities`.
+        """
+        return None
+
     @abstractmethod
     def open(self, path: str | os.PathLike[str], shape: Part) -> AbstractContextManager[Writer]:
         """Returns a context that writes a file, or several.
@@ -72,7 +99,12 @@ class Format(ABC):
 
 
 def export(
-    file_format: Format, shape: Part, parts: Iterable[Part], path: str | os.PathLike[str]
+    file_format: Format,
+    shape: Part,
+    parts: Iterable[Part],
+    path: str | os.PathLike[str],
+    *,
+    surveyed: Iterable[Part] | None = None,
 ) -> dict[str, int]:
     """Writes a log to a file, which appears whole or not at all.
 
@@ -81,6 +113,7 @@ def export(
         shape: The log, or one without samples that has its columns.
         parts: The log, or its parts in order.
         path: Path of the file.
+        surveyed: The same parts for `Format.survey`; None if ``parts`` can be iterated twice.
 
     Returns:
         What was written, as `Writer.counts`.
@@ -90,6 +123,10 @@ def export(
         OSError: The file cannot be written.
     """
     file_format.quantities(shape)  # raises if something is missing
+    if (survey := file_format.survey(shape)) is not None:
+        for part in parts if surveyed is None else surveyed:
+            survey.add(part)
+        file_format = survey.format
     with file_format.open(path, shape) as writer:
         for part in parts:
             writer.write(part)

@@ -25,6 +25,7 @@ class PartColumn(Protocol):
     unit: str
     coordinates: str | None
     precision: str | None
+    data_id: int
 
     def __len__(self) -> int: ...
     def __getitem__(self, index: Any) -> Any: ...

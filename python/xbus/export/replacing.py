@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["ForeignFilesError", "check_replaceable", "replacing", "replacing_folder"]
+__all__ = [
+    "ForeignFilesError",
+    "check_replaceable",
+    "new_folder",
+    "replacing",
+    "replacing_folder",
+]
 
 #: The mark of a folder that may be replaced. Readers of datasets ignore it, because it is empty and its name
 #: begins with a dot.
@@ -114,3 +120,29 @@ def _files(folder: Path) -> set[str]:
         for file in files or ([] if folders or name == str(folder) else [""]):
             found.add(os.path.relpath(os.path.join(name, file), folder))  # noqa: PTH118
     return found
+
+
+@contextlib.contextmanager
+def new_folder(path: str | os.PathLike[str]) -> Iterator[tuple[Path, str]]:
+    """Makes a folder that appears at ``path`` when it is complete, and yields it with its later name.
+
+    It is made beside ``path`` and removed after an error.
+
+    Raises:
+        FileExistsError: There is something at ``path`` already, which is not replaced.
+    """
+    import secrets
+    import shutil
+    from pathlib import Path
+
+    target = Path(path).absolute()
+    if os.path.lexists(target):
+        raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    try:
+        part.mkdir()
+        yield part, target.name
+        part.rename(target)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise

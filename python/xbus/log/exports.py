@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import Literal
 
 from xbus.export.format import export
 from xbus.export.part import Part
@@ -26,3 +27,78 @@ class Exports:
         from xbus.export.gpx import Gpx
 
         export(Gpx(), self, [self], path)
+
+    def to_mcap(
+        self: Part,
+        path: str | os.PathLike[str],
+        *,
+        ros_style: Literal["rep", "driver"] = "rep",
+        frame_id: str = "imu_link",
+        topic_prefix: str = "",
+        keep_coordinates: bool = False,
+        mag_norm: float | None = None,
+        compression: Literal["zstd", "lz4", "none"] = "zstd",
+    ) -> None:
+        """Writes messages of ROS 2 to an MCAP file, which appears whole or not at all.
+
+        Args:
+            path: Path of the file.
+            ros_style: ``"rep"`` for messages that follow REP-103, 105 and 145, or ``"driver"`` for those that
+                the vendor's ROS 2 driver publishes for the same samples.
+            frame_id: Frame id of the sensor.
+            topic_prefix: What the names of topics begin with: ``"/imu1"``.
+            keep_coordinates: Keep NED and NWU instead of converting them to ENU; frame ids end with
+                ``_ned`` or ``_nwu``. For the style ``"rep"``.
+            mag_norm: Tesla of one unit of the magnetic field, such as 49e-6; None to keep the sensor's unit.
+                For the style ``"rep"``.
+            compression: How the file is compressed.
+
+        Raises:
+            ExportError: The log has nothing that messages can hold, or coordinates in several systems are
+                to be kept; a ValueError.
+            ValueError: An argument that is no name of ROS, or excludes another one.
+            OSError: The file cannot be written.
+
+        >>> import tempfile, xbus
+        >>> log = xbus.read_log("tests/captures/walk.mtb")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     log.to_mcap(f"{folder}/walk.mcap", topic_prefix="/imu1")
+        """
+        from xbus.export.ros.mcap import Mcap
+
+        file_format = Mcap(
+            ros_style, frame_id, topic_prefix, keep_coordinates, mag_norm, compression
+        )
+        export(file_format, self, [self], path)
+
+    def to_rosbag2(
+        self: Part,
+        path: str | os.PathLike[str],
+        *,
+        ros_style: Literal["rep", "driver"] = "rep",
+        frame_id: str = "imu_link",
+        topic_prefix: str = "",
+        keep_coordinates: bool = False,
+        mag_norm: float | None = None,
+        compression: Literal["zstd", "lz4", "none"] = "zstd",
+    ) -> None:
+        """Writes a folder of rosbag2: the file of `to_mcap` with its ``metadata.yaml``, whole or not at all.
+
+        Args:
+            path: Path of the folder, which must not exist.
+            ros_style: As in `to_mcap`; and so are the others.
+            frame_id: Frame id of the sensor.
+            topic_prefix: What the names of topics begin with.
+            keep_coordinates: Keep NED and NWU.
+            mag_norm: Tesla of one unit of the magnetic field.
+            compression: How the file is compressed.
+
+        Raises:
+            FileExistsError: There is something at ``path``. The other errors are those of `to_mcap`.
+        """
+        from xbus.export.ros.mcap import Mcap
+
+        file_format = Mcap(
+            ros_style, frame_id, topic_prefix, keep_coordinates, mag_norm, compression, rosbag2=True
+        )
+        export(file_format, self, [self], path)

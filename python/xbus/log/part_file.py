@@ -116,14 +116,21 @@ def export_parts(
     shape = parts[0].empty(quantities=quantities)
     needed = file_format.quantities(shape)
 
-    def decode(part: LogPart) -> tuple[LogPart, Log]:
-        with reading():
-            return part, part.read(quantities=quantities if needed is None else needed)
+    def logs(keys: Sequence[Key] | None) -> Iterator[tuple[LogPart, Log]]:
+        def decode(part: LogPart) -> tuple[LogPart, Log]:
+            with reading():
+                return part, part.read(quantities=keys)
 
-    def logs() -> Iterator[Log]:
-        for part, log in read_ahead(parts, decode, threads):
+        return read_ahead(parts, decode, threads)
+
+    def surveyed() -> Iterator[Log]:
+        if (survey := file_format.survey(shape)) is not None:
+            yield from (log for _, log in logs(survey.quantities))
+
+    def written() -> Iterator[Log]:
+        for part, log in logs(quantities if needed is None else needed):
             if read is not None:
                 read(part, log)
             yield log
 
-    return export(file_format, shape, logs(), path)
+    return export(file_format, shape, written(), path, surveyed=surveyed())

@@ -12,6 +12,7 @@ use pyo3::types::PyString;
 use crate::catch::{Caught, catch};
 use crate::error::{EncodeError, Fault, HostTimesError, ReadError, ShapeError, StateError};
 use crate::export::Format;
+use crate::message_file::{Compression, MessageError};
 use crate::packet::{Coordinates, Precision};
 use crate::table::{self, Axes, Class, ClockRole, Direction, Interpolation, Quantity, Series, Wire};
 use crate::{hostclock, scan};
@@ -60,7 +61,7 @@ macro_rules! value_errors {
     )+};
 }
 
-value_errors!(EncodeError, HostTimesError, ShapeError, StateError);
+value_errors!(EncodeError, HostTimesError, MessageError, ShapeError, StateError);
 
 /// An error of the system as the exception that Python would raise: with its number and, if there is one, the file.
 pub fn os_error(error: &io::Error, path: Option<PathBuf>) -> PyErr {
@@ -121,7 +122,7 @@ macro_rules! from_names {
     )+};
 }
 
-from_names!(Coordinates, Format, Precision);
+from_names!(Compression, Coordinates, Format, Precision);
 
 /// The quantity of a name.
 impl FromPyObject<'_, '_> for &'static Quantity {

@@ -12,6 +12,7 @@ mod export;
 mod hostclock;
 mod live;
 mod log;
+mod message_file;
 mod shared;
 mod source;
 mod tables;
@@ -43,6 +44,8 @@ mod _core {
     };
     #[pymodule_export]
     use super::log::{DamageArrays, GapArrays, MessageArrays, Part, Reader, RestartArrays, Shape, StringArrays};
+    #[pymodule_export]
+    use super::message_file::MessageFile;
     #[pymodule_export]
     use super::tables::{damage_reasons, messages, products, quantities, result_codes, status_flags, strings};
     #[pymodule_export]

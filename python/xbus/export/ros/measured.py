@@ -1,0 +1,230 @@
+"""What the samples of a part measured, one row for each sample, in the coordinates of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from xbus.export.part import Part, PartColumn
+from xbus.geometry import quaternion
+
+__all__ = [
+    "ENU",
+    "ORIENTED",
+    "Measured",
+    "Rows",
+    "columns_of",
+    "euler_of",
+    "inner",
+    "outer",
+    "xyzw",
+]
+
+FloatArray = npt.NDArray[np.float64]
+
+ENU = "ENU"
+#: Quantities whose identifiers name a coordinate system.
+ORIENTED = ("euler_angles", "rotation_matrix", "quaternion", "velocity_xyz")
+#: The rotation from each coordinate system to ENU, q0 first.
+TO_ENU = {
+    "ENU": np.array([1.0, 0, 0, 0]),
+    "NED": np.array([0, np.sqrt(0.5), np.sqrt(0.5), 0]),
+    "NWU": np.array([np.sqrt(0.5), 0, 0, np.sqrt(0.5)]),
+}
+#: The components of a vector in ENU, of one in each coordinate system: their places and signs.
+AXES_TO_ENU = {
+    "ENU": ([0, 1, 2], [1.0, 1.0, 1.0]),
+    "NED": ([1, 0, 2], [1.0, 1.0, -1.0]),
+    "NWU": ([1, 0, 2], [-1.0, 1.0, 1.0]),
+}
+#: Coordinate systems by the bits of a data identifier (Table 17).
+SYSTEMS = {0x4: "NED", 0x8: "NWU"}
+SYSTEM_BITS = 0xC
+
+
+class Rows(NamedTuple):
+    """Values of samples.
+
+    Attributes:
+        sample: Index of the sample from the first one of the part, ``(n,)`` int64, rising.
+        values: One row for each.
+    """
+
+    sample: npt.NDArray[np.int64]
+    values: npt.NDArray[Any]
+
+    def at(self, sample: npt.NDArray[np.int64]) -> npt.NDArray[Any]:
+        """Returns the values of some samples, which all have one."""
+        if len(sample) == len(self.sample):
+            return self.values
+        return np.asarray(self.values[np.searchsorted(self.sample, sample)])
+
+    def has(self, sample: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+        """Returns whether samples, which rise and are a superset of these, have a value."""
+        if len(sample) == len(self.sample):
+            return np.ones(len(sample), np.bool_)
+        found = np.zeros(len(sample), np.bool_)
+        found[np.searchsorted(sample, self.sample)] = True
+        return found
+
+
+def inner(*several: Rows) -> npt.NDArray[np.int64]:
+    """Returns the samples that have all of these."""
+    sample = several[0].sample
+    for rows in several[1:]:
+        if not np.array_equal(sample, rows.sample):
+            sample = np.intersect1d(sample, rows.sample, assume_unique=True)
+    return sample
+
+
+def outer(*several: Rows) -> npt.NDArray[np.int64]:
+    """Returns the samples that have any of these."""
+    sample = several[0].sample
+    for rows in several[1:]:
+        if not len(sample):
+            sample = rows.sample
+        elif len(rows.sample) and not np.array_equal(sample, rows.sample):
+            sample = np.union1d(sample, rows.sample)
+    return sample
+
+
+def columns_of(part: Part, name: str) -> list[PartColumn]:
+    """Returns the columns of a quantity: several if it occurs in several coordinate systems."""
+    return [part[key] for key in part if key == name or (isinstance(key, tuple) and key[0] == name)]
+
+
+def xyzw(q: FloatArray) -> FloatArray:
+    """Returns quaternions, q0 first, in the order of ROS."""
+    return np.concatenate([q[:, 1:], q[:, :1]], axis=1)
+
+
+def euler_of(q: FloatArray) -> FloatArray:
+    """Returns roll, pitch and yaw in degrees ``(n, 3)`` as the vendor's code does.
+
+    For a quaternion that float32 rounds, the result differs from that of `quaternion.to_euler`.
+    """
+    w, x, y, z = np.moveaxis(q, -1, 0)
+    roll = np.arctan2(2 * (y * z + w * x), 2 * (w * w + z * z) - 1)
+    pitch = -np.arcsin(np.clip(2 * (x * z - w * y), -1, 1))
+    yaw = np.arctan2(2 * (x * y + w * z), 2 * (w * w + x * x) - 1)
+    return np.asarray(np.degrees(np.stack([roll, pitch, yaw], axis=-1)))
+
+
+def _from_matrix(values: npt.NDArray[Any]) -> FloatArray:
+    q = quaternion.from_matrix(values)
+    return np.where(q[:, :1] < 0, -q, q)
+
+
+#: Orientation as quaternions, q0 first, from each quantity that has it, the preferred one last.
+QUATERNIONS: dict[str, Callable[[npt.NDArray[Any]], FloatArray]] = {
+    "euler_angles": quaternion.from_euler,
+    "rotation_matrix": _from_matrix,
+    "quaternion": lambda values: values.astype(np.float64),
+}
+
+
+class Measured:
+    """What the samples of a part measured.
+
+    If a packet occurs twice in a sample, the last one counts.
+
+    Args:
+        part: The part.
+        converts: Whether to convert coordinates to ENU.
+        only: Which samples of the part count, ``(n,)``; None for all.
+    """
+
+    def __init__(
+        self, part: Part, *, converts: bool, only: npt.NDArray[np.bool_] | None = None
+    ) -> None:
+        self._part, self._converts, self._only = part, converts, only
+
+    def rows(self, name: str) -> Rows:
+        """Returns a quantity as it was received; structs as raw integers."""
+        return self._joined(
+            (column.sample, column.values) for column in columns_of(self._part, name)
+        )
+
+    def numbers(self, name: str) -> Rows:
+        """Returns a quantity as float64."""
+        sample, values = self.rows(name)
+        return Rows(sample, values.astype(np.float64))
+
+    def vectors(self, name: str) -> Rows:
+        """Returns vectors of the earth frame."""
+        return self._joined(
+            (column.sample, self._turned(column)) for column in columns_of(self._part, name)
+        )
+
+    @cached_property
+    def orientation(self) -> Rows:
+        """Quaternions, q0 first: from the quaternion, otherwise the matrix, otherwise the Euler angles."""
+        return self._joined(
+            (column.sample, self._turn(column, of(column.values)))
+            for name, of in QUATERNIONS.items()
+            for column in columns_of(self._part, name)
+        )
+
+    @cached_property
+    def euler(self) -> Rows:
+        """Roll, pitch and yaw in degrees: from the angles, otherwise the matrix, otherwise the quaternion."""
+        names = ("quaternion", "rotation_matrix", "euler_angles")
+        return self._joined(
+            (column.sample, self._angles(column))
+            for name in names
+            for column in columns_of(self._part, name)
+        )
+
+    def _angles(self, column: PartColumn) -> FloatArray:
+        if column.name == "euler_angles" and not self._is_turned(column):
+            return column.values.astype(np.float64)
+        return euler_of(self._turn(column, QUATERNIONS[column.name](column.values)))
+
+    def _is_turned(self, column: PartColumn) -> bool:
+        return self._converts and system_of(column) != ENU
+
+    def _turn(self, column: PartColumn, q: FloatArray) -> FloatArray:
+        return quaternion.multiply(TO_ENU[system_of(column)], q) if self._is_turned(column) else q
+
+    def _turned(self, column: PartColumn) -> FloatArray:
+        values = column.values.astype(np.float64)
+        if not self._is_turned(column):
+            return values
+        places, signs = AXES_TO_ENU[system_of(column)]
+        return np.asarray(values[:, places] * np.array(signs))
+
+    def _joined(self, several: Iterable[tuple[npt.NDArray[np.int64], npt.NDArray[Any]]]) -> Rows:
+        """Returns one row for each sample: the last of several."""
+        found = [
+            self._chosen(sample - self._part.first_sample, values) for sample, values in several
+        ]
+        if not found:
+            return Rows(np.empty(0, np.int64), np.empty((0, 0)))
+        samples, values = zip(*found, strict=True)
+        sample = np.concatenate(samples) if len(found) > 1 else samples[0]
+        joined = np.concatenate(values) if len(found) > 1 else values[0]
+        if len(found) > 1 and np.any(sample[1:] < sample[:-1]):
+            order = np.argsort(sample, kind="stable")
+            sample, joined = sample[order], joined[order]
+        last = np.append(sample[1:] != sample[:-1], True)[: len(sample)]
+        if not last.all():
+            sample, joined = sample[last], joined[last]
+        return Rows(sample, joined)
+
+    def _chosen(self, sample: npt.NDArray[np.int64], values: npt.NDArray[Any]) -> Rows:
+        if self._only is None:
+            return Rows(sample, values)
+        keep = self._only[sample]
+        return Rows(sample[keep], values[keep])
+
+
+def system_of(column: PartColumn) -> str:
+    """Returns the coordinate system of a column.
+
+    The manual defines none for free acceleration: it is ENU, unless its identifier has other bits.
+    """
+    return column.coordinates or SYSTEMS.get(column.data_id & SYSTEM_BITS, ENU)
