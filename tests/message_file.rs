@@ -40,8 +40,7 @@ fn samples_in_order_and_topics_in_order_within_a_sample() {
         let mut file = file(compression);
         let (stamps, times) = ([3 * SECOND + 7, 5 * SECOND], [30, 50]);
         let texts = (b"xyyy", [1, 4]);
-        let given =
-            [rows(1, &[10, 11], Bodies::Even(b"pq")), rows(0, &[10, 11], Bodies::Ends(texts.0, &texts.1))];
+        let given = [rows(1, &[10, 11], Bodies::Even(b"pq")), rows(0, &[10, 11], Bodies::Ends(texts.0, &texts.1))];
         file.write(10, &stamps, &times, &given).unwrap();
         let mut bytes = file.take();
         bytes.extend(file.finish().unwrap());
