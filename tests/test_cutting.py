@@ -415,7 +415,7 @@ def test_wrong_calls(folder: Path) -> None:
         (["split", WALK, "--time", "soon", "--out-dir", "x"], "neither a size"),
         (["cut", WALK, FIELD, "--to", "1", "-o", "x.mtb"], "cut each by itself"),
         (["cut", WALK, "--from", "5", "--to", "2", "-o", "x.mtb"], "2.0 is not after 5.0"),
-        (["cut", WALK, "--to", "-1", "-o", "x.mtb"], "-1.0 is not after the first sample"),
+        (["cut", WALK, "--from", "-1", "-o", "x.mtb"], "are not negative: -1.0"),
         (["cut", WALK, "--from", "soon", "-o", "x.mtb"], "'soon' is neither seconds nor UTC"),
         (["cut", WALK, "--from", "nan", "-o", "x.mtb"], "not NaN"),
         (

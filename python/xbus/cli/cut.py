@@ -15,7 +15,8 @@ from xbus.cli.export_formats import suffix_of
 from xbus.cli.export_target import check_output, writing
 from xbus.cli.failure import Failure
 from xbus.cli.input_options import InputOptions, input_options
-from xbus.cli.inputs import STDIN, Input, label, no_frame, reading_task
+from xbus.cli.inputs import STDIN, label, reading_task
+from xbus.cli.moments import Content, arrivals_of, bounds_of, moment, time_errors
 from xbus.cli.progress import Progress
 from xbus.cli.recordings import Recording
 from xbus.cli.rotation import parse_rotation
@@ -32,26 +33,6 @@ if TYPE_CHECKING:
 __all__ = ["cut", "split"]
 
 ONE_BY_ONE = "cut each by itself"
-
-
-def _moment(
-    ctx: click.Context,  # noqa: ARG001 - click's signature
-    param: click.Parameter,  # noqa: ARG001
-    value: str | None,
-) -> Moment | None:
-    """Returns a moment: seconds, or UTC as text."""
-    from xbus.log.moments import parse_moment
-
-    if value is None:
-        return None
-    moment: Moment = value
-    with contextlib.suppress(ValueError):
-        moment = float(value)
-    try:
-        parse_moment(moment)
-    except ValueError as error:
-        raise click.BadParameter(str(error)) from error
-    return moment
 
 
 def _out(
@@ -79,14 +60,14 @@ def _out(
 @click.option(
     "--from",
     "start",
-    callback=_moment,
+    callback=moment,
     metavar="TIME",
     help="First moment: seconds since the first sample, or UTC (2026-11-22T09:30:00). Default: the start.",
 )
 @click.option(
     "--to",
     "end",
-    callback=_moment,
+    callback=moment,
     metavar="TIME",
     help="Moment to end before. Default: the end.",
 )
@@ -111,7 +92,6 @@ def cut(
     """
     from xbus.cli.piece_file import piece_file
     from xbus.log.cutting import cut as cut_bytes
-    from xbus.log.moments import seconds_of
 
     if start is None and end is None:
         raise click.UsageError("a part needs --from, --to, or both")
@@ -119,23 +99,15 @@ def cut(
     files = recording.files
     check_output(files, out)
     recording.show_notes()
-    content = _Content(inputs)
-    with Progress(reading_task(files[0]), shown=not quiet) as progress, _time_errors(recording):
-
-        def parts() -> Iterator[Log]:
-            if STDIN in files:
-                raise ValueError("standard input is read once; use seconds")
-            with inputs.opened(files, progress) as source, content.checked(source, files):
-                yield from content.parts(source, bid=inputs.bid)
-                content.check()
-
-        bounds = seconds_of((start, end), parts)
+    content = Content(inputs)
+    with Progress(reading_task(files[0]), shown=not quiet) as progress, time_errors(recording):
+        bounds = bounds_of((start, end), content, inputs, recording, progress)
         with (
             inputs.opened(files, progress) as source,
             inputs.checked_rate(recording) as use,
             content.checked(source, files),
         ):
-            arrivals = _arrivals(source)
+            arrivals = arrivals_of(source)
             chunks = cut_bytes(
                 source,
                 lambda tee: use.watch(content.parts(tee)),
@@ -152,46 +124,6 @@ def cut(
     recording.show_notes()
     if not quiet:
         click.echo(f"{label(out)}: {format_size(piece.size)}", err=True)
-
-
-class _Content:
-    """Reads the parts of a recording, and counts its frames and strings."""
-
-    def __init__(self, inputs: InputOptions) -> None:
-        self._inputs = inputs
-        self._found = 0
-
-    def parts(self, source: Readable, bid: int | None = None) -> Iterator[Log]:
-        """Yields the parts, of one device or of all."""
-        from xbus.log.read import cut_parts
-
-        options = self._inputs
-        for part in cut_parts(source, rate=options.rate, strings=options.strings, bid=bid):
-            self._found += part.stats.frames + part.stats.strings
-            yield part
-
-    @contextlib.contextmanager
-    def checked(self, source: Input, files: Sequence[str]) -> Iterator[None]:
-        """Replaces the error of a recording in which nothing was found."""
-        try:
-            yield
-        except ValueError as error:
-            if self._found:
-                raise
-            raise no_frame(files, source.size, source.head) from error
-
-    def check(self) -> None:
-        """Raises ValueError if nothing was found so far."""
-        if not self._found:
-            raise ValueError("nothing was found")
-
-
-def _arrivals(source: Input) -> Arrivals | None:
-    """Returns the arrivals of the bytes of a recording, and prints what is wrong with a side file."""
-    arrivals = source.arrivals()
-    if arrivals is not None and arrivals.fault:
-        click.echo(f"xbus: {arrivals.fault}", err=True)
-    return arrivals
 
 
 @click.command(epilog="Example: xbus split night.mtb --time 1h --out-dir hours")
@@ -239,12 +171,12 @@ def split(
     with writing(out_dir):
         os.makedirs(out_dir, exist_ok=True)  # noqa: PTH103 - pathlib is slow to import
 
-    content = _Content(inputs)
+    content = Content(inputs)
 
     def parts(source: Readable) -> Iterator[Log]:
         return use.watch(content.parts(source))
 
-    with Progress(reading_task(files[0]), shown=not quiet) as progress, _time_errors(recording):
+    with Progress(reading_task(files[0]), shown=not quiet) as progress, time_errors(recording):
         if by_device:
             if STDIN in files:
                 raise Failure(
@@ -257,7 +189,7 @@ def split(
             inputs.checked_rate(recording) as use,
             content.checked(source, files),
         ):
-            arrivals = _arrivals(source)
+            arrivals = arrivals_of(source)
             if by_device:
                 chunks = cutting.split_by_device(source, parts, heads)
             elif "rotate_bytes" in limit:
@@ -289,7 +221,7 @@ def _write(
     recording: Recording,
     folder: str,
     arrivals: Arrivals | None,
-    content: _Content,
+    content: Content,
     *,
     by_device: bool,
 ) -> list[str]:
@@ -352,16 +284,3 @@ def _check_folder(files: Sequence[str], path: str, *, by_device: bool) -> None:
             f"there are files of an earlier run, such as {label(found[-1])}; delete them, or choose another "
             "--out-dir"
         )
-
-
-@contextlib.contextmanager
-def _time_errors(recording: Recording) -> Iterator[None]:
-    """Converts the error of a wrong time to a UsageError, and that of an unknown time to a Failure."""
-    from xbus.log.moments import OrderError
-
-    try:
-        yield
-    except OrderError as error:
-        raise click.UsageError(str(error)) from error
-    except ValueError as error:
-        raise Failure(f"{recording.heading}: {error}") from error

@@ -17,12 +17,14 @@ from xbus.cli.export_target import check_output
 from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import label, reading_task
 from xbus.cli.memory import memory_option, workers_within
+from xbus.cli.moments import moment
 from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_json, suggestion
 from xbus.cli.progress import Progress
 from xbus.cli.resampling import check_resampling
 
 if TYPE_CHECKING:
+    from xbus.log.moments import Between
     from xbus.protocol.keys import EntryKey
 
 __all__ = ["decode"]
@@ -84,6 +86,23 @@ def _key(value: str) -> EntryKey:
     return name, coordinates.upper()
 
 
+def _between(
+    ctx: click.Context, param: click.Parameter, values: tuple[str, str] | None
+) -> Between | None:
+    """Returns two moments; None for the start and the end."""
+    from xbus.log.moments import check_order
+
+    if values is None:
+        return None
+    start = None if values[0] == "start" else moment(ctx, param, values[0])
+    end = None if values[1] == "end" else moment(ctx, param, values[1])
+    try:
+        check_order((start, end))
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+    return start, end
+
+
 @click.command(epilog="Example: xbus decode walk.mtb -o walk.parquet")
 @input_options()
 @click.option(
@@ -112,6 +131,14 @@ def _key(value: str) -> EntryKey:
     metavar="NAME",
     help="Write only this quantity: acceleration or quaternion:NED; repeatable. A single one has one row per "
     "packet, without nulls. Or the strings of a type: HEHDT.",
+)
+@click.option(
+    "--between",
+    nargs=2,
+    callback=_between,
+    metavar="FROM TO",
+    help="Write only the samples from one moment on, up to but without another: seconds since the first "
+    "sample, UTC (2026-11-22T09:30:00), start or end.",
 )
 @click.option(
     "--rate-out",
@@ -155,6 +182,7 @@ def decode(
     partition_by: str | None,
     partition_size: int,
     keys: list[EntryKey],
+    between: Between | None,
     rate_out: float | None,
     max_gap: float | None,
     tracker: str | None,
@@ -179,8 +207,8 @@ def decode(
     together: part-0000.parquet, ..., each of about --partition-size. With --out-dir and --partition-by or
     --partition-size, each recording becomes such a folder.
 
-    Tables are written part by part: a log may be larger than memory. Standard input, URLs and compressed
-    files are first copied to a temporary file (TMPDIR).
+    Tables are written part by part: a log may be larger than memory. Standard input, URLs, compressed files
+    and what is --between two moments are first copied to a temporary file (TMPDIR).
 
     An .npz file contains an array NAME for each quantity, with NAME.sample and NAME.time; fields of structs
     are in their units. An existing OUT is replaced, and a failed run leaves no partial file. A folder is
@@ -221,6 +249,7 @@ def decode(
         raw=raw,
         options=options,
         dataset=dataset,
+        between=between,
         threads=workers.threads,
     )
     if out_dir is not None:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
+from xbus.cli.between import CutRecording
 from xbus.cli.dataset_options import Dataset, check_folder, foreign_files
 from xbus.cli.export_formats import EXPORTS, FormatOptions, suffix_of
 from xbus.cli.export_target import check_output, quality_text, restart_count, writing
@@ -23,9 +24,11 @@ from xbus.formatting import format_count
 
 if TYPE_CHECKING:
     from xbus.cli.decoded_totals import DecodedTotals
+    from xbus.cli.input_options import LogOptions
     from xbus.cli.rate_use import RateUse
     from xbus.export.format import Format
     from xbus.log.log import Log
+    from xbus.log.moments import Between
     from xbus.log.parts import LogPart
     from xbus.log.table_file import FileFormat
     from xbus.log.trackers import Tracker
@@ -93,6 +96,7 @@ class Decoding:
         raw: Write fields of structs as integers, as on the wire.
         options: Options of the format.
         dataset: How to write a folder of files, or None for one file.
+        between: Decode only the samples between two moments; None for all.
         threads: Number of threads.
     """
 
@@ -108,8 +112,10 @@ class Decoding:
         raw: bool = False,
         options: FormatOptions | None = None,
         dataset: Dataset | None = None,
+        between: Between | None = None,
         threads: int = 1,
     ) -> None:
+        self._between = between
         self._options = options or FormatOptions()
         self._dataset = dataset
         self._threads = threads
@@ -137,9 +143,12 @@ class Decoding:
             self._inputs.opened(files, progress) as source,
             self._inputs.checked_rate(job.recording) as use,
         ):
+            cut = None
+            if self._between is not None:
+                cut = CutRecording(self._between, self._inputs, job.recording, source, progress)
             if self._needs_whole_log(out):
-                return self._decode_whole(source, job, use, progress)
-            with stored(source, files) as recording:
+                return self._decode_whole(source, cut, job, use, progress)
+            with stored(source, files) if cut is None else cut.stored() as recording:
                 return self._decode_stored(source, recording, job, use, progress)
 
     def _needs_whole_log(self, out: str) -> bool:
@@ -149,6 +158,12 @@ class Decoding:
             return False
         is_table = suffix in FORMATS and self._rate is None and self._tracker is None
         return not is_table or any(is_string(key) for key in self._keys)
+
+    @property
+    def _for_log(self) -> LogOptions:
+        """The options for what is decoded. A cut has the wanted device only."""
+        options = self._inputs.for_log
+        return options if self._between is None else {**options, "bid": None}
 
     # Part by part
 
@@ -237,7 +252,7 @@ class Decoding:
             recording.source,
             block_bytes=PART,
             allow_restart=self._inputs.allow_restart,
-            **self._inputs.for_log,
+            **self._for_log,
         )
         with reading(names):
             summary = LogSummary(parts)
@@ -250,16 +265,14 @@ class Decoding:
     def _parts(self, recording: Stored, progress: Callable[[int], None]) -> list[LogPart]:
         """Returns parts whose tables are no larger than a chunk of the file, so that memory is bounded."""
         from xbus.log.part_file import chunk_rows
-        from xbus.log.parts import split_log
 
         def split(size: int) -> list[LogPart]:
-            return split_log(
-                recording.source,
+            return recording.split(
                 block_bytes=size,
                 allow_restart=self._inputs.allow_restart,
                 threads=self._threads,
                 progress=progress,
-                **self._inputs.for_log,
+                **self._for_log,
             )
 
         parts = split(PART)
@@ -275,10 +288,9 @@ class Decoding:
         from xbus.log.read import iter_log
 
         with self._strictly(source, files):
-            whole = source if source.total is not None else recording.source
-            for _ in iter_log(
-                whole, strict=True, quantities=self._quantities, **self._inputs.for_log
-            ):
+            is_direct = source.total is not None and self._between is None
+            whole = source if is_direct else recording.source
+            for _ in iter_log(whole, strict=True, quantities=self._quantities, **self._for_log):
                 pass
 
     # At once
@@ -286,13 +298,14 @@ class Decoding:
     def _decode_whole(
         self,
         source: Input,
+        cut: CutRecording | None,
         job: Job,
         use: RateUse,
         progress: ShowsProgress,
     ) -> tuple[str, dict[str, Any]]:
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
-        log = self._read(source, files)
+        log = self._read(source, cut, files)
         use.add(log)
         names = ", ".join(map(label, files))
         if not self._keys or not len(log):
@@ -311,15 +324,18 @@ class Decoding:
         """The quantities to decode; None for all."""
         return [key for key in self._keys if not is_string(key)] if self._keys else None
 
-    def _read(self, source: Input, files: Sequence[str]) -> Log:
+    def _read(self, source: Input, cut: CutRecording | None, files: Sequence[str]) -> Log:
         from xbus.log.read import read_log
 
-        with self._strictly(source, files):
+        with (
+            self._strictly(source, files),
+            contextlib.nullcontext() if cut is None else cut.reading(),
+        ):
             log = read_log(
-                source,
+                source if cut is None else cut.source,
                 strict=self._strict,
                 quantities=self._quantities,
-                **self._inputs.for_log,
+                **self._for_log,
             )
         if not len(log) and not len(log.messages) and not log.stats.strings:
             raise no_frame(files, log.stats.bytes, source.head)
@@ -335,6 +351,8 @@ class Decoding:
         except DecodeError as error:
             problem, _, _ = str(error).partition(";")
             where = f", which is {source.locate(error.offset)}" if len(files) > 1 else ""
+            if self._between is not None:
+                where = " of the part between these times"
             names = ", ".join(map(label, files))
             raise Failure(
                 f"{names}: {problem}{where}; without --strict, damage is skipped"

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import functools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import Input
 
-__all__ = ["Stored", "stored"]
+if TYPE_CHECKING:
+    from xbus.log.cut_source import CutSource
+    from xbus.log.parts import LogPart
+
+__all__ = ["Stored", "stored", "stored_cut"]
 
 #: Bytes that are copied at a time.
 STEP = 1 << 20
@@ -23,12 +29,21 @@ class Stored:
     Attributes:
         source: A path, or those of the pieces, as `split_log` takes them.
         size: Its size in bytes.
+        split: Returns its parts, as `split_log` with the same options.
         times_fault: What is wrong with the side file of arrivals of the original, or None.
     """
 
     source: str | list[str]
     size: int
+    split: Callable[..., list[LogPart]]
     times_fault: str | None = None
+
+    @classmethod
+    def of(cls, source: str | list[str], size: int, times_fault: str | None = None) -> Stored:
+        """Returns a recording in files."""
+        from xbus.log.parts import split_log
+
+        return cls(source, size, functools.partial(split_log, source), times_fault)
 
 
 @contextmanager
@@ -46,8 +61,41 @@ def stored(source: Input, files: Sequence[str]) -> Iterator[Stored]:
         Failure: An input cannot be read, or the temporary file cannot be written.
     """
     if source.total is not None:
-        yield Stored(files[0] if len(files) == 1 else list(files), source.total)
+        yield Stored.of(files[0] if len(files) == 1 else list(files), source.total)
         return
+    with _temporary_folder() as folder:
+        yield _copy(source, folder)
+
+
+@contextmanager
+def stored_cut(
+    cut: CutSource, *, rate: float | None, strings: Sequence[str], times_fault: str | None
+) -> Iterator[Stored]:
+    """Yields a recording between two times, which is copied to a temporary file that is deleted in the end.
+
+    Args:
+        cut: The bytes between the times.
+        rate: As in `read_log`.
+        strings: As in `read_log`.
+        times_fault: As for `Stored`.
+
+    Raises:
+        Failure: The temporary file cannot be written.
+        ValueError: As `xbus.log.cutting.cut`.
+    """
+    from xbus.log.cut_parts import copy_cut
+
+    with _temporary_folder() as folder:
+        path = os.path.join(folder, "cut.mtb")  # noqa: PTH118 - pathlib is slow to import
+        try:
+            copy = copy_cut(cut, path, rate=rate, strings=strings)
+        except OSError as error:
+            raise _no_copy(os.path.dirname(folder), error) from error  # noqa: PTH120
+        yield Stored(path, copy.size, copy.split, times_fault)
+
+
+@contextmanager
+def _temporary_folder() -> Iterator[str]:
     import tempfile
 
     try:
@@ -55,7 +103,7 @@ def stored(source: Input, files: Sequence[str]) -> Iterator[Stored]:
     except OSError as error:
         raise _no_copy(tempfile.gettempdir(), error) from error
     with folder as name:
-        yield _copy(source, name)
+        yield name
 
 
 def _no_copy(folder: str, error: OSError) -> Failure:
@@ -78,4 +126,4 @@ def _copy(source: Input, folder: str) -> Stored:
                 side.write(arrivals.to_bytes())
     except OSError as error:
         raise _no_copy(os.path.dirname(folder), error) from error  # noqa: PTH120
-    return Stored(path, source.size, None if arrivals is None else arrivals.fault)
+    return Stored.of(path, source.size, None if arrivals is None else arrivals.fault)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,9 @@ class CutSource:
         bid: The only device, or None.
         arrivals: When the bytes of the recording arrived, or None.
         is_owned: Whether to close `source`.
+
+    Attributes:
+        size: Number of bytes so far.
     """
 
     def __init__(
@@ -55,7 +58,12 @@ class CutSource:
         #: Where ranges of bytes begin in the cut and in the recording, and the size of the cut so far.
         self._here: list[npt.NDArray[np.int64]] = []
         self._there: list[npt.NDArray[np.int64]] = []
-        self._size = 0
+        self.size = 0
+        self._copy: BinaryIO | None = None
+
+    def copy_to(self, file: BinaryIO) -> None:
+        """Has all bytes that are read from now on written to a file too."""
+        self._copy = file
 
     def __del__(self) -> None:
         if self._owned is not None:
@@ -70,9 +78,11 @@ class CutSource:
                 break
             lengths = chunk.end - chunk.start
             if self._arrivals is not None and len(lengths):
-                self._here.append(self._size + np.cumsum(lengths) - lengths)
+                self._here.append(self.size + np.cumsum(lengths) - lengths)
                 self._there.append(chunk.start)
-            self._size += len(chunk.data)
+            self.size += len(chunk.data)
+            if self._copy is not None:
+                self._copy.write(chunk.data)
             self._data = memoryview(chunk.data)
         data, self._data = self._data[:size], self._data[size:]
         return bytes(data)

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from xbus.log.log import Log
 from xbus.log.pacing import ReplayPace
 
-__all__ = ["Between", "Moment", "OrderError", "parse_moment", "seconds_of"]
+__all__ = ["Between", "Moment", "OrderError", "check_order", "parse_moment", "seconds_of"]
 
 #: A place in a recording: seconds since its first sample, or UTC as a datetime or text in ISO 8601.
 Moment = float | str | datetime | np.datetime64
@@ -40,11 +40,8 @@ def seconds_of(moments: Between, parts: Callable[[], Iterator[Log]]) -> tuple[fl
         OrderError: The second moment is not after the first.
         ValueError: A moment is no time, or the recording has no valid UTC.
     """
-    if len(moments) != 2:
-        raise ValueError(f"between has two moments, a start and an end, not {moments!r}")
+    check_order(moments)
     wanted = [parse_moment(moment) for moment in moments]
-    if all(isinstance(moment, np.datetime64) for moment in wanted) and not wanted[0] < wanted[1]:  # type: ignore[operator]
-        raise OrderError(moments)
     if any(isinstance(moment, np.datetime64) for moment in wanted):
         times, utc = _utc(parts())
         origin = utc[0]
@@ -63,6 +60,20 @@ def seconds_of(moments: Between, parts: Callable[[], Iterator[Log]]) -> tuple[fl
     return start, end
 
 
+def check_order(moments: Between) -> None:
+    """Checks that the second moment is after the first, as far as this is known without a recording.
+
+    Raises:
+        OrderError: It is not.
+        ValueError: A moment is no time, or there are not two.
+    """
+    if len(moments) != 2:
+        raise ValueError(f"between has two moments, a start and an end, not {moments!r}")
+    start, end = map(parse_moment, moments)
+    if start is not None and type(start) is type(end) and not start < end:
+        raise OrderError(moments)
+
+
 def parse_moment(moment: Moment | None) -> float | np.datetime64 | None:
     """Returns a moment as a number of seconds or as UTC; None for None.
 
@@ -74,6 +85,8 @@ def parse_moment(moment: Moment | None) -> float | np.datetime64 | None:
     if isinstance(moment, int | float | np.number):
         if math.isnan(moment):
             raise ValueError("a moment must be a number of seconds or UTC, not NaN")
+        if moment < 0:
+            raise ValueError(f"seconds count from the first sample and are not negative: {moment}")
         return float(moment)
     try:
         date = datetime.fromisoformat(moment) if isinstance(moment, str) else moment

@@ -182,15 +182,22 @@ class LogPart:
         begin, whole, shape = self._begin, self._whole, self._shape(keep)
         try:
             core = reader.take(shape if whole.bid is None else None)
-            host_times = HostTimes(
-                core, begin.arrivals, begin.clocks, is_known=whole.has_host_times
+            log = Log(
+                core,
+                quantities=keep,
+                identities=begin.identities,
+                host_times=self._host_times(core),
             )
-            log = Log(core, quantities=keep, identities=begin.identities, host_times=host_times)
             if whole.bid is not None:
                 log = log.of_device(whole.bid, self.first_sample, shape)
         except ValueError as error:
             raise self._changed() from error
         return log
+
+    def _host_times(self, core: _core.Part) -> HostTimes:
+        begin = self._begin
+        is_known = self._whole.has_host_times
+        return HostTimes(core, begin.arrivals, begin.clocks, is_known=is_known)
 
     def _changed(self) -> LogChangedError:
         return LogChangedError(f"{_name(self._begin.source)} {CHANGED}")
