@@ -394,8 +394,11 @@ def test_folders_and_patterns() -> None:
     )
     Path("empty").mkdir()
     assert sentence(run("decode", "empty", "-o", "x.csv")).startswith(
-        "no .mtb file in the folder empty; "
+        "no .mtb file in the folder empty; name the files, such as empty/*.bin"
     )
+    Path("empty/night").mkdir()
+    Path("empty/night/walk.mtb").touch()
+    assert sentence(run("decode", "empty", "-o", "x.csv")).endswith("such as empty/**/*.mtb")
     Path("log[1].mtb").write_bytes(Path(WALK).read_bytes())
     assert "1,040 rows" in decoded("log[1].mtb", "-o", "out.csv")
 

@@ -81,3 +81,11 @@ def test_a_log_without_time_stamps() -> None:
         run("decode", "x.mtb", "-o", "out.csv", "--rate-out", "10", "--rate", "20").exit_code == 0
     )
     assert Path("out.csv").read_text().splitlines()[2].startswith("0.1,2")
+
+
+def test_more_rows_than_can_be_meant() -> None:
+    shown = sentence(run("decode", WALK, "-o", "out.csv", "--rate-out", "1e12"))
+    assert (
+        "rows would be made of 1,040 samples; choose a lower rate than 1e+12 Hz, or check" in shown
+    )
+    assert not list(Path().iterdir())

@@ -18,8 +18,9 @@ from conftest import counter, fine
 from streams import mtdata2
 from test_cli import FIELD, WALK, run, sentence
 from xbus import MessageId, encode_frame
+from xbus.cli.piece_file import PieceFile
 from xbus.log.arrivals import Arrivals
-from xbus.log.cutting import split_by_size
+from xbus.log.cutting import Chunk, split_by_size
 from xbus.log.pieces import piece_name
 from xbus.log.read import cut_parts
 
@@ -182,6 +183,23 @@ def test_split_files_are_pieces(folder: Path) -> None:
         log = xbus.read_log(names)
         assert np.array_equal(log.time, LOG.time)
         assert (log.stats.lost_samples, log.duration) == (0, LOG.duration)
+
+
+def test_a_failed_split_leaves_no_file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    written = 0
+
+    def write(self: PieceFile, chunk: Chunk) -> None:
+        nonlocal written
+        written += len(chunk.data)
+        if written > 100_000:
+            raise OSError(28, "No space left on device")
+        write_chunk(self, chunk)
+
+    write_chunk = PieceFile.write
+    monkeypatch.setattr(PieceFile, "write", write)
+    failed = run("split", WALK, "--size", "40kB", "--out-dir", "parts")
+    assert sentence(failed).startswith("cannot write parts/walk-0002.mtb: No space left")
+    assert list(Path("parts").iterdir()) == []
 
 
 def test_split_by_device(folder: Path) -> None:

@@ -24,6 +24,7 @@ from test_table_file import assert_identical
 from xbus import MessageId, encode_frame
 from xbus.cli import decoding
 from xbus.cli.memory import workers_within
+from xbus.cli.rotation import parse_size
 
 #: Bytes of a part: so few that every log has many.
 PART = 3000
@@ -209,7 +210,8 @@ def test_a_file_that_changes_is_reported(monkeypatch: pytest.MonkeyPatch) -> Non
 
     monkeypatch.setattr("xbus.log.parts.split_log", split_and_append)
     assert sentence(run("decode", "log.mtb", "-o", "out.parquet")) == (
-        "log.mtb changed while it was decoded; wait until it is complete, or decode a copy"
+        "log.mtb changed while it was decoded; wait until it is complete, or decode what it has now with "
+        "xbus decode - < log.mtb"
     )
     assert Path("out.parquet").read_text() == "what was there"
     assert len(list(Path().iterdir())) == 2
@@ -264,13 +266,21 @@ def test_many_recordings(tmp_path: Path) -> None:
         ("204MB", "204MB is too little; decode needs 205MB"),
         ("1kB", "1kB is too little; decode needs 205MB"),
         ("much", "'much' is no size, such as 500MB or 2GB"),
-        ("512", "'512' is no size, such as 500MB or 2GB"),
+        ("2.5XB", "'2.5XB' is no size, such as 500MB or 2GB"),
+        ("512", "512 is too little; decode needs 205MB"),
     ],
 )
 def test_too_little_memory(memory: str, message: str) -> None:
     result = run("decode", WALK, "-o", "out.csv", "--memory", memory)
     assert result.exit_code == 2
     assert message in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("text", "size"), [("210000000", 210_000_000), ("0.5 GB", 5 * 10**8), ("100TB", 10**14)]
+)
+def test_sizes(text: str, size: int) -> None:
+    assert parse_size(text) == size
 
 
 @pytest.mark.parametrize(

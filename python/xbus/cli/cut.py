@@ -237,7 +237,7 @@ def _write(
     _check_folder(recording.files, path, by_device=by_device)
     outs: list[str] = []
     opened: dict[int, PieceFile] = {}
-    with contextlib.ExitStack() as files:
+    with _complete(outs), contextlib.ExitStack() as files:
         for chunk in chunks:
             piece = chunk.piece
             if piece not in opened:
@@ -252,6 +252,21 @@ def _write(
             opened[piece].write(chunk)
         content.check()
     return outs
+
+
+@contextlib.contextmanager
+def _complete(outs: Sequence[str]) -> Iterator[None]:
+    """Removes the files, none of which existed before, after an error."""
+    from xbus.log.arrivals import side_files
+
+    try:
+        yield
+    except BaseException:
+        for out in outs:
+            for name in (out, *side_files(out)):
+                with contextlib.suppress(OSError):
+                    os.remove(name)  # noqa: PTH107 - pathlib is slow to import
+        raise
 
 
 def _out_path(recording: Recording, folder: str) -> str:

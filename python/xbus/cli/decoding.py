@@ -67,8 +67,13 @@ def reading(names: str) -> Iterator[None]:
     except PiecesError as error:
         raise Failure(str(error)) from error
     except LogChangedError as error:
+        remedy = (
+            "decode copies"
+            if ", " in names
+            else f"decode what it has now with xbus decode - < {names}"
+        )
         raise Failure(
-            f"{names} changed while it was decoded; wait until it is complete, or decode a copy"
+            f"{names} changed while it was decoded; wait until it is complete, or {remedy}"
         ) from error
     except OSError as error:
         name = label(error.filename) if error.filename else names

@@ -103,7 +103,8 @@ def _expand(name: str) -> Iterator[str]:
         files = [file for file in files if _is_recording(os.path.join(path, file))]  # noqa: PTH118
         if not files:
             raise Failure(
-                f"no {SUFFIX} file in the folder {label(name)}; name the files, such as {label(name)}/*.bin"
+                f"no {SUFFIX} file in the folder {label(name)}; name the files, such as "
+                f"{label(os.path.join(name, _pattern(path)))}"  # noqa: PTH118
             )
         yield from (os.path.join(path, file) for file in files)  # noqa: PTH118
     elif glob.has_magic(path) and not os.path.lexists(path):
@@ -114,6 +115,12 @@ def _expand(name: str) -> Iterator[str]:
         yield from files
     else:
         yield name
+
+
+def _pattern(folder: str) -> str:
+    """Returns a pattern for the recordings in a folder without any, in subfolders if they are there."""
+    below = glob.iglob(f"{glob.escape(folder)}/**/*{SUFFIX}*", recursive=True)  # noqa: PTH207
+    return f"**/*{SUFFIX}" if next(below, None) else "*.bin"
 
 
 def _matching_urls(pattern: str) -> list[str]:

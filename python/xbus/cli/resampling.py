@@ -63,4 +63,7 @@ def resampled(
             f"{names} has no time stamps; --rate HZ derives them from the packet counter, without --rate-out "
             "the samples are written as they are"
         )
-    return log.resample(rate, list(keys) or None, max_gap=max_gap)
+    try:
+        return log.resample(rate, list(keys) or None, max_gap=max_gap)
+    except ValueError as error:
+        raise Failure(f"{names}: {error}") from error

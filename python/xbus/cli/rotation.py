@@ -11,7 +11,7 @@ import click
 __all__ = ["parse_rotation", "parse_size"]
 
 #: Units of sizes and times.
-BYTES = {"kb": 1_000, "mb": 1_000_000, "gb": 1_000_000_000}
+BYTES = {"kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12}
 SECONDS = {"s": 1, "min": 60, "h": 3600}
 
 
@@ -33,12 +33,12 @@ def parse_rotation(value: str) -> dict[str, Any]:
 
 
 def parse_size(value: str) -> int:
-    """Returns a size in bytes.
+    """Returns a size in bytes. A number without a unit is one of bytes.
 
     Raises:
         BadParameter: The text is no size.
     """
-    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([kmg]b)", value.lower())
+    found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([kmgt]b)?", value.lower())
     if found is None:
         raise click.BadParameter(f"{value!r} is no size, such as 500MB or 2GB")
-    return math.ceil(float(found[1]) * BYTES[found[2]])
+    return math.ceil(float(found[1]) * BYTES.get(found[2], 1))

@@ -37,6 +37,9 @@ SAME = 1e-6
 #: Units of record fields that change steadily; other fields are counts, dates, bits or parts of a date.
 STEADY_UNITS = ("m", "m/s", "deg")
 
+#: More rows than this, and than this many for each sample, are refused.
+MOST_ROWS, MOST_PER_SAMPLE = 10_000_000, 1000
+
 
 class Span(NamedTuple):
     """The time of one run.
@@ -54,10 +57,13 @@ class Span(NamedTuple):
     start: float
     end: float
 
+    def steps(self, rate: float) -> float:
+        """Returns the number of steps of a constant rate."""
+        return float(np.floor((self.end - self.start + SAME) * rate))
+
     def grid(self, rate: float) -> FloatArray:
         """Returns the times of a constant rate, from the start."""
-        steps = int(np.floor((self.end - self.start + SAME) * rate))
-        return self.start + np.arange(steps + 1) / rate
+        return self.start + np.arange(int(self.steps(rate)) + 1) / rate
 
 
 def spans(runs: Runs, of_samples: PartRuns) -> Iterator[Span]:
@@ -117,6 +123,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         self.rate = rate
         self._columns = list(columns)
         spans = list(spans)
+        _check_rows(spans, rate)
         grids = [span.grid(rate) for span in spans]
         self.time: FloatArray = read_only(np.concatenate([np.empty(0), *grids]))
         counts = [len(grid) for grid in grids]
@@ -247,6 +254,18 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
             for (name, component), unit in zip(_components(row, values), units, strict=True):
                 pairs = {"unit": unit, **metadata} if unit else metadata
                 yield f"{stem}_{name}" if name else stem, component, pairs
+
+
+def _check_rows(spans: list[Span], rate: float) -> None:
+    """Raises ValueError if there would be so many rows that the rate or the time stamps must be wrong."""
+    samples = sum(len(span.samples) for span in spans)
+    rows = sum(span.steps(rate) for span in spans)
+    if rows > max(MOST_ROWS, MOST_PER_SAMPLE * samples):
+        seconds = sum(span.end - span.start for span in spans)
+        raise ValueError(
+            f"{rows:,.0f} rows would be made of {samples:,} samples; choose a lower rate than {rate:g} Hz, "
+            f"or check the time stamps, which span {seconds:,.0f} s"
+        )
 
 
 def check_rate(rate: float) -> None:
