@@ -199,6 +199,7 @@ def gnssins(n: int, seed: int = 3) -> bytes:
 
     ins = _frames(int((~gnss).sum()), GNSSINS_PACKETS)
     _fill_inertial(ins, rng)
+    ins["status_word"] |= 1 << 2  # GNSS fix
     seconds = index[~gnss] / 100
     ins["packet_counter"], ins["sample_time_fine"] = counter[~gnss], fine[~gnss]
     track = np.stack([np.sin(seconds / 60), np.cos(seconds / 60)], axis=1)

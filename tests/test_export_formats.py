@@ -58,6 +58,16 @@ def test_the_parts_of_a_log_give_the_file_of_the_whole_log(suffix: str, name: st
     assert all(f"{count:,} {noun}" in result.stderr for noun, count in counts.items())
 
 
+@pytest.mark.parametrize("name", LOGS)
+def test_the_shape_of_a_log_has_its_devices(name: str) -> None:
+    parts = xbus.split_log(LOGS[name], block_bytes=PART)
+    devices = xbus.read_log(LOGS[name]).devices
+    assert parts[0].empty().devices == devices
+    for device in devices:
+        parts = xbus.split_log(LOGS[name], block_bytes=PART, bid=device.bid)
+        assert parts[-1].empty().devices == xbus.read_log(LOGS[name], bid=device.bid).devices
+
+
 @pytest.mark.parametrize("suffix", EXPORTS)
 def test_a_failure_leaves_the_file_of_before(suffix: str) -> None:
     log = xbus.read_log(LOGS["walk"])

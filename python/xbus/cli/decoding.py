@@ -456,7 +456,7 @@ class Decoding:
         keys = [key if isinstance(key, str) else ":".join(key) for key in self._keys]
         return {
             "quantities": keys or None,
-            **{f"{name}s": count for name, count in counts.items()},
+            **{f"{name}s".replace(" ", "_"): count for name, count in counts.items()},
             "duration_s": known_digits(log.duration),
             "bytes": stats.bytes,
             "frames": stats.frames,

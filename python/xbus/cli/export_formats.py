@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from xbus.cli.number_type import NumberRange
+
 if TYPE_CHECKING:
     from xbus.export.format import Format
 
@@ -20,12 +22,44 @@ __all__ = ["EXPORTS", "FormatOptions", "format_options", "suffix_of"]
 #: The class of each format by suffix, as module and name: imported when it is used.
 EXPORTS: dict[str, tuple[str, str]] = {
     ".gpx": ("xbus.export.gpx", "Gpx"),
+    ".kml": ("xbus.export.kml", "Kml"),
+    ".geojson": ("xbus.export.geojson", "GeoJson"),
     ".mcap": ("xbus.export.ros.mcap", "Mcap"),
 }
+
+#: The suffixes of maps.
+MAPS = (".gpx", ".kml", ".geojson")
 
 #: For each option of the command the suffixes that it applies to, and the option. Its name is that of an
 #: attribute of their classes.
 OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
+    "source": (
+        MAPS,
+        click.option(
+            "--source",
+            type=click.Choice(["filter", "gnss"]),
+            help="Positions on a map: of the filter (lat_lon and altitude) or of the GNSS receiver "
+            "(gnss_pvt_data).  [default: the filter if IN has its positions]",
+        ),
+    ),
+    "every_seconds": (
+        MAPS,
+        click.option(
+            "--every-seconds",
+            type=NumberRange(min=0, min_open=True),
+            metavar="SECONDS",
+            help="On a map, leave out points that are sooner after the previous one.",
+        ),
+    ),
+    "every_metres": (
+        MAPS,
+        click.option(
+            "--every-metres",
+            type=NumberRange(min=0, min_open=True),
+            metavar="METRES",
+            help="On a map, leave out points that are nearer to the previous one.",
+        ),
+    ),
     "ros_style": (
         (".mcap",),
         click.option(

@@ -1,89 +1,76 @@
-"""GPX 1.1: the track of a GNSS receiver."""
+"""GPX 1.1: tracks with time, height, fix, satellites and dilutions of precision."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import BinaryIO
+from html import escape
 
 import numpy as np
 
-from xbus.export.format import ExportError, Format, Writer
-from xbus.export.part import Part
-from xbus.export.replacing import replacing
-from xbus.protocol.keys import EntryKey
-from xbus.protocol.tables import UTC_SOURCES
+from xbus.export.positions import FIXES, Points
+from xbus.export.text import formatted, shortest, utc_text
+from xbus.export.track import TrackFormat, TrackText
 
 __all__ = ["Gpx"]
 
-START = b"""<?xml version="1.0" encoding="UTF-8"?>
-<gpx version="1.1" creator="xbus" xmlns="http://www.topografix.com/GPX/1/1">
-<trk>
-"""
-END = b"</trk>\n</gpx>\n"
-#: The fix types of a position, and what GPX calls them.
-FIXES = {2: "2d", 3: "3d", 4: "3d"}
+#: The elements of a point are in the order of the schema.
+POINT = '<trkpt lat="%s" lon="%s">%s%s%s%s%s%s%s%s</trkpt>\n'
+#: Shown with the track if heights above sea level, which GPX readers expect, are not known.
+ELLIPSOID = "<desc>Heights are above the WGS84 ellipsoid.</desc>\n"
+FIX_ELEMENTS = tuple(name and f"<fix>{name}</fix>" for name in FIXES)
+
+
+class _GpxText(TrackText):
+    _is_open = False
+    _has_segment = False
+
+    def write(self, points: Points, *, is_start: bool) -> None:
+        if not self._is_open:
+            note = "" if self._has_msl else ELLIPSOID
+            self._out.write(f"<trk>\n<name>{escape(self._name)}</name>\n{note}".encode())
+            self._is_open = True
+        if is_start:
+            self._end_segment()
+            self._out.write(b"<trkseg>\n")
+            self._has_segment = True
+        # A longitude of 180 degrees is written as -180, which is the same meridian.
+        lon = np.where(points["lon"] == 180, -180.0, points["lon"])
+        height = points["msl" if self._has_msl else "ellipsoid"]
+        fields = (
+            shortest(points["lat"]),
+            shortest(lon),
+            [text and f"<ele>{text}</ele>" for text in shortest(height)],
+            [text and f"<time>{text}</time>" for text in utc_text(points["time"])],
+            # To the tenth of a millimetre, since a difference of decimal numbers is not exact.
+            formatted("<geoidheight>%.4f</geoidheight>", points["ellipsoid"] - points["msl"]),
+            [FIX_ELEMENTS[fix] for fix in points["fix"].tolist()],
+            formatted("<sat>%d</sat>", points["satellites"]),
+            *(formatted(f"<{dop}>%.2f</{dop}>", points[dop]) for dop in ("hdop", "vdop", "pdop")),
+        )
+        self._out.write("".join(map(POINT.__mod__, zip(*fields, strict=True))).encode())
+
+    def _end_segment(self) -> None:
+        if self._has_segment:
+            self._out.write(b"</trkseg>\n")
+
+    def close(self) -> None:
+        self._end_segment()
+        self._out.write(b"</trk>\n")
 
 
 @dataclass(frozen=True)
-class Gpx(Format):
-    """A track of the positions in ``gnss_pvt_data`` (Table 25) with time, height, fix and HDOP."""
+class Gpx(TrackFormat):
+    """A GPX file with a track for each device. See `TrackFormat` for the options.
 
-    def quantities(self, shape: Part) -> Sequence[EntryKey]:
-        """See `Format.quantities`."""
-        if "gnss_pvt_data" not in shape:
-            raise ExportError("a GPX file needs positions (gnss_pvt_data)")
-        return [name for name in UTC_SOURCES if name in shape]
+    ``ele`` is the height above sea level. If the log has none, it is the height above the ellipsoid, and the
+    description of the track says so. ``geoidheight`` is the difference, where both are known.
+    """
 
-    @contextmanager
-    def open(self, path: str | os.PathLike[str], shape: Part) -> Iterator[Writer]:  # noqa: ARG002
-        """See `Format.open`."""
-        with replacing(path) as out:
-            out.write(START)
-            writer = _GpxWriter(out)
-            yield writer
-            writer.close()
-            out.write(END)
-
-
-class _GpxWriter:
-    def __init__(self, out: BinaryIO) -> None:
-        self._out = out
-        self._points = self._segments = 0
-        self._is_open = False
-
-    @property
-    def counts(self) -> dict[str, int]:
-        return {"point": self._points, "segment": self._segments}
-
-    def write(self, part: Part) -> None:
-        column = part["gnss_pvt_data"]
-        rows = column.scaled
-        times = part.utc[column.sample - part.first_sample]
-        # A restart ends a segment, and so does a position without a fix.
-        run = np.searchsorted(part.restarts, column.sample, side="right")
-        starts = np.diff(run, prepend=0) > 0
-        for row, time, is_start in zip(rows, times, starts.tolist(), strict=True):
-            fix = FIXES.get(int(row["fixtype"]))
-            if is_start or fix is None:
-                self.close()
-            if fix is None:
-                continue
-            if not self._is_open:
-                self._out.write(b"<trkseg>\n")
-                self._is_open = True
-                self._segments += 1
-            stamp = "" if np.isnat(time) else f"<time>{np.datetime_as_string(time, 'ms')}Z</time>"
-            self._out.write(
-                f'<trkpt lat="{row["lat"]:.7f}" lon="{row["lon"]:.7f}"><ele>{row["hMSL"]:.3f}</ele>{stamp}'
-                f"<fix>{fix}</fix><sat>{row['numSV']}</sat><hdop>{row['hdop']:.2f}</hdop></trkpt>\n".encode()
-            )
-            self._points += 1
-
-    def close(self) -> None:
-        """Ends the present segment."""
-        if self._is_open:
-            self._out.write(b"</trkseg>\n")
-            self._is_open = False
+    title = "a GPX file"
+    without_msl = "ellipsoid height"
+    head = (
+        b'<?xml version="1.0" encoding="UTF-8"?>\n'
+        b'<gpx version="1.1" creator="xbus" xmlns="http://www.topografix.com/GPX/1/1">\n'
+    )
+    tail = b"</gpx>\n"
+    text = _GpxText

@@ -55,6 +55,11 @@ class PartColumn(Protocol):
         """Seconds on the device clock."""
         ...
 
+    @property
+    def datetime(self) -> npt.NDArray[np.datetime64]:
+        """Dates in ns; NaT for an impossible one."""
+        ...
+
 
 class PartDevice(Protocol):
     """A device that sent samples; see `xbus.log.log.LogDevice`."""

@@ -14,19 +14,56 @@ __all__ = ["Exports"]
 class Exports:
     """Exports of a log. Each method imports its format when it is called."""
 
-    def to_gpx(self: Part, path: str | os.PathLike[str]) -> None:
-        """Writes the track of the GNSS receiver to a GPX file, which appears whole or not at all.
+    def to_gpx(
+        self: Part,
+        path: str | os.PathLike[str],
+        *,
+        source: Literal["filter", "gnss"] | None = None,
+        every_seconds: float | None = None,
+        every_metres: float | None = None,
+    ) -> None:
+        """Writes the tracks of the devices to a GPX file, which appears whole or not at all.
 
         Args:
             path: Path of the file.
+            source: ``"filter"`` for ``lat_lon`` (or ``position_ecef``) and altitude, ``"gnss"`` for
+                ``gnss_pvt_data``. Default: the filter if the log has its positions.
+            every_seconds: Shortest time between two points of a segment in s.
+            every_metres: Shortest distance between two points of a segment in m.
 
         Raises:
-            ExportError: The log has no positions; a ValueError.
+            ExportError: The log has no positions with a fix; a ValueError.
             OSError: The file cannot be written.
         """
         from xbus.export.gpx import Gpx
 
-        export(Gpx(), self, [self], path)
+        export(Gpx(source, every_seconds, every_metres), self, [self], path)
+
+    def to_kml(
+        self: Part,
+        path: str | os.PathLike[str],
+        *,
+        source: Literal["filter", "gnss"] | None = None,
+        every_seconds: float | None = None,
+        every_metres: float | None = None,
+    ) -> None:
+        """Writes the tracks of the devices to a KML file. Arguments and errors are those of `to_gpx`."""
+        from xbus.export.kml import Kml
+
+        export(Kml(source, every_seconds, every_metres), self, [self], path)
+
+    def to_geojson(
+        self: Part,
+        path: str | os.PathLike[str],
+        *,
+        source: Literal["filter", "gnss"] | None = None,
+        every_seconds: float | None = None,
+        every_metres: float | None = None,
+    ) -> None:
+        """Writes the tracks of the devices to a GeoJSON file. Arguments and errors are those of `to_gpx`."""
+        from xbus.export.geojson import GeoJson
+
+        export(GeoJson(source, every_seconds, every_metres), self, [self], path)
 
     def to_mcap(
         self: Part,

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     import polars as pl
     import pyarrow as pa
 
-__all__ = ["Log", "LogDevice", "MissingDeviceError", "steady_time"]
+__all__ = ["Log", "LogDevice", "MissingDeviceError", "log_devices", "steady_time"]
 
 
 DAMAGE = np.dtype([("offset", "i8"), ("length", "i8"), ("reason", "U12")])
@@ -85,6 +85,22 @@ class LogDevice(NamedTuple):
     samples: int
 
 
+def log_devices(
+    samples: Mapping[int, int], identities: Mapping[int, Identity]
+) -> tuple[LogDevice, ...]:
+    """Returns the devices that sent samples.
+
+    Args:
+        samples: The number of samples of each device, by the BID of its first sample.
+        identities: The identities by BID; 1 stands for FF too.
+    """
+    found = {bid: identity_of(identities, list(samples), bid) for bid in samples}
+    return tuple(
+        LogDevice(bid, identity.device_id, identity.product_code, identity.firmware, samples[bid])
+        for bid, identity in found.items()
+    )
+
+
 class Log(ByQuantity[Column], Exports):
     """A decoded recording: a mapping from quantity to `Column`, with the other messages and the damage.
 
@@ -117,8 +133,9 @@ class Log(ByQuantity[Column], Exports):
         quantities: QuantityFilter | None = None,
         identities: Mapping[int, Identity] | None = None,
         host_times: HostTimes | None = None,
+        devices: tuple[LogDevice, ...] | None = None,
     ) -> None:
-        self._core, self._filter = core, quantities
+        self._core, self._filter, self._devices = core, quantities, devices
         self._earlier = dict(identities or {})
         self._host_times = host_times or HostTimes(core)
         self.first_sample: int = core.first
@@ -263,18 +280,11 @@ class Log(ByQuantity[Column], Exports):
 
         BID FF and 1 are the same device.
         """
-        devices, samples = self._runs.of_devices(), self._runs.rows["samples"]
-        return tuple(
-            LogDevice(
-                bid,
-                identity.device_id,
-                identity.product_code,
-                identity.firmware,
-                int(samples[runs].sum()),
-            )
-            for bid, runs in devices.items()
-            for identity in [identity_of(self._identities, list(devices), bid)]
-        )
+        if self._devices is not None:
+            return self._devices
+        runs, samples = self._runs.of_devices(), self._runs.rows["samples"]
+        counts = {bid: int(samples[own].sum()) for bid, own in runs.items()}
+        return log_devices(counts, self._identities)
 
     # Everything else
 
@@ -778,7 +788,13 @@ class Log(ByQuantity[Column], Exports):
     __hash__ = None  # type: ignore[assignment]
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _unpickled, (self._core, self._filter, self._earlier, self._host_times)
+        return _unpickled, (
+            self._core,
+            self._filter,
+            self._earlier,
+            self._host_times,
+            self._devices,
+        )
 
     def __repr__(self) -> str:
         return text_table(f"<Log {self._summary()}>", self._quantity_rows(), "<>><")
@@ -836,5 +852,12 @@ def _unpickled(
     quantities: QuantityFilter | None,
     identities: dict[int, Identity],
     host_times: HostTimes,
+    devices: tuple[LogDevice, ...] | None,
 ) -> Log:
-    return Log(core, quantities=quantities, identities=identities, host_times=host_times)
+    return Log(
+        core,
+        quantities=quantities,
+        identities=identities,
+        host_times=host_times,
+        devices=devices,
+    )

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from xbus import _core
 from xbus.errors import XbusError
@@ -19,7 +20,7 @@ from xbus.files import file_version, is_plain, is_url, local_name
 from xbus.log.arrivals import Arrivals, HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
-from xbus.log.log import Log, MissingDeviceError
+from xbus.log.log import Log, LogDevice, MissingDeviceError, log_devices
 from xbus.log.pieces import KnownPieces, pieces_of
 from xbus.log.read import STEP, reader_of, thread_count
 from xbus.log.source import (
@@ -31,6 +32,7 @@ from xbus.log.source import (
     quantity_filter,
 )
 from xbus.protocol.keys import Key
+from xbus.protocol.tables import device_of
 from xbus.protocol.values import StringType
 from xbus.remote import Version
 from xbus.wire.strings import mask_of
@@ -59,6 +61,7 @@ class _Whole:
         bid: The device whose samples are read, or None for all.
         shape: The columns of the log.
         has_host_times: Whether a sample has a host time.
+        devices: The devices that sent samples.
     """
 
     versions: tuple[Version | None, ...]
@@ -66,6 +69,7 @@ class _Whole:
     bid: int | None
     shape: _core.Shape
     has_host_times: bool
+    devices: tuple[LogDevice, ...]
 
 
 @dataclass(frozen=True)
@@ -157,9 +161,9 @@ class LogPart:
         return log
 
     def empty(self, *, quantities: Iterable[Key] | None = None) -> Log:
-        """Returns a log without samples, with the columns of the whole log: their types, units and names.
+        """Returns a log without samples, with the columns and the devices of the whole log.
 
-        It gives the schema of the tables of all parts without reading any of them.
+        It gives the schema of the tables of all parts without reading any of them: types, units and names.
 
         Args:
             quantities: As in `read_log`.
@@ -172,7 +176,7 @@ class LogPart:
         keep = quantity_filter(quantities)
         core = self._shape(keep).empty()
         host_times = HostTimes(core, is_known=self._whole.has_host_times)
-        return Log(core, quantities=keep, host_times=host_times)
+        return Log(core, quantities=keep, host_times=host_times, devices=self._whole.devices)
 
     def _shape(self, keep: QuantityFilter | None) -> _core.Shape:
         shape = self._whole.shape
@@ -287,6 +291,7 @@ def split_log(
         bid,
         first_pass.shape,
         first_pass.has_host_times,
+        first_pass.devices,
     )
     return [LogPart(*part, whole) for part in found]
 
@@ -320,6 +325,29 @@ class _FirstPass:
         self._bid = bid
         self._shape, self._of_device = _core.Shape(), _core.Shape()
         self.has_host_times = False
+        #: Number of samples of each device, by the BID of its first sample.
+        self._samples: dict[int, int] = {}
+        self._identities: dict[int, Identity] = {}
+
+    @property
+    def devices(self) -> tuple[LogDevice, ...]:
+        """The devices that sent samples; only the wanted one if there is one."""
+        devices = log_devices(self._samples, self._identities)
+        return tuple(
+            device
+            for device in devices
+            if self._bid is None or device_of(device.bid) == device_of(self._bid)
+        )
+
+    def _count(self, bids: npt.NDArray[np.uint8]) -> None:
+        """Adds the samples of a part, of which these are the BIDs."""
+        if not len(bids):
+            return
+        found, first, counts = np.unique(device_of(bids), return_index=True, return_counts=True)
+        known = {device_of(bid): bid for bid in self._samples}
+        for place in np.argsort(first).tolist():
+            bid = known.get(int(found[place]), int(bids[first[place]]))
+            self._samples[bid] = self._samples.get(bid, 0) + int(counts[place])
 
     @property
     def shape(self) -> _core.Shape:
@@ -334,9 +362,7 @@ class _FirstPass:
             MissingDeviceError: The log has no samples of the device.
         """
         is_bytes = not isinstance(source, KnownPieces) and not _is_name(source)
-        identities: dict[int, Identity] = {}
         clocks: dict[int, HostClock] = {}
-        bids: dict[int, int] = {}  # of the first sample of each device
         samples = 0
         more = True
         while more:
@@ -351,26 +377,24 @@ class _FirstPass:
             if end == start and start:
                 break
             core = reader.take()
-            log = Log(core, identities=identities)
+            log = Log(core, identities=self._identities)
             self._shape.add(core)
+            self._count(core.bid)
             own = core
             if self._bid is not None:
                 own = core.of_device(self._bid, samples)
                 self._of_device.add(own)
             data = _Bytes.of(source, start, end) if is_bytes else source
             arrived = arrivals and arrivals.between(start, end)
-            begin = _Begin(data, not more, state, identities, clocks, arrived)
+            begin = _Begin(data, not more, state, self._identities, clocks, arrived)
             yield start, end, samples, len(own), *_time_range(own), begin
             samples += len(own)
-            identities = log._identities
+            self._identities = log._identities
             if arrivals is not None:
                 clocks = HostTimes(core, arrivals, clocks).clocks
-            if self._bid is not None:
-                for device in log.devices:
-                    bids.setdefault(_core.device_of(device.bid), device.bid)
         self.has_host_times = bool(clocks)
         if self._bid is not None and not samples:
-            raise MissingDeviceError(self._bid, bids.values())
+            raise MissingDeviceError(self._bid, self._samples)
 
 
 def _time_range(part: _core.Part) -> tuple[float, float, bool]:
