@@ -27,6 +27,7 @@ bench:
 	cargo bench --bench decode
 	python benches/peers.py
 	python benches/export.py
+	python benches/ros.py
 	python benches/threads.py
 	python benches/batch.py
 	python benches/report.py

@@ -235,6 +235,13 @@ REP: dict[str, tuple[bytes, dict[str, Any], str, str, list[float]]] = {
         "world",
         [1, 2, 3],
     ),
+    "free acceleration kept": (
+        NED + real(0x4030, 1, 2, 3),
+        {"keep_coordinates": True},
+        "/filter/free_acceleration",
+        "world",
+        [1, 2, 3],
+    ),
     "free acceleration in ned": (
         real(0x4034, 1, 2, 3),
         {},
@@ -294,6 +301,11 @@ def test_a_pose_is_in_the_frame_of_the_earth() -> None:
     q = np.array([[w, x, y, z]])
     turned = [rotate(q, axis)[0].round(12).tolist() for axis in np.eye(3)]
     assert turned == [[-1, 0, 0], [0, 0, 1], [0, 1, 0]]
+    kept, converted = (
+        first(written(mtdata2(position, NED), keep_coordinates=keeps), "/gnss_pose").data
+        for keeps in (True, False)
+    )
+    assert kept == converted
 
 
 def test_the_transform_is_that_of_the_orientation() -> None:

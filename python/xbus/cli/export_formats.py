@@ -76,7 +76,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
             "--rosbag2",
             is_flag=True,
             is_eager=True,  # -o depends on it
-            help="Write a folder of rosbag2 named OUT: an .mcap file and its metadata.yaml.",
+            help="Write a new folder of rosbag2 named OUT: an .mcap file and its metadata.yaml.",
         ),
     ),
     "frame_id": (

@@ -7,10 +7,10 @@ from typing import NamedTuple
 from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.tables import Quantity
 
-__all__ = ["Format", "format_of"]
+__all__ = ["COORDINATE_BITS", "Format", "format_of"]
 
 #: The bits of a data identifier for each of them.
-_PRECISION, _COORDINATES = 0x3, 0xC
+PRECISION_BITS, COORDINATE_BITS = 0x3, 0xC
 _KNOWN = {int(system): system for system in Coordinates}
 
 
@@ -40,9 +40,9 @@ def format_of(data_id: int) -> Format:
     quantity = Quantity.of(data_id)
     is_real = quantity is not None and quantity.kind == "real"
     rotates = quantity is not None and quantity.coordinates
-    system = data_id & _COORDINATES
+    system = data_id & COORDINATE_BITS
     return Format(
         quantity,
-        Precision(data_id & _PRECISION) if is_real else None,
+        Precision(data_id & PRECISION_BITS) if is_real else None,
         _KNOWN.get(system, system) if rotates else None,
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from typing import NamedTuple
 
 __all__ = ["DEFINITIONS", "HASHES", "TF_DEPTH", "TOPIC_DEPTH", "definition_of", "qos"]
 
@@ -89,14 +88,12 @@ TOPIC_DEPTH, TF_DEPTH = 5, 100
 SEPARATOR = "=" * 80
 
 
-class _Nested(NamedTuple):
-    seen: list[str]
-
-    def add(self, name: str) -> None:
-        for used in re.findall(r"^(\w+/\w+)", DEFINITIONS[name], re.MULTILINE):
-            if used not in self.seen:
-                self.seen.append(used)
-                self.add(used)
+def _types_in(name: str) -> list[str]:
+    """Returns the types that a type uses, each once, those of a field after the field."""
+    found: dict[str, None] = {}
+    for used in re.findall(r"^(\w+/\w+)", DEFINITIONS[name], re.MULTILINE):
+        found |= dict.fromkeys([used, *_types_in(used)])
+    return list(found)
 
 
 def definition_of(name: str) -> str:
@@ -110,9 +107,7 @@ def definition_of(name: str) -> str:
     int32 sec
     uint32 nanosec
     """
-    nested = _Nested([])
-    nested.add(name)
-    others = (f"{SEPARATOR}\nMSG: {used}\n{DEFINITIONS[used]}" for used in nested.seen)
+    others = (f"{SEPARATOR}\nMSG: {used}\n{DEFINITIONS[used]}" for used in _types_in(name))
     return "\n".join([DEFINITIONS[name], *others])
 
 

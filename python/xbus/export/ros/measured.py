@@ -11,6 +11,9 @@ import numpy.typing as npt
 
 from xbus.export.part import Part, PartColumn
 from xbus.geometry import quaternion
+from xbus.protocol.formats import COORDINATE_BITS
+from xbus.protocol.ids import Coordinates
+from xbus.protocol.tables import QUANTITIES
 
 __all__ = [
     "ENU",
@@ -28,7 +31,7 @@ FloatArray = npt.NDArray[np.float64]
 
 ENU = "ENU"
 #: Quantities whose identifiers name a coordinate system.
-ORIENTED = ("euler_angles", "rotation_matrix", "quaternion", "velocity_xyz")
+ORIENTED = tuple(name for name, row in QUANTITIES.items() if row.coordinates)
 #: The rotation from each coordinate system to ENU, q0 first.
 TO_ENU = {
     "ENU": np.array([1.0, 0, 0, 0]),
@@ -42,8 +45,7 @@ AXES_TO_ENU = {
     "NWU": ([1, 0, 2], [-1.0, 1.0, 1.0]),
 }
 #: Coordinate systems by the bits of a data identifier (Table 17).
-SYSTEMS = {0x4: "NED", 0x8: "NWU"}
-SYSTEM_BITS = 0xC
+SYSTEMS = {int(system): system.name for system in Coordinates}
 
 
 class Rows(NamedTuple):
@@ -154,17 +156,19 @@ class Measured:
         sample, values = self.rows(name)
         return Rows(sample, values.astype(np.float64))
 
-    def vectors(self, name: str) -> Rows:
-        """Returns vectors of the earth frame."""
-        return self._joined(
-            (column.sample, self._turned(column)) for column in columns_of(self._part, name)
-        )
-
     @cached_property
     def orientation(self) -> Rows:
         """Quaternions, q0 first: from the quaternion, otherwise the matrix, otherwise the Euler angles."""
+        return self._orientation(converts=self._converts)
+
+    @cached_property
+    def enu_orientation(self) -> Rows:
+        """The same in ENU."""
+        return self.orientation if self._converts else self._orientation(converts=True)
+
+    def _orientation(self, *, converts: bool) -> Rows:
         return self._joined(
-            (column.sample, self._turn(column, of(column.values)))
+            (column.sample, _turned(column, of(column.values), converts=converts))
             for name, of in QUATERNIONS.items()
             for column in columns_of(self._part, name)
         )
@@ -180,19 +184,21 @@ class Measured:
         )
 
     def _angles(self, column: PartColumn) -> FloatArray:
-        if column.name == "euler_angles" and not self._is_turned(column):
+        is_kept = not self._converts or system_of(column) == ENU
+        if column.name == "euler_angles" and is_kept:
             return column.values.astype(np.float64)
-        return euler_of(self._turn(column, QUATERNIONS[column.name](column.values)))
+        q = QUATERNIONS[column.name](column.values)
+        return euler_of(_turned(column, q, converts=self._converts))
 
-    def _is_turned(self, column: PartColumn) -> bool:
-        return self._converts and system_of(column) != ENU
+    def vectors(self, name: str) -> Rows:
+        """Returns vectors of the local frame."""
+        return self._joined(
+            (column.sample, self._vectors(column)) for column in columns_of(self._part, name)
+        )
 
-    def _turn(self, column: PartColumn, q: FloatArray) -> FloatArray:
-        return quaternion.multiply(TO_ENU[system_of(column)], q) if self._is_turned(column) else q
-
-    def _turned(self, column: PartColumn) -> FloatArray:
+    def _vectors(self, column: PartColumn) -> FloatArray:
         values = column.values.astype(np.float64)
-        if not self._is_turned(column):
+        if not self._converts or system_of(column) == ENU:
             return values
         places, signs = AXES_TO_ENU[system_of(column)]
         return np.asarray(values[:, places] * np.array(signs))
@@ -222,9 +228,15 @@ class Measured:
         return Rows(sample[keep], values[keep])
 
 
+def _turned(column: PartColumn, q: FloatArray, *, converts: bool) -> FloatArray:
+    """Returns the orientations of a column, in ENU if they are converted."""
+    system = system_of(column)
+    return quaternion.multiply(TO_ENU[system], q) if converts and system != ENU else q
+
+
 def system_of(column: PartColumn) -> str:
     """Returns the coordinate system of a column.
 
     The manual defines none for free acceleration: it is ENU, unless its identifier has other bits.
     """
-    return column.coordinates or SYSTEMS.get(column.data_id & SYSTEM_BITS, ENU)
+    return column.coordinates or SYSTEMS.get(column.data_id & COORDINATE_BITS, ENU)

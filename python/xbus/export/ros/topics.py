@@ -332,19 +332,25 @@ def _nmea(measured: Measured, style: Style, layout: Layout) -> Bodies:  # noqa: 
 
 def _pose(measured: Measured, style: Style, layout: Layout) -> Bodies:  # noqa: ARG001
     lat_lon, altitude = measured.numbers("lat_lon"), measured.numbers("altitude_ellipsoid")
-    orientation = measured.orientation
+    orientation = measured.orientation if style.is_driver else measured.enu_orientation
     sample = inner(lat_lon, altitude, orientation)
     lat, lon = lat_lon.at(sample).reshape(-1, 2).T
     height, q = altitude.at(sample), orientation.at(sample)
     if style.is_driver:
         return Bodies(sample, _columns(lat, lon, height, xyzw(q)))
-    # From the local frame ENU to ECEF: east becomes y and up becomes x at latitude and longitude zero.
-    to_ecef = quaternion.multiply(
-        quaternion.from_rotation_vector(np.radians(lon + 90)[:, np.newaxis] * [0, 0, 1.0]),
-        quaternion.from_rotation_vector(np.radians(90 - lat)[:, np.newaxis] * [1.0, 0, 0]),
-    )
     position = geodetic_to_ecef(lat, lon, height)
-    return Bodies(sample, _columns(position, xyzw(quaternion.multiply(to_ecef, q))))
+    return Bodies(sample, _columns(position, xyzw(quaternion.multiply(_enu_to_ecef(lat, lon), q))))
+
+
+def _enu_to_ecef(
+    lat: npt.NDArray[np.float64], lon: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """Returns the rotations from east, north and up at places in degrees to ECEF, as quaternions."""
+    about_x, about_z = np.zeros((2, len(lat), 3))
+    about_x[:, 0], about_z[:, 2] = np.radians(90 - lat), np.radians(90 + lon)
+    return quaternion.multiply(
+        quaternion.from_rotation_vector(about_z), quaternion.from_rotation_vector(about_x)
+    )
 
 
 #: All topics but the driver's ``/odometry``, which is off by default, and whose first message is wrong.
