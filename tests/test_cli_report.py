@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import sys
@@ -42,6 +43,46 @@ def test_a_split_recording_has_one_page() -> None:
     text = Path("both.html").read_text("utf-8")
     assert "<h1>a.mtb, b.mtb</h1>" in text
     assert "<dt>samples</dt><dd>1,040</dd>" in text
+
+
+def test_different_recordings_stand_side_by_side() -> None:
+    result = run("report", FIELD, WALK, "-o", "both.html", "--json")
+    assert result.exit_code == 0
+    first, second = json.loads(result.stdout)
+    assert (first["files"], second["files"]) == ([FIELD], [WALK])
+    assert (first["lost_samples"], second["lost_samples"]) == (23, 0)
+    assert result.stderr == (
+        "both.html: field.mtb: 9.99 s, 23 samples lost in 12 gaps, 1,816 bytes of damage in 12 places\n"
+        "both.html: walk.mtb: 9.99 s, no samples lost, no damage\n"
+    )
+    text = Path("both.html").read_text("utf-8")
+    assert "<h1>field.mtb, walk.mtb</h1>" in text
+    assert text.count("<dt>samples</dt>") == 2
+
+
+def test_recordings_of_the_same_name_have_their_folders() -> None:
+    for folder, source in (("a", FIELD), ("b", WALK)):
+        Path(folder).mkdir()
+        Path(folder, "x.mtb").write_bytes(Path(source).read_bytes())
+    assert run("report", "a/x.mtb", "b/x.mtb", "-o", "both.html").exit_code == 0
+    assert "<h1>a/x.mtb, b/x.mtb</h1>" in Path("both.html").read_text("utf-8")
+
+
+def test_one_bad_recording_of_several_is_an_error() -> None:
+    Path("no.mtb").write_bytes(b"nothing")
+    assert "no Xbus frame in no.mtb" in sentence(
+        run("report", FIELD, WALK, "no.mtb", "-o", "both.html")
+    )
+    assert not Path("both.html").exists()
+
+
+def test_options_add_to_the_page() -> None:
+    options = {"--spectrum": "spectrum acc", "--spectrogram": "spectrogram acc", "--map": "map"}
+    for option in [[], *([option] for option in options)]:
+        assert run("report", WALK, "-o", "walk.html", *option).exit_code == 0
+        figures = Path("walk.html").read_text("utf-8").partition('id="figures">')[2][: 10**6]
+        for name, first in options.items():
+            assert (f'"name":"{first}' in figures) == (name in option), (option, name)
 
 
 def test_standard_input() -> None:

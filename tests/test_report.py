@@ -23,10 +23,11 @@ from hypothesis import given, settings
 
 import xbus
 from conftest import OWN_CAPTURES, counter, damaged_streams, fine
-from streams import mtdata2, packet
+from streams import mtdata2, packet, real
 from xbus import MessageId, SimulatedDevice, encode_frame, encode_sample
 from xbus.plots.palette import ALARM, COLOURS
-from xbus.report import gather, write_report
+from xbus.report import Options, gather, plotly_js, write_report
+from xbus.report.base_map import SERVER
 from xbus.report.findings import findings, percent
 from xbus.report.page import page
 
@@ -92,7 +93,7 @@ class Page(HTMLParser):
 
 
 def text_of(source: Any, title: str = "walk") -> str:
-    return page(title, gather(source), NO_PLOTLY)
+    return page(title, [(title, gather(source))], NO_PLOTLY)
 
 
 def page_of(source: Any) -> Page:
@@ -120,6 +121,12 @@ def samples(rows: int, **more: Any) -> list[bytes]:
 def sample(row: int, *more: bytes, start: int = 0, bid: int = 0xFF) -> bytes:
     """Returns a sample at 100 Hz of a clock that starts at ``start`` s."""
     return mtdata2(counter(row), fine(10_000 * start + 100 * row), *more, bid=bid)
+
+
+def utc(second: int) -> bytes:
+    """Returns valid UTC, this long after 2026-11-22 09:30."""
+    date = (0).to_bytes(4, "big") + (2026).to_bytes(2, "big")
+    return packet(0x1010, date + bytes([11, 22, 9, 30, second, 7]))
 
 
 # Findings
@@ -457,6 +464,70 @@ def test_nothing_is_fetched() -> None:
     assert "@import" not in style
 
 
+# Map
+
+
+def test_a_map_is_the_only_thing_that_is_fetched() -> None:
+    data = gather(WALK, options=Options(base_map=True))
+    text = page("walk", [("walk", data)], NO_PLOTLY)
+    report = Page(text)
+    assert "© OpenStreetMap contributors, © CARTO" in report.text
+    assert f"img-src data: blob: {SERVER}" in text
+    assert "default-src 'none'" in text
+    assert SERVER not in text_of(WALK)
+    images = report.figure("map")["layout"]["images"]
+    assert all(image["source"].startswith(f"{SERVER}/rastertiles/voyager/18/") for image in images)
+    # The tile that holds the start of the track.
+    lat, lon = np.radians(xbus.read_log(WALK)["lat_lon"].values[0])
+    number = 2**18
+    column = int((lon / np.pi + 1) / 2 * number)
+    row = int((1 - np.log(np.tan(lat) + 1 / np.cos(lat)) / np.pi) / 2 * number)
+    (tile,) = [image for image in images if image["source"].endswith(f"/{column}/{row}.png")]
+    x, y = (array(report.figure("map")["data"][-1][axis])[0] for axis in "xy")
+    assert tile["x"] <= x < tile["x"] + tile["sizex"]
+    assert tile["y"] - tile["sizey"] < y <= tile["y"]
+
+
+def test_a_map_of_a_long_way_has_few_tiles() -> None:
+    rows = samples(50, lat_lon=lambda row: [-60 + row, 170 + row])
+    data = gather(b"".join(rows), options=Options(base_map=True))
+    report = Page(page("way", [("way", data)], NO_PLOTLY))
+    images = report.figure("map")["layout"]["images"]
+    assert 4 <= len(images) <= 30
+    numbers = [image["source"].removesuffix(".png").split("/")[-3:] for image in images]
+    assert all(0 <= int(at) < 2 ** int(zoom) for zoom, *place in numbers for at in place)
+
+
+def test_without_a_position_there_is_no_map() -> None:
+    data = gather(b"".join(samples(50, temperature=1)), options=Options(base_map=True))
+    assert SERVER not in page("rest", [("rest", data)], NO_PLOTLY)
+
+
+# Several recordings
+
+
+def test_recordings_side_by_side() -> None:
+    short = b"".join(samples(50, acceleration=[0, 0, 1], free_acceleration=[0, 0, 0]))
+    reports = [("walk.mtb", gather(WALK)), ("short.mtb", gather(short)), ("empty", gather(b""))]
+    text = page("three", reports, NO_PLOTLY)
+    report = Page(text)
+    assert len(report.ids) == len(set(report.ids))
+    assert {link.removeprefix("#") for link in report.links} <= set(report.ids)
+    assert len(report.figures) == report.tags.count("figure")
+    wanted = [figure for figure in report.figures if figure["name"] == "acceleration"]
+    assert [figure["recording"] for figure in wanted] == [0, 1]
+    assert [len(array(figure["data"][0]["x"])) for figure in wanted] == [1000, 50]
+    # What only one recording has.
+    heading = text.partition('id="free_acceleration"')[2].partition("</section>")[0]
+    assert re.findall(r'class="of">([^<]*)', heading) == ["walk.mtb", "short.mtb", "empty"]
+    assert heading.count("Not in this recording.") == 2
+    # What is the same for all is said once.
+    assert text.count("Overlapping Allan deviation.") <= 2
+    # Each has its own verdict.
+    for verdict in ("No sample lost, no damage, no errors", "no samples, only messages"):
+        assert verdict in report.text
+
+
 # The file
 
 
@@ -561,18 +632,18 @@ def browse(path: Path, what: str, *, width: int = 1200) -> tuple[str, str]:
     return done.stdout.decode("utf-8"), "\n".join(item for item in log if "CONSOLE" in item)
 
 
-def evil_page(folder: Path) -> tuple[Path, list[dict[str, Any]]]:
+def evil_page(folder: Path, *, spectra: bool = False) -> tuple[Path, list[dict[str, Any]]]:
     """Returns a page of a recording with all kinds of content, and the figures in the page."""
     data = encode_frame(MessageId.Warning, bytes([0, 0, 0, 42]) + EVIL.encode())
     (folder / "field.mtb").write_bytes(data + FIELD.read_bytes())
     out = folder / "field.html"
-    write_report(folder / "field.mtb", out, title=EVIL)
+    write_report(folder / "field.mtb", out, title=EVIL, spectrum=spectra, spectrogram=spectra)
     return out, Page(out.read_text("utf-8")).figures
 
 
 @browser
 def test_a_browser_draws_every_curve(tmp_path: Path) -> None:
-    out, figures = evil_page(tmp_path)
+    out, figures = evil_page(tmp_path, spectra=True)
     dom, complaints = browse(out, "--dump-dom")
     # A violation of the content policy, such as a fetch, is a console message too.
     assert complaints == ""
@@ -581,6 +652,9 @@ def test_a_browser_draws_every_curve(tmp_path: Path) -> None:
     plots = dom.split('class="plot js-plotly-plot"')[1:]
     assert len(plots) == len(figures)
     for plot, figure in zip(plots, figures, strict=True):
+        if figure["name"].startswith("spectrogram"):
+            assert '<g class="hm"><image' in plot
+            continue
         _, *traces = plot.split('class="trace scatter')
         assert len(traces) == len(figure["data"]), figure["name"]
         for drawn, data in zip(traces, figure["data"], strict=True):
@@ -666,8 +740,19 @@ VISITOR = """<script>
 @browser
 def test_zoom_and_print_apply_to_all_plots(tmp_path: Path) -> None:
     """A zoom in one plot over time applies to all of them; printed plots are as wide as the paper."""
-    out, figures = evil_page(tmp_path)
-    text = re.sub("<meta http-equiv[^>]*>", "", out.read_text("utf-8"))
+    rows = [
+        sample(
+            row,
+            real(0x4020, row % 7, 0, 9.8),
+            real(0x0810, row),
+            *([] if row % 100 else [utc(row // 100)]),
+        )
+        for row in range(1000)
+    ]
+    out = tmp_path / "page.html"
+    text = page("page", [("page", gather(b"".join(rows)))], plotly_js())
+    figures = Page(text).figures
+    text = re.sub("<meta http-equiv[^>]*>", "", text)
     out.write_text(text.replace("</body>", f"{VISITOR}</body>"), "utf-8")
     dom, complaints = browse(out, "--dump-dom")
     assert complaints == ""
@@ -719,11 +804,6 @@ def test_a_restarted_device_continues_the_axis() -> None:
 
 def test_utc_goes_on_during_a_restart() -> None:
     """The axis shows no interruption, and UTC shows how long it took."""
-
-    def utc(second: int) -> bytes:
-        date = (0).to_bytes(4, "big") + (2026).to_bytes(2, "big")
-        return packet(0x1010, date + bytes([11, 22, 9, 30, second, 7]))
-
     wake_up = encode_frame(MessageId.WakeUp)
     rows = [sample(0), sample(1, utc(1)), wake_up, sample(0), wake_up, sample(0, utc(20))]
     zero = np.datetime64("2026-11-22T09:30:00", "ns").astype(int)

@@ -14,7 +14,12 @@ from xbus.cli.failure import Failure
 from xbus.cli.inputs import Input, label, strings_option
 from xbus.cli.number_type import NumberRange
 from xbus.cli.rate_use import RateUse
-from xbus.cli.recordings import Recording, one_recording, several_recordings
+from xbus.cli.recordings import (
+    Recording,
+    joined_recordings,
+    one_recording,
+    several_recordings,
+)
 
 if TYPE_CHECKING:
     from xbus.cli.progress import ShowsProgress
@@ -94,6 +99,10 @@ class InputOptions:
         return one_recording(
             self.names, allow_restart=self.allow_restart, is_hex=self.is_hex, remedy=remedy
         )
+
+    def joined_recordings(self) -> list[Recording]:
+        """Returns the recordings, as `joined_recordings`."""
+        return joined_recordings(self.names, allow_restart=self.allow_restart, is_hex=self.is_hex)
 
     @contextmanager
     def checked_rate(self, recording: Recording) -> Iterator[RateUse]:

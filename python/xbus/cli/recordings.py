@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Recording",
     "find_files",
+    "joined_recordings",
     "one_recording",
     "several_recordings",
 ]
@@ -225,6 +226,39 @@ def one_recording(
         Failure: A file cannot be read.
         UsageError: The inputs are different recordings.
     """
+    recordings, error = _joined(names, allow_restart=allow_restart, is_hex=is_hex)
+    if len(recordings) == 1:
+        return recordings[0]
+    if error is None:
+        raise click.UsageError(f"text in hex is one recording per file; {remedy}")
+    if error.is_restart:
+        remedy += ", or --allow-restart if the device restarted in between"
+    raise click.UsageError(
+        f"these are different recordings: {label(error.other)} does not continue {label(error.one)}, "
+        f"because {error.reason}; {remedy}"
+    )
+
+
+def joined_recordings(
+    names: Sequence[str], *, allow_restart: bool, is_hex: bool
+) -> list[Recording]:
+    """Returns one recording if the files that arguments name are its pieces, whatever their names.
+
+    Args:
+        names: Files, folders, patterns and URLs.
+        allow_restart: As in `xbus.read_log`.
+        is_hex: Whether the files are text with the bytes in hex. Each is a recording.
+
+    Raises:
+        Failure: A file cannot be read.
+    """
+    return _joined(names, allow_restart=allow_restart, is_hex=is_hex)[0]
+
+
+def _joined(
+    names: Sequence[str], *, allow_restart: bool, is_hex: bool
+) -> tuple[list[Recording], PiecesError | None]:
+    """Returns the recordings, and why there are several, if they are not text in hex."""
     from xbus.log.pieces import PiecesError, pieces_of
 
     files = find_files(names)
@@ -232,22 +266,15 @@ def one_recording(
         raise click.UsageError("- is a whole recording and cannot be joined with other inputs")
     _check_existence(files)
     recordings = several_recordings(names, allow_restart=allow_restart, is_hex=is_hex)
-    if len(recordings) == 1:
-        return recordings[0]
-    if is_hex:
-        raise click.UsageError(f"text in hex is one recording per file; {remedy}")
+    if len(recordings) == 1 or is_hex:
+        return recordings, None
     try:
         pieces = pieces_of(files, allow_restart=allow_restart, direct=True)
     except PiecesError as error:
-        if error.is_restart:
-            remedy += ", or --allow-restart if the device restarted in between"
-        raise click.UsageError(
-            f"these are different recordings: {label(error.other)} does not continue {label(error.one)}, "
-            f"because {error.reason}; {remedy}"
-        ) from None
+        return recordings, error
     except OSError as error:
         raise cannot(f"read {label(str(error.filename or files[0]))}", error) from error
-    return Recording(pieces.names, pieces.notes)
+    return [Recording(pieces.names, pieces.notes)], None
 
 
 def _check_existence(files: Sequence[str]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -13,13 +13,15 @@ from xbus.log.log import Log
 from xbus.log.read import iter_log
 from xbus.log.source import Source
 from xbus.protocol.values import StringType
-from xbus.report.data import ReportData
+from xbus.report.data import Options, ReportData
 from xbus.report.page import page
 
-__all__ = ["BLOCK", "gather", "gather_parts", "plotly_js", "write_page", "write_report"]
+__all__ = ["BLOCK", "Options", "gather", "gather_parts", "plotly_js", "write_page", "write_report"]
 
 #: Bytes of input in memory at a time.
 BLOCK = 4 << 20
+#: A report without anything on request.
+NOTHING_MORE = Options()
 
 
 def write_report(
@@ -30,6 +32,9 @@ def write_report(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    spectrum: bool = False,
+    spectrogram: bool = False,
+    base_map: bool = False,
 ) -> None:
     """Writes a report about a log: its device, losses, plots, track, status and sensor noise.
 
@@ -42,6 +47,10 @@ def write_report(
         bid: As in `xbus.read_log`.
         rate: As in `xbus.read_log`.
         strings: As in `xbus.read_log`.
+        spectrum: Whether the page has the spectrum of acceleration and rate of turn.
+        spectrogram: Whether it has their spectrum over time.
+        base_map: Whether it has a map below the track. A browser loads the map from basemaps.cartocdn.com;
+            without one, the page requests nothing.
 
     Raises:
         ImportError: The extra ``report`` is not installed.
@@ -61,8 +70,9 @@ def write_report(
         title = "recording"
         if isinstance(source, str | os.PathLike):
             title = os.path.basename(os.fspath(source))  # noqa: PTH119 - pathlib is slow to import
-    data = gather(source, bid=bid, rate=rate, strings=strings)
-    write_page(data, path, title=title, plotly=plotly)
+    options = Options(spectrum, spectrogram, base_map)
+    data = gather(source, bid=bid, rate=rate, strings=strings, options=options)
+    write_page([(title, data)], path, title=title, plotly=plotly)
 
 
 def plotly_js() -> str:
@@ -84,6 +94,7 @@ def gather(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    options: Options = NOTHING_MORE,
 ) -> ReportData:
     """Reads a log and returns the content of its report.
 
@@ -92,26 +103,34 @@ def gather(
         bid: As in `xbus.read_log`.
         rate: As in `xbus.read_log`.
         strings: As in `xbus.read_log`.
+        options: What the report has on request.
     """
-    return gather_parts(iter_log(source, block_bytes=BLOCK, bid=bid, rate=rate, strings=strings))
+    parts = iter_log(source, block_bytes=BLOCK, bid=bid, rate=rate, strings=strings)
+    return gather_parts(parts, options)
 
 
-def gather_parts(parts: Iterable[Log]) -> ReportData:
+def gather_parts(parts: Iterable[Log], options: Options = NOTHING_MORE) -> ReportData:
     """Returns the content of the report about a log in parts."""
     # Numbers in a log can have any size; they are shown as inf if they overflow.
     with np.errstate(over="ignore", invalid="ignore"):
-        return ReportData(parts)
+        return ReportData(parts, options)
 
 
-def write_page(data: ReportData, path: str | os.PathLike[str], *, title: str, plotly: str) -> None:
+def write_page(
+    reports: Sequence[tuple[str, ReportData]],
+    path: str | os.PathLike[str],
+    *,
+    title: str,
+    plotly: str,
+) -> None:
     """Writes a report.
 
     Args:
-        data: Content of the report.
+        reports: Name of each recording, and content of its report; several stand side by side.
         path: The HTML file. It appears complete or not at all.
         title: Title of the page.
         plotly: JavaScript of plotly.
     """
-    text = page(title, data, plotly)
+    text = page(title, reports, plotly)
     with replacing(path) as out:
         out.write(text.encode("utf-8", "backslashreplace"))

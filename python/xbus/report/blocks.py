@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from xbus.report.data import MAX_ROWS
 from xbus.report.figures import Figure
 
-__all__ = ["Block", "Heading", "Paragraph", "Plot", "Section", "Table", "table_of_first"]
+__all__ = [
+    "Block",
+    "Columns",
+    "Heading",
+    "Paragraph",
+    "Plot",
+    "Section",
+    "Table",
+    "figures_of",
+    "table_of_first",
+]
 
 
 @dataclass(frozen=True)
@@ -51,7 +61,15 @@ class Table:
     links: Mapping[int, str] = field(default_factory=dict)
 
 
-Block = Paragraph | Heading | Plot | Table
+@dataclass(frozen=True)
+class Columns:
+    """The same about several recordings, side by side: their names, and blocks about each."""
+
+    names: Sequence[str]
+    cells: Sequence[Sequence[Block]]
+
+
+Block = Paragraph | Heading | Plot | Table | Columns
 
 
 @dataclass(frozen=True)
@@ -61,6 +79,16 @@ class Section:
     anchor: str
     title: str
     blocks: Sequence[Block]
+
+
+def figures_of(blocks: Iterable[Block]) -> Iterator[Figure]:
+    """Yields the figures in blocks, in order."""
+    for block in blocks:
+        if isinstance(block, Plot):
+            yield block.figure
+        elif isinstance(block, Columns):
+            for cell in block.cells:
+                yield from figures_of(cell)
 
 
 def table_of_first(

@@ -20,9 +20,10 @@ from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
 from xbus.protocol.undecoded import output_mids
 from xbus.report.allan import Longest
 from xbus.report.clock import Clock, ClockPiece
+from xbus.report.spectrum import Spectrum
 from xbus.report.track import SOURCES, Track
 
-__all__ = ["Flag", "Panel", "ReportData", "Series", "Setting"]
+__all__ = ["Flag", "Options", "Panel", "ReportData", "Series", "Setting"]
 
 #: Quantities with an Allan deviation.
 NOISY = ("acceleration", "acceleration_hr", "rate_of_turn", "rate_of_turn_hr")
@@ -63,6 +64,20 @@ class Panel(NamedTuple):
     curves: Curves
 
 
+class Options(NamedTuple):
+    """What a report has on request.
+
+    Attributes:
+        spectrum: The spectrum of acceleration and rate of turn.
+        spectrogram: The same over time.
+        base_map: A map below the track, which needs a network when the page is opened.
+    """
+
+    spectrum: bool = False
+    spectrogram: bool = False
+    base_map: bool = False
+
+
 class Series:
     """One quantity of a device over time.
 
@@ -71,15 +86,18 @@ class Series:
         panels: The plots by title.
         steps: Time between rows.
         longest: The longest stretch without a gap; None for quantities without an Allan deviation.
+        spectrum: The spectrum, for the same quantities; None if it is not wanted.
     """
 
-    def __init__(self, column: Column) -> None:
+    def __init__(self, column: Column, options: Options) -> None:
         self.name = column.name
         self.coordinates = column.coordinates
         self.device = ""
         self.panels: dict[str, Panel] = {}
         self.steps = Steps()
         self.longest = Longest(3) if column.name in NOISY else None
+        has_spectrum = column.name in NOISY and (options.spectrum or options.spectrogram)
+        self.spectrum = Spectrum() if has_spectrum else None
         #: Number of the run of the last row; -1 before the first row.
         self._run = -1
 
@@ -118,6 +136,8 @@ class Series:
             self.panels.setdefault(rows.title, panel).curves.add(time, rows.values, breaks)
         if self.longest is not None:
             self.longest.add(time, column.values, breaks)
+        if self.spectrum is not None:
+            self.spectrum.add(time, column.values, breaks)
         return breaks
 
 
@@ -171,6 +191,7 @@ class ReportData:
     """The content of a report.
 
     Attributes:
+        options: What the report has on request.
         summary: The content of ``xbus info``.
         axis: The horizontal axis.
         steps: Time between samples of each device, ms, by BID.
@@ -187,7 +208,8 @@ class ReportData:
         settings: Messages that are not events, without repetitions; at most `MAX_SETTINGS`.
     """
 
-    def __init__(self, parts: Iterable[Log]) -> None:
+    def __init__(self, parts: Iterable[Log], options: Options) -> None:
+        self.options = options
         self.summary = LogSummary(())
         self.axis = Axis()
         self._clocks: dict[int, Clock] = {}
@@ -301,7 +323,8 @@ class ReportData:
             rows = column.sample - part.first_sample
             time = x[rows]
             name = column.name, column.coordinates, bid
-            series = self._series.setdefault(name, Series(column))
+            if (series := self._series.get(name)) is None:
+                series = self._series[name] = Series(column, self.options)
             breaks = series.add(column, time, run[rows])
             if column.name == status:
                 self._add_status(column, time, breaks, series.steps.usual)

@@ -22,6 +22,8 @@ __all__ = [
     "noise",
     "panel",
     "profiles",
+    "spectrogram",
+    "spectrum",
     "steps",
     "track",
     "tracks",
@@ -263,6 +265,63 @@ def track(data: ReportData) -> Figure | None:
         "height": 520,
     }
     return {"name": "track", "is_over_time": False, "data": traces, "layout": layout}
+
+
+def spectrum(series: Series) -> Figure:
+    """Returns the amplitude spectral density of each axis; the series has one."""
+    assert series.spectrum is not None  # noqa: S101 - see `xbus.report.sections`
+    frequency, density = series.spectrum.density()
+    drawn = [
+        {
+            "type": "scatter",
+            "mode": "lines",
+            "x": frequency,
+            "y": np.where(amplitude > 0, amplitude, np.nan),
+            "name": name,
+            "line": _line(COLOURS[at]),
+        }
+        for at, (name, amplitude) in enumerate(zip("xyz", np.sqrt(density.T), strict=True))
+    ]
+    unit = next(iter(series.panels.values())).unit
+    scale = {"type": "log", "dtick": 1, "exponentformat": "power"}
+    layout = {
+        "xaxis": {"title": {"text": "frequency, Hz"}, **scale},
+        "yaxis": {"title": {"text": f"{series.name}, {unit}/√Hz"}, **scale},
+        "height": 380,
+    }
+    name = f"spectrum {series.anchor}"
+    return {"name": name, "is_over_time": False, "data": drawn, "layout": layout}
+
+
+def spectrogram(data: ReportData, series: Series) -> Figure:
+    """Returns the spectral density over time, the sum of the axes; the series has one."""
+    assert series.spectrum is not None  # noqa: S101 - see `xbus.report.sections`
+    time, frequency, density = series.spectrum.over_time()
+    with np.errstate(divide="ignore"):
+        decibels = 10 * np.log10(density).astype(np.float32)
+    unit = next(iter(series.panels.values())).unit
+    drawn = {
+        "type": "heatmap",
+        "x": time,
+        "y": frequency,
+        "z": np.where(np.isfinite(decibels), decibels, np.float32(np.nan)),
+        "colorscale": "Cividis",
+        "hovertemplate": "%{x:.2f} s, %{y:.4g} Hz: %{z:.1f} dB<extra></extra>",
+        "colorbar": {
+            "title": {"text": f"dB ({unit})²/Hz", "side": "top"},
+            "orientation": "h",
+            "y": 1,
+            "yanchor": "bottom",
+            "x": 0,
+            "xanchor": "left",
+            "len": 0.6,
+            "thickness": 8,
+        },
+    }
+    y = {"title": {"text": f"{series.name}, Hz"}}
+    figure = _over_time(data, f"spectrogram {series.anchor}", [drawn], y, 340)
+    figure["layout"]["margin"] = {"l": 70, "r": 15, "t": 60, "b": 45}
+    return figure
 
 
 def noise(series: Series) -> tuple[Figure, list[tuple[FloatArray, FloatArray]]] | None:

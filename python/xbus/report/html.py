@@ -8,18 +8,18 @@ import json
 from collections.abc import Iterable, Sequence
 from html import escape
 from importlib import resources
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from xbus.report.blocks import Block, Heading, Paragraph, Plot, Section, Table
+from xbus.report.blocks import Block, Columns, Heading, Paragraph, Plot, Section, Table
 from xbus.report.findings import Finding
 
-__all__ = ["document", "footer", "header", "main"]
+__all__ = ["Summary", "document", "footer", "header", "main"]
 
 
-def document(title: str, body: Iterable[str], figures: Any, plotly: str) -> str:
+def document(title: str, body: Iterable[str], figures: Any, plotly: str, server: str = "") -> str:
     """Returns the page around a body.
 
     Args:
@@ -27,6 +27,7 @@ def document(title: str, body: Iterable[str], figures: Any, plotly: str) -> str:
         body: HTML of its parts.
         figures: Figures for the plots in the body, in the same order.
         plotly: JavaScript of plotly.
+        server: The only server whose pictures the page may show; none if it is empty.
     """
     scripts = [plotly, _resource("page.js")]
     # The page fetches nothing and runs no other script, whatever a file name or a device contains.
@@ -34,6 +35,8 @@ def document(title: str, body: Iterable[str], figures: Any, plotly: str) -> str:
     policy = (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; img-src data: blob:"
     )
+    if server:
+        policy += f" {server}"
     # "<" could end the script element around the JSON.
     data = json.dumps(figures, default=_numbers, allow_nan=False, separators=(",", ":")).replace(
         "<", "\\u003c"
@@ -53,32 +56,58 @@ def document(title: str, body: Iterable[str], figures: Any, plotly: str) -> str:
     )
 
 
-def header(
-    title: str,
-    verdict: tuple[str, str],
-    findings: Sequence[Finding],
-    facts: Sequence[tuple[str, str]],
-    sections: Sequence[Section],
-) -> str:
+class Summary(NamedTuple):
+    """The most important facts about a recording.
+
+    Attributes:
+        name: Its name.
+        verdict: Class of its style (good, bad or note), and text.
+        findings: What the verdict lists.
+        facts: Names and texts.
+    """
+
+    name: str
+    verdict: tuple[str, str]
+    findings: Sequence[Finding]
+    facts: Sequence[tuple[str, str]]
+
+
+def header(title: str, summaries: Sequence[Summary], sections: Sequence[Section]) -> str:
     """Returns the top of the page.
 
     Args:
         title: Title of the page.
-        verdict: Class of its style (good, bad or note), and text.
-        findings: What the verdict lists.
-        facts: Names and texts.
+        summaries: About each recording.
         sections: Targets of the navigation.
     """
-    style, sentence = verdict
-    links = [f"<li>{_link(found.section, found.text)}</li>\n" for found in findings]
-    rows = [f"<dt>{_text(name)}</dt><dd>{_text(text)}</dd>\n" for name, text in facts]
+    found = list(map(_summary, summaries))
+    if len(found) > 1:
+        found = [_columns([summary.name for summary in summaries], found)]
     navigation = [_link(section.anchor, section.title) + "\n" for section in sections]
     return (
-        f"<header>\n<h1>{_text(title)}</h1>\n"
+        f"<header>\n<h1>{_text(title)}</h1>\n{''.join(found)}"
+        f"<nav>{''.join(navigation)}</nav>\n</header>\n"
+    )
+
+
+def _summary(summary: Summary) -> str:
+    style, sentence = summary.verdict
+    links = [f"<li>{_link(found.section, found.text)}</li>\n" for found in summary.findings]
+    rows = [f"<dt>{_text(name)}</dt><dd>{_text(text)}</dd>\n" for name, text in summary.facts]
+    return (
         f'<div class="verdict {style}"><strong>{_text(sentence)}</strong>\n'
         + (f"<ul>\n{''.join(links)}</ul>\n" if links else "")
-        + f"</div>\n<dl>\n{''.join(rows)}</dl>\n<nav>{''.join(navigation)}</nav>\n</header>\n"
+        + f"</div>\n<dl>\n{''.join(rows)}</dl>\n"
     )
+
+
+def _columns(names: Sequence[str], cells: Sequence[str]) -> str:
+    """Returns texts about several recordings side by side."""
+    found = [
+        f'<div><p class="of">{_text(name)}</p>\n{cell}</div>\n'
+        for name, cell in zip(names, cells, strict=True)
+    ]
+    return f'<div class="columns">\n{"".join(found)}</div>\n'
 
 
 def main(sections: Iterable[Section]) -> str:
@@ -108,6 +137,8 @@ def _block(block: Block) -> str:
             return f'<figure><div class="plot" style="height:{height}px"></div></figure>\n'
         case Table():
             return _table(block)
+        case Columns(names, cells):
+            return _columns(names, ["".join(map(_block, cell)) for cell in cells])
 
 
 def _table(table: Table) -> str:
@@ -144,7 +175,9 @@ def _numbers(values: npt.NDArray[Any]) -> dict[str, str]:
     """Returns an array in the binary form of plotly; NaN is a gap."""
     short = values.dtype == np.float32
     data = np.asarray(values, "<f4" if short else "<f8")
-    return {"dtype": "f4" if short else "f8", "bdata": base64.b64encode(data.tobytes()).decode()}
+    shape = {"shape": ", ".join(map(str, data.shape))} if data.ndim > 1 else {}
+    encoded = base64.b64encode(data.tobytes()).decode()
+    return {"dtype": "f4" if short else "f8", "bdata": encoded, **shape}
 
 
 def _resource(name: str) -> str:

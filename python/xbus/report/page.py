@@ -2,40 +2,52 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from xbus._core import __version__
 from xbus.describe.log_text import format_utc, log_rows
 from xbus.formatting import format_count
 from xbus.report import html
-from xbus.report.blocks import Plot
+from xbus.report.base_map import SERVER
+from xbus.report.blocks import figures_of
 from xbus.report.data import ReportData
 from xbus.report.findings import Finding, findings
 from xbus.report.sections import sections
+from xbus.report.side_by_side import side_by_side
 
 __all__ = ["page"]
 
 
-def page(title: str, data: ReportData, plotly: str) -> str:
+def page(title: str, reports: Sequence[tuple[str, ReportData]], plotly: str) -> str:
     """Returns the HTML.
 
     Args:
         title: Title of the page.
-        data: Content of the report.
+        reports: Name of each recording, and content of its report; at least one.
         plotly: JavaScript of plotly.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # as in `gather`
-        content = sections(data)
-        found = findings(data)
-    blocks = [block for section in content for block in section.blocks]
-    figures = [block.figure for block in blocks if isinstance(block, Plot)]
-    created = f"Created by xbus {__version__}. This file is complete: it needs no other file and no network."
-    body = [
-        html.header(title, _verdict(data, found), found, _facts(data), content),
-        html.main(content),
-        html.footer(created),
-    ]
-    return html.document(title, body, figures, plotly)
+        contents = [sections(data) for _, data in reports]
+        summaries = [
+            html.Summary(name, _verdict(data, found), found, _facts(data))
+            for name, data in reports
+            for found in [findings(data)]
+        ]
+    for number, content in enumerate(contents):
+        for figure in figures_of(block for section in content for block in section.blocks):
+            figure["recording"] = number
+    whole = (
+        contents[0] if len(contents) == 1 else side_by_side([name for name, _ in reports], contents)
+    )
+    whole = [section for section in whole if section.blocks]
+    figures = list(figures_of(block for section in whole for block in section.blocks))
+    server = SERVER if any(figure["name"] == "map" for figure in figures) else ""
+    needs = "network, except for the map" if server else "network"
+    created = f"Created by xbus {__version__}. This file is complete: it needs no other file and no {needs}."
+    body = [html.header(title, summaries, whole), html.main(whole), html.footer(created)]
+    return html.document(title, body, figures, plotly, server)
 
 
 def _verdict(data: ReportData, found: list[Finding]) -> tuple[str, str]:

@@ -10,9 +10,11 @@ import numpy as np
 from xbus._core import damage_reasons
 from xbus.describe.log_summary import event_result
 from xbus.describe.log_text import quantity_rows
+from xbus.formatting import format_count
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.undecoded import NO_ORIENTATION
 from xbus.report import figures
+from xbus.report.base_map import ATTRIBUTION, SERVER, base_map
 from xbus.report.blocks import (
     Block,
     Heading,
@@ -28,9 +30,18 @@ from xbus.report.noise import noise
 
 __all__ = ["sections"]
 
+BASE_MAP = (
+    f"Map: {ATTRIBUTION}. Your browser loads it from {SERVER}, which learns where the recording was "
+    "made."
+)
+SPECTRUM = (
+    "Spectral density by Welch's method: segments without a gap, Hann windows that overlap by half, without "
+    "their mean. The spectrogram is the sum of the three axes."
+)
+
 
 def sections(data: ReportData) -> list[Section]:
-    """Returns the sections that have content."""
+    """Returns the sections of a recording; some have no content."""
     summary = data.summary
     candidates = (
         ("timeline", "Timeline", _timeline(data)),
@@ -40,6 +51,7 @@ def sections(data: ReportData) -> list[Section]:
         ("track", "Track", _track(data)),
         ("plots", "Plots", _plots(data)),
         ("noise", "Noise", noise(data)),
+        ("spectrum", "Spectrum", _spectrum(data)),
         ("values", "Values", _values(data)),
         ("gaps", "Gaps", _gaps(data) if summary.gaps else ()),
         ("damage", "Damage", _damage(data) if summary.damage else ()),
@@ -48,8 +60,7 @@ def sections(data: ReportData) -> list[Section]:
         ("settings", "Device and settings", _settings(data)),
         ("unknown", "Unknown data identifiers", _unknown(data) if summary.unknown else ()),
     )
-    found = (Section(anchor, title, list(blocks)) for anchor, title, blocks in candidates)
-    return [section for section in found if section.blocks]
+    return [Section(anchor, title, list(blocks)) for anchor, title, blocks in candidates]
 
 
 def _timeline(data: ReportData) -> Iterator[Block]:
@@ -123,6 +134,9 @@ def _track(data: ReportData) -> Iterator[Block]:
         text += " lat_lon has Float32 precision, which resolves about half a metre."
     yield Plot(figure)
     yield Paragraph(text, is_note=True)
+    if data.options.base_map:
+        yield Plot(base_map({name: data.tracks[name] for name in names}))
+        yield Paragraph(BASE_MAP, is_note=True)
     yield from map(Plot, figures.profiles(data))
 
 
@@ -140,6 +154,30 @@ def _plots(data: ReportData) -> Iterator[Block]:
         yield Heading(series.anchor, series.title)
         for panel in found:
             yield Plot(figures.panel(data, series, panel))
+
+
+def _spectrum(data: ReportData) -> Iterator[Block]:
+    wanted = [series for series in data.series if series.spectrum is not None]
+    if wanted:
+        yield Paragraph(SPECTRUM)
+    for series in wanted:
+        spectrum = series.spectrum
+        assert spectrum is not None  # noqa: S101 - see above
+        yield Heading(f"spectrum-{series.anchor}", series.title)
+        if not spectrum.segments:
+            yield Paragraph("Too short: there is no segment without a gap and of one rate.")
+            continue
+        text = (
+            f"{format_count(spectrum.segments, 'segment')} of {spectrum.size:,} rows at "
+            f"{spectrum.rate:,.2f} Hz."
+        )
+        if spectrum.left_out:
+            text += f" {format_count(spectrum.left_out, 'segment')} of another rate left out."
+        yield Paragraph(text)
+        if data.options.spectrum:
+            yield Plot(figures.spectrum(series))
+        if data.options.spectrogram:
+            yield Plot(figures.spectrogram(data, series))
 
 
 def _values(data: ReportData) -> Iterator[Block]:

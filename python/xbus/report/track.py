@@ -79,6 +79,12 @@ class Track:
         return geodetic_to_ecef(lat, lon, 0.0)
 
     @property
+    def degrees(self) -> tuple[FloatArray, FloatArray]:
+        """Latitude and longitude, both ``(N,)``."""
+        lat, lon, _ = ecef_to_geodetic(self._ecef)
+        return lat, lon
+
+    @property
     def origin(self) -> LatLonAlt:
         """The first position: degrees, and metres above the ellipsoid if known."""
         lat, lon, alt = ecef_to_geodetic(self._ecef[0])
