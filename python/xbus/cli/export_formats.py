@@ -25,6 +25,7 @@ EXPORTS: dict[str, tuple[str, str]] = {
     ".kml": ("xbus.export.kml", "Kml"),
     ".geojson": ("xbus.export.geojson", "GeoJson"),
     ".mcap": ("xbus.export.ros.mcap", "Mcap"),
+    ".rrd": ("xbus.export.rerun.rrd", "Rrd"),
 }
 
 #: The suffixes of maps.

@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.keys import EntryKey, Key
+from xbus.wire.message import Message
 from xbus.wire.strings import String
 
-__all__ = ["Part", "PartColumn", "PartDevice"]
+__all__ = ["Part", "PartColumn", "PartDevice", "PartMessages"]
 
 
 class PartColumn(Protocol):
@@ -85,6 +86,14 @@ class PartDevice(Protocol):
         ...
 
 
+class PartMessages(Protocol):
+    """The messages that are not samples; see `xbus.log.messages.Messages`."""
+
+    def with_mids(self, *mids: int) -> Iterator[Message]:
+        """Yields the messages with one of these message identifiers."""
+        ...
+
+
 class Part(Protocol):
     """A log, or a part of one; see `xbus.log.log.Log`. Its length is the number of samples."""
 
@@ -142,6 +151,21 @@ class Part(Protocol):
     @property
     def devices(self) -> Sequence[PartDevice]:
         """The devices that sent samples."""
+        ...
+
+    @property
+    def offset(self) -> npt.NDArray[np.int64]:
+        """Byte offset in the input at which the frame of each sample begins."""
+        ...
+
+    @property
+    def damage(self) -> npt.NDArray[Any]:
+        """Bytes that are neither frame nor string: a structured array of offset, length and reason."""
+        ...
+
+    @property
+    def messages(self) -> PartMessages:
+        """The messages that are not samples, in order."""
         ...
 
     @property

@@ -139,3 +139,21 @@ class Exports:
             ros_style, frame_id, topic_prefix, keep_coordinates, mag_norm, compression, rosbag2=True
         )
         export(file_format, self, [self], path)
+
+    def to_rrd(self: Part, path: str | os.PathLike[str]) -> None:
+        """Writes a file for the viewer rerun, which appears whole or not at all.
+
+        It has the orientation in 3D, a series for each component or field of a quantity, positions on a map,
+        and a log of restarts, gaps, damage, messages and changes of the status. Entities are below the
+        identifier of their device, timelines are ``sample``, ``device_time``, ``utc`` and ``host_time``.
+
+        Args:
+            path: Path of the file.
+
+        Raises:
+            ImportError: The extra ``rerun`` is not installed.
+            OSError: The file cannot be written.
+        """
+        from xbus.export.rerun.rrd import Rrd
+
+        export(Rrd(), self, [self], path)

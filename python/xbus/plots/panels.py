@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.part import PartColumn
-from xbus.plots.thin import BoolArray, FloatArray
+from xbus.export.valid import has_fix
+from xbus.plots.thin import FloatArray
 from xbus.protocol.tables import QUANTITIES
 
-__all__ = ["PlottedColumn", "Rows", "has_fix", "has_panels", "label", "panel_rows"]
+__all__ = ["PlottedColumn", "Rows", "has_panels", "label", "panel_rows"]
 
 #: Plots of struct quantities: title, unit and fields. Other structs have no plot.
 STRUCT_PANELS: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
@@ -36,8 +37,6 @@ STRUCT_PANELS: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {
 }
 #: Plots of ``gnss_pvt_data`` that are valid without a fix.
 VALID_WITHOUT_FIX = ("fix type and satellites",)
-#: Fix types of the receiver with a position (Table 25): 2D, 3D, GNSS and dead reckoning.
-FIXES = (2, 3, 4)
 #: Quantities with a curve of their norm.
 MAGNETIC = ("magnetic_field", "magnetic_field_corrected")
 
@@ -72,12 +71,6 @@ def label(name: str, title: str, unit: str) -> str:
     ('acceleration, m/s2', 'height, m')
     """
     return ", ".join(filter(None, (title or name, unit)))
-
-
-def has_fix(rows: npt.NDArray[Any]) -> BoolArray:
-    """Returns which rows of ``gnss_pvt_data`` have a position that the receiver marks as valid, ``(N,)``."""
-    fixed: BoolArray = np.isin(rows["fixtype"], FIXES) & (rows["flags"] & 1 == 1)
-    return fixed
 
 
 def has_panels(name: str) -> bool:

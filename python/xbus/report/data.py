@@ -11,10 +11,11 @@ import numpy.typing as npt
 from xbus.describe.listing import FirstRows, LargestRows
 from xbus.describe.log_summary import EVENT_MIDS, LogSummary
 from xbus.describe.text import describe_message
+from xbus.export.valid import has_fix
 from xbus.log.axis import Axis
 from xbus.log.column import Column
 from xbus.log.log import Log, steady_time
-from xbus.plots.panels import has_fix, panel_rows
+from xbus.plots.panels import panel_rows
 from xbus.plots.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
 from xbus.protocol.undecoded import output_mids

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from xbus.export.valid import has_fix
 from xbus.geometry.earth import ecef_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from xbus.log.column import Column
-from xbus.plots.panels import has_fix
 from xbus.plots.thin import BINS, BoolArray, FloatArray, bin_width, thin
 from xbus.protocol.values import LatLonAlt
 

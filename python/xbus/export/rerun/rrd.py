@@ -1,0 +1,99 @@
+"""Files for the viewer rerun."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from xbus.export.format import Format, Writer
+from xbus.export.part import Part
+from xbus.export.replacing import replacing
+from xbus.export.rerun.stream import APPLICATION, RerunStream, require_rerun
+from xbus.extras import require
+
+__all__ = ["Rrd"]
+
+#: How long rerun may take to write what it was sent, in s. Without a limit it waits for ever on a full disk.
+TIMEOUT = 3600.0
+#: Bytes that fit on no full disk.
+PROBE = 1 << 20
+
+
+@dataclass(frozen=True)
+class Rrd(Format):
+    """Orientation in 3D, series, positions on a map, and events."""
+
+    def quantities(self, shape: Part) -> None:
+        """See `Format.quantities`."""
+
+    @contextmanager
+    def open(self, path: str | os.PathLike[str], shape: Part) -> Iterator[Writer]:  # noqa: ARG002
+        """See `Format.open`."""
+        recording = require_rerun().RecordingStream(APPLICATION)
+        with replacing(path) as out:
+            # rerun opens the file by itself.
+            name = os.fspath(out.name)
+            try:
+                with _writing(name):
+                    recording.save(name)
+                writer = _RrdWriter(recording, name)
+                yield writer
+                writer.close()
+            finally:
+                recording.disconnect()
+            if os.path.isfile(name):  # noqa: PTH113
+                _check(name)
+
+
+class _RrdWriter:
+    def __init__(self, recording: Any, name: str) -> None:
+        self._recording, self._name = recording, name
+        self._stream = RerunStream(recording)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        return {"sample": self._stream.samples, "event": self._stream.events}
+
+    def write(self, part: Part) -> None:
+        self._stream.write(part)
+        self._flush()
+
+    def close(self) -> None:
+        """Writes the events after the last sample."""
+        self._stream.close()
+        self._flush()
+
+    def _flush(self) -> None:
+        with _writing(self._name):
+            self._recording.flush(timeout_sec=TIMEOUT)
+
+
+@contextmanager
+def _writing(name: str) -> Iterator[None]:
+    """Replaces the error of rerun, which does not tell the cause, by one of the system."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise _failure(name) from error
+
+
+def _check(name: str) -> None:
+    """Checks that a file is complete: rerun only logs an error of writing its end."""
+    try:
+        require("rerun.chunk", "rerun", "to check .rrd files").RrdReader(name)
+    except RuntimeError as error:
+        raise _failure(name) from error
+
+
+def _failure(name: str) -> OSError:
+    """Returns the error that stops rerun from writing to a file, found by writing to its end."""
+    try:
+        with open(name, "ab") as out:  # noqa: PTH123
+            out.write(bytes(PROBE))
+    except OSError as error:
+        return OSError(error.errno, error.strerror, name)
+    return OSError(errno.EIO, os.strerror(errno.EIO), name)

@@ -1,0 +1,192 @@
+"""Files for the viewer rerun, read by rerun itself."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import xbus
+from test_cli import FIELD, WALK, run
+from xbus.geometry.quaternion import rotate
+from xbus.protocol.tables import RESULT_CODES
+
+rerun = pytest.importorskip("rerun")
+chunk = pytest.importorskip("rerun.chunk")
+
+TIMELINES = {"sample", "device_time", "utc", "host_time"}
+
+
+def rrd_rows(path: Path) -> dict[str, list[dict[str, Any]]]:
+    """The rows of each entity, in the order of their samples; those without times are first."""
+    rows: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for found in chunk.RrdReader(path).stream():
+        if found.entity_path == "/__properties":
+            continue
+        batch = found.to_record_batch()
+        # The pandas of the tests has no type for nanoseconds of a duration.
+        columns = {
+            name.removesuffix("rerun.controls.RowId"): array
+            for name, array in zip(batch.schema.names, batch.columns, strict=True)
+        }
+        columns.pop("", None)
+        values = {
+            name: array.cast("int64") if name in TIMELINES else array
+            for name, array in columns.items()
+        }
+        lists = {name: array.to_pylist() for name, array in values.items()}
+        rows[found.entity_path] += [
+            dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)
+        ]
+    for own in rows.values():
+        own.sort(key=lambda row: row.get("sample", -1))
+    return dict(sorted(rows.items()))
+
+
+def written(log: xbus.Log, tmp_path: Path) -> dict[str, list[dict[str, Any]]]:
+    log.to_rrd(tmp_path / "out.rrd")
+    return rrd_rows(tmp_path / "out.rrd")
+
+
+def values(rows: list[dict[str, Any]], component: str) -> Any:
+    return [row[component] for row in rows if row.get(component) is not None]
+
+
+def test_numbers_are_those_of_the_log(tmp_path: Path) -> None:
+    log = xbus.read_log(WALK)
+    rows = written(log, tmp_path)
+    for name in (
+        "acceleration",
+        "rate_of_turn",
+        "magnetic_field",
+        "velocity_xyz_enu",
+        "euler_angles_enu",
+    ):
+        column = log[name.removesuffix("_enu")]
+        found = rows[f"/008000A1B2/{name}"]
+        np.testing.assert_array_equal(values(found, "Scalars:scalars"), column.values)
+        np.testing.assert_array_equal(values(found, "sample"), column.sample)
+        device_time = np.array(values(found, "device_time"))
+        np.testing.assert_array_equal(device_time, np.round(column.time * 1e9))
+        utc = np.array(values(found, "utc"), "M8[ns]")
+        np.testing.assert_array_equal(utc, log.utc[column.sample])
+
+
+def quaternion_sample(coordinates: str) -> bytes:
+    return xbus.encode_sample([(("quaternion", coordinates), (0.0, 1.0, 0.0, 0.0))])
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "north", "up"),
+    [("ENU", (0, 1, 0), (0, 0, 1)), ("NED", (1, 0, 0), (0, 0, -1)), ("NWU", (1, 0, 0), (0, 0, 1))],
+)
+def test_a_local_coordinate_system_lies_in_the_scene(
+    tmp_path: Path, coordinates: str, north: tuple[int, ...], up: tuple[int, ...]
+) -> None:
+    rows = written(xbus.read_log(quaternion_sample(coordinates)), tmp_path)
+    ((frame,),) = values(rows[f"/bid_1/{coordinates}"], "Transform3D:quaternion")
+    rotation = np.array([frame[3], *frame[:3]])
+    # The scene is ENU: y is north and z is up.
+    np.testing.assert_allclose(rotate(rotation, np.array(north)), (0, 1, 0), atol=1e-6)
+    np.testing.assert_allclose(rotate(rotation, np.array(up)), (0, 0, 1), atol=1e-6)
+    ((labels,),) = [values(rows[f"/bid_1/{coordinates}/axes"], "Arrows3D:labels")]
+    assert {"ENU": "east", "NED": "north", "NWU": "north"}[coordinates] == labels[0]
+    # As recorded, with q0 last.
+    sensor = rows[f"/bid_1/{coordinates}/sensor"]
+    assert values(sensor, "Transform3D:quaternion") == [[[1.0, 0.0, 0.0, 0.0]]]
+
+
+def test_a_sample_is_drawn_once_from_the_preferred_orientation(tmp_path: Path) -> None:
+    quaternion, euler = (0.5, 0.5, 0.5, 0.5), (0.0, 0.0, 90.0)
+    both = xbus.encode_sample({"quaternion": quaternion, "euler_angles": euler})
+    one = xbus.encode_sample({"euler_angles": euler})
+    rows = written(xbus.read_log(both + one), tmp_path)["/bid_1/ENU/sensor"]
+    drawn = np.array(values(rows, "Transform3D:quaternion"))[:, 0]
+    np.testing.assert_allclose(drawn, [[0.5] * 4, [0, 0, 0.5**0.5, 0.5**0.5]], atol=1e-6)
+
+
+def sample(counter: int, ticks: int, status: int = 1, bid: int = 0xFF) -> bytes:
+    packets = {"packet_counter": counter, "sample_time_fine": ticks, "status_word": status}
+    return xbus.encode_sample(packets | {"temperature": 20.0}, bid=bid)
+
+
+WAKE_UP, ERROR = xbus.encode_frame(0x3E, b""), xbus.encode_frame(0x42, b"\x1e")
+CLIPPED, MARKER = 1 << 8, 1 << 22
+
+
+def test_events(tmp_path: Path) -> None:
+    log = xbus.read_log(
+        sample(10, 1_000_000)
+        + sample(14, 1_000_400, 1 | CLIPPED)
+        + sample(15, 1_000_500, 1 | CLIPPED | MARKER)
+        + b"noise"
+        + WAKE_UP
+        + sample(0, 500)
+        + ERROR
+    )
+    rows = written(log, tmp_path)
+    events = [
+        (row["sample"], *row["TextLog:level"], *row["TextLog:text"])
+        for path in ("/bid_1/events", "/events")
+        for row in rows[path]
+    ]
+    offset = log.damage["offset"][0]
+    assert events == [
+        (0, "INFO", "status: selftest"),
+        (1, "WARN", "3 samples lost in 1 gap"),
+        (1, "WARN", "status: selftest, clip_acc_x"),
+        (3, "WARN", "the device restarted"),
+        (3, "INFO", "WakeUp"),
+        (3, "INFO", "device_time is the clock of the device plus 100.0000 s"),
+        (3, "INFO", "status: selftest"),
+        (3, "ERROR", f"Error 30: {RESULT_CODES[30]}"),
+        (3, "WARN", f"5 bytes of damage at byte {offset}: no preamble"),
+    ]
+
+
+def test_the_clock_goes_on_after_a_restart(tmp_path: Path) -> None:
+    first = sample(0, 1_000_000) + sample(1, 1_000_100)
+    log = xbus.read_log(first + WAKE_UP + sample(0, 500) + sample(1, 600))
+    rows = written(log, tmp_path)["/bid_1/temperature"]
+    assert [ns / 1e9 for ns in values(rows, "device_time")] == [100.0, 100.01, 100.01, 100.02]
+
+
+def test_devices_have_paths_and_places_of_their_own(tmp_path: Path) -> None:
+    names = [xbus.encode_frame(0x01, bytes([3, 0x80, 0, bid]), bid=bid) for bid in (1, 2)]
+    log = xbus.read_log(b"".join(names) + sample(0, 1, bid=2) + sample(0, 1, bid=1))
+    rows = written(log, tmp_path)
+    places = {
+        path: values(rows[path], "Transform3D:translation")[0][0][0]
+        for path in rows
+        if path.count("/") == 1 and path != "/events" and path != "/"
+    }
+    assert places == {"/03800001": 4.0, "/03800002": 0.0}
+    assert values(rows["/03800001/temperature"], "sample") == [1]
+
+
+def test_a_row_is_on_the_timelines_of_its_sample(tmp_path: Path) -> None:
+    log = xbus.read_log(xbus.encode_sample({"temperature": 1.0}) + sample(0, 10_000))
+    rows = [row for row in written(log, tmp_path)["/bid_1/temperature"] if "sample" in row]
+    assert [row.keys() & TIMELINES for row in rows] == [{"sample"}, {"sample", "device_time"}]
+
+
+def test_the_viewer_verifies_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "field.rrd"
+    assert run("decode", FIELD, "-o", str(path)).exit_code == 0
+    command = [sys.executable, "-m", "rerun", "rrd", "verify", str(path)]
+    result = subprocess.run(command, capture_output=True, text=True, check=True)  # noqa: S603
+    assert "verified without error" in result.stdout + result.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no full disk on this system")
+def test_a_full_disk(tmp_path: Path) -> None:
+    out = tmp_path / "out.rrd"
+    out.symlink_to("/dev/full")
+    result = run("decode", WALK, "-o", str(out))
+    assert result.exit_code == 1
+    assert result.stderr.endswith("free some space, or write to another disk\n")
