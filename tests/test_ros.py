@@ -103,6 +103,8 @@ def test_messages_of_the_driver() -> None:
     assert compared >= len(golden)
 
 
+#: The vendor's code takes the quaternion of a matrix from the diagonal, and does not normalise it.
+ROUNDED_SINE, LENGTH = 2 * float(np.float32(0.8)), 2 * math.sqrt(2 + 2 * float(np.float32(0.6)))
 INERTIAL = real(0x4020, 1, 2, 3), real(0x8020, 4, 5, 6)
 #: What packets of a sample become in the driver's style: topic, and numbers of its first message.
 DRIVER: dict[str, tuple[bytes, str, list[Any]]] = {
@@ -122,6 +124,16 @@ DRIVER: dict[str, tuple[bytes, str, list[Any]]] = {
         real(0x2023, 0, 1, 0, -1, 0, 0, 0, 0, 1),
         "/filter/quaternion",
         [0, 0, ROOT, ROOT],
+    ),
+    "a matrix that float32 rounds": (
+        real(0x2020, 0.6, 0.8, 0, -0.8, 0.6, 0, 0, 0, 1),
+        "/filter/quaternion",
+        [0, 0, ROUNDED_SINE / LENGTH, LENGTH / 4],
+    ),
+    "a matrix of half a turn": (
+        real(0x2020, 1, 0, 0, 0, -1, 0, 0, 0, -1),
+        "/filter/quaternion",
+        [-1, 0, 0, 0],
     ),
     "a quaternion before a matrix": (
         real(0x2020, 1, 0, 0, 0, 1, 0, 0, 0, 1) + real(0x2010, 0, 1, 0, 0),

@@ -20,6 +20,7 @@ __all__ = [
     "from_matrix",
     "from_rotation_vector",
     "multiply",
+    "products_of_matrix",
     "rotate",
     "slerp",
     "to_euler",
@@ -156,9 +157,23 @@ def to_matrix(q: FloatArray) -> FloatArray:
 
 def from_matrix(matrix: npt.ArrayLike) -> FloatArray:
     """Returns the unit quaternions of rotation matrices (..., 3, 3), with q0 of either sign."""
+    rows = products_of_matrix(matrix)
+    # The longest row is the most precise.
+    best = np.argmax(np.einsum("...ii->...i", rows), axis=-1)
+    q = np.take_along_axis(rows, best[..., None, None], -2)[..., 0, :]
+    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
+
+
+def products_of_matrix(matrix: npt.ArrayLike) -> FloatArray:
+    """Returns the products 4 qi qj of rotation matrices (..., 3, 3), as (..., 4, 4).
+
+    Each row is a multiple of the quaternion.
+
+    >>> products_of_matrix([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])[0].tolist()  # yaw 90 degrees
+    [2.0, 0.0, 0.0, 2.0]
+    """
     m = np.moveaxis(np.asarray(matrix, np.float64), (-2, -1), (0, 1))
     trace = np.trace(m)
-    # The products 4 qi qj: each row is a multiple of the quaternion; the longest is the most precise.
     rows = np.array(
         [
             [1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]],
@@ -167,8 +182,4 @@ def from_matrix(matrix: npt.ArrayLike) -> FloatArray:
             [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 + 2 * m[2, 2] - trace],
         ]
     )
-    best = np.argmax(np.einsum("ii...->i...", rows), axis=0)
-    q = np.take_along_axis(np.moveaxis(rows, (0, 1), (-2, -1)), best[..., None, None], -2)[
-        ..., 0, :
-    ]
-    return np.asarray(q / np.linalg.norm(q, axis=-1, keepdims=True))
+    return np.moveaxis(rows, (0, 1), (-2, -1))

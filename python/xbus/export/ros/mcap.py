@@ -219,7 +219,12 @@ class _McapWriter:
         rows = []
         for device in found:
             only = devices == device if len(found) > 1 else None
-            measured = Measured(part, converts=self._format.converts, only=only)
+            measured = Measured(
+                part,
+                converts=self._format.converts,
+                is_driver=self._format.style.is_driver,
+                only=only,
+            )
             for topic, (number, layout) in zip(self._topics, self._of_device(device), strict=True):
                 # A device may send infinite numbers and NaN: so do the messages.
                 with np.errstate(invalid="ignore", over="ignore"):

@@ -46,6 +46,8 @@ AXES_TO_ENU = {
 }
 #: Coordinate systems by the bits of a data identifier (Table 17).
 SYSTEMS = {int(system): system.name for system in Coordinates}
+#: 4 q0 q0 whose square is below this is zero for the vendor's code.
+TINY = 1e-16
 
 
 class Rows(NamedTuple):
@@ -121,12 +123,29 @@ def _from_matrix(values: npt.NDArray[Any]) -> FloatArray:
     return np.where(q[:, :1] < 0, -q, q)
 
 
+def _from_matrix_of_driver(values: npt.NDArray[Any]) -> FloatArray:
+    """Returns quaternions as the vendor's code does: from q0 where its square is not tiny, not normalised.
+
+    For a matrix that float32 rounds, the result differs from that of `quaternion.from_matrix`.
+    """
+    rows = quaternion.products_of_matrix(values)
+    squares, (xx, yy, zz) = np.einsum("nii->in", rows), np.einsum("nii->in", values)
+    conditions = [squares[0] ** 2 >= TINY, (xx > yy) & (xx > zz), yy > zz]
+    row = np.select(conditions, [0, 1, 2], 3)
+    q = np.take_along_axis(rows, row[:, np.newaxis, np.newaxis], 1)[:, 0]
+    length = 2 * np.sqrt(np.take_along_axis(squares, row[np.newaxis], 0)[0])
+    return np.asarray(q / np.where(row == 0, length, -length)[:, np.newaxis])
+
+
+Quaternions = dict[str, Callable[[npt.NDArray[Any]], FloatArray]]
 #: Orientation as quaternions, q0 first, from each quantity that has it, the preferred one last.
-QUATERNIONS: dict[str, Callable[[npt.NDArray[Any]], FloatArray]] = {
+QUATERNIONS: Quaternions = {
     "euler_angles": quaternion.from_euler,
     "rotation_matrix": _from_matrix,
     "quaternion": lambda values: values.astype(np.float64),
 }
+#: The same as the vendor's code computes them.
+QUATERNIONS_OF_DRIVER: Quaternions = QUATERNIONS | {"rotation_matrix": _from_matrix_of_driver}
 
 
 class Measured:
@@ -137,13 +156,20 @@ class Measured:
     Args:
         part: The part.
         converts: Whether to convert coordinates to ENU.
+        is_driver: Whether to compute orientation as the vendor's code does.
         only: Which samples of the part count, ``(n,)``; None for all.
     """
 
     def __init__(
-        self, part: Part, *, converts: bool, only: npt.NDArray[np.bool_] | None = None
+        self,
+        part: Part,
+        *,
+        converts: bool,
+        is_driver: bool,
+        only: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         self._part, self._converts, self._only = part, converts, only
+        self._quaternions = QUATERNIONS_OF_DRIVER if is_driver else QUATERNIONS
 
     def rows(self, name: str) -> Rows:
         """Returns a quantity as it was received; structs as raw integers."""
@@ -169,7 +195,7 @@ class Measured:
     def _orientation(self, *, converts: bool) -> Rows:
         return self._joined(
             (column.sample, _turned(column, of(column.values), converts=converts))
-            for name, of in QUATERNIONS.items()
+            for name, of in self._quaternions.items()
             for column in columns_of(self._part, name)
         )
 
@@ -187,7 +213,7 @@ class Measured:
         is_kept = not self._converts or system_of(column) == ENU
         if column.name == "euler_angles" and is_kept:
             return column.values.astype(np.float64)
-        q = QUATERNIONS[column.name](column.values)
+        q = self._quaternions[column.name](column.values)
         return euler_of(_turned(column, q, converts=self._converts))
 
     def vectors(self, name: str) -> Rows:
