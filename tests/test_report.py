@@ -231,6 +231,20 @@ def test_lines_end_at_lost_samples() -> None:
     assert array(report.figure("events")["data"][0]["x"])[:2] == pytest.approx([0.39, 0.45])
 
 
+def test_settings_of_the_recording_are_listed() -> None:
+    messages = {
+        MessageId.ReqGnssLeverArmAck: struct.pack(">3f", 0.1, 0, -0.2),
+        MessageId.ReqOptionFlagsAck: bytes([0, 0, 0, 0x10]),
+        MessageId.ReqOutputConfigurationAck: bytes.fromhex("40200064"),
+    }
+    frames = [encode_frame(mid, payload) for mid, payload in messages.items()]
+    rows = page_of(b"".join(samples(30, temperature=1) + frames)).rows
+    assert ["0.29", "ReqGnssLeverArmAck", "x=0.1 y=0 z=-0.2"] in rows
+    assert ["0.29", "ReqOptionFlagsAck", "enable_ahs"] in rows
+    outputs = "data_id=Acceleration,frequency=100"
+    assert ["0.29", "ReqOutputConfigurationAck", outputs] in rows
+
+
 def test_clipping_is_reported() -> None:
     word = 1 << 10 | 1 << 19 | 2
     rows = samples(100, status_word=lambda row: word if 20 <= row < 22 else 2)

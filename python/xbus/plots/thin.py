@@ -57,7 +57,8 @@ def _extremes(starts: Indices, values: npt.NDArray[Any]) -> Indices:
         hits = np.flatnonzero(values == np.repeat(extreme.reduceat(values, starts), sizes))
         of_bin = np.searchsorted(starts, hits, "right")
         found.append(hits[np.concatenate(([True], of_bin[1:] != of_bin[:-1]))])
-    return np.union1d(*found)
+    rows = np.sort(np.concatenate(found))
+    return rows[np.append(True, rows[1:] != rows[:-1])]
 
 
 def bin_width(width: float, span: float) -> float:

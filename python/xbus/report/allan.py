@@ -123,7 +123,6 @@ class Stretch:
     not change.
 
     Attributes:
-        values: Rows, ``(N, k)`` float64.
         size: Number of rows of the log that each row averages.
         start, end: Times of the first and the last row, s.
         rows: Number of rows of the log.
@@ -134,7 +133,9 @@ class Stretch:
 
     def __init__(self, width: int) -> None:
         self._width = width
-        self.values = np.empty((0, width))
+        #: Grows by doubling: to copy all rows for each part would take most of the time of a report.
+        self._buffer = np.empty((1024, width))
+        self._used = 0
         self.size = 1
         self.start = self.end = float("nan")
         self.rows = 0
@@ -150,14 +151,32 @@ class Stretch:
         rows = np.concatenate((self._rest, values))
         whole = len(rows) - len(rows) % self.size
         self._rest = rows[whole:]
-        means = rows[:whole].reshape(-1, self.size, self._width).mean(axis=1)
-        self.values = np.concatenate((self.values, means))
-        while len(self.values) > self.MAX_ROWS:
-            if len(self.values) % 2:
+        means = rows[:whole]
+        if self.size > 1:
+            means = means.reshape(-1, self.size, self._width).mean(axis=1)
+        self._append(means)
+        while self._used > self.MAX_ROWS:
+            if self._used % 2:
                 self._rest = np.concatenate((np.repeat(self.values[-1:], self.size, 0), self._rest))
-                self.values = self.values[:-1]
-            self.values = self.values.reshape(-1, 2, self._width).mean(axis=1)
+                self._used -= 1
+            pairs = self.values.reshape(-1, 2, self._width).mean(axis=1)
+            self._used = 0
+            self._append(pairs)
             self.size *= 2
+
+    def _append(self, rows: FloatArray) -> None:
+        needed = self._used + len(rows)
+        if needed > len(self._buffer):
+            buffer = np.empty((max(needed, 2 * len(self._buffer)), self._width))
+            buffer[: self._used] = self.values
+            self._buffer = buffer
+        self._buffer[self._used : needed] = rows
+        self._used = needed
+
+    @property
+    def values(self) -> FloatArray:
+        """The rows, ``(N, k)`` float64."""
+        return self._buffer[: self._used]
 
     @property
     def seconds(self) -> float:

@@ -76,16 +76,20 @@ class Clock:
 
         Args:
             x: Their positions, ``(N,)``.
-            run: The numbers of their runs, ``(N,)``.
+            run: The numbers of their runs, ascending, ``(N,)``.
             utc: Their UTC, ``(N,)`` ``datetime64[ns]``; NaT if it is not known.
             steady: Whether they are on the clock of the device, not of the receiver, ``(N,)``.
         """
         is_known = ~np.isnat(utc)
-        for number, first in zip(*np.unique(run, return_index=True), strict=True):
-            if number not in self._runs and len(self._runs) < MAX_RUNS:
+        starts = np.flatnonzero(np.diff(run, prepend=-1))
+        for first, end in zip(starts.tolist(), [*starts[1:].tolist(), len(run)], strict=True):
+            number = int(run[first])
+            if number not in self._runs:
+                if len(self._runs) == MAX_RUNS:
+                    return
                 self._runs[number] = _Run(float(x[first]))
-            rows = is_known & (run == number)
-            if number in self._runs and rows.any():
+            rows = first + np.flatnonzero(is_known[first:end])
+            if len(rows):
                 self._runs[number].add(x[rows], utc[rows].astype(np.int64), steady[rows])
 
     def pieces(self) -> list[ClockPiece]:

@@ -33,7 +33,7 @@
   };
   const utcAt = (clock, seconds) => {
     const piece = clock.findLast(([start]) => start <= seconds) ?? clock[0];
-    return piece && piece[1] !== null ? new Date(piece[1] + (seconds - piece[0]) * piece[2] * 1000) : null;
+    return piece && piece[1] !== null ? new Date(Math.round(piece[1] + (seconds - piece[0]) * piece[2] * 1000)) : null;
   };
   const marks = (plot, figure) => {
     const range = plot.layout.xaxis.range;
@@ -50,7 +50,7 @@
     const texts = values.map((value) => {
       const utc = utcAt(clock, value);
       if (utc) days.add(utc.toISOString().slice(0, 10));
-      const more = utc && utc.getTime() % 1000 > 0.5 ? 23 : 19;
+      const more = utc && utc.getTime() % 1000 ? 23 : 19;
       return elapsed(value, unit, digits) + (utc ? `<br>${utc.toISOString().slice(11, more)}` : "");
     });
     const day = days.size > 1 ? `${[...days][0]} to ${[...days].at(-1)}` : [...days][0];
