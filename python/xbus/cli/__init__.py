@@ -34,6 +34,7 @@ COMMANDS = {
     "restore": "restore",
     "record": "record",
     "monitor": "monitor",
+    "view": "view",
     "ntrip": "ntrip",
     "sim": "sim",
     "demo": "demo",

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Input",
+    "is_recording",
     "label",
     "no_frame",
     "reading_task",
@@ -57,6 +58,14 @@ def label(name: str) -> str:
     if text.isprintable():
         return text
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def is_recording(name: str) -> bool:
+    """Returns whether a name is that of a file and not of a port."""
+    try:
+        return stat.S_ISREG(os.stat(name).st_mode)  # noqa: PTH116 - pathlib is slow to import
+    except (OSError, ValueError):
+        return False
 
 
 def reading_task(name: str) -> str:

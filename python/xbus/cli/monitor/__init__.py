@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import stat
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -11,7 +9,7 @@ import click
 
 from xbus.cli.connection import baudrate_option, connect_device, listen_option, port_lost
 from xbus.cli.failure import stop_requested
-from xbus.cli.inputs import label, strings_option
+from xbus.cli.inputs import is_recording, label, strings_option
 from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_json, print_line
 from xbus.errors import Disconnected
@@ -69,7 +67,7 @@ def monitor(
         raise click.UsageError(
             "the screen needs a terminal for input and output; --once 2 prints the state after 2 seconds"
         )
-    is_file = _is_file(source)
+    is_file = is_recording(source)
     if is_file and baudrate is not None:
         raise click.UsageError(f"{label(source)} is a recording and has no --baudrate")
     if is_file and listen:
@@ -80,13 +78,6 @@ def monitor(
         _monitor_file(source, speed or 1.0, strings, once, as_json=as_json)
     else:
         _monitor_port(source, baudrate, strings, once, listen=listen, as_json=as_json)
-
-
-def _is_file(name: str) -> bool:
-    try:
-        return stat.S_ISREG(os.stat(name).st_mode)  # noqa: PTH116 - pathlib is slow to import
-    except (OSError, ValueError):
-        return False
 
 
 def _monitor_file(
