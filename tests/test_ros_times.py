@@ -105,6 +105,11 @@ CASES = {
         "utc",
         [0.5, 0.51, 0.51, 0.52],
     ),
+    "utc before and after a run without": Case(
+        [sample(900, 0.5), WAKE_UP, sample(100), sample(200), WAKE_UP, sample(100, 60)],
+        "utc",
+        [0.5, 0.5, 0.51, 60],
+    ),
     "utc of one device": Case(
         [sample(100, 0.5), sample(70_000, bid=2), sample(200, 0.51), sample(70_100, bid=2)],
         "utc",

@@ -241,10 +241,13 @@ class TimeBase:
         if base == "device" and self._first is not None:
             known[self._first[0]] = 0
         # A run is joined to one with a lower number: they are numbered in the order of their first samples.
-        # So those before a known one are reached from the last to the first, and then all others.
-        for number in reversed(range(len(known))):
+        # Runs after a known one follow it, those before the first known one precede it; others follow those.
+        forward, backward = range(len(known)), reversed(range(len(known)))
+        for number in forward:
+            self._join(number, known, backward=False)
+        for number in backward:
             self._join(number, known, backward=True)
-        for number in range(len(known)):
+        for number in forward:
             self._join(number, known, backward=False)
         return [offset or 0 for offset in known]
 
