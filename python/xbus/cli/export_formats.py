@@ -24,6 +24,7 @@ EXPORTS: dict[str, tuple[str, str]] = {
     ".gpx": ("xbus.export.gpx", "Gpx"),
     ".kml": ("xbus.export.kml", "Kml"),
     ".geojson": ("xbus.export.geojson", "GeoJson"),
+    ".sto": ("xbus.export.sto", "Sto"),
     ".mcap": ("xbus.export.ros.mcap", "Mcap"),
     ".rrd": ("xbus.export.rerun.rrd", "Rrd"),
 }
@@ -59,6 +60,14 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
             type=NumberRange(min=0, min_open=True),
             metavar="METRES",
             help="On a map, leave out points that are nearer to the previous one.",
+        ),
+    ),
+    "sto_names": (
+        (".sto",),
+        click.option(
+            "--sto-names",
+            metavar="ID=NAME,...",
+            help="Names of the devices for OpenSim, by device identifier: 0080001E=pelvis,0080001F=torso.",
         ),
     ),
     "ros_style": (

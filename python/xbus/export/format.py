@@ -31,7 +31,10 @@ class Writer(Protocol):
 
     @property
     def counts(self) -> dict[str, int]:
-        """What was written so far, by its name in the singular: ``{"point": 400, "segment": 1}``."""
+        """What was written so far, by its name in the singular: ``{"point": 400, "segment": 1}``.
+
+        Also when the file is complete.
+        """
         ...
 
 
@@ -130,4 +133,4 @@ def export(
     with file_format.open(path, shape) as writer:
         for part in parts:
             writer.write(part)
-        return writer.counts
+    return writer.counts

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import Literal
 
 from xbus.export.format import export
@@ -64,6 +65,26 @@ class Exports:
         from xbus.export.geojson import GeoJson
 
         export(GeoJson(source, every_seconds, every_metres), self, [self], path)
+
+    def to_sto(
+        self: Part, path: str | os.PathLike[str], *, names: Mapping[str, str] | None = None
+    ) -> None:
+        """Writes the orientations of the devices for OpenSim, to a file that appears whole or not at all.
+
+        Args:
+            path: Path of the file.
+            names: Names of the devices, by device identifier as printed on the device:
+                ``{"0080001E": "pelvis"}``. The columns are ``pelvis_imu`` and so on.
+
+        Raises:
+            ExportError: The log has no orientation, or a device restarts; a ValueError.
+            ValueError: A name that OpenSim cannot read, or two that are the same.
+            OSError: The file cannot be written.
+        """
+        from xbus.export.sto import Sto
+
+        pairs = [f"{device}={name}" for device, name in (names or {}).items()]
+        export(Sto(",".join(pairs) or None), self, [self], path)
 
     def to_mcap(
         self: Part,
