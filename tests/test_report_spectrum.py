@@ -58,9 +58,13 @@ def test_the_spectrogram_adds_up_to_the_density() -> None:
     assert float(frequency[np.nanmean(density, axis=1).argmax()]) == pytest.approx(50, abs=0.8)
 
 
-@given(st.lists(st.integers(0, 5000), max_size=6), st.lists(st.integers(1, 4999), max_size=3))
-def test_parts_do_not_matter(cuts: list[int], gaps: list[int]) -> None:
+ROWS_OF_5000 = st.integers(1, 4999)
+
+
+@given(*(st.lists(ROWS_OF_5000, max_size=size) for size in (6, 3, 2)))
+def test_parts_do_not_matter(cuts: list[int], gaps: list[int], missing: list[int]) -> None:
     time, values = noise(5000)
+    values[missing] = np.nan
     whole = spectrum_of(time, values, gaps=tuple(gaps))
     parts = spectrum_of(time, values, sorted(cuts), tuple(gaps))
     assert (parts.size, parts.segments) == (whole.size, whole.segments)
@@ -106,6 +110,12 @@ def test_long_recordings_are_bounded() -> None:
     assert len(frequency) <= ROWS
     assert edges[-1] == pytest.approx(2400, abs=np.diff(edges)[0])
     assert np.isfinite(density).all()
+
+
+def test_gaps_everywhere() -> None:
+    time, values = noise(100_000)
+    values[::2] = np.nan
+    assert spectrum_of(time, values, [50_000]).segments == 0
 
 
 def test_too_few_rows() -> None:

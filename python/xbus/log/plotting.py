@@ -82,9 +82,11 @@ def _in_utc(
     is_known = is_steady if is_steady.any() else is_known
     origin = int(stamps[is_known].min())
     utc = np.full(len(part), np.nan)
-    for number in np.unique(run[is_known]).tolist():
-        rows = np.flatnonzero(run == number)
+    order = np.argsort(run, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(run[order])) + 1):
         known = rows[is_known[rows]]
+        if not len(known):
+            continue
         # The clock of the device drifts; between two values of UTC it goes evenly.
         offset = (stamps[known] - origin) / 1e9 - positions[known]
         utc[rows] = positions[rows] + np.interp(positions[rows], positions[known], offset)

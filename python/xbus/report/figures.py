@@ -32,7 +32,7 @@ __all__ = [
 Figure = dict[str, Any]
 
 #: Heights in pixels: a plot, a row of bands, and the margin around the rows.
-HEIGHT, ROW, MARGIN = 280, 26, 70
+HEIGHT, ROW, MARGIN = 295, 26, 90
 #: Height of a band, and the smallest width of a mark, in pixels.
 BAND, MARK = 12, 2
 
@@ -158,7 +158,7 @@ def steps(data: ReportData) -> Figure:
             }
         )
     y: Figure = {"title": {"text": "between samples, ms"}, "rangemode": "tozero"}
-    return _over_time(data, "steps", traces, y, 200)
+    return _over_time(data, "steps", traces, y, 230)
 
 
 def events(data: ReportData) -> Figure | None:
@@ -320,7 +320,7 @@ def spectrogram(data: ReportData, series: Series) -> Figure:
     }
     y = {"title": {"text": f"{series.name}, Hz"}}
     figure = _over_time(data, f"spectrogram {series.anchor}", [drawn], y, 340)
-    figure["layout"]["margin"] = {"l": 70, "r": 15, "t": 60, "b": 45}
+    figure["layout"]["margin"] = {"l": 70, "r": 15, "t": 60, "b": 60}
     return figure
 
 

@@ -80,7 +80,7 @@
     const { data, layout, is_over_time } = figures[at];
     const axis = (own) => ({ automargin: true, ticks: "outside", exponentformat: "none", ...own, title: { standoff: 8, ...own.title } });
     const whole = {
-      margin: { l: isNarrow(plots[at]) ? 60 : 70, r: 15, t: 28, b: 45 }, hovermode: "closest", font: { size: 12 },
+      margin: { l: isNarrow(plots[at]) ? 60 : 70, r: 15, t: 28, b: 60 }, hovermode: "closest", font: { size: 12 },
       legend: { orientation: "h", x: 0, xanchor: "left", y: 1.0, yanchor: "bottom" }, dragmode: "zoom",
       ...layout, xaxis: axis(layout.xaxis), yaxis: axis(layout.yaxis),
     };

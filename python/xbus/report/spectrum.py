@@ -62,14 +62,21 @@ class Spectrum:
             values: ``(N, k)``. A row that is not finite is a gap.
             breaks: Whether rows are missing before each row, ``(N,)``.
         """
+        if not len(time):
+            return
         finite = np.isfinite(values).all(axis=1)
-        # Time that goes back is a gap, too.
-        starts = np.flatnonzero(breaks | ~finite | np.append(False, ~finite[:-1]))
-        for rows in np.split(np.arange(len(time)), starts):
-            if len(rows) and rows[0] in starts:
-                self._time = np.empty(0)
-            if len(rows) and finite[rows[0]]:
-                self._add_piece(time[rows], values[rows].astype(np.float64))
+        is_start = breaks | ~finite
+        is_start[1:] |= ~finite[:-1]
+        edges = np.append(np.flatnonzero(is_start), len(time))
+        if edges[0] > 0:
+            self._add_piece(time[: edges[0]], values[: edges[0]].astype(np.float64))
+        # Of the pieces that begin here, a short one has no segment, unless the next rows continue it.
+        first, end = edges[:-1], edges[1:]
+        is_long = (end - first >= SHORTEST) | (end == len(time))
+        for at, to in zip(first[is_long].tolist(), end[is_long].tolist(), strict=True):
+            self._time = np.empty(0)
+            if finite[at]:
+                self._add_piece(time[at:to], values[at:to].astype(np.float64))
 
     def _add_piece(self, time: FloatArray, values: FloatArray) -> None:
         """Adds rows that follow the last ones without a gap."""
