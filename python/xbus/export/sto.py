@@ -217,7 +217,7 @@ class _StoWriter:
 
 def _orientations(part: Part, only: npt.NDArray[np.bool_]) -> _Track:
     """Returns the orientations of a device in a part that have a time and are rotations."""
-    sample, q = Measured(part, converts=True, only=only).orientation
+    sample, q = Measured(part, converts=True, is_driver=False, only=only).orientation
     if not len(q):
         return _Track.empty()
     track = _Track(sample + part.first_sample, part.time[sample], q)
