@@ -76,6 +76,24 @@ CASES = {
     "utc is lost": Case(
         [sample(100, 0.5), sample(200, 0.51, valid=3), sample(300)], "utc", [0.5, 0.51, 0.52]
     ),
+    "a wrong utc": Case(
+        [sample(100, 0.5), sample(200, 0.51), sample(300, 4e8), sample(400), sample(500, 0.54)],
+        "utc",
+        [0.5, 0.51, 4e8, 0.53, 0.54],
+        [0.5, 0.51, 0.52, 0.53, 0.54],
+    ),
+    "a wrong utc at first": Case(
+        [sample(100, 60), sample(200), sample(300, 0.52), sample(400, 0.53)],
+        "utc",
+        [60, 0.51, 0.52, 0.53],
+        [0.5, 0.51, 0.52, 0.53],
+    ),
+    "utc that is corrected": Case(
+        [sample(100, 0.5), sample(200, 0.51), sample(300, 60), sample(400, 60.01), sample(500)],
+        "utc",
+        [0.5, 0.51, 60, 60.01, 60.02],
+        [0.5, 0.51, 0.52, 60.01, 60.02],
+    ),
     "utc without device time": Case([sample(None, 0.5), sample(None, 0.6)], "utc", [0.5, 0.6]),
     "no time in some samples": Case(
         [sample(None), sample(100, 0.5), sample(None), sample(200)], "utc", [0.5, 0.5, 0.5, 0.51]

@@ -3,6 +3,7 @@
 It is the best that a sample of the log has: UTC, otherwise the clock of the host, otherwise that of the
 device. A sample with a time of the base has that time. Any other sample has that of the last one with such a
 time, plus what has passed since on the clock of the device; before the first one, less what passes until it.
+A time that does not agree with the one before counts for its sample only, until the next one agrees with it.
 
 A run without any time of the base, after a restart or of another device, is joined to the sample before its
 first one, as if no time had passed between the two. Runs before the first known one are joined to it.
@@ -32,8 +33,8 @@ Mask = npt.NDArray[np.bool_]
 
 #: Messages have seconds since 1970 as a signed number of 32 bits.
 END = 2**31 * 10**9
-#: A sample of the GNSS receiver whose device time is farther than this from the samples around it has an
-#: arbitrary one, in ns: it has no fix.
+#: Times that differ by no more than this agree, in ns. A sample of the GNSS receiver without a fix has an
+#: arbitrary device time; a damaged frame can pass its checksum and have any time.
 NEAR = 10**9
 UNKNOWN = np.iinfo(np.int64).min
 
@@ -131,12 +132,14 @@ class _Run:
 
     Attributes:
         offsets: For ``utc`` and ``host`` what to add to the device time, in ns, by the first sample with
-            both.
+            both that agrees with the next one.
+        last: The same by the last sample with both, until there is one that agrees.
         start: Its first device time, or None.
         joined: The run of the sample before the first one, and the device time of that sample.
     """
 
     offsets: dict[str, int] = field(default_factory=dict)
+    last: dict[str, int] = field(default_factory=dict)
     start: int | None = None
     joined: tuple[int, int] | None = None
 
@@ -146,7 +149,7 @@ class Stamps(NamedTuple):
 
     Attributes:
         measured: When each sample was measured.
-        ordered: The same, but never less than that of a sample before: the order of messages.
+        ordered: The order of messages: never less than that of a sample before, and without doubtful times.
     """
 
     measured: Times
@@ -184,38 +187,45 @@ class TimeBase:
                 self._earliest[base] = int(found[0])
         segments = list(self._numbers.segments(part))
         self._runs += [_Run() for _ in range(self._numbers.count - len(self._runs))]
-        run_of = np.full(len(part), -1)
-        time_of = np.zeros(len(part), np.int64)
+        run_of = np.full(len(part), UNKNOWN)
+        time_of = np.full(len(part), UNKNOWN)
         for segment in segments:
             rows = segment.rows[segment.is_known]
             run_of[rows], time_of[rows] = segment.run, segment.time[segment.is_known]
+        last_run, last_time = self._last or (UNKNOWN, UNKNOWN)
+        # With the sample before the part, so that each sample has one before it.
+        runs = _filled(np.append(last_run, run_of), UNKNOWN)
+        times = _filled(np.append(last_time, time_of), UNKNOWN)
         for segment in segments:
-            self._add(segment, sources, run_of, time_of)
-        if len(timed := np.flatnonzero(run_of >= 0)):
-            first, last = ((int(run_of[row]), int(time_of[row])) for row in timed[[0, -1]])
-            self._first, self._last = self._first or first, last
+            self._add(segment, sources, runs, times)
+        if runs[-1] != UNKNOWN:
+            self._last = int(runs[-1]), int(times[-1])
+        if self._first is None and len(timed := np.flatnonzero(run_of != UNKNOWN)):
+            self._first = int(run_of[timed[0]]), int(time_of[timed[0]])
 
     def _add(
-        self,
-        segment: _Segment,
-        sources: dict[Base, Times],
-        run_of: npt.NDArray[np.int64],
-        time_of: Times,
+        self, segment: _Segment, sources: dict[Base, Times], runs: Times, times: Times
     ) -> None:
+        """Adds the samples of a run; the others are the run and the time of the sample before each."""
         run = self._runs[segment.run]
         rows, time = segment.rows[segment.is_known], segment.time[segment.is_known]
         if not len(rows):
             return
         if run.start is None:
             run.start = int(time[0])
-            before = np.flatnonzero(run_of[: rows[0]] >= 0)
-            run.joined = (
-                (int(run_of[before[-1]]), int(time_of[before[-1]])) if len(before) else self._last
-            )
+            if runs[rows[0]] != UNKNOWN:
+                run.joined = int(runs[rows[0]]), int(times[rows[0]])
         for base, known in sources.items():
-            found = np.flatnonzero(known[rows] != UNKNOWN)
-            if base not in run.offsets and len(found):
-                run.offsets[base] = int(known[rows[found[0]]] - time[found[0]])
+            own = known[rows]
+            found = (own - time)[own != UNKNOWN]
+            if base in run.offsets or not len(found):
+                continue
+            if base in run.last:
+                found = np.append(run.last[base], found)
+            agree = np.flatnonzero(np.abs(np.diff(found)) <= NEAR)
+            run.last[base] = int(found[-1])
+            if len(agree):
+                run.offsets[base] = int(found[agree[0]])
 
     @property
     def base(self) -> Base:
@@ -237,7 +247,7 @@ class TimeBase:
     def _offsets(self) -> list[int]:
         """Returns for each run what to add to the device time, in ns."""
         base = self.base
-        known = [run.offsets.get(base) for run in self._runs]
+        known = [run.offsets.get(base, run.last.get(base)) for run in self._runs]
         if base == "device" and self._first is not None:
             known[self._first[0]] = 0
         # A run is joined to one with a lower number: they are numbered in the order of their first samples.
@@ -272,27 +282,49 @@ class _SecondPass:
         self._numbers = _Runs()
         #: For each run what to add to the device time, as of the last sample.
         self._offsets = list(offsets)
+        #: The same by a sample that does not agree, until the next one.
+        self._doubted: dict[int, int] = {}
         self._before, self._highest = start, 0
 
     def stamps(self, part: Part) -> Stamps:
         """Returns the times of the samples of the next part."""
         known = _known_times(part, self.base)
-        stamps = np.full(len(part), UNKNOWN)
+        trusted = np.full(len(part), UNKNOWN)
         for run, rows, time, is_known in self._numbers.segments(part):
             own = known[rows]
             offsets = np.where(is_known & (own != UNKNOWN), own - time, UNKNOWN)
+            doubtful = self._doubtful(run, offsets)
+            own[doubtful] = offsets[doubtful] = UNKNOWN
             offsets = _filled(offsets, self._offsets[run])
             self._offsets[run] = int(offsets[-1])
             derived = np.where(is_known, time + offsets, UNKNOWN)
-            stamps[rows] = np.where(own != UNKNOWN, own, derived)
+            trusted[rows] = np.where(own != UNKNOWN, own, derived)
         # A sample without any time has that of the sample before.
-        stamps = _filled(stamps, self._before)
-        if len(stamps):
-            self._before = int(stamps[-1])
-        measured = np.clip(stamps, 0, END - 1)
-        ordered = np.maximum.accumulate(np.append(self._highest, measured))[1:]
+        trusted = _filled(trusted, self._before)
+        self._before = int(trusted[-1]) if len(trusted) else self._before
+        trusted = np.clip(trusted, 0, END - 1)
+        ordered = np.maximum.accumulate(np.append(self._highest, trusted))[1:]
         self._highest = int(ordered[-1]) if len(ordered) else self._highest
+        measured = np.where(known != UNKNOWN, known, trusted)
         return Stamps(measured, ordered.astype(np.uint64))
+
+    def _doubtful(self, run: int, offsets: Times) -> npt.NDArray[np.intp]:
+        """Returns which samples have a time that agrees neither with that before nor with a doubtful one."""
+        found = np.flatnonzero(offsets != UNKNOWN)
+        steps = np.diff(offsets[found], prepend=self._offsets[run])
+        if run not in self._doubted and (np.abs(steps) <= NEAR).all():
+            return np.empty(0, np.intp)
+        good, doubted, rows = self._offsets[run], self._doubted.pop(run, None), []
+        for row, offset in zip(found.tolist(), offsets[found].tolist(), strict=True):
+            agrees = abs(offset - good) <= NEAR
+            if agrees or (doubted is not None and abs(offset - doubted) <= NEAR):
+                good, doubted = offset, None
+            else:
+                doubted = offset
+                rows.append(row)
+        if doubted is not None:
+            self._doubted[run] = doubted
+        return np.array(rows, np.intp)
 
 
 def _known_times(part: Part, base: Base) -> Times:
