@@ -165,7 +165,7 @@ class Measured:
         part: Part,
         *,
         converts: bool,
-        is_driver: bool,
+        is_driver: bool = False,
         only: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         self._part, self._converts, self._only = part, converts, only
