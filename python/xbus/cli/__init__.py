@@ -35,6 +35,7 @@ COMMANDS = {
     "record": "record",
     "monitor": "monitor",
     "view": "view",
+    "stream": "stream",
     "ntrip": "ntrip",
     "sim": "sim",
     "demo": "demo",
