@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from xbus.report.spectrum import COLUMNS, ROWS, Spectrum
@@ -61,6 +61,7 @@ def test_the_spectrogram_adds_up_to_the_density() -> None:
 ROWS_OF_5000 = st.integers(1, 4999)
 
 
+@settings(max_examples=30)
 @given(*(st.lists(ROWS_OF_5000, max_size=size) for size in (6, 3, 2)))
 def test_parts_do_not_matter(cuts: list[int], gaps: list[int], missing: list[int]) -> None:
     time, values = noise(5000)

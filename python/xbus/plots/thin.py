@@ -52,13 +52,14 @@ def _starts(time: FloatArray, width: float) -> Indices:
 
 def _extremes(starts: Indices, values: npt.NDArray[Any]) -> Indices:
     sizes = np.diff(starts, append=len(values))
-    found = []
+    found: list[Indices] = []
     for extreme in (np.minimum, np.maximum):
         hits = np.flatnonzero(values == np.repeat(extreme.reduceat(values, starts), sizes))
         of_bin = np.searchsorted(starts, hits, "right")
         found.append(hits[np.concatenate(([True], of_bin[1:] != of_bin[:-1]))])
     rows = np.sort(np.concatenate(found))
-    return rows[np.append(True, rows[1:] != rows[:-1])]
+    is_first: BoolArray = np.append(True, rows[1:] != rows[:-1])
+    return rows[is_first]
 
 
 def bin_width(width: float, span: float) -> float:
