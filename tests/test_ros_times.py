@@ -167,7 +167,10 @@ def test_times(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     xbus.read_log(data).to_mcap("whole.mcap")
     # A part of so few bytes has one sample.
     export_parts(xbus.split_log(data, block_bytes=1), "parts.mcap", Mcap())
-    assert Path("parts.mcap").read_bytes() == Path("whole.mcap").read_bytes()
+    monkeypatch.setattr("xbus.export.ros.mcap.BATCH", 2)
+    xbus.read_log(data).to_mcap("batches.mcap")
+    for other in ("parts.mcap", "batches.mcap"):
+        assert Path(other).read_bytes() == Path("whole.mcap").read_bytes()
     assert base_of("whole.mcap") == case.base
     topics = ("/imu/acceleration", "/device_2/imu/acceleration", "/gnss")
     found = [message for message in messages("whole.mcap") if message.topic in topics]

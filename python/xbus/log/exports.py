@@ -144,7 +144,7 @@ class Exports:
 
         Args:
             path: Path of the folder, which must not exist.
-            ros_style: As in `to_mcap`; and so are the others.
+            ros_style: As in `to_mcap`, like all others.
             frame_id: Frame id of the sensor.
             topic_prefix: What the names of topics begin with.
             keep_coordinates: Keep NED and NWU.

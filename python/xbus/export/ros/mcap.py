@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import BinaryIO, Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from xbus import _core
 from xbus.export.format import ExportError, Format, Survey, Writer
@@ -30,6 +31,17 @@ __all__ = ["Mcap"]
 NAME = r"[A-Za-z_][A-Za-z0-9_]*"
 PREFIX = re.compile(rf"(/?{NAME}(/{NAME})*/?)?")
 FRAME = re.compile(rf"{NAME}(/{NAME})*")
+#: Samples whose messages are in memory at a time.
+BATCH = 1 << 14
+#: What the core takes as the messages of a topic.
+MessageRows = tuple[
+    int,
+    npt.NDArray[np.int64],
+    bytes,
+    int | None,
+    npt.NDArray[np.uint8],
+    npt.NDArray[np.uint64] | None,
+]
 #: The BID of a stand-alone device, whose topics have no prefix.
 ALONE = 1
 TF = "/tf"
@@ -215,30 +227,42 @@ class _McapWriter:
     def write(self, part: Part) -> None:
         stamps = self._times.stamps(part)
         devices = device_of(part.bid)
+        for first in range(0, len(part), BATCH):
+            samples = range(first, min(first + BATCH, len(part)))
+            batch = slice(samples.start, samples.stop)
+            measured, ordered = stamps.measured[batch], stamps.ordered[batch]
+            rows = list(self._rows(part, samples, devices[batch]))
+            data = self._file.write(first, measured, ordered, rows)
+            self._out.write(data.data)
+            for row in rows:
+                begin, end = ordered[row[1][[0, -1]] - first].tolist()
+                self._first = begin if self._first is None else min(self._first, begin)
+                self._last = max(self._last, end)
+
+    def _rows(
+        self, part: Part, samples: range, devices: npt.NDArray[np.uint8]
+    ) -> Iterator[MessageRows]:
+        """Yields the messages of each topic of each device."""
+        file_format = self._format
         found = np.unique(devices).tolist()
-        rows = []
         for device in found:
-            only = devices == device if len(found) > 1 else None
             measured = Measured(
                 part,
-                converts=self._format.converts,
-                is_driver=self._format.style.is_driver,
-                only=only,
+                converts=file_format.converts,
+                is_driver=file_format.style.is_driver,
+                samples=samples,
+                only=devices == device if len(found) > 1 else None,
             )
             for topic, (number, layout) in zip(self._topics, self._of_device(device), strict=True):
                 # A device may send infinite numbers and NaN: so do the messages.
                 with np.errstate(invalid="ignore", over="ignore"):
-                    sample, values, ends = topic.bodies(measured, self._format.style, layout)
+                    sample, values, ends = topic.bodies(measured, file_format.style, layout)
                 if not len(sample):
                     continue
                 if values.dtype == DOUBLES:
                     # Which bits a computed NaN has depends on its place in an array.
                     values[np.isnan(values)] = np.nan
-                rows.append((number, sample, *layout.head, values.reshape(-1).view(np.uint8), ends))
-                first, last = stamps.ordered[sample[[0, -1]]].tolist()
-                self._first = first if self._first is None else min(self._first, first)
-                self._last = max(self._last, last)
-        self._out.write(self._file.write(0, stamps.measured, stamps.ordered, rows).data)
+                yield number, sample, *layout.head, values.reshape(-1).view(np.uint8), ends
 
     def _of_device(self, device: int) -> list[tuple[int, Layout]]:
         if device not in self._devices:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -157,7 +157,8 @@ class Measured:
         part: The part.
         converts: Whether to convert coordinates to ENU.
         is_driver: Whether to compute orientation as the vendor's code does.
-        only: Which samples of the part count, ``(n,)``; None for all.
+        samples: Indices of samples from the first one of the part; None for all.
+        only: Which of these samples count, ``(n,)``; None for all.
     """
 
     def __init__(
@@ -165,17 +166,29 @@ class Measured:
         part: Part,
         *,
         converts: bool,
-        is_driver: bool = False,
+        is_driver: bool,
+        samples: range | None = None,
         only: npt.NDArray[np.bool_] | None = None,
     ) -> None:
         self._part, self._converts, self._only = part, converts, only
+        self._samples = range(len(part)) if samples is None else samples
         self._quaternions = QUATERNIONS_OF_DRIVER if is_driver else QUATERNIONS
+
+    def _columns(self, name: str) -> Iterator[tuple[PartColumn, Rows]]:
+        """Yields the columns of a quantity with what they have of the samples."""
+        begin = self._part.first_sample
+        edges = np.array([self._samples.start, self._samples.stop]) + begin
+        for column in columns_of(self._part, name):
+            first, last = np.searchsorted(column.sample, edges)
+            sample, values = column.sample[first:last] - begin, column.values[first:last]
+            if self._only is not None:
+                keep = self._only[sample - self._samples.start]
+                sample, values = sample[keep], values[keep]
+            yield column, Rows(sample, values)
 
     def rows(self, name: str) -> Rows:
         """Returns a quantity as it was received; structs as raw integers."""
-        return self._joined(
-            (column.sample, column.values) for column in columns_of(self._part, name)
-        )
+        return _joined(rows for _, rows in self._columns(name))
 
     def numbers(self, name: str) -> Rows:
         """Returns a quantity as float64."""
@@ -193,65 +206,58 @@ class Measured:
         return self.orientation if self._converts else self._orientation(converts=True)
 
     def _orientation(self, *, converts: bool) -> Rows:
-        return self._joined(
-            (column.sample, _turned(column, of(column.values), converts=converts))
+        return _joined(
+            Rows(rows.sample, _turned(column, of(rows.values), converts=converts))
             for name, of in self._quaternions.items()
-            for column in columns_of(self._part, name)
+            for column, rows in self._columns(name)
         )
 
     @cached_property
     def euler(self) -> Rows:
         """Roll, pitch and yaw in degrees: from the angles, otherwise the matrix, otherwise the quaternion."""
-        names = ("quaternion", "rotation_matrix", "euler_angles")
-        return self._joined(
-            (column.sample, self._angles(column))
-            for name in names
-            for column in columns_of(self._part, name)
+        return _joined(
+            Rows(rows.sample, self._angles(column, rows.values))
+            for name in ("quaternion", "rotation_matrix", "euler_angles")
+            for column, rows in self._columns(name)
         )
 
-    def _angles(self, column: PartColumn) -> FloatArray:
+    def _angles(self, column: PartColumn, values: npt.NDArray[Any]) -> FloatArray:
         is_kept = not self._converts or system_of(column) == ENU
         if column.name == "euler_angles" and is_kept:
-            return column.values.astype(np.float64)
-        q = self._quaternions[column.name](column.values)
+            return values.astype(np.float64)
+        q = self._quaternions[column.name](values)
         return euler_of(_turned(column, q, converts=self._converts))
 
     def vectors(self, name: str) -> Rows:
         """Returns vectors of the local frame."""
-        return self._joined(
-            (column.sample, self._vectors(column)) for column in columns_of(self._part, name)
+        return _joined(
+            Rows(rows.sample, self._vectors(column, rows.values))
+            for column, rows in self._columns(name)
         )
 
-    def _vectors(self, column: PartColumn) -> FloatArray:
-        values = column.values.astype(np.float64)
+    def _vectors(self, column: PartColumn, values: npt.NDArray[Any]) -> FloatArray:
+        vectors = values.astype(np.float64)
         if not self._converts or system_of(column) == ENU:
-            return values
+            return vectors
         places, signs = AXES_TO_ENU[system_of(column)]
-        return np.asarray(values[:, places] * np.array(signs))
+        return np.asarray(vectors[:, places] * np.array(signs))
 
-    def _joined(self, several: Iterable[tuple[npt.NDArray[np.int64], npt.NDArray[Any]]]) -> Rows:
-        """Returns one row for each sample: the last of several."""
-        found = [
-            self._chosen(sample - self._part.first_sample, values) for sample, values in several
-        ]
-        if not found:
-            return Rows(np.empty(0, np.int64), np.empty((0, 0)))
-        samples, values = zip(*found, strict=True)
-        sample = np.concatenate(samples) if len(found) > 1 else samples[0]
-        joined = np.concatenate(values) if len(found) > 1 else values[0]
-        if len(found) > 1 and np.any(sample[1:] < sample[:-1]):
-            order = np.argsort(sample, kind="stable")
-            sample, joined = sample[order], joined[order]
-        last = np.append(sample[1:] != sample[:-1], True)[: len(sample)]
-        if not last.all():
-            sample, joined = sample[last], joined[last]
-        return Rows(sample, joined)
 
-    def _chosen(self, sample: npt.NDArray[np.int64], values: npt.NDArray[Any]) -> Rows:
-        if self._only is None:
-            return Rows(sample, values)
-        keep = self._only[sample]
-        return Rows(sample[keep], values[keep])
+def _joined(several: Iterable[Rows]) -> Rows:
+    """Returns one row for each sample: the last of several."""
+    found = list(several)
+    if not found:
+        return Rows(np.empty(0, np.int64), np.empty((0, 0)))
+    sample, values = found[0]
+    if len(found) > 1:
+        sample = np.concatenate([rows.sample for rows in found])
+        values = np.concatenate([rows.values for rows in found])
+        order = np.argsort(sample, kind="stable")
+        sample, values = sample[order], values[order]
+    last = np.append(sample[1:] != sample[:-1], True)[: len(sample)]
+    if not last.all():
+        sample, values = sample[last], values[last]
+    return Rows(sample, values)
 
 
 def _turned(column: PartColumn, q: FloatArray, *, converts: bool) -> FloatArray:
