@@ -15,17 +15,18 @@ from xbus.export import tables
 from xbus.log.arrays import identical, read_only
 from xbus.log.arrivals import HostTimes
 from xbus.log.flags import Flags
-from xbus.log.plotting import PlotTime, plot_columns
 from xbus.log.rates import Rates
 from xbus.log.rendering import html_table
 from xbus.log.runs import Runs
-from xbus.plots.draw import Backend
 from xbus.protocol.tables import QUANTITIES, Field, Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
     import pyarrow as pa
+
+    from xbus.log.plotting import PlotTime
+    from xbus.plots.draw import Backend
 
 __all__ = ["Column"]
 
@@ -322,6 +323,8 @@ class Column:
             ImportError: The extra ``plot``, or ``report`` for plotly, is not installed.
             ValueError: The quantity has no plot or no rows, or the log has no valid UTC.
         """
+        from xbus.log.plotting import plot_columns  # most programs plot nothing
+
         return plot_columns([self], self._part, time=time, backend=backend, ax=ax)
 
     # Comparison, pickle and print

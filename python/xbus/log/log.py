@@ -20,7 +20,6 @@ from xbus.log.exports import Exports
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identity_of
 from xbus.log.messages import Messages, Unknown
-from xbus.log.plotting import PlotTime, plot_columns
 from xbus.log.rendering import html_table, text_table
 from xbus.log.resample import Resampled, check_rate, spans
 from xbus.log.runs import PartRuns, Runs
@@ -30,8 +29,6 @@ from xbus.log.stats import Stats
 from xbus.log.strings import Strings
 from xbus.log.table_file import write_table
 from xbus.log.trackers import Tracker, trackers_of
-from xbus.plots.draw import Backend
-from xbus.plots.panels import has_panels
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
 from xbus.protocol.tables import MASTER, QUANTITIES, UTC_SOURCES, UTC_VALID, device_of
@@ -41,6 +38,9 @@ if TYPE_CHECKING:
     import pandas as pd
     import polars as pl
     import pyarrow as pa
+
+    from xbus.log.plotting import PlotTime
+    from xbus.plots.draw import Backend
 
 __all__ = ["Log", "LogDevice", "MissingDeviceError", "log_devices", "steady_time"]
 
@@ -583,6 +583,9 @@ class Log(ByQuantity[Column], Exports):
         >>> [ax.get_ylabel() for ax in axes]
         ['acceleration, m/s2', 'rate_of_turn, rad/s']
         """
+        from xbus.log.plotting import plot_columns  # most programs plot nothing
+        from xbus.plots.panels import has_panels
+
         columns = [self[key] for key in self._chosen(keys)]
         if keys is None:
             columns = [column for column in columns if has_panels(column.name)]
