@@ -25,6 +25,7 @@ EXPORTS: dict[str, tuple[str, str]] = {
     ".kml": ("xbus.export.kml", "Kml"),
     ".geojson": ("xbus.export.geojson", "GeoJson"),
     ".sto": ("xbus.export.sto", "Sto"),
+    ".txt": ("xbus.export.mt_manager", "MtManager"),
     ".mcap": ("xbus.export.ros.mcap", "Mcap"),
     ".rrd": ("xbus.export.rerun.rrd", "Rrd"),
 }
@@ -68,6 +69,35 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
             "--sto-names",
             metavar="ID=NAME,...",
             help="Names of the devices for OpenSim, by device identifier: 0080001E=pelvis,0080001F=torso.",
+        ),
+    ),
+    "mtm": (
+        (".txt",),
+        click.option(
+            "--mtm",
+            type=click.Choice(["2022", "4.8", "4.x", "3.x"]),
+            default="2022",
+            show_default=True,
+            help="Generation of MT Manager whose text format .txt has.",
+        ),
+    ),
+    "separator": (
+        (".txt",),
+        click.option(
+            "--separator",
+            type=click.Choice(["tab", "comma", "semicolon", "space"]),
+            default="tab",
+            show_default=True,
+            help="What stands between the columns of a .txt file.",
+        ),
+    ),
+    "missing": (
+        (".txt",),
+        click.option(
+            "--missing",
+            metavar="TEXT",
+            help="What stands for a missing value in a .txt file.  [default: NaN for --mtm 2022, otherwise "
+            "nothing]",
         ),
     ),
     "ros_style": (

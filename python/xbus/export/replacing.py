@@ -6,7 +6,7 @@ import contextlib
 import errno
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ __all__ = [
     "check_replaceable",
     "new_folder",
     "replacing",
+    "replacing_all",
     "replacing_folder",
 ]
 
@@ -54,6 +55,47 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
     except BaseException:
         part.unlink(missing_ok=True)
         raise
+
+
+@contextlib.contextmanager
+def replacing_all(paths: Sequence[str]) -> Iterator[list[Any]]:
+    """Opens files to write that replace those at ``paths`` when all are complete, or none of them.
+
+    A single path may be no regular file, as in `replacing`.
+    """
+    import secrets
+    from pathlib import Path
+
+    if len(paths) == 1:
+        with replacing(paths[0]) as out:
+            yield [out]
+        return
+    mark = secrets.token_hex(4)
+    targets = [Path(path).resolve() for path in paths]
+    parts, olds = (
+        [target.with_name(f".{target.name}.{mark}.{end}") for target in targets]
+        for end in ("part", "old")
+    )
+    placed = []
+    try:
+        with contextlib.ExitStack() as stack:
+            yield [stack.enter_context(part.open("xb")) for part in parts]
+        for target, part, old in zip(targets, parts, olds, strict=True):
+            if target.is_file():
+                part.chmod(target.stat().st_mode & 0o777)
+                target.rename(old)
+            part.rename(target)
+            placed.append(target)
+    except BaseException:
+        for target in placed:
+            target.unlink()
+        for target, part, old in zip(targets, parts, olds, strict=True):
+            part.unlink(missing_ok=True)
+            if old.exists():
+                old.rename(target)
+        raise
+    for old in olds:
+        old.unlink(missing_ok=True)
 
 
 class ForeignFilesError(ValueError):

@@ -86,6 +86,33 @@ class Exports:
         pairs = [f"{device}={name}" for device, name in (names or {}).items()]
         export(Sto(",".join(pairs) or None), self, [self], path)
 
+    def to_mt_manager(
+        self: Part,
+        path: str | os.PathLike[str],
+        *,
+        mtm: Literal["2022", "4.8", "4.x", "3.x"] = "2022",
+        separator: Literal["tab", "comma", "semicolon", "space"] = "tab",
+        missing: str | None = None,
+    ) -> None:
+        """Writes the text that MT Manager exports, a file for each device; they appear all or not at all.
+
+        Args:
+            path: Path of the file. For several devices, ``walk.txt`` stands for ``walk_0080001E.txt`` and so
+                on.
+            mtm: Generation of MT Manager, which decides header and names of columns.
+            separator: What stands between columns.
+            missing: Text for a missing value. Default: NaN for 2022, otherwise nothing.
+
+        Raises:
+            ExportError: The log has none of the quantities, or one in several coordinates, or the header
+                needs a rate and there are no time stamps; a ValueError.
+            ValueError: An option that does not fit.
+            OSError: A file cannot be written.
+        """
+        from xbus.export.mt_manager import MtManager
+
+        export(MtManager(mtm, separator, missing), self, [self], path)
+
     def to_mcap(
         self: Part,
         path: str | os.PathLike[str],
