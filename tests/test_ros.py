@@ -326,8 +326,16 @@ def test_the_transform_is_that_of_the_orientation() -> None:
     assert values(transform.transform) == pytest.approx([0, 0, 0, 1.4 * ROOT, 0.2 * ROOT, 0, 0])
 
 
-def test_utc_that_is_not_valid_is_not_published() -> None:
-    found = written(mtdata2(INVALID, *INERTIAL) + mtdata2(VALID, *INERTIAL))
+#: The 40th of the 13th month; the year 2100, beyond the seconds of messages.
+IMPOSSIBLE = packet(0x1010, bytes.fromhex("0000000507e70d2819010107"))
+LATE = packet(0x1010, bytes.fromhex("000000050834010101010107"))
+
+
+@pytest.mark.parametrize(
+    "wrong", [INVALID, IMPOSSIBLE, LATE], ids=["invalid", "impossible", "late"]
+)
+def test_utc_that_is_not_valid_is_not_published(wrong: bytes) -> None:
+    found = written(mtdata2(wrong, *INERTIAL) + mtdata2(VALID, *INERTIAL))
     [reference] = [message for message in found if message.topic == "/imu/utctime"]
     assert values(reference.content.time_ref) == [STAMP // 10**9, 250_000_000]
 

@@ -190,6 +190,13 @@ class Measured:
         """Returns a quantity as it was received; structs as raw integers."""
         return _joined(rows for _, rows in self._columns(name))
 
+    def times(self, name: str) -> npt.NDArray[np.int64]:
+        """Returns the UTC of each of `rows` in ns since 1970; the lowest integer for an impossible date."""
+        _, values = self._joined(
+            (column.sample, column.datetime) for column in columns_of(self._part, name)
+        )
+        return values.view(np.int64)
+
     def numbers(self, name: str) -> Rows:
         """Returns a quantity as float64."""
         sample, values = self.rows(name)

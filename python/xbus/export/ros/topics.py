@@ -16,6 +16,7 @@ from xbus.export.part import Part
 from xbus.export.ros.cdr import DOUBLES, Head, Layout, bare, stamped, transform
 from xbus.export.ros.fixes import navsat_fields, navsat_rows, sentences
 from xbus.export.ros.measured import Measured, Rows, columns_of, inner, outer, xyzw
+from xbus.export.ros.stamps import END
 from xbus.geometry import quaternion
 from xbus.geometry.earth import geodetic_to_ecef
 from xbus.protocol.tables import UTC_VALID
@@ -27,6 +28,7 @@ ORIENTATION = ("quaternion", "rotation_matrix", "euler_angles")
 ABSENT = -1.0
 #: Ticks of SampleTimeFine in a second, and nanoseconds of one.
 TICKS, TICK = 10_000, 100_000
+SECOND = 10**9
 #: The bits of a status in the order of the message: first bit and number of bits.
 STATUS_BITS = (
     *((bit, 1) for bit in range(3)),
@@ -225,8 +227,10 @@ def _sample_time(measured: Measured, style: Style, layout: Layout) -> Bodies:  #
 def _utc(measured: Measured, style: Style, layout: Layout) -> Bodies:
     sample, records = measured.rows("utc_time")
     if not style.is_driver:
-        is_valid = records["valid"] & UTC_VALID == UTC_VALID
-        sample, records = sample[is_valid], records[is_valid]
+        times = measured.times("utc_time")
+        is_valid = (records["valid"] & UTC_VALID == UTC_VALID) & (times >= 0) & (times < END)
+        seconds, nanoseconds = np.divmod(times[is_valid], SECOND)
+        return _references(sample[is_valid], seconds, nanoseconds, layout)
     # Dates that do not exist, such as month 0, continue the calendar, as in C.
     months = (records["year"].astype(np.int64) - 1970) * 12 + records["month"] - 1
     days = months.astype("M8[M]").astype("M8[D]").astype(np.int64) + records["day"] - 1
