@@ -8,6 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 __all__ = [
+    "CAN_ERROR",
+    "CAN_EXTENDED",
+    "CAN_REMOTE",
     "EXTENDED_HEADER_SIZE",
     "PACKET_HEADER",
     "UTC_VALID",
@@ -17,6 +20,7 @@ __all__ = [
     "BatchIterator",
     "Block",
     "BlockDecoder",
+    "CanFrames",
     "Cancel",
     "Chunk",
     "ClockStep",
@@ -46,6 +50,8 @@ __all__ = [
     "TableFile",
     "Waiting",
     "__version__",
+    "can_messages",
+    "can_quantities",
     "configuration",
     "damage_reasons",
     "device_id",
@@ -63,6 +69,7 @@ __all__ = [
     "product_code",
     "products",
     "quantities",
+    "read_can",
     "result_codes",
     "status_flags",
     "strings",
@@ -75,9 +82,19 @@ EXTENDED_HEADER_SIZE: int
 PACKET_HEADER: int
 #: The bits that mark date, time and UTC as valid (Tables 25 and 35). Higher bits may also be set.
 UTC_VALID: int
+#: The bits of a CAN identifier that mark 29 bits, a remote frame and an error frame, as in SocketCAN.
+CAN_EXTENDED: int
+CAN_REMOTE: int
+CAN_ERROR: int
 
 def quantities() -> list[dict[str, Any]]:
     """The data identifiers, row by row: see `xbus.protocol.tables.Quantity`."""
+
+def can_quantities() -> list[dict[str, Any]]:
+    """The quantities that only CAN has, row by row: see `xbus.protocol.tables.Quantity`."""
+
+def can_messages() -> list[dict[str, Any]]:
+    """The CAN messages, row by row: see `xbus.protocol.can.CanMessage`."""
 
 def messages() -> list[dict[str, Any]]:
     """The messages, row by row: see `xbus.protocol.tables.MessageRow`."""
@@ -456,6 +473,37 @@ class Shape:
         """Returns the shape of one device, whose samples alone have the shape ``device``."""
     def empty(self) -> Part:
         """Returns a part without samples, with the columns of the log."""
+
+def read_can(
+    ids: npt.NDArray[np.uint32],
+    sizes: npt.NDArray[np.uint8],
+    data: npt.NDArray[np.uint8],
+    entries: Sequence[tuple[int, int, int]],
+    rate: float | None = None,
+) -> CanFrames:
+    """Groups CAN frames to samples, and decodes them.
+
+    Args:
+        ids: The identifier of each frame, ``(n,)``, with the marks of `CAN_EXTENDED` and the others.
+        sizes: Bytes of data of each frame, ``(n,)``.
+        data: The data, ``(n, 8)``, contiguous.
+        entries: Identifier, bus identifier of the device, and code of each message.
+        rate: Groups per second of devices without SampleTime, in Hz.
+
+    Raises:
+        ValueError: The arrays do not fit together, an identifier is out of range or stands for two messages,
+            or a code does not exist.
+    """
+
+@final
+class CanFrames:
+    """A log of CAN frames, from `read_can`."""
+
+    @property
+    def part(self) -> Part: ...
+    @property
+    def verdicts(self) -> npt.NDArray[np.uint8]:
+        """What became of each frame, ``(n,)``: see `xbus.can.traffic.Verdict`."""
 
 @final
 class Part:

@@ -160,7 +160,8 @@ mod by_id {
 
     pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<&'static Quantity, D::Error> {
         let id = u16::deserialize(deserializer)?;
-        table::quantity(id).ok_or_else(|| D::Error::custom(format_args!("no quantity has the identifier {id:#06X}")))
+        table::column_quantity(id)
+            .ok_or_else(|| D::Error::custom(format_args!("no quantity has the identifier {id:#06X}")))
     }
 }
 

@@ -139,6 +139,35 @@ impl fmt::Display for ShapeError {
 
 impl std::error::Error for ShapeError {}
 
+/// Why CAN frames cannot be read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CanError {
+    /// Identifiers, sizes and data are not of the same frames.
+    Lengths,
+    /// More frames than a log can count.
+    TooMany,
+    /// No message has this code.
+    Code(u8),
+    /// An identifier that has more bits than its format.
+    Range(u32),
+    /// One identifier for two messages.
+    Twice(u32),
+}
+
+impl fmt::Display for CanError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Lengths => f.write_str("identifiers, lengths and data must have one row for each frame"),
+            Self::TooMany => f.write_str("a log has fewer than 2^32 CAN frames; read a shorter part of the capture"),
+            Self::Code(code) => write!(f, "no CAN message has the code {code:#04X}"),
+            Self::Range(id) => write!(f, "the identifier {id:#X} has more bits than its format"),
+            Self::Twice(id) => write!(f, "the identifier {id:#X} stands for two messages"),
+        }
+    }
+}
+
+impl std::error::Error for CanError {}
+
 /// Why something cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EncodeError {
@@ -146,6 +175,11 @@ pub enum EncodeError {
     Identifier {
         /// The identifier.
         id: u16,
+    },
+    /// A quantity that is no packet, because only CAN has it.
+    OnlyCan {
+        /// The quantity.
+        name: &'static str,
     },
     /// A payload that is too long for the 16-bit length.
     PayloadTooLong {
@@ -200,6 +234,7 @@ impl fmt::Display for EncodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Identifier { id } => write!(f, "no quantity has the data identifier {id:#06x}"),
+            Self::OnlyCan { name } => write!(f, "{name} has no packet; only CAN has it"),
             Self::PayloadTooLong { length } => {
                 write!(f, "a payload of {length} bytes does not fit into a frame; its length has 16 bits")
             }

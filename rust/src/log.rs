@@ -3,6 +3,7 @@
 //! [`Reader`] takes the input in windows of any size and returns what it has decoded as [`Part`]s. The parts of a log, joined,
 //! are the log: a part depends on the input before it, never on the input after it.
 
+pub mod can;
 mod device;
 mod join;
 mod parallel;

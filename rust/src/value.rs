@@ -120,6 +120,9 @@ fn write(
 ) -> Result<(), EncodeError> {
     let name = quantity.name;
     let mut id = quantity.id;
+    if table::quantity(id).is_none() {
+        return Err(EncodeError::OnlyCan { name });
+    }
     match (quantity.rotates, coordinates) {
         (true, system) => id |= system.unwrap_or(Coordinates::Enu).bits(),
         (false, Some(_)) => return Err(EncodeError::Coordinates { name }),

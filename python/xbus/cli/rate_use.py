@@ -45,14 +45,14 @@ class RateUse:
             return
         import numpy as np
 
-        from xbus.protocol.tables import QUANTITIES
+        from xbus.protocol.tables import COLUMN_QUANTITIES
 
         is_counted = part.packet_counter != -1
         is_timed = np.isfinite(part.time)
         self.has_counter |= bool(is_counted.any())
         self.untimed += int(np.count_nonzero(is_counted & ~is_timed))
         for column in part.core.columns:
-            if column.name is not None and QUANTITIES[column.name].clock in STAMPS:
+            if column.name is not None and COLUMN_QUANTITIES[column.name].clock in STAMPS:
                 is_timed[column.sample - part.first_sample] = False
         self.derived += int(np.count_nonzero(is_timed))
 

@@ -27,11 +27,11 @@ def check_resampling(keys: Sequence[EntryKey], rate: float | None, max_gap: floa
         if max_gap is not None:
             raise click.UsageError("--max-gap needs --rate-out")
         return
-    from xbus.protocol.tables import QUANTITIES
+    from xbus.protocol.tables import COLUMN_QUANTITIES
 
     for key in keys:
         name = key if isinstance(key, str) else key[0]
-        if (row := QUANTITIES.get(name)) is None:
+        if (row := COLUMN_QUANTITIES.get(name)) is None:
             raise click.UsageError(
                 f"--rate-out: {name} is a string, which has no values between two"
             )

@@ -25,7 +25,7 @@ from xbus.log.stats import Stats
 from xbus.log.trackers import count_losses, frames_of
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import QUANTITIES, UTC_VALID, device_of, message_name
+from xbus.protocol.tables import COLUMN_QUANTITIES, UTC_VALID, device_of, message_name
 from xbus.protocol.undecoded import Undecoded
 from xbus.wire.message import Message
 from xbus.wire.result_code import ResultCode, read_result_code
@@ -232,7 +232,7 @@ class QuantitySummary:
     @property
     def data_id(self) -> int:
         """The data identifier as received; the one with format bits zero if several occur."""
-        return next(iter(self._ids)) if len(self._ids) == 1 else QUANTITIES[self.name].id
+        return next(iter(self._ids)) if len(self._ids) == 1 else COLUMN_QUANTITIES[self.name].id
 
     def to_dict(self) -> dict[str, Any]:
         """Returns the summary as plain values for JSON."""

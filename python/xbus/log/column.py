@@ -18,7 +18,7 @@ from xbus.log.flags import Flags
 from xbus.log.rates import Rates
 from xbus.log.rendering import html_table
 from xbus.log.runs import Runs
-from xbus.protocol.tables import QUANTITIES, Field, Quantity
+from xbus.protocol.tables import COLUMN_QUANTITIES, Field, Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,7 +68,7 @@ class Column:
         # memory.
         self._part = host_times.part
         self._host_times = host_times
-        self._row: Quantity = QUANTITIES[core.name]
+        self._row: Quantity = COLUMN_QUANTITIES[core.name]
         self.name: str = core.name
         self.unit: str = self._row.unit
         self.precision: str | None = core.precision

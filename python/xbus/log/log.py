@@ -31,7 +31,7 @@ from xbus.log.table_file import write_table
 from xbus.log.trackers import Tracker, trackers_of
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
-from xbus.protocol.tables import MASTER, QUANTITIES, UTC_SOURCES, UTC_VALID, device_of
+from xbus.protocol.tables import COLUMN_QUANTITIES, MASTER, UTC_SOURCES, UTC_VALID, device_of
 from xbus.protocol.undecoded import Undecoded, describe_undecoded, output_mids
 
 if TYPE_CHECKING:
@@ -520,13 +520,13 @@ class Log(ByQuantity[Column], Exports):
         columns = [self[key] for key in self._chosen(quantities)]
         has_utc = any(column.name in UTC_SOURCES for column in columns)
         for column in columns:
-            can_be = QUANTITIES[column.name].interpolation or column.name == "utc_time"
+            can_be = COLUMN_QUANTITIES[column.name].interpolation or column.name == "utc_time"
             if quantities is not None and not can_be:
                 raise ValueError(
                     f"{column.name} has no values between samples, so it cannot be resampled; "
                     f"leave it out, or use log[{column.name!r}]"
                 )
-        columns = [column for column in columns if QUANTITIES[column.name].interpolation]
+        columns = [column for column in columns if COLUMN_QUANTITIES[column.name].interpolation]
         if not np.isfinite(self.time).any():
             raise ValueError(
                 "the log has no time stamps, without which nothing can be resampled; "

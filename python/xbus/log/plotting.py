@@ -17,7 +17,7 @@ from xbus.plots.draw import Backend, draw
 from xbus.plots.panels import PlottedColumn, has_panels, label, panel_rows
 from xbus.plots.plot import Plot, TimeAxis
 from xbus.plots.thin import Curves, FloatArray, Steps
-from xbus.protocol.tables import QUANTITIES, device_of
+from xbus.protocol.tables import COLUMN_QUANTITIES, device_of
 
 __all__ = ["PlotTime", "plot_columns"]
 
@@ -56,7 +56,7 @@ def plot_columns(
 
 
 def _without_plot(name: str) -> str:
-    if QUANTITIES[name].has_flags:
+    if COLUMN_QUANTITIES[name].has_flags:
         return f"{name} is a word of bits, which has no plot; draw one of its flags: column.flags"
     return f"{name} has no plot; it is no measured number"
 

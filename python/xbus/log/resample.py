@@ -18,7 +18,7 @@ from xbus.log.column import Column
 from xbus.log.runs import PartRuns, Runs
 from xbus.log.table_file import write_table
 from xbus.protocol.keys import ByQuantity, EntryKey, KeyIndex, QuantityKey
-from xbus.protocol.tables import QUANTITIES, Field, Quantity
+from xbus.protocol.tables import COLUMN_QUANTITIES, Field, Quantity
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -246,7 +246,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         if not np.isnat(self.utc).all():
             yield "utc", self.utc, {}
         for (key, values), column in zip(self.items(), self._columns, strict=True):
-            row, stem = QUANTITIES[column.name], _stem(key)
+            row, stem = COLUMN_QUANTITIES[column.name], _stem(key)
             metadata = {"data_id": f"0x{column.data_id:04X}"}
             if column.coordinates:
                 metadata["coordinates"] = column.coordinates
@@ -363,7 +363,7 @@ def interpolated(
     Returns:
         float64 with NaN, or a masked array: see `Resampled`.
     """
-    row = QUANTITIES[column.name]
+    row = COLUMN_QUANTITIES[column.name]
     if not len(rows):
         return _unknown(column, len(grid))
     near = _neighbours(column.time[rows], grid, max_gap)
@@ -459,7 +459,7 @@ def _records(
 
 def _unknown(column: Column, count: int) -> npt.NDArray[Any]:
     """Returns rows of which nothing is known."""
-    row = QUANTITIES[column.name]
+    row = COLUMN_QUANTITIES[column.name]
     if row.fields:
         return np.ma.masked_array(np.zeros(count, column.scaled.dtype), True)
     if row.interpolation == "previous":

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from xbus.export.part import PartColumn
 from xbus.export.valid import has_fix
 from xbus.plots.thin import FloatArray
-from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.tables import COLUMN_QUANTITIES
 
 __all__ = ["PlottedColumn", "Rows", "has_panels", "label", "panel_rows"]
 
@@ -79,7 +79,7 @@ def has_panels(name: str) -> bool:
     >>> has_panels("acceleration"), has_panels("status_word")
     (True, False)
     """
-    row = QUANTITIES[name]
+    row = COLUMN_QUANTITIES[name]
     if row.fields:
         return name in STRUCT_PANELS or name == "gnss_sat_info"
     return row.group != "Timestamp" and row.kind != "id" and not row.has_flags

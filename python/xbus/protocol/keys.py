@@ -7,7 +7,7 @@ from typing import Any, Generic, NamedTuple, TypeVar, overload
 
 from xbus.protocol.formats import format_of
 from xbus.protocol.ids import Coordinates, Precision
-from xbus.protocol.tables import QUANTITIES, Quantity
+from xbus.protocol.tables import COLUMN_QUANTITIES, Quantity
 
 __all__ = ["ByQuantity", "EntryKey", "Key", "KeyIndex", "QuantityKey", "key_of", "resolve_key"]
 
@@ -39,7 +39,7 @@ class QuantityKey(NamedTuple):
     @property
     def quantity(self) -> Quantity:
         """The row of the table."""
-        return QUANTITIES[self.name]
+        return COLUMN_QUANTITIES[self.name]
 
 
 def resolve_key(key: Key) -> QuantityKey:
@@ -57,8 +57,8 @@ def resolve_key(key: Key) -> QuantityKey:
     """
     subject, *formats = key if isinstance(key, tuple) and key else (key,)
     if isinstance(subject, str):
-        if (row := QUANTITIES.get(subject)) is None:
-            hint = _suggestion(subject, QUANTITIES, "xbus quantities lists them")
+        if (row := COLUMN_QUANTITIES.get(subject)) is None:
+            hint = _suggestion(subject, COLUMN_QUANTITIES, "xbus quantities lists them")
             raise ValueError(f"no quantity is called {subject!r}; {hint}")
     elif isinstance(subject, int) and not isinstance(subject, bool | Coordinates | Precision):
         row, precision, system = format_of(subject)

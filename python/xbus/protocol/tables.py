@@ -10,6 +10,8 @@ from xbus import _core
 from xbus._core import device_of
 
 __all__ = [
+    "CAN_QUANTITIES",
+    "COLUMN_QUANTITIES",
     "LATE",
     "MASTER",
     "MESSAGES",
@@ -287,6 +289,10 @@ def _message(row: dict[str, Any]) -> MessageRow:
 
 #: All data identifiers, by name.
 QUANTITIES = {row["name"]: _quantity(row) for row in _core.quantities()}
+#: The quantities that only CAN has, by name. Their identifiers are those of columns, not of packets.
+CAN_QUANTITIES = {row["name"]: _quantity(row) for row in _core.can_quantities()}
+#: The quantities that a log can have.
+COLUMN_QUANTITIES = QUANTITIES | CAN_QUANTITIES
 _BY_ID = {quantity.id: quantity for quantity in QUANTITIES.values()}
 #: Quantities of the GNSS receiver, whose samples come late, and without a fix with an arbitrary time.
 RECEIVER = tuple(name for name, row in QUANTITIES.items() if row.clock == "receiver")

@@ -17,7 +17,7 @@ from xbus.log.column import Column
 from xbus.log.log import Log, steady_time
 from xbus.plots.panels import panel_rows
 from xbus.plots.thin import Bands, BoolArray, Curves, FloatArray, Steps
-from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
+from xbus.protocol.tables import COLUMN_QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
 from xbus.protocol.undecoded import output_mids
 from xbus.report.allan import Longest
 from xbus.report.clock import Clock, ClockPiece
@@ -405,7 +405,7 @@ class ReportData:
         end = time[first + rows - 1] + (usual if np.isfinite(usual) else 0.0)
         follows = np.append(~breaks[first[1:]], False)
         end = np.where(follows, np.append(start[1:], 0.0), end)
-        for field in QUANTITIES[column.name].flags:
+        for field in COLUMN_QUANTITIES[column.name].flags:
             values = field.of(words[first])
             for value in np.unique(values[values != 0]).tolist():
                 flag = self.flags.setdefault((field.name, value), Flag(field, value))

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from xbus.formatting import describe_damage, describe_losses, format_count
-from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.tables import COLUMN_QUANTITIES
 from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 from xbus.report.data import ReportData, Series
 
@@ -70,7 +70,7 @@ def _losses(data: ReportData) -> Iterator[Finding]:
 
 def _pauses(series: Series, data: ReportData) -> bool:
     """Returns whether a quantity with a regular rate has gaps in its times."""
-    group = QUANTITIES[series.name].group
+    group = COLUMN_QUANTITIES[series.name].group
     regular = group not in ("Timestamp", "Indication") and series.steps.rows >= MIN_ROWS
     return data.axis.kind == "time" and regular and 0 < series.steps.gaps < series.steps.rows / 10
 
@@ -137,7 +137,7 @@ def _values(data: ReportData) -> Iterator[Finding]:
     for series in data.series:
         for panel in series.panels.values():
             # Fields that a receiver does not provide are not a problem.
-            if panel.curves.missing and not QUANTITIES[series.name].fields:
+            if panel.curves.missing and not COLUMN_QUANTITIES[series.name].fields:
                 values = format_count(panel.curves.missing, "value")
                 yield Finding(
                     True, f"{values} of {series.label} NaN or infinite", data.anchor(series)

@@ -49,6 +49,12 @@ impl TimedPart {
         timed
     }
 
+    /// A part that is a log by itself, whose clocks begin as these.
+    #[must_use]
+    pub fn whole(part: Part, clocks: Clocks) -> Self {
+        Self { part, clocks, times: OnceLock::new() }
+    }
+
     /// Times and counters, computed on the first call.
     pub fn times(&self) -> &Times {
         self.times.get_or_init(|| self.part.unwrap(&mut self.clocks.clone()))

@@ -4,6 +4,7 @@
 
 mod array;
 mod arrow;
+mod can;
 mod clock;
 mod codec;
 mod column;
@@ -26,6 +27,8 @@ mod _core {
     #[pymodule_export]
     use super::arrow::{ArrowStream, Batch, BatchIterator};
     #[pymodule_export]
+    use super::can::{CanFrames, read_can};
+    #[pymodule_export]
     use super::clock::{SampleClock, device_of, is_sample};
     #[pymodule_export]
     use super::codec::{
@@ -47,7 +50,10 @@ mod _core {
     #[pymodule_export]
     use super::message_file::MessageFile;
     #[pymodule_export]
-    use super::tables::{damage_reasons, messages, products, quantities, result_codes, status_flags, strings};
+    use super::tables::{
+        can_messages, can_quantities, damage_reasons, messages, products, quantities, result_codes, status_flags,
+        strings,
+    };
     #[pymodule_export]
     use crate::device::{device_id, product_code};
     #[pymodule_export]
@@ -62,6 +68,9 @@ mod _core {
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
         module.add("EXTENDED_HEADER_SIZE", crate::frame::EXTENDED_HEADER_SIZE)?;
         module.add("PACKET_HEADER", crate::packet::PACKET_HEADER)?;
+        module.add("CAN_EXTENDED", crate::log::can::flag::EXTENDED)?;
+        module.add("CAN_REMOTE", crate::log::can::flag::REMOTE)?;
+        module.add("CAN_ERROR", crate::log::can::flag::ERROR)?;
         module.add("UTC_VALID", crate::utc::UTC_VALID)?;
         module.add("__version__", env!("CARGO_PKG_VERSION"))
     }

@@ -6,7 +6,7 @@ use pyo3::types::PyDict;
 use super::Row;
 use crate::packet::record_size;
 use crate::scan::Reason;
-use crate::table::{self, Content, Field, Kind, MessageField, Payload, Products};
+use crate::table::{self, CanContent, Content, Field, Kind, MessageField, Payload, Products};
 
 /// A row as a dict: fields and variables under their names, and values under other names.
 macro_rules! row {
@@ -45,6 +45,16 @@ fn message_fields<'py>(py: Python<'py>, fields: &[MessageField]) -> PyResult<Vec
 /// The data identifiers.
 #[pyfunction]
 pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    quantity_rows(py, table::QUANTITIES)
+}
+
+/// The quantities that only CAN has.
+#[pyfunction]
+pub fn can_quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    quantity_rows(py, table::CAN_QUANTITIES)
+}
+
+fn quantity_rows<'py>(py: Python<'py>, quantities: &[table::Quantity]) -> PyResult<Vec<Row<'py>>> {
     let row = |quantity: &table::Quantity| {
         let (kind, numbers, size, head, entry): (_, _, _, &[Field], &[Field]) = match quantity.kind {
             Kind::Real(n) => ("real", n, None, &[], &[]),
@@ -63,7 +73,38 @@ pub fn quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
             "entry": fields(py, entry)?,
         )
     };
-    table::QUANTITIES.iter().map(row).collect()
+    quantities.iter().map(row).collect()
+}
+
+/// The CAN messages.
+#[pyfunction]
+pub fn can_messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    let signal = |signal: &table::CanSignal| {
+        let (min, max) = signal.range;
+        row!(py, signal { name, per_unit, unit }, min, max, "type": signal.wire)
+    };
+    let row = |message: &table::CanMessage| {
+        let kind = match message.content {
+            CanContent::Numbers(_) => "numbers",
+            CanContent::Scaled(_) => "scaled",
+            CanContent::Component(..) => "component",
+            CanContent::Integer(_) => "integer",
+            CanContent::Record(_) => "record",
+            CanContent::Utc(_) => "utc",
+            CanContent::Event => "event",
+            CanContent::Opaque => "opaque",
+        };
+        row!(
+            py,
+            message { code, name, max_rate },
+            kind,
+            "quantity": message.content.quantity().map(|quantity| quantity.name),
+            "size": message.size(),
+            "signals": message.signals.iter().map(signal).collect::<PyResult<Vec<_>>>()?,
+            "products": numbers_of(message.products),
+        )
+    };
+    table::CAN_MESSAGES.iter().map(row).collect()
 }
 
 /// The messages.

@@ -4,6 +4,7 @@
 //! else: decoder, encoder, scanner, Python enums, stubs, documentation and command line read them. A new data
 //! identifier or message is a new row.
 
+mod can;
 mod errors;
 mod messages;
 mod payload;
@@ -13,6 +14,7 @@ mod strings;
 #[cfg(test)]
 mod tests;
 
+pub use can::{CAN_MESSAGES, CAN_QUANTITIES, CanContent, CanMessage, CanSignal, MAX_EXPONENT};
 pub use errors::{RESULT_CODES, result_text};
 pub use messages::{
     CONFIGURATION, DEVICE_ID, ERROR, FIRMWARE_REV, HARDWARE_VERSION, INIT_BUS_RESULTS, LONGEST_PAYLOAD, MESSAGES,
@@ -338,10 +340,16 @@ pub fn quantity(data_id: u16) -> Option<&'static Quantity> {
     QUANTITIES.get(usize::from(ROW_OF_ID[usize::from(data_id >> 4)]))
 }
 
+/// The quantity of this identifier in a column: as [`quantity`], or one that only CAN has.
+#[must_use]
+pub fn column_quantity(data_id: u16) -> Option<&'static Quantity> {
+    quantity(data_id).or_else(|| CAN_QUANTITIES.iter().find(|row| row.id == data_id & !0xF))
+}
+
 /// The quantity of this name.
 #[must_use]
 pub fn quantity_named(name: &str) -> Option<&'static Quantity> {
-    QUANTITIES.iter().find(|quantity| quantity.name == name)
+    QUANTITIES.iter().chain(CAN_QUANTITIES).find(|quantity| quantity.name == name)
 }
 
 /// The base identifier of the quantity of this name; a name that no row has does not compile.

@@ -308,6 +308,7 @@ pub const STATUS_FLAGS: &[StatusFlag] = &[
 /// apart in the vendor's code; fewer would put 48x0 among the accelerations.
 const fn group(id: u16) -> &'static str {
     match id & 0xFE00 {
+        0x0600 => "CAN",
         0x0800 => "Temperature",
         0x1000 => "Timestamp",
         0x2000 => "Orientation Data",
@@ -373,7 +374,7 @@ const fn fixed(
     Quantity { components, unit, interpolation: Some(Previous), ..new(id, name, manual, kind) }
 }
 
-const fn record(id: u16, name: &'static str, manual: &'static str, fields: &'static [Field]) -> Quantity {
+pub(super) const fn record(id: u16, name: &'static str, manual: &'static str, fields: &'static [Field]) -> Quantity {
     new(id, name, manual, Kind::Struct(fields))
 }
 
@@ -401,7 +402,7 @@ impl Quantity {
         Self { axes: Some(axes), ..self }
     }
 
-    const fn interpolated(self, interpolation: Interpolation) -> Self {
+    pub(super) const fn interpolated(self, interpolation: Interpolation) -> Self {
         Self { interpolation: Some(interpolation), ..self }
     }
 
@@ -425,7 +426,7 @@ impl Quantity {
         Self { products, ..self }
     }
 
-    const fn from(self, source: &'static str) -> Self {
+    pub(super) const fn from(self, source: &'static str) -> Self {
         Self { source, ..self }
     }
 }

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from xbus.export.part import Part, PartColumn
 from xbus.formatting import describe_losses, format_count
 from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
+from xbus.protocol.tables import COLUMN_QUANTITIES, STATUS_FLAGS
 from xbus.wire.result_code import read_result_code
 
 __all__ = ["Event", "StatusChanges", "events_of"]
@@ -74,7 +74,7 @@ class StatusChanges:
             rows: The rows of the device.
             bid: Bus identifier of the device.
         """
-        flags = QUANTITIES[column.name].flags
+        flags = COLUMN_QUANTITIES[column.name].flags
         words = column.values[rows].astype(np.int64) & ~HIDDEN
         before = np.concatenate(([self._last], words[:-1]))
         self._last = int(words[-1]) if len(words) else self._last

@@ -17,7 +17,7 @@ from xbus.export.valid import has_fix, has_position
 from xbus.extras import require
 from xbus.formatting import device_name
 from xbus.geometry.quaternion import from_euler, from_matrix
-from xbus.protocol.tables import QUANTITIES, Field, device_of
+from xbus.protocol.tables import COLUMN_QUANTITIES, Field, device_of
 
 __all__ = ["APPLICATION", "RerunStream", "require_rerun"]
 
@@ -188,7 +188,7 @@ class RerunStream:
     ) -> Iterator[Event]:
         """Sends the rows of a device, and yields changes of its status."""
         path, name = device.path, column.name
-        row = QUANTITIES[name]
+        row = COLUMN_QUANTITIES[name]
         if row.has_flags:
             yield from device.status.of(column, rows, device.bid)
             return
