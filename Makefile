@@ -39,6 +39,7 @@ bench:
 	python benches/delay.py
 	python benches/flood.py
 	python benches/soak.py 60
+	python benches/can.py
 
 docs:
 	@python -c "import xbus, furo, myst_parser, sphinx" 2>/dev/null || \

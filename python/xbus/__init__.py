@@ -12,7 +12,21 @@ from typing import TYPE_CHECKING, Any
 from xbus._core import __version__
 
 if TYPE_CHECKING:
-    from xbus import dask, describe, device, errors, geometry, log, protocol, report, rtk, sim, wire
+    from xbus import (
+        can,
+        dask,
+        describe,
+        device,
+        errors,
+        geometry,
+        log,
+        protocol,
+        report,
+        rtk,
+        sim,
+        wire,
+    )
+    from xbus.can import read_can
     from xbus.device import (
         ApplyError,
         Device,
@@ -55,6 +69,7 @@ if TYPE_CHECKING:
 #: The module of each public name. Modules are imported when a name is first used, so that ``import xbus``
 #: and ``xbus --help`` do not wait for numpy.
 _MODULES = {
+    "can": ("read_can",),
     "device": (
         "ApplyError",
         "Device",
@@ -95,6 +110,7 @@ _MODULES = {
     "wire.strings": ("String", "encode_string", "parse_string"),
 }
 _PACKAGES = (
+    "can",
     "dask",
     "describe",
     "device",
@@ -138,6 +154,7 @@ __all__ = [
     "XbusError",
     "XbusTimeout",
     "__version__",
+    "can",
     "connect",
     "dask",
     "describe",
@@ -155,6 +172,7 @@ __all__ = [
     "log_batches",
     "parse_string",
     "protocol",
+    "read_can",
     "read_log",
     "report",
     "restore_communication",
