@@ -52,7 +52,9 @@ def check(log: xbus.can.CanLog, frames: tuple[Any, Any, Any, Any]) -> None:
     for code in CODES:
         row = CAN_MESSAGES[code]
         assert row.quantity is not None
-        own = data[(ids == code) | (ids == (OFFSETS[1] + code) | 1 << 31) | (ids == OFFSETS[1] + code)]
+        own = data[
+            (ids == code) | (ids == (OFFSETS[1] + code) | 1 << 31) | (ids == OFFSETS[1] + code)
+        ]
         values = log[row.quantity].values
         assert len(values) == len(own) == GROUPS
         for at in range(0, GROUPS, CHECKED):

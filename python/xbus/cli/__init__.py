@@ -38,6 +38,7 @@ COMMANDS = {
     "stream": "stream",
     "ntrip": "ntrip",
     "sim": "sim",
+    "can": "can",
     "demo": "demo",
 }
 

@@ -10,6 +10,7 @@ import click
 from click.core import ParameterSource
 
 from xbus.cli import batch
+from xbus.cli.can_options import CanOptions, can_options
 from xbus.cli.dataset_options import Dataset, check_folder, dataset_options, is_folder
 from xbus.cli.decoding import FORMATS, SUFFIXES, Decoding, is_string
 from xbus.cli.export_formats import EXPORTS, FormatOptions, format_options, suffix_of
@@ -64,19 +65,19 @@ def _keys(
 def _key(value: str) -> EntryKey:
     """Returns the key of a quantity (name, or name and coordinates), or the name of a string type."""
     from xbus.protocol.ids import Coordinates
-    from xbus.protocol.tables import QUANTITIES
+    from xbus.protocol.tables import COLUMN_QUANTITIES
     from xbus.protocol.values import StringType
 
     name, colon, coordinates = value.partition(":")
     if value in StringType.__members__:
         return value
-    if name not in QUANTITIES:
+    if name not in COLUMN_QUANTITIES:
         raise click.BadParameter(
-            f"no quantity is called {name!r}; {suggestion(name, QUANTITIES, 'quantities')}"
+            f"no quantity is called {name!r}; {suggestion(name, COLUMN_QUANTITIES, 'quantities')}"
         )
     if not colon:
         return name
-    systems = Coordinates.__members__ if QUANTITIES[name].coordinates else {}
+    systems = Coordinates.__members__ if COLUMN_QUANTITIES[name].coordinates else {}
     if not systems:
         raise click.BadParameter(f"{name} has no coordinates; remove {colon + coordinates!r}")
     if coordinates.upper() not in systems:
@@ -105,6 +106,7 @@ def _between(
 
 @click.command(epilog="Example: xbus decode walk.mtb -o walk.parquet")
 @input_options()
+@can_options
 @click.option(
     "-o",
     "out",
@@ -175,6 +177,7 @@ def _between(
 )
 def decode(
     inputs: InputOptions,
+    can: CanOptions,
     out: str | None,
     out_dir: str | None,
     skip_existing: bool,
@@ -207,6 +210,9 @@ def decode(
     An OUT that ends in / is a folder with files of one table, which polars, DuckDB, Arrow and dask read
     together: part-0000.parquet, ..., each of about --partition-size. With --out-dir and --partition-by or
     --partition-size, each recording becomes such a folder.
+
+    IN can also be a CAN capture of an MTi-600: .asc, .blf, .trc, .mf4, .log of candump, or .csv of
+    python-can. A sample is then a group of frames, and the capture must fit into memory.
 
     Tables are written part by part: a log may be larger than memory. Standard input, URLs, compressed files
     and what is --between two moments are first copied to a temporary file (TMPDIR).
@@ -243,6 +249,7 @@ def decode(
     decoding = Decoding(
         inputs,
         keys,
+        can=can,
         strict=strict,
         rate=rate_out,
         max_gap=max_gap,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from xbus.cli.batch import Job
 from xbus.cli.between import CutRecording
+from xbus.cli.can_options import CanOptions
 from xbus.cli.dataset_options import Dataset, check_folder, foreign_files
 from xbus.cli.export_formats import EXPORTS, FormatOptions, suffix_of
 from xbus.cli.export_target import check_output, quality_text, restart_count, writing
@@ -94,6 +95,7 @@ class Decoding:
     Args:
         inputs: How to read them.
         keys: The quantities, or one string type; none for all quantities.
+        can: How to read CAN captures.
         strict: Fail at the first damage.
         rate: Rows per second to resample to, or None.
         max_gap: As for `Log.resample`.
@@ -110,6 +112,7 @@ class Decoding:
         inputs: InputOptions,
         keys: Sequence[EntryKey],
         *,
+        can: CanOptions,
         strict: bool = False,
         rate: float | None = None,
         max_gap: float | None = None,
@@ -123,7 +126,7 @@ class Decoding:
         self._between = between
         self._options = options or FormatOptions()
         self._dataset = dataset
-        self._threads = threads
+        self._threads, self._can = threads, can
         self._inputs, self._keys, self._strict, self._raw = inputs, list(keys), strict, raw
         self._rate, self._max_gap, self._tracker = rate, max_gap, tracker
 
@@ -144,6 +147,8 @@ class Decoding:
             check_output(files, out, is_folder=self._options.writes_folder)
         else:
             check_folder(out)
+        if self._can.check(self._inputs, files):
+            return self._decode_capture(job, progress)
         with (
             self._inputs.opened(files, progress) as source,
             self._inputs.checked_rate(job.recording) as use,
@@ -323,6 +328,41 @@ class Decoding:
         if self._tracker is not None:
             table = tracker = tracker_of(log, self._tracker, names)
         return self._result(log, tracker, self._write(log, table, out, progress))
+
+    def _decode_capture(self, job: Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
+        from xbus.export.format import ExportError, export
+
+        files, out = job.recording.files, job.out
+        assert out is not None  # noqa: S101 - see `decode`
+        names = ", ".join(map(label, files))
+        if any(map(is_string, self._keys)) or self._tracker is not None:
+            raise Failure(
+                f"{names} is a CAN capture, which has neither strings nor Awinda trackers"
+            )
+        if self._dataset is not None:
+            raise Failure(
+                f"{names} is a CAN capture, which is written as one file, not as a folder"
+            )
+        if self._between is not None:
+            raise Failure(f"{names} is a CAN capture, to which --between does not apply")
+        log, findings = self._can.read(self._inputs, files, progress, strict=self._strict)
+        with self._inputs.checked_rate(job.recording) as use:
+            use.add(log)
+        self._check_keys(log, names)
+        file_format = self._options.format_of(self._options.suffix(out))
+        if file_format is not None:
+            try:
+                with writing(out):
+                    counts = export(file_format, log, [log], out)
+            except ExportError as error:
+                raise Failure(f"{names}: {error}") from error
+        else:
+            table = self._table(log, names, is_npz=suffix_of(out) == ".npz")
+            if self._rate is not None:
+                table = resampled(log, self._keys, self._rate, self._max_gap, names)
+            counts = self._write(log, table, out, progress)
+        text, values = self._result(log, None, counts)
+        return "\n".join([text, *findings]), values | {"findings": list(findings)}
 
     @property
     def _quantities(self) -> list[EntryKey] | None:

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from xbus.cli import batch
+from xbus.cli.can_options import CanOptions, can_options
 from xbus.cli.export_target import quality_text, writing
 from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import no_frame
@@ -21,6 +22,7 @@ BLOCK = 4 << 20
 
 @click.command(epilog="Example: xbus info walk.mtb")
 @input_options()
+@can_options
 @batch.batch_options
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress.")
 @click.option(
@@ -28,6 +30,7 @@ BLOCK = 4 << 20
 )
 def info(
     inputs: InputOptions,
+    can: CanOptions,
     out_dir: str | None,
     skip_existing: bool,
     jobs: int | None,
@@ -42,6 +45,9 @@ def info(
     first 100,000 of each; "totals" has the number of all. Unknown values are null. An unreadable IN has the
     keys "file" and "error". A recording of any length fits into memory.
 
+    IN can also be a CAN capture: .asc, .blf, .trc, .mf4, .log of candump, or .csv of python-can. "findings"
+    says what is unusual in it.
+
     With --out-dir, the JSON object of each recording is written to a file, and a summary has one line each.
     """
     from xbus.cli.info_text import info_text
@@ -50,14 +56,20 @@ def info(
 
     def describe(job: batch.Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
         files = job.recording.files
-        with inputs.opened(files, progress) as source, inputs.checked_rate(job.recording) as use:
-            parts = iter_log(source, block_bytes=BLOCK, **inputs.for_log)
-            summary = LogSummary(use.watch(parts))
-        if not summary.stats.frames and not summary.stats.strings:
-            raise no_frame(files, summary.stats.bytes, source.head)
+        findings: tuple[str, ...] = ()
+        with inputs.checked_rate(job.recording) as use:
+            if can.check(inputs, files):
+                log, findings = can.read(inputs, files, progress)
+                summary = LogSummary(use.watch([log]))
+            else:
+                with inputs.opened(files, progress) as source:
+                    parts = iter_log(source, block_bytes=BLOCK, **inputs.for_log)
+                    summary = LogSummary(use.watch(parts))
+                if not summary.stats.frames and not summary.stats.strings:
+                    raise no_frame(files, summary.stats.bytes, source.head)
         if job.out is None and not as_json:
-            return info_text(job.recording.heading, summary), {}
-        values = summary.to_dict(files[0]) | {"files": files}
+            return info_text(job.recording.heading, summary, findings), {}
+        values = summary.to_dict(files[0]) | {"files": files, "findings": list(findings)}
         if job.out is None:
             return "", values
         from xbus.describe.json_text import json_pieces

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus._core import damage_reasons
@@ -25,14 +25,15 @@ MAX_ROWS = 5
 MAX_UNKNOWN = 50
 
 
-def info_text(name: str, summary: LogSummary) -> str:
-    """Returns the description of a log."""
+def info_text(name: str, summary: LogSummary, findings: Sequence[str] = ()) -> str:
+    """Returns the description of a log; findings are sentences about a CAN capture."""
     lines = [bold(name), *(_line(*row) for row in log_rows(summary)), "", *_quantities(summary)]
     for title, section in (
         ("gaps", _gaps(summary)),
         ("damage", _damage(summary)),
         ("errors and warnings", _events(summary)),
         ("unknown data identifiers", _unknown(summary)),
+        ("findings", _wrapped(findings)),
     ):
         if rows := list(section):
             lines += ["", bold(title), *rows]
@@ -97,6 +98,11 @@ def _unknown(summary: LogSummary) -> Iterator[str]:
         rows.append((f"0x{key:04X}", f"{number:,}", f"{size:,}"))
     yield from align(rows, right=(1, 2))
     yield from _rest(len(summary.unknown), "more", MAX_UNKNOWN)
+
+
+def _wrapped(sentences: Sequence[str]) -> Iterator[str]:
+    for sentence in sentences:
+        yield from textwrap.wrap(sentence, WIDTH, subsequent_indent="  ")
 
 
 def _line(title: str, text: str) -> str:

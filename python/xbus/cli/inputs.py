@@ -13,6 +13,7 @@ from typing import IO, TYPE_CHECKING
 
 import click
 
+from xbus.cli.captures import is_capture
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.progress import ShowsProgress
 from xbus.files import (
@@ -113,6 +114,11 @@ def no_frame(names: Sequence[str], size: int, head: bytes = b"") -> Failure:
         return Failure(
             f"no Xbus frame in {', '.join(map(label, names))}: {problem}, which look like hex text; add "
             "--hex to read that"
+        )
+    if any(map(is_capture, names)):
+        return Failure(
+            f"no Xbus frame in {', '.join(map(label, names))}, a CAN capture; xbus info, decode and report "
+            "read those"
         )
     return Failure(
         f"no Xbus frame in {', '.join(map(label, names))}: {problem}; xbus reads .mtb files and raw "

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from xbus.cli.captures import is_capture
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import STDIN, label
 from xbus.files import COMPRESSIONS, is_url, local_name
@@ -165,7 +166,7 @@ def several_recordings(
         return [Recording([file]) for file in find_files(names)]
     groups: dict[str, list[str]] = {}
     for file in find_files(names):
-        is_numbered = file != STDIN
+        is_numbered = file != STDIN and not is_capture(file)
         groups.setdefault(piece_name(file).recording if is_numbered else file, []).append(file)
     return [
         recording
@@ -230,7 +231,8 @@ def one_recording(
     if len(recordings) == 1:
         return recordings[0]
     if error is None:
-        raise click.UsageError(f"text in hex is one recording per file; {remedy}")
+        kind = "text in hex" if is_hex else "a CAN capture"
+        raise click.UsageError(f"{kind} is one recording per file; {remedy}")
     if error.is_restart:
         remedy += ", or --allow-restart if the device restarted in between"
     raise click.UsageError(
@@ -258,7 +260,7 @@ def joined_recordings(
 def _joined(
     names: Sequence[str], *, allow_restart: bool, is_hex: bool
 ) -> tuple[list[Recording], PiecesError | None]:
-    """Returns the recordings, and why there are several, if they are not text in hex."""
+    """Returns the recordings, and why there are several; None for text in hex and CAN captures."""
     from xbus.log.pieces import PiecesError, pieces_of
 
     files = find_files(names)
@@ -266,7 +268,7 @@ def _joined(
         raise click.UsageError("- is a whole recording and cannot be joined with other inputs")
     _check_existence(files)
     recordings = several_recordings(names, allow_restart=allow_restart, is_hex=is_hex)
-    if len(recordings) == 1 or is_hex:
+    if len(recordings) == 1 or is_hex or any(map(is_capture, files)):
         return recordings, None
     try:
         pieces = pieces_of(files, allow_restart=allow_restart, direct=True)

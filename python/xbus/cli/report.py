@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xbus.cli import batch
+from xbus.cli.can_options import CanOptions, can_options
 from xbus.cli.export_target import check_output, quality_text, writing
 from xbus.cli.input_options import InputOptions, input_options
 from xbus.cli.inputs import label, no_frame, reading_task
@@ -37,6 +38,7 @@ def _out(
 
 @click.command(epilog="Example: xbus report walk.mtb -o walk.html")
 @input_options()
+@can_options
 @click.option("-o", "out", callback=_out, metavar="OUT", help="HTML file to write.")
 @batch.batch_options
 @click.option("--spectrum", is_flag=True, help="Add the spectrum of acceleration and rate of turn.")
@@ -57,6 +59,7 @@ def _out(
 )
 def report(
     inputs: InputOptions,
+    can: CanOptions,
     out: str | None,
     out_dir: str | None,
     skip_existing: bool,
@@ -91,9 +94,14 @@ def report(
 
     def read(recording: Recording, progress: ShowsProgress) -> ReportData:
         files = recording.files
-        with inputs.opened(files, progress) as source, inputs.checked_rate(recording) as use:
-            parts = use.watch(iter_log(source, block_bytes=BLOCK, **inputs.for_log))
-            data = gather_parts(parts, options)
+        with inputs.checked_rate(recording) as use:
+            if can.check(inputs, files):
+                log, findings = can.read(inputs, files, progress)
+                recording.notes.extend(findings)
+                return gather_parts(use.watch([log]), options)
+            with inputs.opened(files, progress) as source:
+                parts = use.watch(iter_log(source, block_bytes=BLOCK, **inputs.for_log))
+                data = gather_parts(parts, options)
         stats = data.summary.stats
         if not stats.frames and not stats.strings:
             raise no_frame(files, stats.bytes, source.head)
