@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -174,13 +174,15 @@ class Measured:
         self._samples = range(len(part)) if samples is None else samples
         self._quaternions = QUATERNIONS_OF_DRIVER if is_driver else QUATERNIONS
 
-    def _columns(self, name: str) -> Iterator[tuple[PartColumn, Rows]]:
+    def _columns(
+        self, name: str, field: Literal["values", "datetime"] = "values"
+    ) -> Iterator[tuple[PartColumn, Rows]]:
         """Yields the columns of a quantity with what they have of the samples."""
         begin = self._part.first_sample
         edges = np.array([self._samples.start, self._samples.stop]) + begin
         for column in columns_of(self._part, name):
             first, last = np.searchsorted(column.sample, edges)
-            sample, values = column.sample[first:last] - begin, column.values[first:last]
+            sample, values = column.sample[first:last] - begin, getattr(column, field)[first:last]
             if self._only is not None:
                 keep = self._only[sample - self._samples.start]
                 sample, values = sample[keep], values[keep]
@@ -192,10 +194,8 @@ class Measured:
 
     def times(self, name: str) -> npt.NDArray[np.int64]:
         """Returns the UTC of each of `rows` in ns since 1970; the lowest integer for an impossible date."""
-        _, values = self._joined(
-            (column.sample, column.datetime) for column in columns_of(self._part, name)
-        )
-        return values.view(np.int64)
+        _, values = _joined(rows for _, rows in self._columns(name, "datetime"))
+        return values.astype(np.int64)
 
     def numbers(self, name: str) -> Rows:
         """Returns a quantity as float64."""
