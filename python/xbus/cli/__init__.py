@@ -36,6 +36,7 @@ COMMANDS = {
     "monitor": "monitor",
     "view": "view",
     "stream": "stream",
+    "serve": "serve",
     "ntrip": "ntrip",
     "sim": "sim",
     "can": "can",

@@ -25,7 +25,7 @@ from xbus.export.ros.topics import TOPICS, Frames, Style, Topic
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import device_of
 
-__all__ = ["Mcap"]
+__all__ = ["Mcap", "McapWriter", "topics_of"]
 
 #: A name of a topic without the slashes, and a frame id.
 NAME = r"[A-Za-z_][A-Za-z0-9_]*"
@@ -128,14 +128,14 @@ class Mcap(Format):
         """See `Format.open`."""
         if not self.rosbag2:
             with replacing(path) as out:
-                writer = _McapWriter(self, out, shape)
+                writer = McapWriter(self, out, shape)
                 yield writer
                 writer.close()
             return
         with new_folder(path) as (folder, name):
             file = f"{name}_0.mcap"
             with (folder / file).open("xb") as out:
-                writer = _McapWriter(self, out, shape)
+                writer = McapWriter(self, out, shape)
                 yield writer
                 writer.close()
             text = metadata_text(file, writer.written)
@@ -180,7 +180,15 @@ def _suffix(systems: set[str]) -> str:
     return f"_{min(others).lower()}" if others else ""
 
 
-class _McapWriter:
+class McapWriter:
+    """Writes the messages of parts to a file.
+
+    Args:
+        file_format: The format, with the times of the log.
+        out: The file.
+        shape: As in `Format.open`.
+    """
+
     def __init__(self, file_format: Mcap, out: BinaryIO, shape: Part) -> None:
         assert file_format.times is not None  # noqa: S101 - the first pass has found them
         self._format, self._out = file_format, out
@@ -211,6 +219,7 @@ class _McapWriter:
 
     @property
     def counts(self) -> dict[str, int]:
+        """See `Writer.counts`."""
         topics = self.written.topics
         return {"message": sum(topic.messages for topic in topics), "topic": len(topics)}
 
@@ -225,6 +234,7 @@ class _McapWriter:
         return Written(found, self._first or 0, self._last)
 
     def write(self, part: Part) -> None:
+        """See `Writer.write`."""
         stamps = self._times.stamps(part)
         devices = device_of(part.bid)
         for first in range(0, len(part), BATCH):
