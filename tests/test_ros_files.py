@@ -143,7 +143,7 @@ def test_chosen_quantities_keep_the_times_of_all() -> None:
 def test_many_recordings() -> None:
     for name in ("a", "b"):
         Path(f"{name}.mtb").write_bytes(streams.ahrs(3))
-    result = run("decode", "a.mtb", "b.mtb", "--out-dir", "bags", "--suffix", ".mcap", "--rosbag2")
+    result = run("decode", "a.mtb", "b.mtb", "--out-dir", "bags", "--rosbag2")
     assert result.exit_code == 0, result.stderr
     for name in ("a", "b"):
         with Reader(f"bags/{name}") as bag:
@@ -157,8 +157,8 @@ WRONG = {
         "--ros-style applies to .mcap, not to .csv",
     ),
     "a folder of another format": (
-        ["--out-dir", "a", "--rosbag2"],
-        "--rosbag2 applies to .mcap, not to .parquet",
+        ["--out-dir", "a", "--rosbag2", "--suffix", ".csv"],
+        "--rosbag2 applies to .mcap, not to .csv",
     ),
     "conversion in the driver's style": (
         ["-o", "a.mcap", "--ros-style", "driver", "--mag-norm", "49e-6"],
@@ -176,6 +176,10 @@ WRONG = {
     "resampling": (
         ["-o", "a", "--rosbag2", "--rate-out", "10"],
         "--rate-out applies to tables and .npz, not to .mcap",
+    ),
+    "strings": (
+        ["-o", "a.mcap", "--quantity", "HEHDT"],
+        "strings are written to tables and .npz, not to .mcap",
     ),
     "no suffix": (["-o", "a"], "must end in one of"),
 }

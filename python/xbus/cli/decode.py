@@ -38,7 +38,7 @@ def _out(
 ) -> str | None:
     """Returns a path with a known suffix, or that of a folder."""
     if value is not None and ctx.params.get("rosbag2"):
-        return value.rstrip("/" + os.sep)
+        return value.rstrip("/" + os.sep) or value
     if value is None or is_folder(value) or suffix_of(value) in SUFFIXES:
         return value
     if os.path.isdir(value):  # noqa: PTH112 - pathlib is slow to import
@@ -227,6 +227,8 @@ def decode(
         raise click.UsageError("--tracker excludes --quantity and --rate-out")
     if raw and (rate_out or tracker):
         raise click.UsageError("--raw excludes --rate-out and --tracker")
+    if options.writes_folder and _is_default("suffix"):
+        suffix = options.suffix("")
     dataset = _dataset(out, Dataset(suffix, partition_size, partition_by is not None))
     target = suffix if out is None or dataset else options.suffix(out)
     options.check(target)
@@ -241,6 +243,8 @@ def decode(
         for name, value in {"--raw": raw, "--rate-out": rate_out, "--tracker": tracker}.items():
             if value:
                 raise click.UsageError(f"{name} applies to tables and .npz, not to {target}")
+        if any(map(is_string, keys)):
+            raise click.UsageError(f"strings are written to tables and .npz, not to {target}")
     if tracker and inputs.rate is not None:
         click.echo("xbus: --rate has no effect: the table of a tracker has no times", err=True)
         inputs = replace(inputs, rate=None)
@@ -293,13 +297,18 @@ def _end(suffix: str, options: FormatOptions, dataset: Dataset | None) -> str:
     return "" if options.writes_folder else suffix
 
 
+def _is_default(name: str) -> bool:
+    """Returns whether an option is not on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source != ParameterSource.COMMANDLINE
+
+
 def _dataset(out: str | None, options: Dataset) -> Dataset | None:
     """Returns how to write a folder for each recording; None if each is written to a file."""
-    source = click.get_current_context().get_parameter_source
     given = [
         "--" + name.replace("_", "-")
         for name in ("partition_by", "partition_size")
-        if source(name) == ParameterSource.COMMANDLINE
+        if not _is_default(name)
     ]
     if out is None:
         return options if given else None
