@@ -127,7 +127,7 @@ def test_names_of_the_package_are_loaded_on_first_access() -> None:
         (["info"], "Missing argument 'IN...'"),
         (["info", "--nonsense", WALK], "No such option"),
         (["decode", WALK], "the output is missing; add -o OUT, or --out-dir DIR"),
-        (["decode", WALK, "-o", "walk.xlsx"], "'walk.xlsx' must end in one of .parquet, .csv"),
+        (["decode", WALK, "-o", "walk.docx"], "'walk.docx' must end in one of .parquet, .csv"),
         (["decode", WALK, "-o", "walk"], "'walk' must end in one of .parquet, .csv"),
         (["decode", WALK, "-o", "x.csv", "--quantity", "accel"], "did you mean acceleration?"),
         (["decode", WALK, "-o", "x.csv", "--quantity", "x" * 9], "xbus quantities lists them"),

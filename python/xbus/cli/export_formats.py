@@ -21,6 +21,9 @@ __all__ = ["EXPORTS", "FormatOptions", "format_options", "suffix_of"]
 
 #: The class of each format by suffix, as module and name: imported when it is used.
 EXPORTS: dict[str, tuple[str, str]] = {
+    ".mat": ("xbus.export.matlab", "Matlab"),
+    ".h5": ("xbus.export.hdf5", "Hdf5"),
+    ".xlsx": ("xbus.export.excel", "Excel"),
     ".gpx": ("xbus.export.gpx", "Gpx"),
     ".kml": ("xbus.export.kml", "Kml"),
     ".geojson": ("xbus.export.geojson", "GeoJson"),

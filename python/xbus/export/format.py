@@ -64,9 +64,11 @@ class Format(ABC):
 
     Attributes:
         needs_samples: Whether a log without samples has nothing to write.
+        most_samples: The most samples that a file can hold; None without a limit.
     """
 
     needs_samples: ClassVar[bool] = True
+    most_samples: ClassVar[int | None] = None
 
     @abstractmethod
     def quantities(self, shape: Part) -> Sequence[EntryKey] | None:
@@ -88,6 +90,14 @@ class Format(ABC):
             shape: As in `quantities`.
         """
         return None
+
+    def check(self, samples: int) -> None:
+        """Raises ExportError if a log has more samples than the file can hold."""
+        if self.most_samples is not None and samples > self.most_samples:
+            raise ExportError(
+                f"{samples:,} samples are more than the {self.most_samples:,} that the format can hold; "
+                "choose a part with --between, or another format"
+            )
 
     @abstractmethod
     def open(self, path: str | os.PathLike[str], shape: Part) -> AbstractContextManager[Writer]:

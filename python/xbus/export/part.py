@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, KeysView, Sequence
+from collections.abc import Iterator, KeysView, Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -44,6 +44,21 @@ class PartColumn(Protocol):
     @property
     def scaled(self) -> npt.NDArray[Any]:
         """The fields of a struct in their units."""
+        ...
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Unit of each field of `scaled` for a struct; empty for counts, dates and bits."""
+        ...
+
+    @property
+    def satellites(self) -> npt.NDArray[Any]:
+        """The satellites of ``gnss_sat_info``, one row for each."""
+        ...
+
+    @property
+    def offsets(self) -> npt.NDArray[np.int64]:
+        """Index into `satellites` at which each row begins, and their number at the end."""
         ...
 
     @property
@@ -111,6 +126,11 @@ class Part(Protocol):
     @property
     def time(self) -> npt.NDArray[np.float64]:
         """Seconds on the device clock of each sample; NaN if it has no time stamp."""
+        ...
+
+    @property
+    def has_host_time(self) -> bool:
+        """Whether a sample of the whole log has a host time."""
         ...
 
     @property

@@ -113,6 +113,57 @@ class Exports:
 
         export(MtManager(mtm, separator, missing), self, [self], path)
 
+    def to_mat(self: Part, path: str | os.PathLike[str]) -> None:
+        """Writes a MATLAB file with a struct for each quantity, which appears whole or not at all.
+
+        Each struct has ``values``, ``time``, ``sample`` and ``unit``, and ``samples`` has what every sample
+        has: ``time``, ``utc``, ``packet_counter``, ``bid``. With more than 64 MiB of numbers, the file has
+        version 7.3.
+
+        Args:
+            path: Path of the file.
+
+        Raises:
+            ImportError: The extra ``matlab`` is not installed.
+            OSError: The file cannot be written.
+        """
+        from xbus.export.matlab import Matlab
+
+        export(Matlab(), self, [self], path)
+
+    def to_hdf5(self: Part, path: str | os.PathLike[str]) -> None:
+        """Writes an HDF5 file with a group for each quantity, which appears whole or not at all.
+
+        The groups have the same arrays as the structs of `to_mat`; units and coordinates are attributes.
+
+        Args:
+            path: Path of the file.
+
+        Raises:
+            ImportError: The extra ``hdf5`` is not installed.
+            OSError: The file cannot be written.
+        """
+        from xbus.export.hdf5 import Hdf5
+
+        export(Hdf5(), self, [self], path)
+
+    def to_excel(self: Part, path: str | os.PathLike[str]) -> None:
+        """Writes an Excel workbook with one row for each sample, which appears whole or not at all.
+
+        The first row has names and the second one units; UTC is a date. Excel has 15 digits.
+
+        Args:
+            path: Path of the file.
+
+        Raises:
+            ExportError: The log has more than 1,048,574 samples; a ValueError.
+            ImportError: The extra ``excel`` is not installed.
+            OSError: The file cannot be written.
+        """
+        from xbus.export.excel import Excel
+
+        export(Excel(), self, [self], path)
+
     def to_mcap(
         self: Part,
         path: str | os.PathLike[str],

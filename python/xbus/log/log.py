@@ -169,6 +169,11 @@ class Log(ByQuantity[Column], Exports):
         return self._core.time
 
     @property
+    def has_host_time(self) -> bool:
+        """Whether a sample has a host time; for a part of `split_log`, whether one of the whole log has."""
+        return self._host_times.known is not None
+
+    @property
     def host_time(self) -> npt.NDArray[np.float64]:
         """When each sample was measured, on the clock of the recording computer, ``(N,)`` float64.
 

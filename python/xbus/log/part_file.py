@@ -115,6 +115,7 @@ def export_parts(
     """
     shape = parts[0].empty(quantities=quantities)
     needed = file_format.quantities(shape)
+    file_format.check(sum(part.samples for part in parts))
 
     def logs(keys: Sequence[Key] | None) -> Iterator[tuple[LogPart, Log]]:
         def decode(part: LogPart) -> tuple[LogPart, Log]:
