@@ -113,8 +113,8 @@ def _between(
     callback=_out,
     metavar="OUT",
     help="File to write. Its suffix determines the format: a table (.parquet, .csv, .arrow, .feather), .npz, "
-    ".mat, .h5, .xlsx, .gpx, .kml, .geojson, .mcap, .rrd (rerun), .sto (OpenSim) or .txt (MT Manager). If "
-    "OUT ends in /, a folder of tables.",
+    ".mat, .h5, .xlsx, .gpx, .kml, .geojson, .mcap, .rrd (rerun), .sto (OpenSim), .txt (MT Manager) or "
+    ".nmea. If OUT ends in /, a folder of tables.",
 )
 @dataset_options
 @batch.batch_options

@@ -29,6 +29,7 @@ EXPORTS: dict[str, tuple[str, str]] = {
     ".geojson": ("xbus.export.geojson", "GeoJson"),
     ".sto": ("xbus.export.sto", "Sto"),
     ".txt": ("xbus.export.mt_manager", "MtManager"),
+    ".nmea": ("xbus.export.nmea", "Nmea"),
     ".mcap": ("xbus.export.ros.mcap", "Mcap"),
     ".rrd": ("xbus.export.rerun.rrd", "Rrd"),
 }
@@ -40,12 +41,12 @@ MAPS = (".gpx", ".kml", ".geojson")
 #: attribute of their classes.
 OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
     "source": (
-        MAPS,
+        (*MAPS, ".nmea"),
         click.option(
             "--source",
             type=click.Choice(["filter", "gnss"]),
-            help="Positions on a map: of the filter (lat_lon and altitude) or of the GNSS receiver "
-            "(gnss_pvt_data).  [default: the filter if IN has its positions]",
+            help="Positions on a map or in sentences: of the filter (lat_lon and altitude) or of the GNSS "
+            "receiver (gnss_pvt_data).  [default: filter if IN has its positions; gnss for .nmea]",
         ),
     ),
     "every_seconds": (

@@ -31,7 +31,8 @@ Source = Literal["filter", "gnss"]
 #: Points of a track: an array of `POINT`.
 Points = npt.NDArray[Any]
 #: A point: degrees; metres above sea level and above the ellipsoid; UTC; the place in `FIXES`; satellites;
-#: dilutions of precision; accuracies in metres. NaN and NaT stand for what is not known.
+#: dilutions of precision; accuracies in metres; speed in m/s and course in degrees; quality as in GGA.
+#: NaN and NaT stand for what is not known.
 POINT = np.dtype(
     [
         ("lat", "f8"),
@@ -46,16 +47,25 @@ POINT = np.dtype(
         ("pdop", "f8"),
         ("accuracy", "f8"),
         ("altitude_accuracy", "f8"),
+        ("speed", "f8"),
+        ("course", "f8"),
+        ("quality", "u1"),
     ]
 )
 #: A point of which nothing is known.
-UNKNOWN = np.array((*[np.nan] * 4, np.datetime64("NaT"), 0, *[np.nan] * 6), POINT)
+UNKNOWN = np.array((*[np.nan] * 4, np.datetime64("NaT"), 0, *[np.nan] * 8, 0), POINT)
 #: Names of the kinds of fix, as in GPX; empty if it is not known.
 FIXES = ("", "2d", "3d", "dgps")
 #: The place in `FIXES` for the first values of ``fixtype`` (Table 25); 1 is dead reckoning.
 FIX_TYPES = np.array([0, 0, 1, 2, 2], np.uint8)
 #: Bits of ``flags`` in ``gnss_pvt_data``: the fix is good; it is differential, or its carrier phase is used.
 FIX_OK, DIFFERENTIAL = 1, 0b1100_0010
+#: Of these, corrections are used; and the first of two bits for the carrier phase: none, float, fixed.
+CORRECTED, CARRIER = 0b10, 6
+DEAD_RECKONING = 1
+#: Qualities in GGA: of a fix, a differential one, and dead reckoning; and by the use of the carrier phase.
+GGA_FIX, GGA_DIFFERENTIAL, GGA_ESTIMATED = 1, 2, 6
+GGA_RTK = np.array([GGA_FIX, 5, 4, GGA_FIX], np.uint8)
 
 
 @dataclass(frozen=True)
@@ -131,6 +141,7 @@ class _Filter(Positions):
                 points[field][is_known] = part[other].values[row]
         points["time"] = part.utc[sample - part.first_sample]
         is_fixed = np.ones(len(sample), np.bool_)
+        points["quality"] = GGA_FIX
         if (status := _status(part)) is not None:
             is_known, row = _rows_of(status, sample)
             words = status.values[row]
@@ -138,8 +149,9 @@ class _Filter(Positions):
             is_fixed[is_known] = (flags["filter_valid"] & flags["gnss_fix"]).astype(np.bool_)
             points["fix"][is_known] = FIXES.index("3d")
             if status.name == "status_word":
-                is_rtk = STATUS_FLAGS["rtk_status"].of(words) > 0
-                points["fix"][np.flatnonzero(is_known)[is_rtk]] = FIXES.index("dgps")
+                rtk = STATUS_FLAGS["rtk_status"].of(words)
+                points["fix"][np.flatnonzero(is_known)[rtk > 0]] = FIXES.index("dgps")
+                points["quality"][is_known] = GGA_RTK[rtk]
         return Rows(sample, points, is_fixed)
 
 
@@ -169,6 +181,8 @@ class _Gnss(Positions):
             "pdop": "pdop",
             "accuracy": "hAcc",
             "altitude_accuracy": "vAcc",
+            "speed": "gSpeed",
+            "course": "headMot",
         }.items():
             points[field] = fields[other]
         # The UTC of the receiver, and not that of the sample, which is later.
@@ -178,6 +192,10 @@ class _Gnss(Positions):
         is_fixed = (flags & FIX_OK > 0) & (kind > 0) & (kind < len(FIX_TYPES))
         points["fix"][is_fixed] = FIX_TYPES[kind[is_fixed]]
         points["fix"][is_fixed & (flags & DIFFERENTIAL > 0)] = FIXES.index("dgps")
+        carrier = flags >> CARRIER
+        points["quality"] = np.where(flags & CORRECTED, GGA_DIFFERENTIAL, GGA_FIX)
+        points["quality"][carrier > 0] = GGA_RTK[carrier[carrier > 0]]
+        points["quality"][(kind == DEAD_RECKONING) & (carrier == 0)] = GGA_ESTIMATED
         return Rows(column.sample[row], points, is_fixed)
 
 

@@ -164,6 +164,28 @@ class Exports:
 
         export(Excel(), self, [self], path)
 
+    def to_nmea(
+        self: Part,
+        path: str | os.PathLike[str],
+        *,
+        source: Literal["filter", "gnss"] | None = None,
+    ) -> None:
+        """Writes the strings of the log as NMEA text, or sentences made from its samples if it has none.
+
+        Made are GGA, RMC, HDT and ZDA. A TXT sentence at the beginning says so.
+
+        Args:
+            path: Path of the file.
+            source: Positions as in `to_gpx`. Default: those of the receiver if the log has them.
+
+        Raises:
+            ExportError: The log has neither strings, nor position or orientation of one device; a ValueError.
+            OSError: The file cannot be written.
+        """
+        from xbus.export.nmea import Nmea
+
+        export(Nmea(source), self, [self], path)
+
     def to_mcap(
         self: Part,
         path: str | os.PathLike[str],
