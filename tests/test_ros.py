@@ -23,7 +23,7 @@ from streams import mtdata2, packet, real
 from xbus import encode_packet
 from xbus.export.ros.cdr import Layout
 from xbus.export.ros.definitions import DEFINITIONS, HASHES, definition_of
-from xbus.export.ros.topics import TOPICS, Frames, Style
+from xbus.export.ros.topics import TOPICS, Frames
 from xbus.geometry.quaternion import rotate
 from xbus.protocol.tables import QUANTITIES
 
@@ -66,9 +66,7 @@ def test_every_topic_has_a_type() -> None:
 def test_bytes_are_those_that_rosbags_writes(frame: str, seed: int) -> None:
     rng = np.random.default_rng(seed)
     for topic in TOPICS:
-        layout: Layout = topic.layout(
-            Frames(frame, frame, frame, frame, frame), Style(is_driver=False)
-        )
+        layout: Layout = topic.layout(Frames(*[frame] * 6))
         body = layout.bodies(1)
         for field in body.dtype.names or ():
             if field == "length":

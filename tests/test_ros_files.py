@@ -102,7 +102,7 @@ def test_rerun_reads_every_topic() -> None:
     assert topics <= set(re.findall(r"/[a-z_]+(?:/[a-z_]+)?", shown))
 
 
-def test_several_devices_have_topics_and_frames_of_their_own() -> None:
+def test_each_of_several_devices_has_topics_and_frames() -> None:
     data = b"".join(
         mtdata2(counter(i), real(0x2010, 1, 0, 0, 0), bid=bid)
         for i in range(3)

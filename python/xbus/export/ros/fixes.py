@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.ros.cdr import DOUBLES, Fields, Layout
+from xbus.protocol.tables import STATUS_FLAGS
 
 __all__ = ["navsat_fields", "navsat_rows", "sentences"]
 
@@ -21,8 +22,6 @@ FIXES, DEAD_RECKONING = (2, 3, 4), 1
 UNKNOWN = 0xFFFFFFFF
 #: Bits of ``flags``: the fix is valid, corrections are used, and from which bit on the kind of RTK.
 VALID, DIFFERENTIAL, CARRIER = 1, 2, 6
-#: Bits of the status word: the receiver has a fix, and from which bit on the kind of RTK.
-STATUS_FIX, STATUS_RTK = 4, 27
 #: What GGA calls an RTK solution: floating and fixed.
 RTK_QUALITY = {1: 5, 2: 4}
 CENTISECONDS_OF_DAY = 24 * 3600 * 100
@@ -116,8 +115,8 @@ def _sentence(record: Any, has_fix: bool) -> str:
 
 def _sentence_of_driver(record: Any, status: int) -> str:
     seconds = int(record["sec"]) + int(record["nano"]) * 1e-9
-    quality = RTK_QUALITY.get(status >> STATUS_RTK & 3)
-    if quality is None and status & STATUS_FIX:
+    quality = RTK_QUALITY.get(STATUS_FLAGS["rtk_status"].of(status))
+    if quality is None and STATUS_FLAGS["gnss_fix"].of(status):
         kind = int(record["fixtype"])
         quality = 6 if kind == DEAD_RECKONING else 1 if kind in FIXES else 0
     return (

@@ -278,20 +278,17 @@ class McapWriter:
         if device not in self._devices:
             frames = self._frames(device)
             self._devices[device] = [
-                (self._declare(device, topic), topic.layout(frames, self._format.style))
-                for topic in self._topics
+                (self._declare(device, topic), topic.layout(frames)) for topic in self._topics
             ]
         return self._devices[device]
 
     def _frames(self, device: int) -> Frames:
         number = "" if device == ALONE else f"_{device}"
-        return Frames(
-            f"{self._format.frame_id}{number}{self._suffix}",
-            f"world{self._suffix}",
-            f"world{self._free_suffix}",
-            "earth",
-            f"gnss_link{number}",
-        )
+        sensor, world = f"{self._format.frame_id}{number}{self._suffix}", f"world{self._suffix}"
+        if self._format.style.is_driver:
+            return Frames(sensor, world, sensor, sensor, sensor, sensor)
+        free = f"world{self._free_suffix}"
+        return Frames(sensor, world, world, free, "earth", f"gnss_link{number}")
 
     def _declare(self, device: int, topic: Topic) -> int:
         prefix = self._format.topic_prefix.strip("/")

@@ -24,7 +24,7 @@ from xbus.protocol.tables import RECEIVER, UTC_SOURCES, device_of
 
 __all__ = ["TIME_QUANTITIES", "Base", "Stamps", "TimeBase"]
 
-#: The quantities that decide times, and those whose samples have times of their own.
+#: The quantities that decide times, and those of the receiver, whose clock differs.
 TIME_QUANTITIES = tuple(dict.fromkeys((*UTC_SOURCES, *RECEIVER)))
 
 Base: TypeAlias = Literal["utc", "host", "device", "none"]

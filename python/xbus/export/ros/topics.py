@@ -7,19 +7,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from xbus.export.part import Part
-from xbus.export.ros.cdr import DOUBLES, Head, Layout, bare, stamped, transform
+from xbus.export.ros.cdr import DOUBLES, Layout, bare, stamped, transform
 from xbus.export.ros.fixes import navsat_fields, navsat_rows, sentences
 from xbus.export.ros.measured import Measured, Rows, columns_of, inner, outer, xyzw
 from xbus.export.ros.stamps import END
 from xbus.geometry import quaternion
 from xbus.geometry.earth import geodetic_to_ecef
-from xbus.protocol.tables import UTC_VALID
+from xbus.protocol.tables import STATUS_FLAGS, UTC_VALID
 
 __all__ = ["TOPICS", "Bodies", "Frames", "Style", "Topic"]
 
@@ -29,15 +30,9 @@ ABSENT = -1.0
 #: Ticks of SampleTimeFine in a second, and nanoseconds of one.
 TICKS, TICK = 10_000, 100_000
 SECOND = 10**9
-#: The bits of a status in the order of the message: first bit and number of bits.
-STATUS_BITS = (
-    *((bit, 1) for bit in range(3)),
-    (3, 2),
-    *((bit, 1) for bit in (5, 6, *range(8, 17), 19, 21, 22)),
-    (23, 3),
-    (26, 1),
-    (27, 2),
-)
+#: The flags of a status that the message does not have. It has all others, in their order.
+LACKING = ("filter_input_start", "retransmitted", "interpolated")
+FLAGS = [flag for flag in STATUS_FLAGS.values() if flag.name not in LACKING]
 
 
 @dataclass(frozen=True)
@@ -58,13 +53,15 @@ class Frames(NamedTuple):
 
     Attributes:
         sensor: The sensor.
-        world: The local frame.
+        parent: The local frame, in transforms to the sensor.
+        world: The local frame, in other messages.
         free: The local frame of free acceleration.
         earth: The Earth.
         antenna: The antenna of the GNSS receiver.
     """
 
     sensor: str
+    parent: str
     world: str
     free: str
     earth: str
@@ -99,7 +96,7 @@ class Topic(NamedTuple):
     name: str
     type: str
     needs: tuple[tuple[str, ...], ...]
-    layout: Callable[[Frames, Style], Layout]
+    layout: Callable[[Frames], Layout]
     bodies: Callable[[Measured, Style, Layout], Bodies]
 
     def is_in(self, shape: Part) -> bool:
@@ -109,65 +106,41 @@ class Topic(NamedTuple):
 
 # Layouts
 
-Place = Callable[[Frames, Style], str]
+Place = Callable[[Frames], str]
+_sensor: Place = attrgetter("sensor")
+_world: Place = attrgetter("world")
+_free: Place = attrgetter("free")
+_earth: Place = attrgetter("earth")
 
 
-def _sensor(frames: Frames, style: Style) -> str:  # noqa: ARG001 - as the others
-    return frames.sensor
+def _doubles(count: int, place: Place) -> Callable[[Frames], Layout]:
+    return lambda frames: Layout.of(stamped(place(frames)), [("values", DOUBLES, (count,))])
 
 
-def _world(frames: Frames, style: Style) -> str:
-    return frames.sensor if style.is_driver else frames.world
+def _transform(frames: Frames) -> Layout:
+    return Layout.of(transform(frames.parent, frames.sensor), [("values", DOUBLES, (7,))])
 
 
-def _free(frames: Frames, style: Style) -> str:
-    return frames.sensor if style.is_driver else frames.free
-
-
-def _earth(frames: Frames, style: Style) -> str:
-    return frames.sensor if style.is_driver else frames.earth
-
-
-def _antenna(frames: Frames, style: Style) -> str:
-    return frames.sensor if style.is_driver else frames.antenna
-
-
-def _none(frames: Frames, style: Style) -> str:  # noqa: ARG001
-    return ""
-
-
-def _doubles(count: int, place: Place) -> Callable[[Frames, Style], Layout]:
-    return lambda frames, style: Layout.of(
-        stamped(place(frames, style)), [("values", DOUBLES, (count,))]
-    )
-
-
-def _transform(frames: Frames, style: Style) -> Layout:
-    parent = "world" if style.is_driver else frames.world
-    return Layout.of(transform(parent, frames.sensor), [("values", DOUBLES, (7,))])
-
-
-def _time_reference(frames: Frames, style: Style) -> Layout:
-    head: Head = stamped(_none(frames, style))
+def _time_reference(frames: Frames) -> Layout:  # noqa: ARG001 - as the others
     fields = [
         ("sec", "<i4", ()),
         ("nanosec", "<u4", ()),
         ("length", "<u4", ()),
         ("source", "u1", (1,)),
     ]
-    return Layout.of(head, fields)
+    return Layout.of(stamped(""), fields)
 
 
-def _status(frames: Frames, style: Style) -> Layout:  # noqa: ARG001
-    return Layout.of(bare(), [("flags", "u1", (len(STATUS_BITS),))])
+def _status(frames: Frames) -> Layout:  # noqa: ARG001
+    return Layout.of(bare(), [("flags", "u1", (len(FLAGS),))])
 
 
-def _navsat(frames: Frames, style: Style) -> Layout:
-    return Layout.of(stamped(_antenna(frames, style)), navsat_fields())
+def _navsat(frames: Frames) -> Layout:
+    return Layout.of(stamped(frames.antenna), navsat_fields())
 
 
-def _sentence(frames: Frames, style: Style) -> Layout:
-    return Layout.of(stamped(_antenna(frames, style)), [("length", "<u4", ())])
+def _sentence(frames: Frames) -> Layout:
+    return Layout.of(stamped(frames.antenna), [("length", "<u4", ())])
 
 
 # Messages
@@ -253,10 +226,8 @@ def _references(
 
 def _flags(measured: Measured, style: Style, layout: Layout) -> Bodies:  # noqa: ARG001
     sample, word = status_of(measured)
-    first, size = np.array(STATUS_BITS, np.uint32).T
-    flags = word[:, np.newaxis] >> first & (1 << size) - 1
     bodies = layout.bodies(len(sample))
-    bodies["flags"] = flags
+    bodies["flags"] = np.stack([flag.of(word) for flag in FLAGS], axis=1)
     return Bodies(sample, bodies)
 
 
