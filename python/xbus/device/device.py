@@ -11,8 +11,16 @@ from itertools import count
 from types import TracebackType
 from typing import Any
 
+from xbus.can.ids import DeviceIds
 from xbus.device.baudrate import change_baudrate
 from xbus.device.blocks import Blocks
+from xbus.device.can_output import (
+    CanConfiguration,
+    can_baud_code,
+    check_bus_load,
+    check_can_products,
+    parse_can_configuration,
+)
 from xbus.device.channel import Channel, Trace
 from xbus.device.commands import Commands
 from xbus.device.events import Notice, Reply
@@ -34,7 +42,15 @@ from xbus.protocol.configuration import Firmware
 from xbus.protocol.keys import Key
 from xbus.protocol.products import DEFAULT_BAUDRATE, Support, product_of_code, support
 from xbus.protocol.tables import Product
-from xbus.protocol.values import ErrorCode, HardwareVersion, Output, State, StringType
+from xbus.protocol.values import (
+    CanConfig,
+    CanOutput,
+    ErrorCode,
+    HardwareVersion,
+    Output,
+    State,
+    StringType,
+)
 from xbus.rtk.forward import Forwarder
 from xbus.wire.link import Link
 from xbus.wire.strings import String
@@ -391,6 +407,46 @@ class Device:
                 self.set_strings(())
         self.output_configuration = tuple(self.command("SetOutputConfiguration", outputs).value)
         return self.output_configuration
+
+    def set_can_output_configuration(
+        self,
+        output_configuration: CanConfiguration,
+        *,
+        baudrate: int | None = None,
+        ids: DeviceIds | None = None,
+    ) -> tuple[CanOutput, ...]:
+        """SetCanOutputConfig (0xE8) and SetCanConfig (0xE6): sets the outputs on the CAN bus.
+
+        It also switches CAN on, or off without outputs. The bit rate takes effect at the next reset.
+
+        Args:
+            output_configuration: Rates in Hz by quantity or CAN message, such as
+                ``{"sample_time_fine": None, "packet_counter": None, "acceleration": 100}``, with None for the
+                highest rate or, for time stamps and status, every group; or a list of `CanOutput`.
+            baudrate: Bits per second of the bus; None for the present setting, 250,000 in a new device.
+            ids: CAN identifiers of the device, as in `xbus.read_can`; None for the default ones.
+
+        Returns:
+            The outputs in effect, as the device acknowledges them.
+
+        Raises:
+            ValueError: There is no such quantity, the product or CAN does not have it at this rate, or the
+                outputs take more than all of the bus. Nothing was changed.
+        """
+        outputs = parse_can_configuration(output_configuration, ids)
+        self.session.check_state("SetCanOutputConfig")
+        self._identify()
+        self.session.validate("SetCanOutputConfig", outputs)
+        present = self.commands.req_can_config()
+        if (known := self.session.support) is not None:
+            check_can_products(outputs, known.product)
+        code = present.baud_code if baudrate is None else can_baud_code(baudrate)
+        check_bus_load(outputs, code)
+        found = self.commands.set_can_output_config(outputs)
+        self.commands.set_can_config(
+            CanConfig(code, enabled=bool(outputs), reserved=present.reserved)
+        )
+        return found
 
     def _enabled_strings(self) -> StringType:
         """Returns the strings that the device sends; firmware that does not know the request sends none."""

@@ -17,6 +17,7 @@ __all__ = [
     "OutputConfiguration",
     "bytes_per_second",
     "check_outputs_fit",
+    "instants_per_second",
     "overload_message",
     "parse_output_configuration",
 ]
@@ -85,13 +86,13 @@ def bytes_per_second(outputs: Iterable[Output], support: Support) -> int:
     )
     total += sum(_GNSS_RATE * (_FRAME_BYTES + stamps + _packet_bytes(output)) for output in gnss)
     total += sum(output.frequency * _packet_bytes(output) for output in shared)
-    messages = _messages_per_second([output.frequency for output in shared])
+    messages = instants_per_second([output.frequency for output in shared])
     if not with_rate and not gnss and active:
         messages = _STAMPS_RATE
     return total + messages * (_FRAME_BYTES + stamps + status)
 
 
-def _messages_per_second(rates: list[int]) -> int:
+def instants_per_second(rates: Iterable[int]) -> int:
     """Returns the number of instants of a second at which at least one of these rates is due."""
     return len({tick / rate for rate in set(rates) for tick in range(rate)})
 

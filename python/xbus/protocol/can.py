@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from xbus import _core
 
-__all__ = ["CAN_BY_NAME", "CAN_MESSAGES", "CanMessage", "CanSignal", "can_message"]
+__all__ = ["CAN_MESSAGES", "CanMessage", "CanSignal", "can_message", "can_messages"]
 
 #: The exponents of DeltaV that are decoded; devices send 8 to 17.
 MAX_EXPONENT = 30
@@ -199,3 +199,16 @@ def can_message(name: str | int) -> CanMessage:
         names = ", ".join(message.name for message in CAN_MESSAGES.values())
         raise ValueError(f"no CAN message is called {shown}; choose from {names}")
     return message
+
+
+def can_messages(name: str | int) -> tuple[CanMessage, ...]:
+    """Returns the messages of a quantity, which can be several, or the message of a name or code.
+
+    Raises:
+        ValueError: No quantity of CAN and no message has this name or code.
+
+    >>> [message.name for message in can_messages("position_ecef")]
+    ['PositionEcef_X', 'PositionEcef_Y', 'PositionEcef_Z']
+    """
+    found = tuple(message for message in CAN_MESSAGES.values() if message.quantity == name)
+    return found or (can_message(name),)

@@ -1,0 +1,166 @@
+"""CAN output configurations: parsed from rates by quantity, and compared with what a bus carries."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from xbus.can.ids import EXTENDED, DeviceIds, device_ids
+from xbus.device.output_configuration import instants_per_second
+from xbus.protocol.can import CAN_MESSAGES, CanMessage, can_message, can_messages
+from xbus.protocol.tables import Product
+from xbus.protocol.values import CAN_BAUD_CODES, CanDataId, CanOutput
+
+__all__ = [
+    "CanConfiguration",
+    "bus_load",
+    "can_baud_code",
+    "check_bus_load",
+    "check_can_products",
+    "parse_can_configuration",
+]
+
+#: A CAN output configuration: rates in Hz by quantity or message, or a list of `CanOutput`. A rate of None
+#: requests the highest or, for time stamps and status, every group.
+CanConfiguration = Mapping[Any, int | None] | Iterable[CanOutput]
+
+#: The frequency that stands for the highest rate, or every group.
+EVERY = 0x7FF
+#: Bytes of a message whose layout is not known.
+LONGEST = 8
+#: Groups per second of a device that sends nothing with a rate.
+STAMPS_RATE = 100
+
+
+def parse_can_configuration(
+    configuration: CanConfiguration, ids: DeviceIds | None = None
+) -> tuple[CanOutput, ...]:
+    """Returns the outputs of a configuration, in the order of their codes.
+
+    Args:
+        configuration: The outputs.
+        ids: CAN identifiers of the device, as in `xbus.read_can`.
+
+    Raises:
+        ValueError: There is no such quantity, a rate is not valid, a message has no identifier, or one is in
+            the configuration twice.
+
+    >>> parse_can_configuration({"sample_time_fine": None, "acceleration": 100}, ids=0x100)[1]
+    CanOutput(data_id=<CanDataId.ACCELERATION: 52>, extended=False, can_id=308, frequency=100)
+    """
+    if not isinstance(configuration, Mapping):
+        outputs = tuple(configuration)
+        for output in outputs:
+            can_message(int(output.data_id))
+        return outputs
+    [device] = device_ids(ids)
+    identifiers = {row.code: key for key, row in device.items()}
+    rates: dict[int, int | None] = {}
+    for name, rate in configuration.items():
+        for row in can_messages(name):
+            if row.code in rates:
+                raise ValueError(f"{row.name} is in the CAN output configuration twice; remove one")
+            if row.code not in identifiers:
+                raise ValueError(f"{row.name} has no CAN identifier in ids; add one")
+            rates[row.code] = _checked_rate(row, rate)
+    return tuple(
+        CanOutput(
+            CanDataId(code),
+            bool(identifiers[code] & EXTENDED),
+            identifiers[code] & ~EXTENDED,
+            EVERY if rate is None else rate,
+        )
+        for code, rate in sorted(rates.items())
+    )
+
+
+def _checked_rate(row: CanMessage, rate: int | None) -> int | None:
+    if rate is None:
+        return None
+    if isinstance(rate, bool) or rate not in range(EVERY):
+        raise ValueError(f"{row.name}: a rate is a whole number of Hz, not {rate!r}")
+    if row.max_rate is not None and rate > row.max_rate:
+        raise ValueError(f"{row.name} has at most {row.max_rate} Hz, not {rate}")
+    return int(rate)
+
+
+def frame_bits(size: int, *, is_extended: bool) -> int:
+    """Returns the most bits of a frame on the bus, with stuff bits and the space before the next frame.
+
+    >>> frame_bits(8, is_extended=False), frame_bits(8, is_extended=True)
+    (135, 160)
+    """
+    header, stuffed = (67, 53) if is_extended else (47, 33)
+    return 8 * size + header + (stuffed + 8 * size) // 4
+
+
+def bus_load(outputs: Iterable[CanOutput], baudrate: int) -> float:
+    """Returns the share of a bus that outputs take at most; the device drops frames above 1.
+
+    Args:
+        outputs: The outputs.
+        baudrate: Bits per second of the bus.
+
+    >>> outputs = parse_can_configuration(dict.fromkeys(["quaternion", "delta_q", "lat_lon"], 400))
+    >>> f"{bus_load(outputs, 250_000):.1%}"
+    '64.8%'
+    """
+    outputs = list(outputs)
+    rates = [
+        CAN_MESSAGES[output.data_id].max_rate if output.frequency == EVERY else output.frequency
+        for output in outputs
+    ]
+    rated = [rate for rate in rates if rate]
+    groups = instants_per_second(rated) if rated else STAMPS_RATE
+    bits = sum(
+        (groups if rate is None else rate)
+        * frame_bits(CAN_MESSAGES[output.data_id].size or LONGEST, is_extended=output.extended)
+        for output, rate in zip(outputs, rates, strict=True)
+    )
+    return bits / baudrate
+
+
+def check_can_products(outputs: Iterable[CanOutput], product: Product) -> None:
+    """Checks that a product has outputs.
+
+    Raises:
+        ValueError: It lacks one.
+    """
+    for output in outputs:
+        row = CAN_MESSAGES[output.data_id]
+        if product.number not in row.products:
+            raise ValueError(f"the {product.name} does not have {row.name} on CAN; remove it")
+
+
+def check_bus_load(outputs: Iterable[CanOutput], baud_code: int) -> None:
+    """Checks that a bus with the bit rate of a code carries outputs.
+
+    Raises:
+        ValueError: It does not; the message names a sufficient bit rate.
+    """
+    outputs = list(outputs)
+    if (baudrate := CAN_BAUD_CODES.get(baud_code)) is None:
+        raise ValueError(
+            f"the device has the unknown bit rate code {baud_code} for CAN; give baudrate="
+        )
+    load = bus_load(outputs, baudrate)
+    if load <= 1:
+        return
+    sufficient = [rate for rate in sorted(CAN_BAUD_CODES.values()) if rate >= load * baudrate]
+    advice = f"use at least {sufficient[0]:,} bit/s, or lower" if sufficient else "lower"
+    raise ValueError(
+        f"these outputs take up to {load:.0%} of a CAN bus with {baudrate:,} bit/s; {advice} the rates"
+    )
+
+
+def can_baud_code(baudrate: int) -> int:
+    """Returns the code of a bit rate.
+
+    Raises:
+        ValueError: An MTi does not have this bit rate.
+    """
+    for code, rate in CAN_BAUD_CODES.items():
+        if rate == baudrate:
+            return code
+    rates = ", ".join(f"{rate:,}" for rate in sorted(CAN_BAUD_CODES.values()))
+    raise ValueError(f"CAN has no {baudrate:,} bit/s; choose from {rates}")
