@@ -189,6 +189,15 @@ def test_only_a_dataset_is_replaced() -> None:
     assert [path.name for path in Path().iterdir()] == ["night"]
 
 
+def test_the_working_directory_is_not_replaced(monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("night").mkdir()
+    monkeypatch.chdir("night")
+    assert sentence(run("decode", WALK, "-o", "./")) == (
+        "./ is the working directory, which cannot be replaced; choose another folder"
+    )
+    assert list(Path().iterdir()) == []
+
+
 def test_a_failure_leaves_the_folder_of_before(monkeypatch: pytest.MonkeyPatch) -> None:
     Path("log.mtb").write_bytes(night())
     decode = ["decode", "log.mtb", "-o", "night/", "--partition-by", "hour"]
@@ -209,7 +218,7 @@ def test_a_failure_leaves_the_folder_of_before(monkeypatch: pytest.MonkeyPatch) 
         (["-o", "night/", "--suffix", ".npz"], 2, "a folder has tables: .parquet,"),
         (["-o", "night/", "--rate-out", "10"], 2, "are written to one file, not to a folder"),
         (["-o", "night/", "--quantity", "GPGGA"], 2, "are written to one file, not to a folder"),
-        (["-o", "."], 2, "'.' is a folder; './' writes a table to several files in it"),
+        (["-o", ".."], 2, "'..' is a folder; '../' writes a table to several files in it"),
         (["-o", "no/night/"], 1, "cannot write no/night/: No such file or directory"),
         (["-o", "log.mtb/"], 1, "cannot write log.mtb/: Not a directory"),
         (["-o", "night/", "--partition-by", "hour"], 1, "hours are not known; add --rate, or omit"),

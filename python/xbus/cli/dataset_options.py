@@ -45,6 +45,11 @@ def check_folder(out: str) -> None:
             check_replaceable(out)
         except ForeignFilesError as error:
             raise foreign_files(out, error) from error
+        if os.path.isdir(out) and os.path.samefile(out, os.curdir):  # noqa: PTH112, PTH121
+            # The shell would stay in the folder of before, which is deleted.
+            raise Failure(
+                f"{label(out)} is the working directory, which cannot be replaced; choose another folder"
+            )
 
 
 def foreign_files(out: str, error: ForeignFilesError) -> Failure:

@@ -41,7 +41,7 @@ def _out(
         return value.rstrip("/" + os.sep) or value
     if value is None or is_folder(value) or suffix_of(value) in SUFFIXES:
         return value
-    if os.path.isdir(value):  # noqa: PTH112 - pathlib is slow to import
+    if os.path.isdir(value) and not os.path.samefile(value, os.curdir):  # noqa: PTH112, PTH121 - pathlib is slow to import
         raise click.BadParameter(
             f"{value!r} is a folder; {os.path.join(value, '')!r} writes a table to several files in it"  # noqa: PTH118
         )
