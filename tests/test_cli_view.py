@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -79,12 +80,22 @@ def test_a_viewer_that_is_closed_ends_the_command(
 
 
 def test_a_viewer_that_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr(shutil, "which", lambda *_, **__: "/nowhere/rerun")
     result = run("view", WALK, "--viewer-port", "9895")
     assert result.exit_code == 1
     assert result.stderr.startswith("xbus: cannot start the viewer on port 9895: ")
     assert result.stderr.endswith("xbus decode -o FILE.rrd writes a file for a viewer elsewhere\n")
     assert result.stderr.count("\n") == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
+def test_no_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    result = run("view", WALK, "--viewer-port", "9895")
+    assert result.exit_code == 1
+    assert "this session has no display; xbus decode -o FILE.rrd" in result.stderr
 
 
 def test_wrong_calls(tmp_path: Path) -> None:

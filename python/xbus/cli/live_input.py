@@ -162,13 +162,14 @@ def live_input(
     if speed is not None:
         raise click.UsageError("--speed is for a recording; a device sends at its own rate")
     from xbus.cli.monitor.device_source import DeviceSource
+    from xbus.protocol.values import State
 
     with connect_device(name, baudrate, listen=listen, strings=strings) as device:
         source = DeviceSource(device, reconnect=False)
-        if not listen and device.state is not None:
-            source.start_measurement(source.model())
-        live = LiveInput(source, device)
+        if not listen and device.state == State.CONFIG:
+            device.go_to_measurement()
         try:
-            yield live
+            yield LiveInput(source, device)
         finally:
-            source.close(live._model)
+            # Restores the state in which the device was found.
+            source.close(source.model())

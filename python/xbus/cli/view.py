@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import shutil
+import socket
 import sys
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
@@ -150,6 +151,11 @@ def open_viewer(port: int, memory_limit: str) -> Any:
     from xbus.export.rerun.stream import APPLICATION, require_rerun
 
     rerun = require_rerun()
+    if not (_has_display() or _is_listening(port)):
+        raise Failure(
+            "cannot start the viewer: this session has no display; xbus decode -o FILE.rrd writes a file "
+            "for a viewer elsewhere"
+        )
     recording = rerun.RecordingStream(APPLICATION)
     # The folder of an environment that is not activated is not in PATH.
     search = os.pathsep.join([os.path.dirname(sys.executable), os.environ.get("PATH", "")])  # noqa: PTH120
@@ -168,6 +174,21 @@ def open_viewer(port: int, memory_limit: str) -> Any:
             " viewer elsewhere"
         ) from error
     return recording
+
+
+def _has_display() -> bool:
+    """Returns whether windows can be shown; without a display the viewer ends when it starts."""
+    names = ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET")
+    return sys.platform != "linux" or any(os.environ.get(name) for name in names)
+
+
+def _is_listening(port: int) -> bool:
+    """Returns whether a program listens on a port of this computer."""
+    try:
+        socket.create_connection(("127.0.0.1", port), timeout=1).close()
+    except OSError:
+        return False
+    return True
 
 
 def _flush(recording: Any, port: int) -> None:
