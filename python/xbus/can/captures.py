@@ -135,7 +135,7 @@ def _of_messages(messages: Iterator[Any]) -> Frames:
             message = next(messages)
         except StopIteration:
             break
-        except OSError:
+        except (OSError, MemoryError):
             raise
         except Exception as error:  # of a reader of other people, on a damaged file
             text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
@@ -188,7 +188,7 @@ def _read_file(path: str) -> Frames:
         try:
             reader = getattr(can, READERS[suffix])(file, **options)
             frames = _of_messages(iter(reader))
-        except OSError:
+        except (OSError, MemoryError):
             raise
         except Exception as error:
             raise ValueError(
