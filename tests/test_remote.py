@@ -12,6 +12,7 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -267,3 +268,16 @@ def test_a_web_server_without_ranges(web: str, tmp_path: Path) -> None:
     for offset in (300_000, 5, 290_000, 299_000, len(DATA) + 1):
         assert file.seek(offset) == plain.seek(offset)
         assert file.read(10) == plain.read(10)
+
+
+def test_storage_options(store: ObjectStore) -> None:
+    """Every function that reads a log takes the options of the file system of a URL, and so do its parts."""
+    url = store.put("options.mtb", DATA)
+    options: dict[str, Any] = {"storage_options": store.options}
+    log = xbus.read_log(DATA)
+    assert xbus.read_log(url, **options) == xbus.read_log([url], **options) == log
+    assert sum(map(len, xbus.iter_log(url, **options))) == len(log)
+    part, *_ = pickle.loads(pickle.dumps(split_log(url, **options)))  # noqa: S301
+    assert len(part.read()) == len(log)
+    assert xbus.scan_log(url, **options).collect().height == len(log)
+    assert xbus.log_batches(url, **options).read_all().num_rows == len(log)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus.extras import require
@@ -30,6 +30,7 @@ def log_batches(
     allow_restart: bool = False,
     raw: bool = False,
     threads: int | None = None,
+    storage_options: Mapping[str, Any] | None = None,
 ) -> pa.RecordBatchReader:
     """Reads a log as a stream of record batches, for DuckDB, datasets, and logs larger than memory.
 
@@ -47,6 +48,7 @@ def log_batches(
         allow_restart: As in `read_log`.
         raw: Fields of structs as integers, as on the wire, instead of in their units.
         threads: Number of threads that decode; None for one per processor.
+        storage_options: As in `split_log`.
 
     Raises:
         ImportError: The extra ``arrow`` is not installed.
@@ -71,6 +73,7 @@ def log_batches(
         strings=strings,
         allow_restart=allow_restart,
         threads=threads,
+        storage_options=storage_options,
     )
 
     def read(part: LogPart) -> list[Any]:

@@ -7,7 +7,7 @@ import io
 import math
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -30,6 +30,7 @@ from xbus.log.source import (
     array_of,
     open_range,
     quantity_filter,
+    with_storage_options,
 )
 from xbus.protocol.keys import Key
 from xbus.protocol.tables import device_of
@@ -217,6 +218,7 @@ def split_log(
     allow_restart: bool = False,
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
+    storage_options: Mapping[str, Any] | None = None,
 ) -> list[LogPart]:
     """Splits a log into parts that can be read in any process and any order.
 
@@ -235,6 +237,7 @@ def split_log(
         allow_restart: As in `read_log`.
         threads: As in `read_log`.
         progress: Called with the number of bytes that are read so far, after each part.
+        storage_options: As in `read_log`. The parts keep them, also when they are pickled.
 
     Returns:
         The parts, in order; at least one.
@@ -256,6 +259,7 @@ def split_log(
     """
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
+    source = with_storage_options(source, storage_options)
     given: Any = tuple(source) if isinstance(source, list | tuple) else source
     if any(isinstance(one, Readable) for one in (given if isinstance(given, tuple) else (given,))):
         raise TypeError(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from xbus import _core
@@ -26,6 +26,7 @@ from xbus.log.source import (
     open_source,
     quantity_filter,
     size_hint,
+    with_storage_options,
 )
 from xbus.protocol.keys import Key
 from xbus.protocol.values import StringType
@@ -53,6 +54,7 @@ def read_log(
     between: Between | None = None,
     allow_restart: bool = False,
     threads: int | None = None,
+    storage_options: Mapping[str, Any] | None = None,
 ) -> Log:
     """Reads a whole log.
 
@@ -84,6 +86,7 @@ def read_log(
             names say that the recorder started one file after the other.
         threads: Number of threads that decode; None for one per processor. It never changes the result.
             Only arrays and uncompressed local files of more than 2 MiB are read by several threads.
+        storage_options: Options of the file systems of URLs, as for `fsspec.open`.
 
     Raises:
         DecodeError: With ``strict``, at the first damage.
@@ -103,6 +106,7 @@ def read_log(
     ('roll', 'pitch', 'yaw')
     """
     keep, kinds = quantity_filter(quantities), string_types(strings)
+    source = with_storage_options(source, storage_options)
     source = _one_source(source, between, rate, bid, kinds, allow_restart=allow_restart)
     threads = thread_count(threads)
     reader = reader_of(
@@ -132,6 +136,7 @@ def iter_log(
     strings: Iterable[StringType | str] = (),
     between: Between | None = None,
     allow_restart: bool = False,
+    storage_options: Mapping[str, Any] | None = None,
 ) -> Iterator[Log]:
     """Reads a log in parts, for logs larger than memory.
 
@@ -149,6 +154,7 @@ def iter_log(
         strings: As in `read_log`.
         between: As in `read_log`.
         allow_restart: As in `read_log`.
+        storage_options: As in `read_log`.
 
     Raises:
         ValueError: ``block_bytes`` less than 1. The other errors are those of `read_log`.
@@ -161,6 +167,7 @@ def iter_log(
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     keep, kinds = quantity_filter(quantities), string_types(strings)
+    source = with_storage_options(source, storage_options)
     source = _one_source(source, between, rate, bid, kinds, allow_restart=allow_restart)
     reader = reader_of(
         source,

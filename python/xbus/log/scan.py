@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -42,6 +42,7 @@ def scan_log(
     allow_restart: bool = False,
     raw: bool = False,
     threads: int | None = None,
+    storage_options: Mapping[str, Any] | None = None,
 ) -> pl.LazyFrame:
     """Returns a log as a LazyFrame of polars, with the columns of ``read_log(...).to_polars()``.
 
@@ -59,6 +60,7 @@ def scan_log(
         allow_restart: As in `read_log`.
         raw: Fields of structs as integers, as on the wire, instead of in their units.
         threads: Number of threads that decode; None for one per processor.
+        storage_options: As in `split_log`.
 
     Raises:
         ImportError: The extra ``polars`` is not installed.
@@ -81,6 +83,7 @@ def scan_log(
         strings=strings,
         allow_restart=allow_restart,
         threads=threads,
+        storage_options=storage_options,
     )
     tables = PartTables(parts, lambda stream: polars.DataFrame(stream).columns, raw=raw)
     frames = _Frames(polars, tables, parts, count)

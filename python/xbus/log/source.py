@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 import operator
 import os
-from collections.abc import Iterable
-from typing import BinaryIO, Protocol, runtime_checkable
+from collections.abc import Iterable, Mapping
+from typing import Any, BinaryIO, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -22,7 +22,7 @@ from xbus.files import (
     suffix_of_compression,
 )
 from xbus.protocol.keys import Key, resolve_key
-from xbus.remote import RemoteFile
+from xbus.remote import RemoteFile, Url
 
 __all__ = [
     "QuantityFilter",
@@ -35,6 +35,7 @@ __all__ = [
     "quantity_filter",
     "size_hint",
     "skip",
+    "with_storage_options",
 ]
 
 #: The quantities to keep: the name of each, and its coordinate system or None for any.
@@ -93,6 +94,15 @@ def quantity_filter(quantities: Iterable[Key] | None) -> QuantityFilter | None:
             raise ValueError(f"{key!r}: all precisions of a quantity are one column; leave it out")
         resolved.append((name, coordinates))
     return resolved
+
+
+def with_storage_options(source: Any, options: Mapping[str, Any] | None) -> Any:
+    """Returns a source, or several, whose URLs have these options of their file systems."""
+    if options is None:
+        return source
+    if isinstance(source, list | tuple):
+        return [with_storage_options(one, options) for one in source]
+    return Url(source, options) if isinstance(source, str) and is_url(source) else source
 
 
 def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readable:
