@@ -190,3 +190,11 @@ def test_a_full_disk(tmp_path: Path) -> None:
     result = run("decode", WALK, "-o", str(out))
     assert result.exit_code == 1
     assert result.stderr.endswith("free some space, or write to another disk\n")
+
+
+def test_rerun_that_is_switched_off(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RERUN", "off")
+    result = run("decode", WALK, "-o", str(tmp_path / "out.rrd"))
+    assert result.exit_code == 1
+    assert result.stderr == "xbus: the environment variable RERUN switches rerun off; unset it\n"
+    assert not list(tmp_path.iterdir())

@@ -148,19 +148,19 @@ def open_viewer(port: int, memory_limit: str) -> Any:
         ImportError: The extra ``rerun`` is not installed.
         Failure: The viewer does not start.
     """
-    from xbus.export.rerun.stream import APPLICATION, require_rerun
+    from xbus.export.rerun.stream import new_recording
+    from xbus.extras import require
 
-    rerun = require_rerun()
+    recording = new_recording()
     if not (_has_display() or _is_listening(port)):
         raise Failure(
             "cannot start the viewer: this session has no display; xbus decode -o FILE.rrd writes a file "
             "for a viewer elsewhere"
         )
-    recording = rerun.RecordingStream(APPLICATION)
     # The folder of an environment that is not activated is not in PATH.
     search = os.pathsep.join([os.path.dirname(sys.executable), os.environ.get("PATH", "")])  # noqa: PTH120
     try:
-        rerun.spawn(
+        require("rerun", "rerun", "to start the viewer").spawn(
             recording=recording,
             port=port,
             memory_limit=memory_limit,

@@ -12,7 +12,7 @@ from typing import Any
 from xbus.export.format import Format, Writer
 from xbus.export.part import Part
 from xbus.export.replacing import replacing
-from xbus.export.rerun.stream import APPLICATION, RerunStream, require_rerun
+from xbus.export.rerun.stream import RerunStream, new_recording
 from xbus.extras import require
 
 __all__ = ["Rrd"]
@@ -33,7 +33,7 @@ class Rrd(Format):
     @contextmanager
     def open(self, path: str | os.PathLike[str], shape: Part) -> Iterator[Writer]:  # noqa: ARG002
         """See `Format.open`."""
-        recording = require_rerun().RecordingStream(APPLICATION)
+        recording = new_recording()
         with replacing(path) as out:
             # rerun opens the file by itself.
             name = os.fspath(out.name)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from xbus.errors import XbusError
 from xbus.export.part import Part, PartColumn
 from xbus.export.rerun.events import Event, StatusChanges, events_of
 from xbus.export.rerun.scene import Scene
@@ -19,7 +20,7 @@ from xbus.formatting import device_name
 from xbus.geometry.quaternion import from_euler, from_matrix
 from xbus.protocol.tables import COLUMN_QUANTITIES, Field, device_of
 
-__all__ = ["APPLICATION", "RerunStream", "require_rerun"]
+__all__ = ["RerunStream", "new_recording"]
 
 #: Identifier of the application in recordings: the viewer keeps its layout for each.
 APPLICATION = "xbus"
@@ -65,13 +66,18 @@ MAP_RATE = 10
 Rows = npt.NDArray[np.intp]
 
 
-def require_rerun() -> Any:
-    """Imports and returns rerun.
+def new_recording() -> Any:
+    """Returns a recording stream of rerun, without a place where it sends data.
 
     Raises:
         ImportError: The extra ``rerun`` is not installed.
+        XbusError: The environment switches rerun off.
     """
-    return require("rerun", "rerun", "to write for the viewer rerun")
+    rerun = require("rerun", "rerun", "to write for the viewer rerun")
+    recording = rerun.RecordingStream(APPLICATION)
+    if not rerun.is_enabled(recording):
+        raise XbusError("the environment variable RERUN switches rerun off; unset it")
+    return recording
 
 
 @dataclass
@@ -105,7 +111,8 @@ class RerunStream:
     """
 
     def __init__(self, recording: Any, names: Mapping[int, int] | None = None) -> None:
-        self._rr, self._recording = require_rerun(), recording
+        self._rr = require("rerun", "rerun", "to write for the viewer rerun")
+        self._recording = recording
         self._names = dict(names or {})
         self._scene = Scene(self._rr, recording)
         self._devices: dict[int, _Device] = {}
