@@ -14,12 +14,11 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.export.format import ExportError, Format, Survey, Writer
-from xbus.export.part import Part, PartDevice
+from xbus.export.part import Part, PartDevice, device_label
 from xbus.export.replacing import replacing_all
 from xbus.export.ros.measured import Measured, Rows, columns_of, outer
 from xbus.export.text import formatted
 from xbus.export.update_rate import UpdateRate
-from xbus.formatting import device_name
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import device_of
 
@@ -121,7 +120,7 @@ class MtManager(Format):
         names = [os.fspath(path)]
         if len(devices) > 1:
             stem, suffix = os.path.splitext(path)  # noqa: PTH122 - a path may be text
-            names = [f"{stem}_{_label(device)}{suffix}" for device in devices]
+            names = [f"{stem}_{device_label(device)}{suffix}" for device in devices]
         with replacing_all(names) as files:
             writer = _MtManagerWriter(self, shape, files)
             yield writer
@@ -135,10 +134,6 @@ def _name(key: EntryKey) -> str:
 
 def _device(device: PartDevice) -> int:
     return device_of(device.bid)
-
-
-def _label(device: PartDevice) -> str:
-    return f"BID{device.bid}" if device.device_id is None else device_name(device.device_id)
 
 
 class _RateSurvey:
@@ -242,7 +237,7 @@ class _Layout:
             "  MT Manager version: 2022.2.0 ",
             f"  XDA version: none, written by xbus {_core.__version__} in the layout of MT Manager",
             " Device information: ",
-            f"  DeviceId: {_label(self._device)}",
+            f"  DeviceId: {device_label(self._device)}",
             f"  ProductCode: {code}",
             f"  Firmware Version: {version}",
             "  Hardware Version: Unknown",

@@ -11,12 +11,13 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from xbus.formatting import device_name
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.keys import EntryKey, Key
 from xbus.wire.message import Message
 from xbus.wire.strings import String
 
-__all__ = ["Part", "PartColumn", "PartDevice", "PartMessages"]
+__all__ = ["Part", "PartColumn", "PartDevice", "PartMessages", "device_label"]
 
 
 class PartColumn(Protocol):
@@ -192,3 +193,8 @@ class Part(Protocol):
     def strings(self) -> Sequence[String]:
         """The strings, in order."""
         ...
+
+
+def device_label(device: PartDevice) -> str:
+    """Returns the identifier of a device, or its BID if that is all that is known."""
+    return f"BID{device.bid}" if device.device_id is None else device_name(device.device_id)

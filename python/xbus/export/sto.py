@@ -13,15 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.format import ExportError, Format, Writer
-from xbus.export.part import Part, PartDevice
+from xbus.export.part import Part, PartDevice, device_label
 from xbus.export.replacing import replacing
 from xbus.export.ros.measured import Measured
 from xbus.export.text import shortest
-from xbus.formatting import device_name
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import device_of
 
-__all__ = ["Sto", "device_label"]
+__all__ = ["Sto"]
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -102,11 +101,6 @@ class Sto(Format):
             writer = _StoWriter(out, [device_of(device.bid) for device in shape.devices])
             yield writer
             writer.close()
-
-
-def device_label(device: PartDevice) -> str:
-    """Returns the identifier of a device, or its BID if that is all that is known."""
-    return f"BID{device.bid}" if device.device_id is None else device_name(device.device_id)
 
 
 def _labels(devices: Sequence[PartDevice], names: Mapping[str, str]) -> list[str]:
