@@ -110,7 +110,7 @@ pub fn read_can(frames: CanFrames<'_>, ids: &[CanId]) -> Result<CanLog, CanError
     let add = |frame: usize| {
         let (sample, entry) = (groups.samples[frame], table.entry(frames.ids[frame]));
         if let (Some(entry), true) = (entry, sample != NO_SAMPLE) {
-            columns.add(entry, sample.into(), &frames.data[frame]);
+            columns.add(entry, sample.into(), frames.data[frame]);
         }
     };
     if groups.is_ordered {
@@ -260,7 +260,7 @@ impl Groups {
             is_ordered: true,
         };
         let mut last = 0;
-        for (at, ((&id, &size), data)) in frames.ids.iter().zip(frames.sizes).zip(frames.data).enumerate() {
+        for (at, ((&id, &size), &data)) in frames.ids.iter().zip(frames.sizes).zip(frames.data).enumerate() {
             let entry = table.entry(id);
             let verdict = judge(entry, id, size, data);
             groups.verdicts.push(verdict as u8);
@@ -348,7 +348,7 @@ fn rising(frames: CanFrames<'_>, table: &Table) -> Vec<bool> {
     devices.iter().map(rises).collect()
 }
 
-fn judge(entry: Option<Entry>, id: u32, size: u8, data: &[u8; DATA_SIZE]) -> Verdict {
+fn judge(entry: Option<Entry>, id: u32, size: u8, data: [u8; DATA_SIZE]) -> Verdict {
     let Some(entry) = entry else {
         return match id {
             _ if id & flag::ERROR != 0 => Verdict::Error,
@@ -377,7 +377,7 @@ struct Columns {
 
 impl Columns {
     #[inline]
-    fn add(&mut self, entry: Entry, sample: u64, data: &[u8; DATA_SIZE]) {
+    fn add(&mut self, entry: Entry, sample: u64, data: [u8; DATA_SIZE]) {
         let (message, columns) = (entry.message(), &mut self.columns);
         let Some(quantity) = message.content.quantity() else { return };
         let place = *self.places[entry.place].get_or_insert_with(|| {
@@ -437,7 +437,7 @@ fn is_exact_in_single(message: &CanMessage) -> bool {
 
 /// Appends a row.
 #[inline]
-fn numbers(column: &mut Column, message: &CanMessage, data: &[u8; DATA_SIZE]) {
+fn numbers(column: &mut Column, message: &CanMessage, data: [u8; DATA_SIZE]) {
     match (&mut column.values, message.content) {
         (Values::F32(out), CanContent::Scaled(_)) => {
             let exponent = i32::from(data[message.size() - 1]);
@@ -460,7 +460,7 @@ fn numbers(column: &mut Column, message: &CanMessage, data: &[u8; DATA_SIZE]) {
         (Values::U16(out), _) => huge_pages::push(out, u16::from_be_bytes([data[0], data[1]])),
         (Values::U32(out), _) => huge_pages::push(out, u32::from_be_bytes([data[0], data[1], data[2], data[3]])),
         (Values::Records(out), CanContent::Utc(_)) => {
-            let &[year, month, day, hour, minute, second, high, low] = data;
+            let [year, month, day, hour, minute, second, high, low] = data;
             // More than 9999 is no time; what does not fit into the field is not one either.
             let ns = u32::from(u16::from_be_bytes([high, low])).saturating_mul(100_000);
             let year = if year < 70 { 2000 } else { 1900 } + u16::from(year);
@@ -485,7 +485,7 @@ fn numbers(column: &mut Column, message: &CanMessage, data: &[u8; DATA_SIZE]) {
 }
 
 /// Puts one component into the row of its sample; those that do not arrive are NaN.
-fn component(column: &mut Column, message: &CanMessage, element: usize, sample: u64, data: &[u8; DATA_SIZE]) {
+fn component(column: &mut Column, message: &CanMessage, element: usize, sample: u64, data: [u8; DATA_SIZE]) {
     let Values::F64(out) = &mut column.values else { return };
     if column.single.last() != Some(&sample) {
         huge_pages::extend(out, std::iter::repeat_n(f64::NAN, column.width));
@@ -494,11 +494,11 @@ fn component(column: &mut Column, message: &CanMessage, element: usize, sample: 
     }
     let row = out.len() - column.width;
     let signal = &message.signals[0];
-    out[row + element] = integer(signal.wire, data) / f64::from(signal.per_unit);
+    out[row + element] = integer(signal.wire, &data) / f64::from(signal.per_unit);
 }
 
 #[inline]
-fn i16_at(data: &[u8; DATA_SIZE], at: usize) -> i16 {
+fn i16_at(data: [u8; DATA_SIZE], at: usize) -> i16 {
     i16::from_be_bytes([data[at], data[at + 1]])
 }
 
