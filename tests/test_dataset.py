@@ -204,7 +204,9 @@ def test_a_failure_leaves_the_folder_of_before(monkeypatch: pytest.MonkeyPatch) 
     assert run(*decode).exit_code == 0
     before = files()
     monkeypatch.setattr(dataset, "MOST_FILES", 2)
-    assert sentence(run(*decode)).endswith("more than 2 files; choose a larger --partition-size")
+    assert sentence(run(*decode)).endswith(
+        "more than 2 files; choose a larger --partition-size, or omit --partition-by"
+    )
     assert (files(), sorted(path.name for path in Path().iterdir())) == (
         before,
         ["log.mtb", "night"],

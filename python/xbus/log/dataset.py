@@ -220,8 +220,9 @@ class _Files:
 
     def _open(self, place: str) -> None:
         if self.count == MOST_FILES:
+            other = ", or omit --partition-by" if place else ""
             raise DatasetError(
-                f"it would be more than {MOST_FILES:,} files; choose a larger --partition-size"
+                f"it would be more than {MOST_FILES:,} files; choose a larger --partition-size{other}"
             )
         number = self._numbers.get(place, 0)
         self._numbers[place], self._place = number + 1, place
