@@ -2,7 +2,7 @@
 
 ``scan``: the mean of one vector by `scan_log` over that by `read_log` of that quantity, with all processors.
 ``parts``: the processor time of `split_log` parts of 1 to 64 MiB, read one after the other with one thread,
-over that of `read_log` with one thread.
+over that of one pass with `iter_log`.
 ``dask``: the mean of each column of four files by two workers with one thread each, over one process with one
 thread: wall time, and processor time per process.
 ``rates``: gigabytes of input per second of processor time, from files in the page cache.
@@ -85,7 +85,7 @@ def parts(path: Path) -> None:
         for part in split[size]:
             part.read()
 
-    works: list[Callable[[], object]] = [lambda: xbus.read_log(path, threads=1)]
+    works: list[Callable[[], object]] = [lambda: [len(part) for part in xbus.iter_log(path)]]
     works += [lambda size=size: read_all(size) for size in sizes]  # type: ignore[misc]
     base, *seconds = processor_seconds(works)
     for size, taken in zip(sizes, seconds, strict=True):

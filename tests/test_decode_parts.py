@@ -287,12 +287,12 @@ def test_sizes(text: str, size: int) -> None:
     ("memory", "recordings", "jobs", "expected"),
     [
         (205, 1, None, (1, 1)),
-        (512, 1, None, (1, 13)),
+        (512, 1, None, (1, 10)),
         (10_000, 1, None, (1, 16)),
-        (512, 100, None, (3, 1)),
+        (512, 100, None, (2, 2)),
         (10_000, 100, None, (16, 1)),
         (10_000, 100, 4, (4, 4)),
-        (512, 2, 4, (2, 4)),
+        (512, 2, 4, (2, 2)),
     ],
 )
 def test_workers_within_memory(

@@ -23,7 +23,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import reference
-from xbus import _core
+from xbus import _core, encode_sample, read_log
 from xbus.export.tables import stream_of
 from xbus.log.in_order import in_order
 from xbus.log.table_file import FileFormat, write_batches, write_table
@@ -191,6 +191,32 @@ def test_row_groups_are_equal_whatever_the_batches_are(tmp_path: Path) -> None:
     rows = [metadata.row_group(i).num_rows for i in range(metadata.num_row_groups)]
     assert rows == [2**18, 2**18, 600_000 - 2**19]
     assert pq.read_table(path)["x"].to_numpy().tolist() == list(range(600_000))
+
+
+@pytest.mark.parametrize("rows", [1, 63, 64, 2**17 - 1, 2**17, 2**17 + 1, 2**18 - 1, 2**18])
+def test_floats_without_nulls_may_have_any_number_of_pages_and_batches(
+    tmp_path: Path, rows: int
+) -> None:
+    values = np.random.default_rng(rows).standard_normal(rows)
+    table = stream_of([("double", values, {}), ("single", values.astype(np.float32), {})])
+    [whole] = table.batches()
+    ends = [end for end in (0, 1, 5, 70_000, 131_073) if end < rows] + [rows]
+    batches = [whole.rows(first, end) for first, end in itertools.pairwise(ends)]
+    path = tmp_path / "x.parquet"
+    with path.open("wb") as out, ThreadPoolExecutor(1) as pool:
+        list(write_batches(_core.TableFile("parquet", table), batches, out, pool, 1))
+    assert_identical(pq.read_table(path), read_all(table))
+    assert_identical(pl.read_parquet(path).to_arrow(), read_all(table))
+
+
+def test_floats_that_are_never_null_keep_the_bits_of_any_nan(tmp_path: Path) -> None:
+    singles = np.array([0x7FC00001, 0xFFC12345, 0x80000000], np.uint32).view(np.float32)
+    log = read_log(b"".join(encode_sample({"acceleration": np.repeat(x, 3)}) for x in singles))
+    path = tmp_path / "x.parquet"
+    write_table(log.arrow_stream(), path, "parquet")
+    found = pq.read_table(path)["acceleration_x"]
+    assert not pq.read_schema(path).field("acceleration_x").nullable
+    assert reference.same_bits(found.to_numpy(), singles)
 
 
 def test_a_chunk_of_a_wide_table_has_fewer_rows() -> None:

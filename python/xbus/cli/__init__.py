@@ -5,6 +5,7 @@ Commands import what they need when they run, so ``xbus --help`` loads neither n
 
 from __future__ import annotations
 
+import os
 from importlib import import_module
 from typing import Any
 
@@ -42,6 +43,8 @@ COMMANDS = {
     "can": "can",
     "demo": "demo",
 }
+# No command multiplies large matrices, and numpy would start a thread for that on every processor.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class Commands(click.Group):

@@ -13,11 +13,11 @@ __all__ = ["Workers", "memory_option", "workers_within"]
 
 #: Bytes that the interpreter and its libraries take.
 PROCESS = 60_000_000
-#: Bytes that a decode takes, and in addition each of its threads: a part of the log with its table, a chunk
-#: of the file, and what the allocator keeps. Measured on recordings of 0.5 and 4 GB with 1 to 16 threads.
-DECODE, THREAD = 120_000_000, 25_000_000
-#: The least that suffices.
-LEAST = PROCESS + DECODE + THREAD
+#: Bytes that a decode takes, and in addition each of its threads: a part of the log with its table, half a
+#: chunk of the file, and what the allocator keeps. Measured on a recording of 0.5 GB with 1 to 16 threads.
+DECODE, THREAD = 140_000_000, 31_000_000
+#: The least that suffices: what one thread takes, and a third more.
+LEAST = 205_000_000
 
 
 class Workers(NamedTuple):

@@ -48,7 +48,7 @@ def write_parts(
         quantities: As in `read_log`.
         key: As in `Log.to_arrow`: a quantity whose table has a row per packet, or None.
         raw: As in `Log.to_arrow`.
-        threads: Number of threads. About twice as many parts are in memory at a time.
+        threads: Number of threads. A part and half a chunk for each are in memory at a time, and some more.
         reading: Returns a context in which a part is read. It may replace errors of the input by others.
         read: Called with each part and its log, in order.
 
@@ -69,18 +69,16 @@ def write_parts(
             log = part.read(quantities=quantities)
         return part, log, list(log.arrow_stream(key, raw=raw).batches())
 
-    # Half of the threads decode while the others encode.
-    ahead = (threads + 1) // 2
-
     with replacing(path) as out, ThreadPoolExecutor(threads, thread_name_prefix="xbus") as pool:
 
         def batches() -> Iterator[_core.Batch]:
-            for part, log, found in in_order(pool, decode, parts, ahead):
+            # While this thread waits for a chunk, the others decode the parts of the next one.
+            for part, log, found in in_order(pool, decode, parts, threads + 2):
                 if read is not None:
                     read(part, log)
                 yield from found
 
-        rows = sum(write_batches(file, batches(), out, pool, ahead))
+        rows = sum(write_batches(file, batches(), out, pool, (threads + 1) // 2))
     return {"row": rows, "column": len(empty.columns)}
 
 

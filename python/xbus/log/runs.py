@@ -73,13 +73,12 @@ class Runs:
 
     def add(self, part: _core.Part) -> PartRuns:
         """Adds the next part of the log, and returns the runs that its samples belong to."""
-        size = len(part)
+        size, bids = len(part), part.bid
+        if size and _is_one_run(part, bids):
+            return self._add_one_run(part, bids[:1])
         run, lost = np.zeros(size, np.int64), np.zeros(size, np.int64)
         if not size:
             return PartRuns(run, lost, tuple(self._present.values()))
-        bids = part.bid
-        if _is_one_run(part, bids):
-            return self._add_one_run(part, bids[:1])
         devices = device_of(bids)
         lost[part.gaps.sample - part.first] = part.gaps.lost
         begins = np.zeros(size, np.bool_)

@@ -315,6 +315,10 @@ impl Series {
         if self.is_lent() {
             return Arc::new(lend::<T, _>(column, values).slice(from, to - from));
         }
+        if matches!(self.places, Places::Same) {
+            let rows = &values[from * column.width..to * column.width];
+            return Arc::new(PrimitiveArray::<T>::new(elements(rows, column.width, element).into(), None));
+        }
         Arc::new(self.gather::<T>(from, to, |row| values[row * column.width + element]))
     }
 
@@ -355,6 +359,15 @@ impl Series {
                 PrimitiveArray::new(values.into(), Some(NullBuffer::new(is_valid.finish())))
             }
         }
+    }
+}
+
+/// One element of each row. The loops for the usual widths take half the time of the one for any.
+fn elements<N: Copy>(values: &[N], width: usize, element: usize) -> Vec<N> {
+    match width {
+        3 => values.as_chunks::<3>().0.iter().map(|row| row[element]).collect(),
+        4 => values.as_chunks::<4>().0.iter().map(|row| row[element]).collect(),
+        _ => values.chunks_exact(width).map(|row| row[element]).collect(),
     }
 }
 

@@ -59,6 +59,8 @@ mod _core {
     #[pymodule_export]
     use crate::hostclock::Step;
     #[pymodule_export]
+    use crate::huge_pages::keep_freed_memory;
+    #[pymodule_export]
     use crate::scan::Damage;
     #[pymodule_export]
     use crate::table::message_name;
