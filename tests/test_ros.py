@@ -355,7 +355,7 @@ def test_several_coordinate_systems() -> None:
 
 def pvt(fixtype: int = 3, flags: int = 0x83, **fields: int) -> bytes:
     """A PVT of the receiver."""
-    row = {"year": 2024, "month": 2, "day": 29, "hour": 12, "min": 34, "sec": 56}
+    row = {"year": 2024, "month": 2, "day": 29, "hour": 12, "min": 34, "sec": 56, "valid": 7}
     row |= {"fixtype": fixtype, "flags": flags, "numSV": 14, "lat": 522_123_456, "lon": -68_934_567}
     row |= {"height": 47_500, "hMSL": 4_250, "hAcc": 14, "vAcc": 14, "hdop": 80} | fields
     names = [field.name for field in QUANTITIES["gnss_pvt_data"].fields]
@@ -403,11 +403,13 @@ SENTENCES = [
     (pvt(1, 0x01), 4, ("123456.00", 0), ("123456.00", 6)),
     (pvt(flags=1, sec=0, nano=-4_000_000), 0, ("123400.00", 1), ("1234-0.00", 0)),
     (pvt(flags=1, sec=59, nano=996_000_000), 4, ("123500.00", 1), ("123460.00", 1)),
+    (pvt(flags=1, valid=3), 4, ("", 1), ("123456.00", 1)),
+    (pvt(0, 0, valid=0), 0, ("", 0), ("123456.00", 0)),
 ]
 PLACE, HEIGHTS = "5212.74074,N,00653.60740,W", "14,0.8,4.25,M,43.25,M"
 
 
-@pytest.mark.parametrize(("packets", "status", "rep", "driver"), SENTENCES, ids=range(6))
+@pytest.mark.parametrize(("packets", "status", "rep", "driver"), SENTENCES, ids=range(8))
 def test_sentences(
     packets: bytes, status: int, rep: tuple[str, int], driver: tuple[str, int]
 ) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.ros.cdr import DOUBLES, Fields, Layout
-from xbus.protocol.tables import STATUS_FLAGS
+from xbus.protocol.tables import STATUS_FLAGS, UTC_VALID
 
 __all__ = ["navsat_fields", "navsat_rows", "sentences"]
 
@@ -104,7 +104,9 @@ def _sentence(record: Any, has_fix: bool) -> str:
     )
     minutes, centiseconds = divmod(round(nanoseconds / 1e7) % CENTISECONDS_OF_DAY, 6000)
     hour, minute = divmod(minutes, 60)
-    time = f"GPGGA,{hour:02d}{minute:02d}{centiseconds / 100:05.2f}"
+    time = "GPGGA,"
+    if record["valid"] & UTC_VALID == UTC_VALID:
+        time += f"{hour:02d}{minute:02d}{centiseconds / 100:05.2f}"
     if not has_fix:
         return f"{time},,,,,0,{record['numSV']:02d},,,M,,M,,"
     quality = RTK_QUALITY.get(int(record["flags"]) >> CARRIER)
