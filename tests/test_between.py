@@ -125,6 +125,8 @@ def test_a_batch() -> None:
     [
         (("5", "2"), 2, "the end must be after the start: 2.0 is not after 5.0"),
         (("-1", "2"), 2, "seconds count from the first sample and are not negative: -1.0"),
+        (("inf", "end"), 2, "a moment must be a finite number of seconds, or UTC, not inf"),
+        (("start", "nan"), 2, "a moment must be a finite number of seconds, or UTC, not nan"),
         (("noon", "end"), 2, "'noon' is neither seconds nor UTC such as 2026-11-22T09:30:00"),
         (("60", "end"), 1, "walk.mtb has no samples between these times"),
         (("2026-11-22T10:00:00", "end"), 1, "walk.mtb has no samples between these times"),

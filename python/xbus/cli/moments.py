@@ -94,7 +94,9 @@ def bounds_of(
 
     def parts() -> Iterator[Log]:
         if STDIN in files:
-            raise ValueError("standard input is read once; use seconds")
+            raise ValueError(
+                "UTC needs an input that can be read twice; save it to a file first, or use seconds"
+            )
         with inputs.opened(files, progress) as source, content.checked(source, files):
             yield from content.parts(source, bid=inputs.bid)
             content.check()

@@ -80,11 +80,15 @@ def parse_moment(moment: Moment | None) -> float | np.datetime64 | None:
     Raises:
         ValueError: It is no time.
     """
-    if moment is None or isinstance(moment, np.datetime64):
+    if moment is None:
+        return None
+    if isinstance(moment, np.datetime64):
+        if np.isnat(moment):
+            raise ValueError("a moment must be a date, not NaT")
         return moment
     if isinstance(moment, int | float | np.number):
-        if math.isnan(moment):
-            raise ValueError("a moment must be a number of seconds or UTC, not NaN")
+        if not math.isfinite(moment):
+            raise ValueError(f"a moment must be a finite number of seconds, or UTC, not {moment}")
         if moment < 0:
             raise ValueError(f"seconds count from the first sample and are not negative: {moment}")
         return float(moment)
