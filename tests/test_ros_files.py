@@ -162,16 +162,16 @@ WRONG = {
     ),
     "conversion in the driver's style": (
         ["-o", "a.mcap", "--ros-style", "driver", "--mag-norm", "49e-6"],
-        "the driver style converts nothing",
+        "the driver style converts nothing; --keep-coordinates and --mag-norm apply to the style rep",
     ),
     "a prefix": (
         ["-o", "a.mcap", "--topic-prefix", "/imu 1"],
-        "topic_prefix '/imu 1' is no name of ROS",
+        "--topic-prefix '/imu 1' is no name of ROS",
     ),
-    "a frame id": (["-o", "a.mcap", "--frame-id", ""], "frame_id '' is no name of ROS"),
+    "a frame id": (["-o", "a.mcap", "--frame-id", ""], "--frame-id '' is no name of ROS"),
     "a field in microtesla": (
         ["-o", "a.mcap", "--mag-norm", "49"],
-        "mag_norm is in tesla, such as 49e-6, not 49.0",
+        "--mag-norm is in tesla, such as 49e-6, not 49.0",
     ),
     "resampling": (
         ["-o", "a", "--rosbag2", "--rate-out", "10"],
@@ -181,6 +181,7 @@ WRONG = {
         ["-o", "a.mcap", "--quantity", "HEHDT"],
         "strings are written to tables and .npz, not to .mcap",
     ),
+    "no name": (["-o", "", "--rosbag2"], "OUT is empty"),
     "no suffix": (["-o", "a"], "must end in one of"),
 }
 

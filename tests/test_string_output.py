@@ -13,7 +13,7 @@ import pytest
 
 import streams
 import xbus
-from test_cli import run
+from test_cli import run, sentence
 from xbus import (
     Device,
     DeviceError,
@@ -542,12 +542,11 @@ def test_a_log_of_strings_only() -> None:
     assert run("dump", "nmea.txt").stdout.count("HEHDT") == 6
     assert run("decode", "nmea.txt", "--quantity", "HEHDT", "-o", "x.npz").exit_code == 0
     assert np.load("x.npz")["HEHDT"]["heading"].tolist() == [123.45] * 3
-    result = run("decode", "nmea.txt", "-o", "x.parquet")
-    assert result.exit_code == 1
-    assert (
-        "nmea.txt has no samples, only strings: HEHDT; choose a type with --quantity"
-        in result.stderr
-    )
+    for out in ("x.parquet", "x.mcap", "folder/"):
+        assert sentence(run("decode", "nmea.txt", "-o", out)) == (
+            "nmea.txt has no samples, only strings: HEHDT; write them to .nmea, or those of one type to "
+            "a table with --quantity"
+        )
     pytest.importorskip("plotly")
     assert run("report", "nmea.txt", "-o", "x.html").exit_code == 0
     page = Path("x.html").read_text("utf-8")

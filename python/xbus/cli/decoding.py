@@ -84,7 +84,8 @@ def reading(names: str) -> Iterator[None]:
 def _without_samples(names: str, strings: Iterable[str]) -> Failure:
     if found := ", ".join(strings):
         return Failure(
-            f"{names} has no samples, only strings: {found}; choose a type with --quantity"
+            f"{names} has no samples, only strings: {found}; write them to .nmea, or those of one type to "
+            "a table with --quantity"
         )
     return Failure(f"{names} has no samples; xbus info lists the content")
 

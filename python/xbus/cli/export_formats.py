@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import importlib
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -177,6 +178,17 @@ def suffix_of(path: str) -> str:
     return os.path.splitext(path)[1].lower()  # noqa: PTH122 - pathlib is slow to import
 
 
+def _option(name: str) -> str:
+    """Returns the option with a name in Python."""
+    return "--" + name.replace("_", "-")
+
+
+def _with_options(message: str) -> str:
+    """Replaces the names of attributes in a message; names of one word may be words of its sentence."""
+    names = "|".join(name for name in OPTIONS if "_" in name)
+    return re.sub(rf"\b({names})\b", lambda found: _option(found[0]), message)
+
+
 @dataclass(frozen=True)
 class FormatOptions:
     """The options that apply to some formats only.
@@ -207,14 +219,13 @@ class FormatOptions:
         for name in sorted(self.given):
             suffixes, _ = OPTIONS[name]
             if suffix not in suffixes:
-                option = "--" + name.replace("_", "-")
                 raise click.UsageError(
-                    f"{option} applies to {' and '.join(suffixes)}, not to {suffix}"
+                    f"{_option(name)} applies to {' and '.join(suffixes)}, not to {suffix}"
                 )
         try:
             self.format_of(suffix)
         except ValueError as error:
-            raise click.UsageError(str(error)) from error
+            raise click.UsageError(_with_options(str(error))) from error
 
     def format_of(self, suffix: str) -> Format | None:
         """Returns the format with a suffix, or None if it is not one of other software."""

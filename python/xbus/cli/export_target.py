@@ -32,6 +32,8 @@ def check_output(files: Sequence[str], out: str, *, is_folder: bool = False) -> 
         out: The file to write, or the folder, which must be new.
         is_folder: Whether it is a folder.
     """
+    if not out:
+        raise click.UsageError("OUT is empty; give it a name")
     for file in files:
         with contextlib.suppress(OSError):
             if file != STDIN and os.path.samefile(file, out):  # noqa: PTH121 - pathlib is slow to import
