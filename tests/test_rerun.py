@@ -13,6 +13,7 @@ import pytest
 
 import xbus
 from test_cli import FIELD, WALK, run
+from xbus.export.rerun.scene import Scene
 from xbus.geometry.quaternion import rotate
 from xbus.protocol.tables import RESULT_CODES
 
@@ -167,6 +168,25 @@ def test_devices_have_paths_and_places_of_their_own(tmp_path: Path) -> None:
     }
     assert places == {"/03800001": 4.0, "/03800002": 0.0}
     assert values(rows["/03800001/temperature"], "sample") == [1]
+
+
+def test_accuracies_and_dilutions_have_plots_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    titles: dict[str, str] = {}
+
+    def add_series(self: Scene, device: str, title: str, path: str, names: list[str]) -> None:
+        titles[path.removeprefix(f"{device}/")] = title
+
+    monkeypatch.setattr(Scene, "add_series", add_series)
+    written(xbus.read_log(WALK), tmp_path)
+    found = {name: titles[f"gnss_pvt_data/{name}"] for name in ("height", "hAcc", "hdop", "numSV")}
+    assert found == {
+        "height": "gnss_pvt_data, m",
+        "hAcc": "gnss_pvt_data accuracy, m",
+        "hdop": "gnss_pvt_data dilution of precision",
+        "numSV": "gnss_pvt_data",
+    }
 
 
 def test_a_row_is_on_the_timelines_of_its_sample(tmp_path: Path) -> None:

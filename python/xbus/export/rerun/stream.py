@@ -217,7 +217,7 @@ class RerunStream:
         for part_of in row.fields:
             if part_of.name not in NO_SERIES_FIELDS:
                 entity = f"{path}/{name}/{part_of.name}"
-                self._scene.add_series(path, _with_unit(name, part_of.unit), entity, [part_of.name])
+                self._scene.add_series(path, _title(name, part_of), entity, [part_of.name])
                 self._send(entity, column, rows, times, column.scaled[part_of.name])
 
     def _send(
