@@ -95,6 +95,11 @@ CASES = {
         [0.5, 0.51, 0.52, 60.01, 60.02],
     ),
     "utc without device time": Case([sample(None, 0.5), sample(None, 0.6)], "utc", [0.5, 0.6]),
+    "utc in samples without device time only": Case(
+        [sample(100), sample(None, 0.5), WAKE_UP, sample(200), sample(300)],
+        "utc",
+        [0.5, 0.5, 0.5, 0.51],
+    ),
     "no time in some samples": Case(
         [sample(None), sample(100, 0.5), sample(None), sample(200)], "utc", [0.5, 0.5, 0.5, 0.51]
     ),
@@ -123,6 +128,23 @@ CASES = {
         "utc",
         [0.5, 0.51, 0.51, 0.52],
     ),
+    "a clock that drifts, and a restart": Case(
+        [sample(0, 0), sample(36_000_000, 3600.18), WAKE_UP, sample(100), sample(200)],
+        "utc",
+        [0, 3600.18, 3600.18, 3600.19],
+    ),
+    "a clock that drifts, and another device without utc": Case(
+        [
+            sample(0, 0),
+            sample(36_000_000, 3600.18),
+            sample(None, bid=2),
+            sample(7000, bid=2),
+            sample(36_000_100, 3600.19),
+            sample(7100, bid=2),
+        ],
+        "utc",
+        [0, 3600.18, 3600.18, 3600.18, 3600.19, 3600.19],
+    ),
     "utc before and after a run without": Case(
         [sample(900, 0.5), WAKE_UP, sample(100), sample(200), WAKE_UP, sample(100, 60)],
         "utc",
@@ -132,6 +154,17 @@ CASES = {
         [sample(100, 0.5), sample(70_000, bid=2), sample(200, 0.51), sample(70_100, bid=2)],
         "utc",
         [0.5, 0.5, 0.51, 0.51],
+    ),
+    "a device without time at first": Case(
+        [
+            sample(None, bid=2),
+            sample(100, 0.5),
+            sample(70_000, bid=2),
+            sample(200, 0.51),
+            sample(70_100, bid=2),
+        ],
+        "utc",
+        [0.5, 0.5, 0.5, 0.51, 0.51],
     ),
     "utc of the second device": Case(
         [sample(70_000, bid=2), sample(100, 0.5), sample(70_100, bid=2), sample(200)],

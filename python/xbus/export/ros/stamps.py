@@ -11,7 +11,7 @@ first one, as if no time had passed between the two. Runs before the first known
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, NamedTuple, TypeAlias
 
@@ -108,6 +108,15 @@ class _Runs:
         return np.asarray(is_finite & (leads | near))
 
 
+def _timed(segments: Iterable[_Segment]) -> list[_Segment]:
+    """Returns the segments with a known time, in the order of the first one.
+
+    So a segment comes after the one with the sample before its first known time.
+    """
+    timed = [segment for segment in segments if segment.is_known.any()]
+    return sorted(timed, key=lambda segment: int(segment.rows[np.argmax(segment.is_known)]))
+
+
 def _filled(values: Times, before: int) -> Times:
     """Returns values with the last known one in the place of `UNKNOWN`; ``before`` comes before the first."""
     known = values != UNKNOWN
@@ -172,6 +181,8 @@ class TimeBase:
     def __init__(self) -> None:
         self._numbers = _Runs()
         self._runs: list[_Run] = []
+        #: Their numbers in the order of their first device times: a run is joined to one before it.
+        self._order: list[int] = []
         #: The last sample with a device time: its run, and the time.
         self._last: tuple[int, int] | None = None
         #: The first one.
@@ -196,7 +207,7 @@ class TimeBase:
         # With the sample before the part, so that each sample has one before it.
         runs = _filled(np.append(last_run, run_of), UNKNOWN)
         times = _filled(np.append(last_time, time_of), UNKNOWN)
-        for segment in segments:
+        for segment in _timed(segments):
             self._add(segment, sources, runs, times)
         if runs[-1] != UNKNOWN:
             self._last = int(runs[-1]), int(times[-1])
@@ -209,10 +220,9 @@ class TimeBase:
         """Adds the samples of a run; the others are the run and the time of the sample before each."""
         run = self._runs[segment.run]
         rows, time = segment.rows[segment.is_known], segment.time[segment.is_known]
-        if not len(rows):
-            return
         if run.start is None:
             run.start = int(time[0])
+            self._order.append(segment.run)
             if runs[rows[0]] != UNKNOWN:
                 run.joined = int(runs[rows[0]]), int(times[rows[0]])
         for base, known in sources.items():
@@ -241,46 +251,42 @@ class TimeBase:
         start = self._earliest.get(self.base, 0)
         if self._first is not None:
             run, time = self._first
-            start = offsets[run] + time
+            if (offset := offsets[run]) is not None:
+                start = offset + time
         return _SecondPass(self.base, offsets, start)
 
-    def _offsets(self) -> list[int]:
-        """Returns for each run what to add to the device time, in ns."""
+    def _offsets(self) -> list[int | None]:
+        """Returns for each run what to add to the device time, in ns.
+
+        None if it follows from the sample before: the offset of a run with times changes with each of them.
+        """
         base = self.base
         known = [run.offsets.get(base, run.last.get(base)) for run in self._runs]
         if base == "device" and self._first is not None:
             known[self._first[0]] = 0
-        # A run is joined to one with a lower number: they are numbered in the order of their first samples.
         # Runs after a known one follow it, those before the first known one precede it; others follow those.
-        forward, backward = range(len(known)), reversed(range(len(known)))
-        for number in forward:
-            self._join(number, known, backward=False)
-        for number in backward:
-            self._join(number, known, backward=True)
-        for number in forward:
-            self._join(number, known, backward=False)
-        return [offset or 0 for offset in known]
-
-    def _join(self, number: int, known: list[int | None], *, backward: bool) -> None:
-        """Derives the offset of a run from that of the run which it is joined to, or backward."""
-        run = self._runs[number]
-        if run.joined is None or run.start is None:
-            return
-        before, time = run.joined
-        own, other = known[number], known[before]
-        if backward and own is not None and other is None:
-            known[before] = own + run.start - time
-        elif not backward and own is None and other is not None:
-            known[number] = other + time - run.start
+        follows = [offset is not None for offset in known]
+        for number in self._order:
+            joined = self._runs[number].joined
+            follows[number] |= joined is not None and follows[joined[0]]
+        for number in reversed(self._order):
+            run, offset = self._runs[number], known[number]
+            if offset is None or run.joined is None or run.start is None:
+                continue
+            before, time = run.joined
+            if not follows[before] and known[before] is None:
+                known[before] = offset + run.start - time
+        return known
 
 
 class _SecondPass:
     """Gives times to the samples of the parts, in order."""
 
-    def __init__(self, base: Base, offsets: Sequence[int], start: int) -> None:
+    def __init__(self, base: Base, offsets: Sequence[int | None], start: int) -> None:
         self.base = base
         self._numbers = _Runs()
-        #: For each run what to add to the device time, as of the last sample.
+        #: For each run what to add to the device time, as of the last sample; None until the sample before
+        #: decides.
         self._offsets = list(offsets)
         #: The same by a sample that does not agree, until the next one.
         self._doubted: dict[int, int] = {}
@@ -289,13 +295,17 @@ class _SecondPass:
     def stamps(self, part: Part) -> Stamps:
         """Returns the times of the samples of the next part."""
         known = _known_times(part, self.base)
-        trusted = np.full(len(part), UNKNOWN)
-        for run, rows, time, is_known in self._numbers.segments(part):
+        trusted = known.copy()
+        for run, rows, time, is_known in _timed(self._numbers.segments(part)):
             own = known[rows]
             offsets = np.where(is_known & (own != UNKNOWN), own - time, UNKNOWN)
-            doubtful = self._doubtful(run, offsets)
+            offset = self._offsets[run]
+            if offset is None:
+                first = int(np.argmax(is_known))
+                offset = self._time_before(int(rows[first]), trusted) - int(time[first])
+            doubtful = self._doubtful(run, offset, offsets)
             own[doubtful] = offsets[doubtful] = UNKNOWN
-            offsets = _filled(offsets, self._offsets[run])
+            offsets = _filled(offsets, offset)
             self._offsets[run] = int(offsets[-1])
             derived = np.where(is_known, time + offsets, UNKNOWN)
             trusted[rows] = np.where(own != UNKNOWN, own, derived)
@@ -308,13 +318,21 @@ class _SecondPass:
         measured = np.where(known != UNKNOWN, known, trusted)
         return Stamps(measured, ordered.astype(np.uint64))
 
-    def _doubtful(self, run: int, offsets: Times) -> npt.NDArray[np.intp]:
+    def _time_before(self, row: int, trusted: Times) -> int:
+        """Returns the time of the last sample before a row that has one."""
+        while row > 0:
+            row -= 1
+            if trusted[row] != UNKNOWN:
+                return int(trusted[row])
+        return self._before
+
+    def _doubtful(self, run: int, good: int, offsets: Times) -> npt.NDArray[np.intp]:
         """Returns which samples have a time that agrees neither with that before nor with a doubtful one."""
         found = np.flatnonzero(offsets != UNKNOWN)
-        steps = np.diff(offsets[found], prepend=self._offsets[run])
+        steps = np.diff(offsets[found], prepend=good)
         if run not in self._doubted and (np.abs(steps) <= NEAR).all():
             return np.empty(0, np.intp)
-        good, doubted, rows = self._offsets[run], self._doubted.pop(run, None), []
+        doubted, rows = self._doubted.pop(run, None), []
         for row, offset in zip(found.tolist(), offsets[found].tolist(), strict=True):
             agrees = abs(offset - good) <= NEAR
             if agrees or (doubted is not None and abs(offset - doubted) <= NEAR):
