@@ -69,7 +69,7 @@ PART = 4 << 20
     "--duration",
     type=NumberRange(min=0, min_open=True),
     metavar="S",
-    help="Stop after S seconds.",
+    help="Stop after S seconds; with FILE, seconds of the recording.",
 )
 def serve(
     source: str,

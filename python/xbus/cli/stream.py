@@ -53,7 +53,7 @@ PROGRESS = 10.0
     "--duration",
     type=NumberRange(min=0, min_open=True),
     metavar="S",
-    help="Stop after S seconds.",
+    help="Stop after S seconds; with FILE, seconds of the recording.",
 )
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 def stream(
