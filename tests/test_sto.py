@@ -125,7 +125,7 @@ def test_the_parts_of_a_log_give_the_same_bytes(monkeypatch: pytest.MonkeyPatch)
     [
         (encode_sample({"temperature": 1.0}), [], "an .sto file needs orientation"),
         (encode_sample({"quaternion": [1.0, 0, 0, 0]}), [], "--rate HZ gives times"),
-        (oriented(0, quaternion=[0.0, 0, 0, 0]), [], "no orientation has a time stamp"),
+        (oriented(0, quaternion=[0.0, 0, 0, 0]), [], "is a rotation, neither zeros nor NaN"),
         (
             pair(3),
             ["--sto-names", "77=a"],

@@ -205,7 +205,8 @@ class _StoWriter:
             raise ExportError(
                 "at no time all devices have an orientation; do they share a clock? --bid chooses one"
                 if several
-                else "no orientation has a time stamp; --rate HZ gives times to a log with a counter"
+                else "no orientation has a time stamp and is a rotation, neither zeros nor NaN; "
+                "--rate HZ gives times to a log with a counter"
             )
 
 
