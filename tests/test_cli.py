@@ -18,6 +18,7 @@ from click.testing import CliRunner, Result
 import xbus
 from conftest import OWN_CAPTURES
 from xbus.cli import COMMANDS, main
+from xbus.cli.inputs import Input
 
 HERE = Path(__file__).parent
 WALK = str(OWN_CAPTURES / "walk.mtb")
@@ -302,6 +303,18 @@ def test_ctrl_c_while_reading(tmp_path: Path) -> None:
         assert (child.returncode, shown) == (130, b"")
         assert out == b"" or args == ["dump"]
         assert [path.name for path in tmp_path.iterdir()] == ["port"]
+
+
+@pytest.mark.parametrize("command", ["dump", "info"])
+def test_ctrl_c_when_a_file_has_just_been_opened(
+    command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(_: Input) -> bool:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Input, "is_regular", property(interrupted))
+    result = run(command, WALK)
+    assert (result.exit_code, result.output) == (130, "")
 
 
 def test_ctrl_c_between_two_reads_ends_the_program(tmp_path: Path) -> None:

@@ -182,7 +182,7 @@ class Input:
         #: Whether the first bytes of the current file may show that it is compressed.
         self._may_be_compressed = False
         self._position = 0
-        #: The position at which each opened file starts, and its name.
+        #: The position at which each file starts, from the first to the current one, and its name.
         self._starts: list[tuple[int, str]] = []
 
     def __enter__(self) -> Input:
@@ -220,13 +220,14 @@ class Input:
     def open_next(self) -> None:
         """Opens the next file."""
         name = self._unopened.pop(0)
+        # First, because Ctrl-C can close the file at any moment after it is open.
+        self._starts.append((self._position, name))
         with _reading(name):
             self._file = _open_hex(name) if self._is_hex else _open(name)
             is_stream = name == STDIN or (is_plain(name) and not self.is_regular)
             self._may_be_compressed = is_stream and not self._is_hex
             is_pipe = is_stream and os.name == "posix" and not self.is_regular
             self._can_select = is_pipe and _has_descriptor(self._file)
-        self._starts.append((self._position, name))
 
     def read_current(self, size: int = -1) -> bytes:
         """Returns at most ``size`` bytes of the current file; none at its end."""
