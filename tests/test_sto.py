@@ -120,6 +120,12 @@ def test_the_parts_of_a_log_give_the_same_bytes(monkeypatch: pytest.MonkeyPatch)
     assert Path("whole").read_bytes() == Path("parts").read_bytes()
 
 
+def test_orientations_that_are_no_rotations_are_counted() -> None:
+    kinds: list[Any] = [[1.0, 0, 0, 0], [float("nan")] * 4, [0.0, 0, 0, 0], [0.0, 1, 0, 0]]
+    Path("log.mtb").write_bytes(b"".join(oriented(at, quaternion=q) for at, q in enumerate(kinds)))
+    assert "2 rows, 2 omitted orientations; " in run("decode", "log.mtb", "-o", "out.sto").stderr
+
+
 @pytest.mark.parametrize(
     ("data", "arguments", "message"),
     [

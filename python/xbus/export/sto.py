@@ -138,7 +138,8 @@ class _StoWriter:
         bids = device_of(part.bid)
         end = part.first_sample + len(part) - 1 - REACH
         for device, track in self._tracks.items():
-            new = _orientations(part, bids == device)
+            new, is_known = _orientations(part, bids == device)
+            self._count("omitted orientation", ~is_known)
             known: list[Any] = [np.concatenate(pair) for pair in zip(track, new, strict=True)]
             self._tracks[device] = _Track(*known)
         self._write(end)
@@ -210,14 +211,14 @@ class _StoWriter:
             )
 
 
-def _orientations(part: Part, only: npt.NDArray[np.bool_]) -> _Track:
-    """Returns the orientations of a device in a part that have a time and are rotations."""
+def _orientations(part: Part, only: npt.NDArray[np.bool_]) -> tuple[_Track, npt.NDArray[np.bool_]]:
+    """Returns the orientations of a device that have a time and are rotations, and which they are."""
     sample, q = Measured(part, converts=True, is_driver=False, only=only).orientation
     if not len(q):
-        return _Track.empty()
+        return _Track.empty(), np.empty(0, np.bool_)
     track = _Track(sample + part.first_sample, part.time[sample], q)
     is_known = np.isfinite(track.time) & np.isfinite(q).all(axis=1) & q.any(axis=1)
-    return track.rows(is_known)
+    return track.rows(is_known), is_known
 
 
 def _half_step(track: _Track, rows: npt.NDArray[np.intp]) -> FloatArray:
