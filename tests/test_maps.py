@@ -251,6 +251,18 @@ def test_fix_of_the_filter(quantities: dict[str, Any], expected: list[int]) -> N
     assert sizes(xbus.read_log(b"".join(samples))) == expected
 
 
+def test_the_fix_and_the_time_count_also_if_only_positions_are_chosen() -> None:
+    names = ("ns", "year", "month", "day", "hour", "minute", "second", "valid")
+    utc = dict(zip(names, (0, 2026, 11, 22, 9, 30, 1, 7), strict=True))
+    samples = [moving(at, status_word=0b110 if at else 0, utc_time=utc) for at in range(5)]
+    Path("log.mtb").write_bytes(b"".join(samples))
+    for chosen in ([], ["--quantity", "lat_lon"]):
+        result = run("decode", "log.mtb", "-o", "out.gpx", *chosen)
+        assert "4 points" in result.stderr
+        assert "1 unfixed position" in result.stderr
+        assert all(point.time for point in read_gpx().tracks[0].segments[0].points)
+
+
 def test_a_gap_and_a_restart_end_a_segment() -> None:
     samples = [moving(at) for at in range(10)]
     assert sizes(xbus.read_log(b"".join(samples[:4] + samples[5:]))) == [4, 5]

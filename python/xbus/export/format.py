@@ -65,10 +65,13 @@ class Format(ABC):
     Attributes:
         needs_samples: Whether a log without samples has nothing to write.
         most_samples: The most samples that a file can hold; None without a limit.
+        always: Names of quantities that are read although others are chosen, because they decide which
+            values count, and when.
     """
 
     needs_samples: ClassVar[bool] = True
     most_samples: ClassVar[int | None] = None
+    always: ClassVar[tuple[str, ...]] = ()
 
     @abstractmethod
     def quantities(self, shape: Part) -> Sequence[EntryKey] | None:

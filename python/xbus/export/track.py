@@ -113,6 +113,7 @@ class TrackFormat(Format):
             if limit is not None and not limit > 0:
                 raise ValueError(f"{name} must be positive, not {limit}")
 
+    always: ClassVar[tuple[str, ...]] = ("status_word", "status_byte", "utc_time")
     #: Name of the format in messages.
     title: ClassVar[str]
     #: What it does with a height if heights above sea level are not known, as a noun; None if it needs none.

@@ -98,7 +98,7 @@ def export_parts(
         parts: All parts of the log, from `split_log`.
         path: Path of the file.
         file_format: The format and its options.
-        quantities: As in `read_log`. Only those that the format needs are decoded.
+        quantities: As in `read_log`. Only those that the format needs are decoded, and `Format.always`.
         threads: Number of threads that decode. As many parts are in memory at a time.
         reading: As in `write_parts`.
         read: As in `write_parts`.
@@ -111,6 +111,8 @@ def export_parts(
         OSError: The file cannot be written, or the log cannot be read.
         LogChangedError: The log has changed since it was split.
     """
+    if quantities is not None:
+        quantities = [*quantities, *file_format.always]
     shape = parts[0].empty(quantities=quantities)
     needed = file_format.quantities(shape)
     file_format.check(sum(part.samples for part in parts))
