@@ -393,7 +393,7 @@ def test_the_parts_of_a_log_give_the_same_bytes(
         (
             moving(0, status_word=0) + pvt(1, {}),
             [],
-            "none of the 1 position (lat_lon) has a fix; source gnss has the fixes of the receiver",
+            "none of the 1 position (lat_lon) has a fix; choose --source gnss, the receiver",
         ),
         (moving(0, lat_lon=[99, 0]), [], "no position (lat_lon) is a place on Earth; xbus info"),
     ],

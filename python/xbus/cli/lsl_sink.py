@@ -38,7 +38,7 @@ class LslSink:
         self._samples = 0
 
     @property
-    def sent(self) -> int:
+    def offered(self) -> int:
         """Number of samples that LSL took."""
         return self._samples
 

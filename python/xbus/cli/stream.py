@@ -92,8 +92,8 @@ def stream(
         with contextlib.closing(sink):
             progress = _Progress(live, sink, shown=not quiet)
             live.run(sink, is_stopping, duration=duration, progress=progress.update)
-            summary = f"{label(source)}: {live.elapsed:,.1f} s, {sink}; {live.losses()}"
-    if form == "nmea" and not sink.sent:
+        summary = f"{label(source)}: {live.elapsed:,.1f} s, {sink}; {live.losses()}"
+    if form == "nmea" and not sink.offered:
         raise Failure(
             f"{summary}; the device sends no NMEA strings: set its string output, or use --format json"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import socket
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import urlsplit
@@ -74,9 +75,9 @@ class UdpSink:
         self._reason = ""
 
     @property
-    def sent(self) -> int:
-        """Number of datagrams that the network took."""
-        return self._sent
+    def offered(self) -> int:
+        """Number of datagrams, sent or lost."""
+        return self._sent + self._lost
 
     def write(self, block: Log) -> None:
         """Sends the samples or sentences of a block."""
@@ -92,7 +93,12 @@ class UdpSink:
 
     def _send(self, data: bytes) -> None:
         try:
-            self._socket.send(data)
+            try:
+                self._socket.send(data)
+            except ConnectionRefusedError as error:
+                # This is the answer to the previous datagram; the system has not sent this one.
+                self._lose_previous(error)
+                self._socket.send(data)
         except OSError as error:
             # The queue is full, nothing listens on the port, the datagram is too long, or there is no route.
             self._lost += 1
@@ -100,12 +106,21 @@ class UdpSink:
         else:
             self._sent += 1
 
+    def _lose_previous(self, error: OSError) -> None:
+        """Counts the datagram that was sent last as lost."""
+        self._reason = error.strerror or str(error)
+        if self._sent:
+            self._sent -= 1
+            self._lost += 1
+
     def note(self, text: str, *, is_bad: bool) -> None:  # noqa: ARG002 - as in `Sink`
         """Prints an event: datagrams have samples only."""
         click.echo(f"xbus: {text}", err=True)
 
     def close(self) -> None:
         """Closes the socket."""
+        if number := self._socket.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR):
+            self._lose_previous(OSError(number, os.strerror(number)))
         self._socket.close()
 
     def __str__(self) -> str:
