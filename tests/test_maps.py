@@ -242,6 +242,7 @@ def test_fix_of_the_receiver(fields: dict[str, float], fix: str | None) -> None:
         ({"lat_lon": [-90.5, 0]}, [2, 2]),
         ({"lat_lon": [0, 180.5]}, [2, 2]),
         ({"lat_lon": None}, [4]),
+        ({"lat_lon": [0, 0]}, [2, 2]),
         ({"altitude_msl": np.nan}, [5]),
     ],
     ids=str,

@@ -140,13 +140,14 @@ class _Filter(Positions):
                 is_known, row = _rows_of(part[other], sample)
                 points[field][is_known] = part[other].values[row]
         points["time"] = part.utc[sample - part.first_sample]
-        is_fixed = np.ones(len(sample), np.bool_)
+        # A filter without a position reports zero.
+        is_fixed = (values != 0).any(axis=1)
         points["quality"] = GGA_FIX
         if (status := _status(part)) is not None:
             is_known, row = _rows_of(status, sample)
             words = status.values[row]
             flags = {name: STATUS_FLAGS[name].of(words) for name in ("filter_valid", "gnss_fix")}
-            is_fixed[is_known] = (flags["filter_valid"] & flags["gnss_fix"]).astype(np.bool_)
+            is_fixed[is_known] &= (flags["filter_valid"] & flags["gnss_fix"]).astype(np.bool_)
             points["fix"][is_known] = FIXES.index("3d")
             if status.name == "status_word":
                 rtk = STATUS_FLAGS["rtk_status"].of(words)
