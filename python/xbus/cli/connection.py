@@ -10,13 +10,22 @@ from typing import TYPE_CHECKING
 import click
 
 from xbus.cli.failure import Failure
+from xbus.cli.number_type import NumberRange
 from xbus.errors import XbusError
 
 if TYPE_CHECKING:
     from xbus.device import Device
     from xbus.wire.link import Link
 
-__all__ = ["baudrate_option", "connect_device", "listen_option", "open_port", "port_lost"]
+__all__ = [
+    "baudrate_option",
+    "connect_device",
+    "duration_option",
+    "listen_option",
+    "open_port",
+    "port_lost",
+    "speed_option",
+]
 
 #: The option for the baud rate of a port.
 baudrate_option = click.option(
@@ -32,6 +41,22 @@ listen_option = click.option(
     is_flag=True,
     help="Never send a byte: for a line that is only tapped, or a device that another program has"
     " configured. With --baudrate, the line may be silent at first.",
+)
+
+#: The option for the speed of a replay.
+speed_option = click.option(
+    "--speed",
+    type=NumberRange(min=0, min_open=True),
+    metavar="X",
+    help="Replay speed of FILE; 2 is twice as fast as recorded.",
+)
+
+#: The option to stop after some seconds.
+duration_option = click.option(
+    "--duration",
+    type=NumberRange(min=0, min_open=True),
+    metavar="S",
+    help="Stop after S seconds; with FILE, seconds of the recording.",
 )
 
 #: Remedies for a port that cannot be opened, by error number.

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.connection import baudrate_option, listen_option
+from xbus.cli.connection import baudrate_option, duration_option, listen_option, speed_option
 from xbus.cli.failure import cannot, stop_requested
 from xbus.cli.inputs import is_recording, label
-from xbus.cli.number_type import NumberRange
 from xbus.formatting import format_count
 
 if TYPE_CHECKING:
@@ -59,18 +58,8 @@ PART = 4 << 20
 )
 @baudrate_option
 @listen_option
-@click.option(
-    "--speed",
-    type=NumberRange(min=0, min_open=True),
-    metavar="X",
-    help="Replay speed of FILE; 2 is twice as fast as recorded.",
-)
-@click.option(
-    "--duration",
-    type=NumberRange(min=0, min_open=True),
-    metavar="S",
-    help="Stop after S seconds; with FILE, seconds of the recording.",
-)
+@speed_option
+@duration_option
 def serve(
     source: str,
     host: str,

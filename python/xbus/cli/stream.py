@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from xbus.cli.connection import baudrate_option, listen_option
+from xbus.cli.connection import baudrate_option, duration_option, listen_option, speed_option
 from xbus.cli.failure import Failure, stop_requested
 from xbus.cli.inputs import label
-from xbus.cli.number_type import NumberRange
 
 if TYPE_CHECKING:
     from xbus.cli.live_input import LiveInput
@@ -43,18 +42,8 @@ PROGRESS = 10.0
 )
 @baudrate_option
 @listen_option
-@click.option(
-    "--speed",
-    type=NumberRange(min=0, min_open=True),
-    metavar="X",
-    help="Replay speed of FILE; 2 is twice as fast as recorded.",
-)
-@click.option(
-    "--duration",
-    type=NumberRange(min=0, min_open=True),
-    metavar="S",
-    help="Stop after S seconds; with FILE, seconds of the recording.",
-)
+@speed_option
+@duration_option
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
 def stream(
     source: str,

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["has_fix", "has_position"]
+__all__ = ["FIXES", "has_fix", "has_position"]
 
-#: Fix types of the receiver with a position (Table 25): 2D, 3D, GNSS and dead reckoning.
+#: Fix types of the receiver with a position (Table 25): 2D, 3D, GNSS and dead reckoning. 1 is dead reckoning
+#: alone.
 FIXES = (2, 3, 4)
 
 

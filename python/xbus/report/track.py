@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from xbus.export.valid import has_fix
+from xbus.export.valid import has_fix, has_position
 from xbus.geometry.earth import ecef_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from xbus.log.column import Column
 from xbus.plots.thin import BINS, BoolArray, FloatArray, bin_width, thin
@@ -15,8 +15,8 @@ __all__ = ["SOURCES", "Track"]
 
 #: Quantities with a position, the best first.
 SOURCES = ("lat_lon", "position_ecef", "gnss_pvt_data")
-#: Limits of valid positions, in degrees and metres.
-LIMITS = {"lat_lon": np.array([90.0, 360.0]), "position_ecef": np.full(3, 1e9)}
+#: The largest coordinate of a valid position in ECEF, in metres.
+LIMIT = 1e9
 
 
 class Track:
@@ -49,8 +49,10 @@ class Track:
             values = np.stack([column.scaled["lat"], column.scaled["lon"]], axis=1)
         else:
             values = column.values.astype(np.float64)
-            # A filter without a position reports zero.
-            valid = (np.abs(values) <= LIMITS[column.name]).all(axis=1) & (values != 0).any(axis=1)
+            if column.name == "lat_lon":
+                valid = has_position(values)
+            else:
+                valid = (np.abs(values) <= LIMIT).all(axis=1) & (values != 0).any(axis=1)
         # An invalid position ends a piece as well.
         piece = self._pieces + np.cumsum(breaks | ~valid)
         self._pieces = int(piece[-1]) if len(piece) else self._pieces

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.connection import baudrate_option, connect_device, listen_option, port_lost
+from xbus.cli.connection import (
+    baudrate_option,
+    connect_device,
+    listen_option,
+    port_lost,
+    speed_option,
+)
 from xbus.cli.failure import stop_requested
 from xbus.cli.inputs import is_recording, label, strings_option
 from xbus.cli.number_type import NumberRange
@@ -26,12 +32,7 @@ __all__ = ["monitor"]
 @click.argument("source", metavar="PORT|FILE")
 @baudrate_option
 @listen_option
-@click.option(
-    "--speed",
-    type=NumberRange(min=0, min_open=True),
-    metavar="X",
-    help="Replay speed of FILE; 2 is twice as fast as recorded.",
-)
+@speed_option
 @click.option(
     "--once",
     type=NumberRange(min=0, min_open=True),

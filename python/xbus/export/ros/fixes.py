@@ -10,18 +10,19 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.ros.cdr import DOUBLES, Fields, Layout
+from xbus.export.valid import FIXES, has_fix
 from xbus.protocol.tables import STATUS_FLAGS, UTC_VALID
 
 __all__ = ["navsat_fields", "navsat_rows", "sentences"]
 
 NO_FIX, FIX, SBAS_FIX, GBAS_FIX = -1, 0, 1, 2
 COVARIANCE_UNKNOWN, DIAGONAL_KNOWN = 0, 2
-#: Fix types with a position: 2D, 3D, GNSS and dead reckoning. 1 is dead reckoning alone.
-FIXES, DEAD_RECKONING = (2, 3, 4), 1
+#: The fix type of dead reckoning alone.
+DEAD_RECKONING = 1
 #: An accuracy that the receiver does not give.
 UNKNOWN = 0xFFFFFFFF
-#: Bits of ``flags``: the fix is valid, corrections are used, and from which bit on the kind of RTK.
-VALID, DIFFERENTIAL, CARRIER = 1, 2, 6
+#: Bits of ``flags``: corrections are used, and from which bit on the kind of RTK.
+DIFFERENTIAL, CARRIER = 2, 6
 #: What GGA calls an RTK solution: floating and fixed.
 RTK_QUALITY = {1: 5, 2: 4}
 CENTISECONDS_OF_DAY = 24 * 3600 * 100
@@ -36,11 +37,6 @@ def navsat_fields() -> Fields:
         ("covariance", DOUBLES, (9,)),
         ("covariance_type", "u1", ()),
     ]
-
-
-def _has_fix(records: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    is_valid = records["flags"] & VALID == VALID
-    return np.asarray(np.isin(records["fixtype"], FIXES) & is_valid)
 
 
 def _carrier(records: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -65,14 +61,14 @@ def navsat_rows(records: npt.NDArray[Any], layout: Layout, *, is_driver: bool) -
         bodies["status"] = np.where(np.isin(records["fixtype"], FIXES), FIX, NO_FIX)
         is_known = np.ones(len(records), np.bool_)
     else:
-        has_fix = _has_fix(records)
+        is_fixed = has_fix(records)
         is_corrected = records["flags"] & DIFFERENTIAL != 0
         augmented = np.where(is_corrected, SBAS_FIX, FIX)
         kind = np.where(_carrier(records) > 0, GBAS_FIX, augmented)
-        bodies["status"] = np.where(has_fix, kind, NO_FIX)
+        bodies["status"] = np.where(is_fixed, kind, NO_FIX)
         for name in ("latitude", "longitude", "altitude"):
-            bodies[name][~has_fix] = np.nan
-        is_known = has_fix & (records["hAcc"] != UNKNOWN) & (records["vAcc"] != UNKNOWN)
+            bodies[name][~is_fixed] = np.nan
+        is_known = is_fixed & (records["hAcc"] != UNKNOWN) & (records["vAcc"] != UNKNOWN)
     bodies["covariance"][:, ::4] = np.where(is_known[:, np.newaxis], variances, 0)
     bodies["covariance_type"] = np.where(is_known, DIAGONAL_KNOWN, COVARIANCE_UNKNOWN)
     return bodies
@@ -87,7 +83,7 @@ def sentences(records: npt.NDArray[Any], status: npt.NDArray[Any] | None) -> lis
             and writes a position without a fix, and seconds as they come. None for those of NMEA 0183.
     """
     if status is None:
-        bodies = map(_sentence, records, _has_fix(records).tolist())
+        bodies = map(_sentence, records, has_fix(records).tolist())
     else:
         bodies = map(_sentence_of_driver, records, status.tolist())
     return [_framed(body) for body in bodies]
@@ -98,7 +94,7 @@ def _framed(body: str) -> bytes:
     return f"${body}*{checksum:02X}\r\n\0".encode()
 
 
-def _sentence(record: Any, has_fix: bool) -> str:
+def _sentence(record: Any, is_fixed: bool) -> str:
     nanoseconds = int(record["nano"]) + 10**9 * (
         (int(record["hour"]) * 60 + int(record["min"])) * 60 + int(record["sec"])
     )
@@ -107,7 +103,7 @@ def _sentence(record: Any, has_fix: bool) -> str:
     time = "GPGGA,"
     if record["valid"] & UTC_VALID == UTC_VALID:
         time += f"{hour:02d}{minute:02d}{centiseconds / 100:05.2f}"
-    if not has_fix:
+    if not is_fixed:
         return f"{time},,,,,0,{record['numSV']:02d},,,M,,M,,"
     quality = RTK_QUALITY.get(int(record["flags"]) >> CARRIER)
     if quality is None:
