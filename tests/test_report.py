@@ -535,7 +535,7 @@ def test_recordings_side_by_side() -> None:
     heading = text.partition('id="free_acceleration"')[2].partition("</section>")[0]
     assert re.findall(r'class="of">([^<]*)', heading) == ["walk.mtb", "short.mtb", "empty"]
     assert heading.count("Not in this recording.") == 2
-    # What is the same for all is said once.
+    # Paragraphs that all recordings share occur once.
     assert text.count("Overlapping Allan deviation.") <= 2
     # Each has its own verdict.
     for verdict in ("No sample lost, no damage, no errors", "no samples, only messages"):

@@ -144,7 +144,7 @@ class _ExcelWriter:
 
 
 def _values(part: Part, column: _Column) -> npt.NDArray[Any]:
-    """Returns the values of a column, masked where there is none."""
+    """Returns the values of a column, masked where a row has no value."""
     if column.key is None:
         match column.name:
             case "sample":

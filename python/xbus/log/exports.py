@@ -150,7 +150,7 @@ class Exports:
     def to_excel(self: Part, path: str | os.PathLike[str]) -> None:
         """Writes an Excel workbook with one row for each sample, which appears whole or not at all.
 
-        The first row has names and the second one units; UTC is a date. Excel has 15 digits.
+        The first row has names and the second one units; UTC is a date. Numbers have 16 digits.
 
         Args:
             path: Path of the file.

@@ -561,7 +561,7 @@ class Log(ByQuantity[Column], Exports):
 
         Plots of long logs have the minimum and the maximum of each of some 2,000 intervals, at the moments
         of their measurement, so no spike is lost. A line ends where rows are missing, and where a device
-        restarted. Each device has curves of its own. To see more of a part, read only that part:
+        restarted. Devices have separate curves. To see more of a part, read only that part:
         ``read_log(..., between=(60, 70))``.
 
         Args:

@@ -257,7 +257,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
 
 
 def _check_rows(spans: list[Span], rate: float) -> None:
-    """Raises ValueError if there would be so many rows that the rate or the time stamps must be wrong."""
+    """Raises ValueError if the number of rows shows that the rate or the time stamps are wrong."""
     samples = sum(len(span.samples) for span in spans)
     rows = sum(span.steps(rate) for span in spans)
     if rows > max(MOST_ROWS, MOST_PER_SAMPLE * samples):

@@ -42,7 +42,7 @@ def draw(plots: Sequence[Plot], axis: TimeAxis, *, backend: Backend, ax: Any) ->
     if backend == "matplotlib":
         return _with_matplotlib(plots, axis, ax)
     if ax is not None:
-        raise ValueError("ax is for matplotlib; plotly returns a Figure of its own")
+        raise ValueError("ax is for matplotlib; plotly returns a new Figure")
     return _with_plotly(plots, axis)
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 __all__ = ["ALARM", "COLOURS", "Style", "style_of"]
 
-#: Colours of curves, from Okabe and Ito: people with any kind of colour blindness can tell them apart, and
+#: Colours of curves, from Okabe and Ito: people with any kind of colour blindness distinguish them, and
 #: they are visible on white and on black.
 COLOURS = ("#d55e00", "#0072b2", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 #: The colour of problems.

@@ -55,7 +55,7 @@ class _Run:
         (x, utc), (last_x, last_utc) = self.ends
         rate = (last_utc - utc) / 1e9 / (last_x - x) if last_x - x >= LONG else 1.0
         if not 0.99 < rate < 1.01:
-            rate = 1.0  # UTC was corrected in between, and tells nothing about the clock
+            rate = 1.0  # UTC was corrected in between, which is no rate of the clock
         return ClockPiece(self.start, utc - round((x - self.start) * rate * 1e9), rate)
 
 

@@ -47,7 +47,7 @@ def _joined(names: Sequence[str], sections: Sequence[Section]) -> Iterable[Block
     for heading, cells in parts.items():
         if heading is not None:
             yield heading
-        # What is said about all recordings stands above them.
+        # Paragraphs that all recordings share stand above them.
         while all(cells) and isinstance(cells[0][0], Paragraph):
             if any(cell[0] != cells[0][0] for cell in cells):
                 break

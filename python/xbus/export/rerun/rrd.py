@@ -74,7 +74,7 @@ class _RrdWriter:
 
 @contextmanager
 def _writing(name: str) -> Iterator[None]:
-    """Replaces the error of rerun, which does not tell the cause, by one of the system."""
+    """Replaces the error of rerun, which does not name the cause, by one of the system."""
     try:
         yield
     except RuntimeError as error:
