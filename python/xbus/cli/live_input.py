@@ -12,9 +12,9 @@ import click
 
 from xbus.cli.connection import connect_device, port_lost
 from xbus.cli.inputs import is_recording, label
-from xbus.cli.monitor.model import Model
 from xbus.errors import Disconnected
 from xbus.formatting import describe_losses, format_count
+from xbus.watch.model import Model
 
 if TYPE_CHECKING:
     from xbus.cli.monitor.device_source import DeviceSource

@@ -22,8 +22,8 @@ from xbus.errors import Disconnected
 
 if TYPE_CHECKING:
     from xbus.cli.monitor.device_source import DeviceSource
-    from xbus.cli.monitor.model import Model
     from xbus.cli.monitor.replay_source import ReplaySource
+    from xbus.watch.model import Model
 
 __all__ = ["monitor"]
 

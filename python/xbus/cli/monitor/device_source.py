@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label
-from xbus.cli.monitor.events import EVENT_MESSAGES, describe_event
-from xbus.cli.monitor.model import Counts, Model, RecordingState
 from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
 from xbus.protocol.values import State
+from xbus.watch.events import EVENT_MESSAGES, describe_event
+from xbus.watch.model import Counts, Model, RecordingState
 from xbus.wire.message import Message
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from xbus.cli.inputs import label
 from xbus.cli.monitor.device_source import DeviceSource
-from xbus.cli.monitor.model import Model, RecordingState
+from xbus.watch.model import Model, RecordingState
 
 if TYPE_CHECKING:
     from xbus.cli.recording_job import RecordingJob

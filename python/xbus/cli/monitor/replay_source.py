@@ -12,11 +12,11 @@ from dataclasses import asdict
 
 from xbus.cli.failure import cannot
 from xbus.cli.inputs import label, no_frame
-from xbus.cli.monitor.events import EVENT_MESSAGES, describe_event
-from xbus.cli.monitor.model import Counts, Model
 from xbus.log.log import Log
 from xbus.log.pacing import UNSTAMPED_RATE, ReplayPace
 from xbus.log.read import iter_log
+from xbus.watch.events import EVENT_MESSAGES, describe_event
+from xbus.watch.model import Counts, Model
 
 __all__ = ["ReplaySource"]
 

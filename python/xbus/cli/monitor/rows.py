@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from xbus.cli.monitor.attitude import Attitude
-from xbus.cli.monitor.model import Model, QuantityState
-from xbus.cli.monitor.values import format_rate, format_unit, format_value, set_flags
 from xbus.formatting import describe_losses, format_count, format_size
 from xbus.protocol.values import State
+from xbus.watch.attitude import Attitude
+from xbus.watch.model import Model, QuantityState
+from xbus.watch.values import format_rate, format_unit, format_value, set_flags
 
 __all__ = [
     "ASCII",

@@ -17,8 +17,7 @@ from rich.layout import Layout
 from rich.table import Table
 from rich.text import Text
 
-from xbus.cli.monitor.attitude import Attitude, compass, horizon
-from xbus.cli.monitor.model import Model, MonitorEvent
+from xbus.cli.monitor.horizon import compass, horizon
 from xbus.cli.monitor.rows import (
     ASCII,
     BAD,
@@ -37,9 +36,11 @@ from xbus.cli.monitor.rows import (
     status_rows,
     value_rows,
 )
-from xbus.cli.monitor.values import format_unit
 from xbus.formatting import format_size
 from xbus.protocol.values import State
+from xbus.watch.attitude import Attitude
+from xbus.watch.model import Model, MonitorEvent
+from xbus.watch.values import format_unit
 
 __all__ = ["Screen", "ViewState", "visible_rows"]
 

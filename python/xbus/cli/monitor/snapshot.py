@@ -6,7 +6,6 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
-from xbus.cli.monitor.model import Model
 from xbus.cli.monitor.rows import (
     HEAD,
     device_state,
@@ -16,8 +15,9 @@ from xbus.cli.monitor.rows import (
     status_rows,
     value_rows,
 )
-from xbus.cli.monitor.values import set_flags, value_json
 from xbus.cli.printing import align
+from xbus.watch.model import Model
+from xbus.watch.values import set_flags, value_json
 
 __all__ = ["snapshot_dict", "snapshot_text"]
 

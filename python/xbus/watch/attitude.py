@@ -1,4 +1,4 @@
-"""The attitude of a device, from any orientation output, and the pictures of it: horizon and compass."""
+"""The attitude of a device, from any orientation output."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ import numpy as np
 
 from xbus.geometry.quaternion import from_euler, to_matrix
 
-__all__ = ["ORIENTATIONS", "Attitude", "attitude_of", "compass", "horizon"]
+__all__ = ["NAMED", "ORIENTATIONS", "POINTS", "Attitude", "attitude_of"]
 
 #: Quantities that hold an orientation, the preferred one first.
 ORIENTATIONS = ("quaternion", "rotation_matrix", "euler_angles")
-#: Field of view of the horizon, from its lower to its upper edge, and of a column of the compass, in degrees.
-VIEW, COLUMN = 60.0, 5.0
 #: Names on the compass, clockwise from north.
 POINTS = ("N", "NE", "E", "SE", "S", "SW", "W", "NW")
-#: Degrees between two names, and between two marks.
-NAMED, MARKED = 45, 15
+#: Degrees between two names.
+NAMED = 45
 
 
 class Attitude(NamedTuple):
@@ -76,38 +74,3 @@ def attitude_of(name: str, coordinates: str | None, row: Any) -> Attitude | None
     roll = math.degrees(math.atan2(up[1], up[2]))
     # Rounding avoids -0 and 360.
     return Attitude(*(round(angle, 6) + 0.0 for angle in (heading % 360, pitch, roll)))
-
-
-def horizon(attitude: Attitude, columns: int, rows: int) -> list[list[bool]]:
-    """Returns the picture of an artificial horizon, looking along the x axis. True is ground.
-
-    Args:
-        attitude: Attitude of the device.
-        columns: Width of the picture in square pixels.
-        rows: Height of the picture; its middle is the direction of the x axis.
-    """
-    step = VIEW / rows
-    roll = math.radians(attitude.roll)
-    right, up = -math.sin(roll) * step, math.cos(roll) * step
-    return [
-        [
-            attitude.pitch + right * (column - (columns - 1) / 2) + up * ((rows - 1) / 2 - row) < 0
-            for column in range(columns)
-        ]
-        for row in range(rows)
-    ]
-
-
-def compass(heading: float, columns: int, mark: str) -> str:
-    """Returns a compass strip; its middle column is the heading."""
-    middle = columns // 2
-    cells = [" "] * columns
-    begin = math.ceil((heading - COLUMN * (middle + 1)) / MARKED) * MARKED
-    end = heading + COLUMN * (middle + 1)
-    for degrees in range(begin, math.floor(end) + 1, MARKED):
-        at = middle + round((degrees - heading) / COLUMN)
-        name = POINTS[degrees // NAMED % len(POINTS)] if degrees % NAMED == 0 else mark
-        for place, letter in enumerate(name, at):
-            if 0 <= place < columns:
-                cells[place] = letter
-    return "".join(cells)

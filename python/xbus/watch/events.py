@@ -1,4 +1,4 @@
-"""Messages of a device that the monitor shows as events."""
+"""Messages of a device that are events of a stream."""
 
 from __future__ import annotations
 

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from xbus.cli.monitor.attitude import ORIENTATIONS, Attitude, attitude_of
 from xbus.log.column import Column
 from xbus.log.log import Log
 from xbus.protocol.tables import RECEIVER, device_of
 from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
+from xbus.watch.attitude import ORIENTATIONS, Attitude, attitude_of
 
 __all__ = ["Counts", "Model", "MonitorEvent", "QuantityState", "RecordingState"]
 
@@ -98,7 +98,7 @@ class QuantityState:
 
 @dataclass
 class Counts:
-    """Totals since the monitor started, and the amount of data that waits now.
+    """Totals since the stream is watched, and the amount of data that waits now.
 
     Attributes:
         samples, bytes: Received data.
@@ -139,7 +139,7 @@ class RecordingState:
 
 @dataclass
 class MonitorEvent:
-    """An event: seconds since the monitor started, text, and whether it is a problem."""
+    """An event: seconds since the stream is watched, text, and whether it is a problem."""
 
     at: float
     text: str
@@ -158,7 +158,7 @@ class Model:
         is_listening: Whether nothing is ever sent.
         baudrate: Baud rate of the port; None for a recording or if unknown.
         now: Seconds on the clock of the source.
-        begin: When the monitor started, on the same clock.
+        begin: When it was first watched, on the same clock.
         progress: Share of a recording that was replayed, 0 to 1; None for a port.
         quantities: Quantities by name and coordinates, in order of first arrival.
         last_attitude: The last attitude of the device, and its time; None if there is none.
@@ -190,7 +190,7 @@ class Model:
 
     @property
     def elapsed(self) -> float:
-        """Seconds since the monitor started."""
+        """Seconds since the stream is watched."""
         return self.now - self.begin
 
     @property

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from xbus.cli.monitor.model import QuantityState
 from xbus.describe.text import finite
 from xbus.formatting import device_name
 from xbus.protocol.tables import QUANTITIES, UTC_VALID
+from xbus.watch.model import QuantityState
 
 __all__ = ["format_rate", "format_unit", "format_value", "set_flags", "value_json"]
 

@@ -1,0 +1,1 @@
+"""What a stream sends, as it arrives: rates, latest values, attitude and events."""
