@@ -19,8 +19,6 @@ from conftest import counter, damaged_streams, fine
 from streams import frame, mtdata2, packet
 from test_cli import FIELD, WALK, run, sentence
 from xbus import SimulatedDevice, encode_frame, encode_sample, read_log
-from xbus.cli.monitor import device_source
-from xbus.cli.monitor.device_source import DeviceSource
 from xbus.cli.monitor.horizon import compass, horizon
 from xbus.cli.monitor.keyboard import parse_keys
 from xbus.cli.monitor.replay_source import ReplaySource
@@ -29,7 +27,9 @@ from xbus.cli.monitor.screen import Screen, ViewState
 from xbus.cli.monitor.snapshot import snapshot_dict, snapshot_text
 from xbus.protocol import State
 from xbus.protocol.ids import MessageId
+from xbus.watch import device_source
 from xbus.watch.attitude import Attitude, attitude_of
+from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model, QuantityState
 
 # Attitude

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import click
 
 from xbus.cli.failure import Failure
 from xbus.cli.number_type import NumberRange
+from xbus.describe.failures import port_failure, system_error
 from xbus.errors import XbusError
 
 if TYPE_CHECKING:
@@ -59,15 +59,6 @@ duration_option = click.option(
     help="Stop after S seconds; with FILE, seconds of the recording.",
 )
 
-#: Remedies for a port that cannot be opened, by error number.
-REMEDIES = {
-    errno.ENOENT: "xbus ports lists the serial ports",
-    errno.EACCES: "get the permission, usually as a member of the group dialout or uucp",
-    errno.EAGAIN: "close the program that uses it",
-    errno.EBUSY: "close the program that uses it",
-    errno.ECONNREFUSED: "start the program that listens on it",
-}
-
 
 def connect_device(
     port: str,
@@ -110,22 +101,12 @@ def _opening(port: str) -> Iterator[None]:
     except XbusError:  # XbusTimeout is an OSError
         raise
     except OSError as error:
-        number, text = _cause(error)
-        remedy = REMEDIES.get(number, "xbus ports lists the serial ports")
-        raise Failure(f"cannot open {port}: {text}; {remedy}") from error
+        raise Failure(port_failure(port, error)) from error
     except ValueError as error:
         raise click.UsageError(f"{port} is not a port: {error}") from None
 
 
 def port_lost(port: str, error: OSError) -> Failure:
     """Returns the failure of a port that is gone."""
-    text = _cause(error)[1].removeprefix("the port is gone: ")
+    text = system_error(error)[1].removeprefix("the port is gone: ")
     return Failure(f"{port} is gone: {text}; check the cable")
-
-
-def _cause(error: OSError) -> tuple[int, str]:
-    """Returns number and text of a system error, even if pyserial has wrapped it."""
-    match (error.__context__ or error).args:
-        case (int(number), str(text), *_):
-            return number, text
-    return 0, str(error)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import signal
 import sys
@@ -13,27 +12,10 @@ from typing import IO, Any, NoReturn
 
 import click
 
+from xbus.describe.failures import file_failure
 from xbus.errors import XbusError
 
 __all__ = ["Failure", "cannot", "failure_of", "handle_errors", "stop_requested"]
-
-#: Remedies by error number.
-REMEDIES = {
-    errno.ENOENT: "check the path",
-    errno.ENOTDIR: "check the path",
-    errno.EEXIST: "choose another name",
-    errno.EISDIR: "name files, such as DIR/*.mtb",
-    errno.EACCES: "get the permission, or work on a copy",
-    errno.EPERM: "get the permission, or work on a copy",
-    errno.EROFS: "choose another folder",
-    errno.ENOSPC: "free some space, or write to another disk",
-    errno.EDQUOT: "free some space, or write to another disk",
-    errno.EFBIG: "raise the limit (ulimit -f), or write fewer quantities",
-    errno.EPROTONOSUPPORT: "check the URL",
-    errno.ENODEV: "xbus record writes what a device sends to a file",
-    errno.ENXIO: "name a file or a pipe",
-    errno.EBADF: "redirect it to a file, or to /dev/null",
-}
 
 
 class Failure(click.ClickException):
@@ -48,8 +30,7 @@ class Failure(click.ClickException):
 
 def cannot(action: str, error: OSError) -> Failure:
     """Returns the failure of an action, such as "read walk.mtb", because of an error of the system."""
-    remedy = REMEDIES.get(error.errno or 0, "try again, or check the disk")
-    return Failure(f"cannot {action}: {error.strerror or error}; {remedy}")
+    return Failure(file_failure(action, error))
 
 
 def failure_of(error: Exception) -> Failure | None:

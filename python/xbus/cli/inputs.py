@@ -16,6 +16,7 @@ import click
 from xbus.cli.captures import is_capture
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.progress import ShowsProgress
+from xbus.describe.names import file_label
 from xbus.files import (
     MAGIC_SIZE,
     check_is_recording,
@@ -52,13 +53,10 @@ SIGNAL_INTERVAL = 0.2
 
 
 def label(name: str) -> str:
-    """Returns a printable file name: control characters, which break lines, are escaped."""
+    """Returns a printable file name."""
     if name == STDIN:
         return "standard input"
-    text = click.format_filename(name)
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return file_label(name)
 
 
 def is_recording(name: str) -> bool:

@@ -17,10 +17,10 @@ from xbus.formatting import describe_losses, format_count
 from xbus.watch.model import Model
 
 if TYPE_CHECKING:
-    from xbus.cli.monitor.device_source import DeviceSource
     from xbus.cli.monitor.replay_source import ReplaySource
     from xbus.device import Device
     from xbus.log.log import Log
+    from xbus.watch.device_source import DeviceSource
 
 __all__ = ["LiveInput", "Sink", "live_input"]
 
@@ -161,8 +161,8 @@ def live_input(
         return
     if speed is not None:
         raise click.UsageError("--speed is for a recording; a device sends at its own rate")
-    from xbus.cli.monitor.device_source import DeviceSource
     from xbus.protocol.values import State
+    from xbus.watch.device_source import DeviceSource
 
     with connect_device(name, baudrate, listen=listen, strings=strings) as device:
         source = DeviceSource(device, reconnect=False)

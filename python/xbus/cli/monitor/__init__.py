@@ -21,8 +21,8 @@ from xbus.cli.printing import print_json, print_line
 from xbus.errors import Disconnected
 
 if TYPE_CHECKING:
-    from xbus.cli.monitor.device_source import DeviceSource
     from xbus.cli.monitor.replay_source import ReplaySource
+    from xbus.watch.device_source import DeviceSource
     from xbus.watch.model import Model
 
 __all__ = ["monitor"]
@@ -105,7 +105,7 @@ def _monitor_port(
     listen: bool,
     as_json: bool,
 ) -> None:
-    from xbus.cli.monitor.device_source import DeviceSource
+    from xbus.watch.device_source import DeviceSource
 
     with connect_device(port, baudrate, listen=listen, strings=strings) as device:
         source = DeviceSource(device, reconnect=once is None)

@@ -10,11 +10,11 @@ from copy import deepcopy
 from rich.console import Console
 from rich.live import Live
 
-from xbus.cli.monitor.device_source import DeviceSource
 from xbus.cli.monitor.keyboard import Keyboard
 from xbus.cli.monitor.replay_source import ReplaySource
 from xbus.cli.monitor.rows import value_rows
 from xbus.cli.monitor.screen import Screen, ViewState, visible_rows
+from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
 
 __all__ = ["watch"]

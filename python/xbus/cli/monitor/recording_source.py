@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from xbus.cli.inputs import label
-from xbus.cli.monitor.device_source import DeviceSource
+from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model, RecordingState
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""A device as a source of the monitor."""
+"""A device whose stream is watched."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from itertools import count, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from xbus.cli.failure import cannot
-from xbus.cli.inputs import label
+from xbus.describe.failures import file_failure
+from xbus.describe.names import file_label
 from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
 from xbus.protocol.values import State
 from xbus.watch.events import EVENT_MESSAGES, describe_event
@@ -34,22 +34,26 @@ WAITING = ("queued_bytes", "unread_samples")
 class DeviceSource:
     """A device.
 
-    The monitor only listens, unless a key needs a command, or the device is silent after it was lost.
+    The source only listens, unless a command is asked for, or the device is silent after it was lost.
 
     Args:
         device: The device; `close` restores its present state.
         reconnect: Whether to wait for a lost port instead of raising `Disconnected`.
         restore: Whether to restore the state of a device whose port was lost, which sends commands.
+        step: Duration of a block of samples, in seconds.
     """
 
-    def __init__(self, device: Device, *, reconnect: bool, restore: bool = False) -> None:
+    def __init__(
+        self, device: Device, *, reconnect: bool, restore: bool = False, step: float = STEP
+    ) -> None:
         self._device = device
         self._reconnect = reconnect
         # A device that was only listened to has no state to restore; its port is opened again.
         self._restores = restore or device.is_listening
         self._initial_state = device.state
         # The samples of a block have arrived when the loop asks for it, so the timeout is short.
-        self._blocks = device.blocks(seconds=STEP, timeout=STEP / 100)
+        self._step = step
+        self._blocks = device.blocks(seconds=step, timeout=step / 100)
         self._initial_counts = _counts(device)
         self._last_notice: Notice | None = None
         self._lost_at: float | None = None
@@ -91,7 +95,7 @@ class DeviceSource:
             if self._lost_at is None:
                 self._lost_at = device.link.clock()
                 model.add_event("the port is gone; check the cable")
-            device.link.pause(STEP)
+            device.link.pause(self._step)
         self._update(model)
 
     def _is_back(self, model: Model) -> bool:
@@ -132,8 +136,8 @@ class DeviceSource:
         except XbusError as error:
             self._recording_failed(model, path, str(error))
         except OSError as error:
-            failure = cannot(f"write {error.filename or path}", error)
-            self._recording_failed(model, path, str(failure))
+            failure = file_failure(f"write {error.filename or path}", error)
+            self._recording_failed(model, path, failure)
         else:
             model.add_event(f"recording to {path}", is_bad=False)
         self._update(model)
@@ -151,7 +155,7 @@ class DeviceSource:
         self._recording = None
         with suppress(OSError):
             recording.stop()  # the state below has the reason for an early end
-        files = ", ".join(map(label, recording.files))
+        files = ", ".join(map(file_label, recording.files))
         self.recordings.append(RecordingState(files, recording.bytes, recording.error))
         model.add_event(str(self.recordings[-1]), is_bad=recording.error is not None)
         model.recording = None
