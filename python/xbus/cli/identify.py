@@ -56,9 +56,10 @@ def identify(port: str, baudrate: int | None, as_json: bool) -> None:
         print_json(facts)
     else:
         code = facts["product_code"]
+        rate = "" if facts["baudrate"] is None else f" at {facts['baudrate']:,} baud"
         build = "" if facts["build"] is None else f" build {facts['build']}"
         rows = [
-            ("port", f"{facts['port']} at {facts['baudrate']:,} baud"),
+            ("port", facts["port"] + rate),
             ("product", facts["product"] or "unknown"),
             ("code", "none" if code is None else printable(code.encode())),
             ("id", facts["device_id"] or "unknown"),

@@ -11,6 +11,7 @@ from xbus.cli.failure import Failure
 from xbus.cli.inputs import label
 from xbus.formatting import describe_losses, format_count, format_size
 from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
+from xbus.wire.link import line_rate
 
 if TYPE_CHECKING:
     from xbus.cli.corrections import Corrections
@@ -146,8 +147,7 @@ class RecordingJob:
             parts.append(format_count(sum(counts.values()), "other message"))
         if skipped := stats.skipped_bytes - before.skipped_bytes:
             parts.append(f"{format_count(skipped, 'byte')} without a message")
-            if not mids and self.device.link.is_line:
-                rate = self.device.link.baudrate
+            if not mids and (rate := line_rate(self.device.link)) is not None:
                 advice = (
                     f"; {rate} baud is probably not the rate of the device: leave --baudrate out"
                 )

@@ -13,6 +13,10 @@ __all__ = ["change_baudrate"]
 
 def change_baudrate(device: Configurable, baudrate: int) -> None:
     """Sets the baud rate of a device in Config State, resets it, and follows; see `Device.set_baudrate`."""
+    if device.link.baudrate is None:
+        raise ValueError(
+            f"{device.link.name} has no baud rate; commands.set_baudrate sets that of its serial port"
+        )
     code = baud_code(baudrate)
     device.session.validate("SetBaudrate", code)
     old = device.link.baudrate

@@ -30,7 +30,7 @@ from xbus.protocol.products import product_of_code, support
 from xbus.protocol.tables import MESSAGES
 from xbus.protocol.values import BITS_PER_BYTE, State
 from xbus.wire.codec import encode_frame, message_of
-from xbus.wire.link import Link
+from xbus.wire.link import Link, line_rate
 
 __all__ = ["Channel", "Trace"]
 
@@ -411,8 +411,8 @@ class Channel:
                 waited,
             )
         advice = "check that the device is powered"
-        if self.link.is_line:
-            advice += f" and uses {self.link.baudrate} baud; xbus identify {port} finds its rate"
+        if (rate := line_rate(self.link)) is not None:
+            advice += f" and uses {rate} baud; xbus identify {port} finds its rate"
         raise XbusTimeout(f"{text}; {advice}", command, waited)
 
     def _abandon(self) -> None:
@@ -426,8 +426,8 @@ class Channel:
     def _timeout_and_tries(self, name: str) -> tuple[float, int]:
         """Returns how long to wait for an answer, in seconds, and how often to send the command."""
         # On a slow line that is full, the answer follows all bytes that wait in the device.
-        full = self.link.is_line and self.session.state != State.CONFIG
-        behind = DEVICE_BUFFER * BITS_PER_BYTE / self.link.baudrate if full else 0.0
+        rate = None if self.session.state == State.CONFIG else line_rate(self.link)
+        behind = 0.0 if rate is None else DEVICE_BUFFER * BITS_PER_BYTE / rate
         if name == "GoToConfig":
             return CONFIG_TIMEOUT, CONFIG_TRIES + math.ceil(behind / CONFIG_TIMEOUT)
         known = self.session.support
@@ -476,18 +476,18 @@ class Channel:
                     self._abandon()
             return self._heard > before
 
-    def find(self, baudrates: Iterable[int], *, restart: bool = False) -> None:
+    def find(self, baudrates: Iterable[int | None], *, restart: bool = False) -> None:
         """Tries one baud rate after the other, and keeps the first at which it hears the device.
 
         Args:
-            baudrates: The rates, in bits per second.
+            baudrates: The rates, in bits per second; None for a port that has none.
             restart: Whether what was received at the rates before is noise that need not be counted.
 
         Raises:
             XbusTimeout: Nothing was heard at any of them.
         """
         start = self.link.clock()
-        received: dict[int, int] = {}
+        received: dict[int | None, int] = {}
         for rate in baudrates:
             self.link.baudrate = rate
             if restart and received:

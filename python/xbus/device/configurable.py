@@ -43,5 +43,5 @@ class Configurable(Protocol):
     def wake_up(self) -> None:
         """Waits for WakeUp and answers it."""
 
-    def find_baudrate(self, baudrates: Iterable[int]) -> None:
+    def find_baudrate(self, baudrates: Iterable[int | None]) -> None:
         """Tries baud rates until it hears the device."""

@@ -52,7 +52,7 @@ from xbus.protocol.values import (
     StringType,
 )
 from xbus.rtk.forward import Forwarder
-from xbus.wire.link import Link
+from xbus.wire.link import Link, line_rate
 from xbus.wire.strings import String
 
 __all__ = ["Device"]
@@ -155,11 +155,11 @@ class Device:
         self._channel.handle_events()
         return self._channel.notices
 
-    def find_baudrate(self, baudrates: Iterable[int], *, restart: bool = False) -> None:
+    def find_baudrate(self, baudrates: Iterable[int | None], *, restart: bool = False) -> None:
         """Tries one baud rate after the other, and keeps the first at which it hears the device.
 
         Args:
-            baudrates: The rates to try, in bits per second.
+            baudrates: The rates to try, in bits per second; None for a port that has none.
             restart: Whether to count nothing that arrives at the rates before: it is noise.
 
         Raises:
@@ -196,7 +196,8 @@ class Device:
 
     def __repr__(self) -> str:
         name = self.product_code or (self.product.name if self.product else "product not read yet")
-        return f"<Device {self.link.name} at {self.link.baudrate} baud, {name}, {self.state}>"
+        rate = "" if self.link.baudrate is None else f" at {self.link.baudrate} baud"
+        return f"<Device {self.link.name}{rate}, {name}, {self.state}>"
 
     def command(self, name: str, value: Any = None) -> Reply:
         """Sends a command by the manual's name and returns its answer.
@@ -340,7 +341,7 @@ class Device:
             baudrate: Bits per second.
 
         Raises:
-            ValueError: The product does not have the rate.
+            ValueError: The product does not have the rate, or the port is not a serial port.
             XbusTimeout: The device did not come back; the message says whether it still uses the old rate.
         """
         self.session.check_state("SetBaudrate")
@@ -359,7 +360,12 @@ class Device:
 
         Raises:
             XbusTimeout: No device woke up.
+            ValueError: The port is not a serial port.
         """
+        if self.link.baudrate is None:
+            raise ValueError(
+                f"{self.link.name} has no baud rate to restore; the procedure needs a serial line"
+            )
         self._channel.forget_state()
         self.link.baudrate = DEFAULT_BAUDRATE
         until = self.link.clock() + timeout
@@ -401,8 +407,8 @@ class Device:
         self._identify()
         if (known := self.session.support) is not None:
             self.session.validate("SetOutputConfiguration", outputs)
-            if check_baudrate and self.link.is_line:
-                check_outputs_fit(outputs, known, self.link.baudrate)
+            if check_baudrate and (rate := line_rate(self.link)) is not None:
+                check_outputs_fit(outputs, known, rate)
             if known.string_types and self._enabled_strings():
                 self.set_strings(())
         self.output_configuration = tuple(self.command("SetOutputConfiguration", outputs).value)
@@ -492,8 +498,9 @@ class Device:
         self.session.check_state("SetStringOutputType")
         self._identify()
         plan = plan_strings(strings, frequency, self.session.support)
-        if check_baudrate and self.link.is_line and self.session.support is not None:
-            check_strings_fit(plan, self.session.support, self.link.baudrate)
+        rate = line_rate(self.link) if check_baudrate else None
+        if rate is not None and self.session.support is not None:
+            check_strings_fit(plan, self.session.support, rate)
         for name, value in plan.messages:
             self.session.validate(name, value)
         if plan.period is not None:

@@ -97,12 +97,12 @@ class SerialLink:
         self._begin()
 
     @property
-    def baudrate(self) -> int:
+    def baudrate(self) -> int | None:
         """Bits per second."""
         return int(self._port.baudrate)
 
     @baudrate.setter
-    def baudrate(self, rate: int) -> None:
+    def baudrate(self, rate: int | None) -> None:
         if rate != self._port.baudrate:
             self._port.baudrate = rate
             # The rest of an incomplete frame will not come at the other rate.

@@ -80,7 +80,11 @@ def connect(
     bound, mask = int(queue_seconds * MAX_BYTES_PER_SECOND), mask_of(strings)
     port = _only_port() if port is None else port
     link = open_link(port, baudrate or DEFAULT_BAUDRATE, bid=bid, bound=bound, strings=mask)
+    if baudrate is not None and link.baudrate is None:
+        link.close()
+        raise ValueError(f"{link.name} has no baud rate; leave it out (no --baudrate)")
     device = Device(link, listen=listen, reconnect=reconnect)
+    rates: tuple[int | None, ...]
     rates = BAUDRATES if link.is_line else (link.baudrate,)
     if listen and (baudrate or not link.is_line):
         return device

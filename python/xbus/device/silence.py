@@ -10,13 +10,13 @@ __all__ = ["nothing_heard"]
 
 
 def nothing_heard(
-    port: str, received: Mapping[int, int], *, is_line: bool, is_listening: bool
+    port: str, received: Mapping[int | None, int], *, is_line: bool, is_listening: bool
 ) -> str:
     """Returns the message about a port on which no message was heard, with the remedies.
 
     Args:
         port: Name of the port.
-        received: Number of bytes received at each baud rate that was tried.
+        received: Number of bytes received at each baud rate that was tried; None for a port without one.
         is_line: Whether the port has a baud rate.
         is_listening: Whether nothing was sent.
 

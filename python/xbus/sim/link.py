@@ -44,7 +44,7 @@ class SimLink:
             device = device_of(device)
         self.device = device
         self.name = f"sim:{device.product.name}"
-        self.baudrate = device.baudrate
+        self.baudrate: int | None = device.baudrate
         #: Bytes are pushed in the order in which the device sends them.
         self._stepping = threading.Lock()
         self._bid, self._bound, self._strings = bid, bound, strings

@@ -16,6 +16,7 @@ from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
 from xbus.protocol.values import State
 from xbus.watch.events import EVENT_MESSAGES, describe_event
 from xbus.watch.model import Counts, Model, RecordingState
+from xbus.wire.link import line_rate
 from xbus.wire.message import Message
 
 if TYPE_CHECKING:
@@ -66,8 +67,7 @@ class DeviceSource:
         """Returns the model before the first block."""
         link = self._device.link
         now = link.clock()
-        baudrate = link.baudrate if link.is_line else None
-        model = Model(link.name, baudrate=baudrate, now=now, begin=now)
+        model = Model(link.name, baudrate=line_rate(link), now=now, begin=now)
         self._update(model)
         return model
 

@@ -6,7 +6,7 @@ from typing import Protocol, TypedDict, Unpack
 
 from xbus import _core
 
-__all__ = ["Link", "Need"]
+__all__ = ["Link", "Need", "line_rate"]
 
 
 class Need(TypedDict, total=False):
@@ -23,14 +23,15 @@ class Link(Protocol):
 
     Attributes:
         name: Name for messages to users: the port.
-        baudrate: Bits per second. Setting it changes the rate of this side.
+        baudrate: Bits per second; None for a port without a baud rate, such as an I²C bus. Setting it changes
+            the rate of this side.
         is_line: Whether the baud rate limits the throughput, as on a serial line.
         acquisition: Scans, counts and records the bytes that arrive, and queues what is in them. Its clock is
             that of the link.
     """
 
     name: str
-    baudrate: int
+    baudrate: int | None
     is_line: bool
     acquisition: _core.Acquisition
 
@@ -69,3 +70,8 @@ class Link(Protocol):
 
     def abandon(self) -> None:
         """Gives up the port without a trace, in a forked process: it belongs to the parent."""
+
+
+def line_rate(link: Link) -> int | None:
+    """Returns the bits per second that limit what a device can send; None if no baud rate does."""
+    return link.baudrate if link.is_line else None

@@ -18,6 +18,7 @@ from xbus.device.string_output import StringPlan, check_strings_fit, frequency_o
 from xbus.errors import DeviceError
 from xbus.protocol import values as v
 from xbus.protocol.products import Support, find_product
+from xbus.wire.link import line_rate
 
 __all__ = ["Plan", "command_of", "plan_settings", "read_setting", "read_settings"]
 
@@ -274,9 +275,10 @@ def _check_line(
         ValueError: It does not.
     """
     support, strings = device.support, after.string_output_type
-    if support is None or not device.link.is_line:
+    now = line_rate(device.link)
+    if support is None or now is None:
         return
-    baudrate = _baudrate_after_reset(device.link.baudrate, before, after)
+    baudrate = _baudrate_after_reset(now, before, after)
     name = "output_configuration"
     try:
         if strings is not None and strings.types:  # strings replace the outputs
