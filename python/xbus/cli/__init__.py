@@ -42,6 +42,7 @@ COMMANDS = {
     "sim": "sim",
     "can": "can",
     "demo": "demo",
+    "doctor": "doctor",
 }
 # No command multiplies large matrices, and numpy would start a thread for that on every processor.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -15,7 +15,7 @@ from xbus.errors import XbusError, XbusTimeout
 if TYPE_CHECKING:
     from xbus.device import Port
 
-__all__ = ["ports"]
+__all__ = ["port_as_json", "ports"]
 
 
 @click.command(epilog="Example: xbus ports --identify")
@@ -35,7 +35,7 @@ def ports(identify: bool, as_json: bool) -> None:
 
     found = find_ports()
     candidates = ([port for port in found if port.likely] or found) if identify else []
-    rows = [_row(port) | (_identify(port) if port in candidates else {}) for port in found]
+    rows = [port_as_json(port) | (_identify(port) if port in candidates else {}) for port in found]
     if as_json:
         print_json_rows(rows)
     elif not rows:
@@ -44,7 +44,8 @@ def ports(identify: bool, as_json: bool) -> None:
         _print_rows(rows, identify=identify)
 
 
-def _row(port: Port) -> dict[str, Any]:
+def port_as_json(port: Port) -> dict[str, Any]:
+    """Returns a port by the names of its properties."""
     return {
         "port": port.device,
         "likely": port.likely,

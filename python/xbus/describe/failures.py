@@ -26,7 +26,7 @@ FILE_REMEDIES = {
 #: Remedies for a port that cannot be opened, by error number.
 PORT_REMEDIES = {
     errno.ENOENT: "xbus ports lists the serial ports",
-    errno.EACCES: "get the permission, usually as a member of the group dialout or uucp",
+    errno.EACCES: "get the permission; xbus doctor prints the command",
     errno.EAGAIN: "close the program that uses it",
     errno.EBUSY: "close the program that uses it",
     errno.ECONNREFUSED: "start the program that listens on it",

@@ -7,7 +7,16 @@ from typing import NamedTuple
 
 from serial.tools import list_ports
 
-__all__ = ["Port", "find_ports", "is_usb_of_device", "latency_timer", "port_of", "serial_number_of"]
+__all__ = [
+    "SYSFS",
+    "Port",
+    "find_ports",
+    "is_usb_of_device",
+    "is_xsens",
+    "latency_timer",
+    "port_of",
+    "serial_number_of",
+]
 
 #: Where Linux has the latency timers of USB-serial adapters.
 SYSFS = Path("/sys/bus/usb-serial/devices")
@@ -39,7 +48,7 @@ def find_ports() -> list[Port]:
     A development kit or a converter of another make does not identify the device behind it.
     """
     found = [
-        Port(port.device, port.description, _likely(port.vid, port.pid), port.serial_number)
+        Port(port.device, port.description, is_xsens(port.vid, port.pid), port.serial_number)
         for port in list_ports.comports()
     ]
     return sorted(found, key=lambda port: (not port.likely, port.device))
@@ -64,13 +73,14 @@ def port_of(serial_number: str | None) -> str | None:
     return next(found, None)
 
 
-def latency_timer(name: str) -> int | None:
+def latency_timer(name: str, sysfs: Path | None = None) -> int | None:
     """Returns the latency timer of an FTDI adapter in ms; None if the system does not report it."""
     try:
-        return int((SYSFS / Path(name).resolve().name / "latency_timer").read_text())
+        return int(((sysfs or SYSFS) / Path(name).resolve().name / "latency_timer").read_text())
     except (OSError, ValueError):
         return None
 
 
-def _likely(vendor: int | None, product: int | None) -> bool:
+def is_xsens(vendor: int | None, product: int | None) -> bool:
+    """Returns whether USB identifiers are those of Xsens, or of a converter that FTDI made for Xsens."""
     return vendor == XSENS or (vendor == FTDI and product in XSENS_CONVERTERS)
