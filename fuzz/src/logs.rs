@@ -479,6 +479,7 @@ impl ByHand {
             Form::Real(Precision::Float32, _) => "f4",
             Form::Real(..) => "f8",
             Form::Fixed(wire, _) => wire.numpy(),
+            Form::Steps(_) => "u4",
             Form::Struct(_) | Form::List(..) => "record",
         };
         let row = numbers.into_iter().map(bits).collect();

@@ -32,6 +32,7 @@ __all__ = [
     "HostClock",
     "MessageArrays",
     "MessageFile",
+    "MtDataPlace",
     "Packet",
     "Part",
     "Reader",
@@ -57,6 +58,7 @@ __all__ = [
     "device_id",
     "device_of",
     "encode_frame",
+    "encode_mtdata",
     "encode_packet",
     "encode_samples",
     "frame_size",
@@ -64,6 +66,10 @@ __all__ = [
     "keep_freed_memory",
     "message_name",
     "messages",
+    "mtdata_items",
+    "mtdata_layout",
+    "mtdata_packets",
+    "mtdata_quantities",
     "packet_headers",
     "packet_numbers",
     "packets",
@@ -93,6 +99,12 @@ def quantities() -> list[dict[str, Any]]:
 
 def can_quantities() -> list[dict[str, Any]]:
     """The quantities that only CAN has, row by row: see `xbus.protocol.tables.Quantity`."""
+
+def mtdata_quantities() -> list[dict[str, Any]]:
+    """The quantities that only MTData has, row by row: see `xbus.protocol.tables.Quantity`."""
+
+def mtdata_items() -> list[dict[str, Any]]:
+    """The items of MTData, row by row: see `xbus.protocol.mtdata.MtDataItem`."""
 
 def can_messages() -> list[dict[str, Any]]:
     """The CAN messages, row by row: see `xbus.protocol.can.CanMessage`."""
@@ -161,6 +173,63 @@ def encode_samples(packets: list[tuple[int, npt.NDArray[Any]]], bid: int) -> Enc
     Raises:
         TypeError: An array of another type.
         ValueError: No such data identifier, or numbers that do not fit it.
+    """
+
+def mtdata_layout(mode: int, settings: int) -> list[MtDataPlace]:
+    """Returns the items of an MTData payload, in the order of the wire: see `xbus.wire.mtdata.mtdata_layout`.
+
+    Raises:
+        OverflowError: ``mode`` does not fit 16 bits, or ``settings`` 32.
+        ValueError: No source gives the layout of these settings.
+    """
+
+@final
+class MtDataPlace:
+    """Where an item is in an MTData payload."""
+
+    @property
+    def data_id(self) -> int:
+        """Data identifier of the same numbers in MTData2, with format bits."""
+    @property
+    def name(self) -> str:
+        """Name of its quantity."""
+    @property
+    def precision(self) -> str | None:
+        """Name of its `Precision`; None for integers."""
+    @property
+    def coordinates(self) -> str | None:
+        """Name of its `Coordinates`; None for a quantity without."""
+    @property
+    def start(self) -> int:
+        """Where it begins in the payload."""
+    @property
+    def size(self) -> int:
+        """Its bytes."""
+
+def mtdata_packets(payload: bytes, mode: int, settings: int) -> list[Packet]:
+    """Returns the items of an MTData payload, as the packets that they would be in MTData2.
+
+    Raises:
+        OverflowError: As `mtdata_layout`.
+        ValueError: As `mtdata_layout`, or the payload does not have the length of these settings.
+    """
+
+def encode_mtdata(
+    mode: int, settings: int, arrays: list[npt.NDArray[Any]], bid: int
+) -> EncodedFrames:
+    """Returns the frames of MTData messages.
+
+    Args:
+        mode: OutputMode.
+        settings: OutputSettings.
+        arrays: For each item of `mtdata_layout` an array ``(n,)`` or ``(n, k)`` of a type that
+            `encode_packet` takes, with one row for each message.
+        bid: Bus identifier.
+
+    Raises:
+        OverflowError: As `mtdata_layout`.
+        TypeError: An array of another type.
+        ValueError: As `mtdata_layout`, or numbers that do not fit an item.
     """
 
 @final

@@ -211,6 +211,7 @@ impl Column {
                     Form::Real(Precision::Float32, n) => (Values::F32(vec![]), n),
                     Form::Real(_, n) => (Values::F64(vec![]), n),
                     Form::Fixed(wire, n) => (Values::of(wire), n),
+                    Form::Steps(_) => (Values::U32(vec![]), 1),
                     Form::Struct(fields) | Form::List(fields, _) => (Values::Records(vec![]), record_size(fields)),
                 };
                 (Subject::Known(reading.quantity, reading.coordinates), values, width)
@@ -367,6 +368,9 @@ impl Column {
             (Values::U8(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, u8::from_be_bytes),
             (Values::U16(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, u16::from_be_bytes),
             (Values::U32(out), Some(Form::Fixed(_, n))) => packets.numbers(out, n, progress, u32::from_be_bytes),
+            (Values::U32(out), Some(Form::Steps(step))) => {
+                packets.numbers(out, 1, progress, |bytes| step * u32::from(u16::from_be_bytes(bytes)));
+            }
             (Values::U64(out), Some(Form::Fixed(Wire::U4, n))) => {
                 packets.numbers(out, n, progress, |bytes| u64::from(u32::from_be_bytes(bytes)));
             }

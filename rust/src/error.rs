@@ -3,6 +3,7 @@
 use std::fmt;
 use std::io;
 
+use crate::mtdata::Output;
 use crate::scan::Reason;
 
 /// The first invalid bytes of a log, in strict mode.
@@ -168,6 +169,40 @@ impl fmt::Display for CanError {
 
 impl std::error::Error for CanError {}
 
+/// Settings of `MTData` of which no source gives the layout.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutputError {
+    /// Bit 15 of `OutputMode`.
+    Mt9(Output),
+    /// An undefined form of the orientation.
+    Orientation(Output),
+    /// An undefined form of the position.
+    Position(Output),
+    /// An undefined form of the velocity.
+    Velocity(Output),
+}
+
+impl fmt::Display for OutputError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Mt9(output) => {
+                write!(f, "{output}: the layout of MT9-compatible output (OutputMode 8000) is not known")
+            }
+            Self::Orientation(output) => {
+                write!(f, "{output}: bits 2 and 3 of OutputSettings are both set, which is no form of an orientation")
+            }
+            Self::Position(output) => {
+                write!(f, "{output}: bits 14 to 16 of OutputSettings must be 0; no other form of a position is known")
+            }
+            Self::Velocity(output) => {
+                write!(f, "{output}: bits 17 and 18 of OutputSettings must be 0; no other form of a velocity is known")
+            }
+        }
+    }
+}
+
+impl std::error::Error for OutputError {}
+
 /// Why something cannot be encoded.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EncodeError {
@@ -176,10 +211,21 @@ pub enum EncodeError {
         /// The identifier.
         id: u16,
     },
-    /// A quantity that is no packet, because only CAN has it.
-    OnlyCan {
+    /// A quantity that is no packet, because only CAN or `MTData` has it.
+    NoPacket {
         /// The quantity.
         name: &'static str,
+    },
+    /// Settings of `MTData` of which no source gives the layout.
+    Output(OutputError),
+    /// Numbers of another number of items than `MTData` has with these settings.
+    Items {
+        /// The settings.
+        output: Output,
+        /// How many items it has.
+        expected: usize,
+        /// How many there are.
+        found: usize,
     },
     /// A payload that is too long for the 16-bit length.
     PayloadTooLong {
@@ -234,7 +280,15 @@ impl fmt::Display for EncodeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Identifier { id } => write!(f, "no quantity has the data identifier {id:#06x}"),
-            Self::OnlyCan { name } => write!(f, "{name} has no packet; only CAN has it"),
+            Self::NoPacket { name } => {
+                let holder =
+                    if crate::table::MTDATA_QUANTITIES.iter().any(|row| row.name == *name) { "MTData" } else { "CAN" };
+                write!(f, "{name} has no packet; only {holder} has it")
+            }
+            Self::Output(error) => error.fmt(f),
+            Self::Items { output, expected, found } => {
+                write!(f, "MTData with {output} has {expected} items, not {found}")
+            }
             Self::PayloadTooLong { length } => {
                 write!(f, "a payload of {length} bytes does not fit into a frame; its length has 16 bits")
             }

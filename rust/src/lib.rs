@@ -66,6 +66,7 @@ pub mod live;
 pub mod log;
 #[cfg(feature = "export")]
 pub mod message_file;
+pub mod mtdata;
 pub mod packet;
 #[cfg(feature = "python")]
 mod py;

@@ -82,6 +82,8 @@ pub enum Form {
     Real(Precision, usize),
     /// Numbers of a fixed type: the type, and how many.
     Fixed(Wire, usize),
+    /// One U2 that counts steps of this size in the quantity's unit. Only `MTData` has it.
+    Steps(u32),
     /// One record.
     Struct(&'static [Field]),
     /// A record, followed by a list of entries.

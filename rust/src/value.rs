@@ -36,6 +36,7 @@ pub fn numbers(reading: &Reading, data: &[u8]) -> Vec<Number> {
             data.chunks_exact(precision.size()).map(|bytes| read_real(precision, bytes)).collect()
         }
         Form::Fixed(wire, _) => data.chunks_exact(wire.size()).map(|bytes| read_fixed(wire, bytes)).collect(),
+        Form::Steps(step) => vec![Number::Integer(i64::from(step) * i64::from(u16::from_be_bytes(head(data))))],
         Form::Struct(fields) => read_records(data, fields).collect(),
         Form::List(head, entry) => {
             let (first, rest) = data.split_at(crate::packet::record_size(head));
@@ -121,55 +122,74 @@ fn write(
     let name = quantity.name;
     let mut id = quantity.id;
     if table::quantity(id).is_none() {
-        return Err(EncodeError::OnlyCan { name });
+        return Err(EncodeError::NoPacket { name });
     }
     match (quantity.rotates, coordinates) {
         (true, system) => id |= system.unwrap_or(Coordinates::Enu).bits(),
         (false, Some(_)) => return Err(EncodeError::Coordinates { name }),
         (false, None) => {}
     }
-    let expect = |expected: usize| {
-        let found = numbers.len();
-        if found == expected { Ok(()) } else { Err(EncodeError::Count { name, expected, found }) }
-    };
-    let mut data = Vec::new();
-    match (quantity.kind, precision) {
+    let form = match (quantity.kind, precision) {
         (Kind::Real(n), precision) => {
-            expect(n)?;
             let precision = precision.unwrap_or(Precision::Float32);
             id |= precision as u16;
-            for number in numbers {
-                write_real(&mut data, name, precision, *number)?;
-            }
+            Form::Real(precision, n)
         }
         (_, Some(_)) => return Err(EncodeError::Precision { name }),
-        (Kind::Fixed(wire, n), None) => {
-            expect(n)?;
-            for number in numbers {
-                write_fixed(&mut data, name, wire, *number)?;
-            }
-        }
-        (Kind::Id, None) => {
-            expect(1)?;
-            let wire = if matches!(numbers[0], Number::Wide(_)) { Wire::U8 } else { Wire::U4 };
-            write_fixed(&mut data, name, wire, numbers[0])?;
-        }
-        (Kind::Struct(fields), None) => {
-            expect(fields.len())?;
-            write_fields(&mut data, numbers, fields.iter())?;
-        }
-        (Kind::List(head, entry), None) => {
-            write_fields(&mut data, numbers, head.iter().chain(entry.iter().cycle()))?;
-            let count = data.get(head[0].wire.size()).copied().map_or(0, usize::from);
-            expect(head.len() + count * entry.len())?;
-        }
-    }
+        (Kind::Fixed(wire, n), None) => Form::Fixed(wire, n),
+        (Kind::Id, None) => Form::Fixed(if matches!(numbers, [Number::Wide(_)]) { Wire::U8 } else { Wire::U4 }, 1),
+        (Kind::Struct(fields), None) => Form::Struct(fields),
+        (Kind::List(head, entry), None) => Form::List(head, entry),
+    };
+    let mut data = Vec::new();
+    write_data(&mut data, name, form, numbers)?;
     let length = data.len();
     let size = u8::try_from(length).map_err(|_| EncodeError::PacketTooLong { name, length })?;
     payload.extend(id.to_be_bytes());
     payload.push(size);
     payload.extend(data);
     Ok(())
+}
+
+/// Appends the numbers of a quantity in this form.
+///
+/// # Errors
+/// Those of [`write_packet`]; `data` may then have some of the numbers.
+pub(crate) fn write_data(
+    data: &mut Vec<u8>,
+    name: &'static str,
+    form: Form,
+    numbers: &[Number],
+) -> Result<(), EncodeError> {
+    let expect = |expected: usize| {
+        let found = numbers.len();
+        if found == expected { Ok(()) } else { Err(EncodeError::Count { name, expected, found }) }
+    };
+    match form {
+        Form::Real(precision, n) => {
+            expect(n)?;
+            numbers.iter().try_for_each(|number| write_real(data, name, precision, *number))
+        }
+        Form::Fixed(wire, n) => {
+            expect(n)?;
+            numbers.iter().try_for_each(|number| write_fixed(data, name, wire, *number))
+        }
+        Form::Steps(step) => {
+            expect(1)?;
+            let steps = (real_of(numbers[0]) / f64::from(step)).round();
+            write_fixed(data, name, Wire::U2, Number::Double(steps))
+        }
+        Form::Struct(fields) => {
+            expect(fields.len())?;
+            write_fields(data, numbers, fields.iter())
+        }
+        Form::List(head, entry) => {
+            let from = data.len();
+            write_fields(data, numbers, head.iter().chain(entry.iter().cycle()))?;
+            let count = data.get(from + head[0].wire.size()).copied().map_or(0, usize::from);
+            expect(head.len() + count * entry.len())
+        }
+    }
 }
 
 fn write_fields<'a>(
@@ -180,14 +200,19 @@ fn write_fields<'a>(
     numbers.iter().zip(fields).try_for_each(|(number, field)| write_fixed(data, field.name, field.wire, *number))
 }
 
-#[allow(clippy::cast_possible_truncation, clippy::cast_precision_loss)] // to the requested precision
-fn write_real(data: &mut Vec<u8>, name: &'static str, precision: Precision, number: Number) -> Result<(), EncodeError> {
-    let value = match number {
+#[allow(clippy::cast_precision_loss)] // to the precision of a double
+fn real_of(number: Number) -> f64 {
+    match number {
         Number::Integer(value) => value as f64,
         Number::Wide(value) => value as f64,
         Number::Single(value) => f64::from(value),
         Number::Double(value) => value,
-    };
+    }
+}
+
+#[allow(clippy::cast_possible_truncation)] // to the requested precision
+fn write_real(data: &mut Vec<u8>, name: &'static str, precision: Precision, number: Number) -> Result<(), EncodeError> {
+    let value = real_of(number);
     let refused = EncodeError::NotANumber { name, precision: precision.name() };
     match (precision, number) {
         (Precision::Float32, Number::Single(value)) => data.extend(value.to_bits().to_be_bytes()),

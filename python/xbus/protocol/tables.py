@@ -15,6 +15,7 @@ __all__ = [
     "LATE",
     "MASTER",
     "MESSAGES",
+    "MTDATA_QUANTITIES",
     "PREAMBLE",
     "PRODUCTS",
     "QUANTITIES",
@@ -291,8 +292,10 @@ def _message(row: dict[str, Any]) -> MessageRow:
 QUANTITIES = {row["name"]: _quantity(row) for row in _core.quantities()}
 #: The quantities that only CAN has, by name. Their identifiers are those of columns, not of packets.
 CAN_QUANTITIES = {row["name"]: _quantity(row) for row in _core.can_quantities()}
+#: The quantities that only MTData has, by name. Their identifiers are those of columns, not of packets.
+MTDATA_QUANTITIES = {row["name"]: _quantity(row) for row in _core.mtdata_quantities()}
 #: The quantities that a log can have.
-COLUMN_QUANTITIES = QUANTITIES | CAN_QUANTITIES
+COLUMN_QUANTITIES = QUANTITIES | CAN_QUANTITIES | MTDATA_QUANTITIES
 _BY_ID = {quantity.id: quantity for quantity in QUANTITIES.values()}
 #: Quantities of the GNSS receiver, whose samples come late, and without a fix with an arbitrary time.
 RECEIVER = tuple(name for name, row in QUANTITIES.items() if row.clock == "receiver")

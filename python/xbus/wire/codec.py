@@ -154,7 +154,7 @@ def encode_packet(key: Key, values: Any) -> bytes:
     '08 12 06 60 00 00 00 00 18'
     """
     name, coordinates, precision = resolved = resolve_key(key)
-    return _core.encode_packet(name, precision, coordinates, _numbers(resolved.quantity, values))
+    return _core.encode_packet(name, precision, coordinates, numbers_of(resolved.quantity, values))
 
 
 def encode_sample(
@@ -192,7 +192,7 @@ def data_id_of(key: Key) -> int:
     return resolved.quantity.id | Precision[precision] | Coordinates[coordinates]
 
 
-def _numbers(quantity: Quantity, values: Any) -> npt.NDArray[Any]:
+def numbers_of(quantity: Quantity, values: Any) -> npt.NDArray[Any]:
     """Returns the numbers in the order of the wire, in a type that holds them exactly."""
     if quantity.kind == "list":
         head, entries = values

@@ -43,24 +43,36 @@ pub struct EncodedFrames {
     ends: Py<PyArray1<u64>>,
 }
 
+impl EncodedFrames {
+    pub fn of(py: Python<'_>, frames: &[u8], ends: Vec<u64>) -> Self {
+        Self { data: PyBytes::new(py, frames).unbind(), ends: hand_over(py, ends).unbind() }
+    }
+}
+
+/// The number of rows that all arrays have.
+pub fn rows_of<'a, 'py: 'a>(arrays: impl Iterator<Item = &'a Bound<'py, PyUntypedArray>>) -> PyResult<usize> {
+    let rows: Vec<_> = arrays.map(|array| array.shape().first().copied()).collect();
+    let count = rows.first().copied().flatten().unwrap_or(0);
+    if rows.iter().any(|rows| *rows != Some(count)) {
+        return Err(PyValueError::new_err("the arrays must have one row for each message, all the same number"));
+    }
+    Ok(count)
+}
+
 #[pyfunction]
 pub fn encode_samples(
     py: Python<'_>,
     packets: Vec<(u16, Bound<'_, PyUntypedArray>)>,
     bid: u8,
 ) -> PyResult<EncodedFrames> {
-    let rows: Vec<_> = packets.iter().map(|(_, array)| array.shape().first().copied()).collect();
-    let count = rows.first().copied().flatten().unwrap_or(0);
-    if rows.iter().any(|rows| *rows != Some(count)) {
-        return Err(PyValueError::new_err("the arrays must have one row for each message, all the same number"));
-    }
+    let count = rows_of(packets.iter().map(|(_, array)| array))?;
     let packets = packets.into_iter().map(|(id, array)| Ok((id, numbers_of(&array)?))).collect::<PyResult<Vec<_>>>()?;
     let (frames, ends) = py.detach(|| value::write_samples(bid, count, &packets))?;
-    Ok(EncodedFrames { data: PyBytes::new(py, &frames).unbind(), ends: hand_over(py, ends).unbind() })
+    Ok(EncodedFrames::of(py, &frames, ends))
 }
 
 /// The numbers of an array of one of the four types that lose nothing, row by row.
-fn numbers_of(array: &Bound<'_, PyAny>) -> PyResult<Vec<Number>> {
+pub fn numbers_of(array: &Bound<'_, PyAny>) -> PyResult<Vec<Number>> {
     fn list<'py, T: numpy::Element + Copy>(array: &Bound<'py, PyAny>, number: fn(T) -> Number) -> Option<Vec<Number>> {
         let array: PyReadonlyArrayDyn<'py, T> = array.extract().ok()?;
         Some(array.as_array().iter().copied().map(number).collect())
@@ -82,23 +94,26 @@ pub struct Packet {
     numbers: Py<PyAny>,
 }
 
-#[pyfunction]
-pub fn packets(py: Python<'_>, payload: &[u8]) -> PyResult<Vec<Packet>> {
-    let packet = |packet: crate::packet::Packet<'_>| {
-        let reading = packet.reading();
+impl Packet {
+    pub fn of(py: Python<'_>, packet: &crate::packet::Packet<'_>, reading: Option<Reading>) -> PyResult<Self> {
         let numbers = match &reading {
             Some(reading) => value::numbers(reading, packet.data).into_py_any(py),
             None => PyBytes::new(py, packet.data).into_py_any(py),
         };
-        Ok(Packet {
+        Ok(Self {
             data_id: packet.id,
             name: reading.map(|reading| reading.quantity.name),
             precision: reading.as_ref().and_then(Reading::precision),
             coordinates: reading.and_then(|reading| reading.coordinates),
             numbers: numbers?,
         })
-    };
-    crate::packet::packets(payload).map_while(Result::ok).map(packet).collect()
+    }
+}
+
+#[pyfunction]
+pub fn packets(py: Python<'_>, payload: &[u8]) -> PyResult<Vec<Packet>> {
+    let packets = crate::packet::packets(payload).map_while(Result::ok);
+    packets.map(|packet| Packet::of(py, &packet, packet.reading())).collect()
 }
 
 #[pyfunction]
@@ -119,7 +134,9 @@ pub fn packet_numbers<'py>(py: Python<'py>, data_id: u16, data: &[u8]) -> PyResu
     };
     let numbers = value::numbers(&reading, data);
     match reading.form {
-        Form::Real(_, 1) | Form::Fixed(..) | Form::Struct(_) | Form::List(..) => numbers.into_bound_py_any(py),
+        Form::Real(_, 1) | Form::Fixed(..) | Form::Steps(_) | Form::Struct(_) | Form::List(..) => {
+            numbers.into_bound_py_any(py)
+        }
         Form::Real(Precision::Float32, _) => {
             let single = |number| if let Number::Single(value) = number { Some(value) } else { None };
             Ok(PyArray1::from_iter(py, numbers.into_iter().filter_map(single)).into_any())

@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyString;
 
 use crate::catch::{Caught, catch};
-use crate::error::{CanError, EncodeError, Fault, HostTimesError, ReadError, ShapeError, StateError};
+use crate::error::{CanError, EncodeError, Fault, HostTimesError, OutputError, ReadError, ShapeError, StateError};
 use crate::export::Format;
 use crate::message_file::{Compression, MessageError};
 use crate::packet::{Coordinates, Precision};
@@ -61,7 +61,7 @@ macro_rules! value_errors {
     )+};
 }
 
-value_errors!(CanError, EncodeError, HostTimesError, MessageError, ShapeError, StateError);
+value_errors!(CanError, EncodeError, HostTimesError, MessageError, OutputError, ShapeError, StateError);
 
 /// An error of the system as the exception that Python would raise: with its number and, if there is one, the file.
 pub fn os_error(error: &io::Error, path: Option<PathBuf>) -> PyErr {

@@ -14,6 +14,7 @@ mod hostclock;
 mod live;
 mod log;
 mod message_file;
+mod mtdata;
 mod shared;
 mod source;
 mod tables;
@@ -50,9 +51,11 @@ mod _core {
     #[pymodule_export]
     use super::message_file::MessageFile;
     #[pymodule_export]
+    use super::mtdata::{MtDataPlace, encode_mtdata, mtdata_layout, mtdata_packets};
+    #[pymodule_export]
     use super::tables::{
-        can_messages, can_quantities, damage_reasons, messages, products, quantities, result_codes, status_flags,
-        strings,
+        can_messages, can_quantities, damage_reasons, messages, mtdata_items, mtdata_quantities, products, quantities,
+        result_codes, status_flags, strings,
     };
     #[pymodule_export]
     use crate::device::{device_id, product_code};

@@ -54,6 +54,19 @@ pub fn can_quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
     quantity_rows(py, table::CAN_QUANTITIES)
 }
 
+/// The quantities that only `MTData` has.
+#[pyfunction]
+pub fn mtdata_quantities(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    quantity_rows(py, table::MTDATA_QUANTITIES)
+}
+
+/// The items of `MTData`.
+#[pyfunction]
+pub fn mtdata_items(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    let row = |item: &table::MtDataItem| row!(py, item { mode, mask, value, step }, "quantity": item.quantity.name);
+    table::MTDATA_ITEMS.iter().map(row).collect()
+}
+
 fn quantity_rows<'py>(py: Python<'py>, quantities: &[table::Quantity]) -> PyResult<Vec<Row<'py>>> {
     let row = |quantity: &table::Quantity| {
         let (kind, numbers, size, head, entry): (_, _, _, &[Field], &[Field]) = match quantity.kind {

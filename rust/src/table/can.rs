@@ -6,7 +6,7 @@
 
 use super::products::Products;
 use super::quantities::record;
-use super::{Field, Interpolation, Quantity, Wire, data_id};
+use super::{Field, Interpolation, QUANTITIES, Quantity, Wire, quantity_row};
 use Wire::{I2, I4, U1, U2, U4};
 
 /// One number of a CAN message. All are big-endian.
@@ -224,12 +224,7 @@ impl CanMessage {
 
 /// The quantity of this name; a name that no row has does not compile.
 const fn of(name: &str) -> &'static Quantity {
-    let id = data_id(name);
-    let mut i = 0;
-    while super::QUANTITIES[i].id != id {
-        i += 1;
-    }
-    &super::QUANTITIES[i]
+    quantity_row(QUANTITIES, name).expect("a quantity of that name")
 }
 
 const fn numbers(name: &str) -> CanContent {

@@ -20,6 +20,8 @@ pub const LONGEST_PAYLOAD: usize = 8192 - 7;
 /// The longest payload to send: the manual's limit.
 const LONGEST_SENT: usize = 2048;
 
+/// MID of the output data of older devices.
+pub const MTDATA: u8 = mid("MTData");
 /// MID of the output data.
 pub const MTDATA2: u8 = mid("MTData2");
 /// MID of the device id.

@@ -7,6 +7,7 @@
 mod can;
 mod errors;
 mod messages;
+mod mtdata;
 mod payload;
 mod products;
 mod quantities;
@@ -18,8 +19,9 @@ pub use can::{CAN_MESSAGES, CAN_QUANTITIES, CanContent, CanMessage, CanSignal, M
 pub use errors::{RESULT_CODES, result_text};
 pub use messages::{
     CONFIGURATION, DEVICE_ID, ERROR, FIRMWARE_REV, HARDWARE_VERSION, INIT_BUS_RESULTS, LONGEST_PAYLOAD, MESSAGES,
-    MTDATA2, PRODUCT_CODE, STRING_OUTPUT_TYPE, WARNING,
+    MTDATA, MTDATA2, PRODUCT_CODE, STRING_OUTPUT_TYPE, WARNING,
 };
+pub use mtdata::{MTDATA_ITEMS, MTDATA_QUANTITIES, MtDataItem, output_mode, output_settings};
 pub use payload::{CONFIGURATION_FIELDS, Content, Lengths, MessageField, Payload, offset, size};
 pub use products::{Class, PRODUCTS, Product, Products, Series};
 pub use quantities::{QUANTITIES, STATUS_FLAGS};
@@ -340,28 +342,34 @@ pub fn quantity(data_id: u16) -> Option<&'static Quantity> {
     QUANTITIES.get(usize::from(ROW_OF_ID[usize::from(data_id >> 4)]))
 }
 
-/// The quantity of this identifier in a column: as [`quantity`], or one that only CAN has.
+/// The quantity of this identifier in a column: as [`quantity`], or one that only CAN or `MTData` has.
 #[must_use]
 pub fn column_quantity(data_id: u16) -> Option<&'static Quantity> {
-    quantity(data_id).or_else(|| CAN_QUANTITIES.iter().find(|row| row.id == data_id & !0xF))
+    let others = || CAN_QUANTITIES.iter().chain(MTDATA_QUANTITIES);
+    quantity(data_id).or_else(|| others().find(|row| row.id == data_id & !0xF))
 }
 
 /// The quantity of this name.
 #[must_use]
 pub fn quantity_named(name: &str) -> Option<&'static Quantity> {
-    QUANTITIES.iter().chain(CAN_QUANTITIES).find(|quantity| quantity.name == name)
+    QUANTITIES.iter().chain(CAN_QUANTITIES).chain(MTDATA_QUANTITIES).find(|quantity| quantity.name == name)
 }
 
 /// The base identifier of the quantity of this name; a name that no row has does not compile.
 pub(crate) const fn data_id(name: &str) -> u16 {
+    quantity_row(QUANTITIES, name).expect("a quantity of that name").id
+}
+
+/// The row of this name in a table.
+const fn quantity_row(rows: &'static [Quantity], name: &str) -> Option<&'static Quantity> {
     let mut i = 0;
-    while i < QUANTITIES.len() {
-        if same(QUANTITIES[i].name, name) {
-            return QUANTITIES[i].id;
+    while i < rows.len() {
+        if same(rows[i].name, name) {
+            return Some(&rows[i]);
         }
         i += 1;
     }
-    panic!("no quantity of that name")
+    None
 }
 
 const fn same(a: &str, b: &str) -> bool {

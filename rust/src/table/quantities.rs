@@ -21,7 +21,7 @@ const SERIES_10_100: Products = Products::of(&[10, 20, 30, 100, 200, 300, 710]);
 const SERIES_600: Products = Products::of(&[610, 620, 630, 670, 680]);
 
 const ONE: &[&str] = &[];
-const XYZ: &[&str] = &["x", "y", "z"];
+pub(super) const XYZ: &[&str] = &["x", "y", "z"];
 const QUATERNION: &[&str] = &["q0", "q1", "q2", "q3"];
 const EULER: &[&str] = &["roll", "pitch", "yaw"];
 const LAT_LON: &[&str] = &["lat", "lon"];
@@ -308,6 +308,7 @@ pub const STATUS_FLAGS: &[StatusFlag] = &[
 /// apart in the vendor's code; fewer would put 48x0 among the accelerations.
 const fn group(id: u16) -> &'static str {
     match id & 0xFE00 {
+        0x0400 => "MTData",
         0x0600 => "CAN",
         0x0800 => "Temperature",
         0x1000 => "Timestamp",
@@ -351,7 +352,7 @@ const fn new(id: u16, name: &'static str, manual: &'static str, kind: Kind) -> Q
 }
 
 /// Numbers of type ℝ.
-const fn real(
+pub(super) const fn real(
     id: u16,
     name: &'static str,
     manual: &'static str,
@@ -362,7 +363,7 @@ const fn real(
 }
 
 /// Numbers of one type.
-const fn fixed(
+pub(super) const fn fixed(
     id: u16,
     name: &'static str,
     manual: &'static str,
@@ -398,7 +399,7 @@ impl Quantity {
         Self { is_matrix: true, ..self }
     }
 
-    const fn axes(self, axes: Axes) -> Self {
+    pub(super) const fn axes(self, axes: Axes) -> Self {
         Self { axes: Some(axes), ..self }
     }
 
@@ -436,7 +437,7 @@ const fn plain(name: &'static str, wire: Wire) -> Field {
     scaled(name, wire, 1.0, "")
 }
 
-const fn scaled(name: &'static str, wire: Wire, scale: f64, unit: &'static str) -> Field {
+pub(super) const fn scaled(name: &'static str, wire: Wire, scale: f64, unit: &'static str) -> Field {
     Field { name, wire, scale, unit, missing: None }
 }
 
