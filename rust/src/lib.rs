@@ -47,6 +47,17 @@
 //! assert_eq!(temperature, &[24.375]);
 //! # Ok::<(), xbus::error::Fault>(())
 //! ```
+//!
+//! # Features
+//!
+//! None is on by default: the core needs only `memchr`, `chrono` and `rustc-hash`.
+//!
+//! | feature | adds |
+//! |---|---|
+//! | `arrow` | `arrow`: columns as Arrow record batches |
+//! | `export` | `export`: Parquet, CSV, Arrow and MCAP files; includes `arrow` |
+//! | `serde` | `state`: parts of logs and clocks as bytes, to send them to other processes |
+//! | `python` | the extension module of the Python package, which is of no use to Rust programs |
 
 #[cfg(feature = "arrow")]
 pub mod arrow;

@@ -43,6 +43,7 @@ COMMANDS = {
     "can": "can",
     "demo": "demo",
     "doctor": "doctor",
+    "completion": "completion",
 }
 # No command multiplies large matrices, and numpy would start a thread for that on every processor.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
