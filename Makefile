@@ -1,5 +1,5 @@
 # Commands for development. .ci/run runs the same checks in a fresh environment.
-.PHONY: dev format lint test bench docs fuzz
+.PHONY: dev format lint test bench docs linkcheck fuzz
 NAME ?= chunking
 
 dev:
@@ -18,6 +18,8 @@ lint:
 	ruff format --check
 	mypy
 	python -m mypy.stubtest xbus._core
+	codespell
+	check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
 
 test:
 	cargo test --features export
@@ -45,6 +47,10 @@ docs:
 	@python -c "import xbus, furo, myst_parser, sphinx" 2>/dev/null || \
 	  { echo "make docs needs xbus, sphinx, furo and myst-parser; activate a virtual environment and run: make dev"; exit 1; }
 	python -m sphinx -W -b html docs docs/_build/html
+	python docs/check_links.py docs/_build/html
+
+linkcheck:
+	python -m sphinx -b linkcheck docs docs/_build/linkcheck
 
 fuzz:
 	mkdir -p /tmp/xbus-fuzz/$(NAME)

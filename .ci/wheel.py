@@ -43,6 +43,9 @@ def check(wheel: Path) -> None:
         sys.exit(f"{wheel.name} has not one abi3 extension module, but {core}")
     if not any(name.endswith("/man/man1/xbus.1") for name in names):
         sys.exit(f"{wheel.name} lacks the man page")
+    for licence in ("LICENSE", "THIRD-PARTY.txt"):
+        if not any(name.endswith(f".dist-info/licenses/{licence}") for name in names):
+            sys.exit(f"{wheel.name} lacks {licence}")
     size = wheel.stat().st_size
     print(f"{wheel.name}: {size / 1e6:.2f} MB, {len(names)} files")
     sizes: Counter[str] = Counter()

@@ -17,7 +17,7 @@ author = "the xbus authors"
 copyright = "the xbus authors"  # noqa: A001 - Sphinx's name
 release = version = xbus.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "protocol"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "protocol", "figures"]
 exclude_patterns = ["_build"]
 
 # A name in single backticks in a docstring is a link if its target is documented.
@@ -33,6 +33,20 @@ html_theme = "furo"
 html_title = f"xbus {release}"
 html_static_path = ["_static"]
 html_css_files = ["tables.css"]
+templates_path = ["_templates"]
+html_sidebars = {
+    "**": [
+        "sidebar/brand.html",
+        "versions.html",
+        "sidebar/search.html",
+        "sidebar/scroll-start.html",
+        "sidebar/navigation.html",
+        "sidebar/scroll-end.html",
+    ]
+}
+# Of ``make linkcheck``: addresses of examples, and a site that answers programs with an error.
+linkcheck_ignore = [r"https?://127\.0\.0\.1", r"https://www\.movella\.com"]
+linkcheck_timeout = 20
 
 
 def aliases_by_name(*event: Any) -> tuple[str | None, str | None]:

@@ -88,9 +88,9 @@ def test_rtk_status_goes_from_none_over_float_to_fixed(local: LocalCaster) -> No
     device = rover()
     with serving_fast(device) as port, started(port, local, "--json") as child:
         seen = []
-        for statuse in statuses(child):
-            seen.append(statuse)
-            if statuse["rtk"] == "fixed":
+        for status in statuses(child):
+            seen.append(status)
+            if status["rtk"] == "fixed":
                 break
     assert list(dict.fromkeys(item["rtk"] for item in seen if item["rtk"])) == [
         "none",
@@ -120,14 +120,14 @@ def test_only_rtcm_is_forwarded(local: LocalCaster) -> None:
     device.write = note  # type: ignore[method-assign]
     local.sends = [NMEA, FRAMES[0]]
     with serving_fast(device) as port, started(port, local, "--json") as child:
-        next(statuse for statuse in statuses(child) if statuse["rtk"] == "float")
+        next(status for status in statuses(child) if status["rtk"] == "float")
     assert FRAMES[0] in written
     assert b"GPGGA" not in written
 
 
 def test_the_caster_receives_the_position(local: LocalCaster) -> None:
     with serving_fast(rover()) as port, started(port, local, "--json", "--gga", "1") as child:
-        assert next(statuse for statuse in statuses(child) if statuse["gga"])["gga"] == 1
+        assert next(status for status in statuses(child) if status["gga"])["gga"] == 1
         reported = pynmeagps.NMEAReader.parse(local.gga.get(timeout=10))
     assert (reported.lat, reported.lon) == pytest.approx((ORIGIN.lat, ORIGIN.lon), abs=1e-5)
 

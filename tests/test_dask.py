@@ -24,9 +24,10 @@ import streams
 import xbus
 import xbus.dask
 from conftest import OWN_CAPTURES
+from doc_examples import blocks
 from object_store import ObjectStore
 from streams import mtdata2, packet, real
-from test_docs import PAGE_OF_CLUSTERS, blocks
+from test_docs import PAGE_OF_CLUSTERS
 from xbus import XbusError
 
 AHRS, GNSSINS = streams.ahrs(3000), streams.gnssins(2000)

@@ -19,7 +19,9 @@ from pathlib import Path
 
 import pytest
 
+import doc_examples
 import xbus
+from doc_examples import BLOCK, blocks, commands
 
 ROOT = Path(__file__).resolve().parents[1]
 CAPTURES = "tests/captures"
@@ -29,12 +31,6 @@ PAGE_OF_TESTS = ROOT / "docs" / "howto" / "ci.md"
 PAGE_OF_CLUSTERS = ROOT / "docs" / "howto" / "cluster.md"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 MODULES = ["xbus", *(module.name for module in pkgutil.walk_packages(xbus.__path__, "xbus."))]
-
-BLOCK = re.compile(r"^```([^\n`]*)\n(.*?)^```$", re.DOTALL | re.MULTILINE)
-
-
-def blocks(page: Path, language: str) -> list[str]:
-    return [text for found, text in BLOCK.findall(page.read_text("utf-8")) if found == language]
 
 
 def name(page: Path) -> str:
@@ -71,30 +67,30 @@ def test_every_python_block_is_run(page: Path) -> None:
 def test_commands(page: Path, tmp_path: Path) -> None:
     """The ``console`` blocks of a page run in order in one folder and print what the page shows.
 
-    A line that begins with ``$ `` is a command; its output on stdout and stderr follows. A line ``...``
-    matches any number of lines.
+    A line that begins with ``$ `` is a command, continued after a backslash; its output on stdout and stderr
+    follows. A line ``...`` matches any number of lines.
     """
     shutil.copytree(ROOT / CAPTURES, tmp_path / CAPTURES)
     for block in blocks(page, "console"):
         shown = block.splitlines()
         assert shown[0].startswith("$ "), f"no command to run:\n{block}"
-        found = replay(shown, tmp_path)
+        found = replay(block, tmp_path)
         assert agrees(shown, found), difference(shown, found)
 
 
-def replay(shown: list[str], folder: Path) -> list[str]:
+def replay(block: str, folder: Path) -> list[str]:
     """The commands of a block, each followed by its present output."""
     lines = []
-    for line in shown:
-        if line.startswith("$ "):
-            lines += [line, *(text.rstrip() for text in run(line[2:], folder).splitlines())]
+    for command in commands(block):
+        lines += f"$ {command}".splitlines()
+        lines += [text.rstrip() for text in run(command, folder).splitlines()]
     return lines
 
 
 def run(command: str, folder: Path) -> str:
-    commands = Path(sys.executable).parent
+    programs = Path(sys.executable).parent
     plain = {
-        "PATH": f"{commands}{os.pathsep}{os.environ['PATH']}",
+        "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
         "COLUMNS": "100",
         "NO_COLOR": "1",
     }
@@ -122,6 +118,12 @@ def difference(shown: list[str], found: list[str]) -> str:
     return "\n".join(["the output of the command differs from the page:", *lines])
 
 
+def test_commands_go_on_after_a_backslash() -> None:
+    assert doctest.testmod(doc_examples).failed == 0
+    block = "$ echo a \\\n    b\na b\n"
+    assert replay(block, ROOT) == block.splitlines()
+
+
 def test_agrees() -> None:
     assert agrees(["$ xbus", "a", "...", "d"], ["$ xbus", "a", "b", "c", "d"])
     assert agrees(["$ xbus", "..."], ["$ xbus"])
@@ -129,10 +131,22 @@ def test_agrees() -> None:
     assert not agrees(["$ xbus", "a"], ["$ xbus", "a", "b"])
 
 
-@pytest.mark.parametrize("page", [ROOT / "README.md", ROOT / "CONTRIBUTING.md"], ids=name)
+def anchors(page: Path) -> set[str]:
+    """The anchors that GitHub gives the headings of a page."""
+    text = BLOCK.sub("", page.read_text("utf-8"))
+    headings = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+@pytest.mark.parametrize("page", sorted(ROOT.glob("*.md")), ids=name)
 def test_links_lead_somewhere(page: Path) -> None:
-    for target in re.findall(r"\]\(([^)#]+)", page.read_text("utf-8")):
-        assert target.startswith("https://") or (ROOT / target).exists(), target
+    """In the pages outside the documentation; docs/check_links.py checks those inside."""
+    for link in re.findall(r"\]\(([^)]+)", page.read_text("utf-8")):
+        target, _, anchor = link.partition("#")
+        if not target.startswith("https://"):
+            to = ROOT / target if target else page
+            assert to.exists(), link
+            assert not anchor or anchor in anchors(to), link
 
 
 def test_contributing_names_files_that_exist() -> None:

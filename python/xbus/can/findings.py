@@ -125,7 +125,7 @@ def _groups(log: Log, seen: Seen) -> Iterator[str]:
 
 
 def _mixed(log: Log, seen: Seen) -> Iterator[str]:
-    """Identifiers that two devices use: the clock jumps to and fro, or its frame comes twice at once."""
+    """Identifiers that two devices use: the clock jumps back and forth, or its frame comes twice at once."""
     ids = seen.frames.ids[seen.places(Verdict.DECODED, Verdict.LONG)]
     for bid, device in enumerate(seen.devices, 1):
         stamps = [key for key, row in device.items() if row.code in (SAMPLE_TIME, GROUP_COUNTER)]
