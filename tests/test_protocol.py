@@ -32,6 +32,7 @@ from xbus.protocol import (
     DeviceWarning,
     ExtOutputMode,
     FilterProfile,
+    GnssChannel,
     GnssLeverArm,
     GnssPlatform,
     GnssReceiver,
@@ -45,6 +46,8 @@ from xbus.protocol import (
     OptionFlag,
     OptionFlags,
     Output,
+    OutputMode,
+    OutputSettings,
     Polarity,
     PortConfig,
     PortProtocol,
@@ -239,10 +242,10 @@ VALUES: list[tuple[str, Any, str]] = [
     ("SetCanOutputConfig", (), 16 * "0"),
     ("CanOutputConfig", CAN[:1], CAN_HEX[:19]),
     ("SetCanOutputConfigAck", CAN, CAN_HEX),
-    ("SetOutputMode", 6, "0006"),
-    ("ReqOutputModeAck", 0x36, "0036"),
-    ("SetOutputSettings", 1, "00000001"),
-    ("ReqOutputSettingsAck", 3, "00000003"),
+    ("SetOutputMode", OutputMode.CALIBRATED | OutputMode.ORIENTATION, "0006"),
+    ("ReqOutputModeAck", OutputMode(0x36), "0036"),
+    ("SetOutputSettings", OutputSettings(), "00000001"),
+    ("ReqOutputSettingsAck", OutputSettings(utc_time=True), "00000003"),
     # 5.3.7
     ("SetLatLonAlt", HERE, HERE_HEX),
     ("ReqLatLonAltAck", HERE, HERE_HEX),
@@ -277,6 +280,8 @@ VALUES: list[tuple[str, Any, str]] = [
     ("SetProcessingFlags", 3, "03"),
     ("SetGravityMagnitude", 9.8125, "411D0000"),
     ("SetHeading", 0.5, "3F000000"),
+    ("HeadingAck", 0.5, "3F000000"),
+    ("GnssStatus", (GnssChannel(1, 9, 5, -1, 40),), "01 01 09 05 FF 28"),
     ("SetAmd", 1, "0001"),
 ]  # fmt: skip
 
@@ -314,7 +319,7 @@ def test_every_layout_is_tested() -> None:
 #: Payloads that stay bytes: blobs, output data, and undocumented payloads.
 BYTES = {
     "EmtsData", "ReqEmts", "ForwardGnssData", "MTData", "MTData2", "SetObjectAlignment",
-    "ObjectAlignmentAck", "GravityMagnitudeAck", "HeadingAck", "ProcessingFlagsAck",
+    "ObjectAlignmentAck", "GravityMagnitudeAck", "ProcessingFlagsAck",
     "SetDeviceIdContext", "MasterIndication",
 }  # fmt: skip
 
@@ -596,6 +601,7 @@ def whole(bits: int) -> st.SearchStrategy[int]:
 
 
 U1, U2, U4 = whole(8), whole(16), whole(32)
+I1 = st.integers(-128, 127)
 F4 = st.floats(width=32, allow_nan=False, allow_infinity=False)
 F8 = st.floats(allow_nan=False, allow_infinity=False)
 BOOL = st.booleans()
@@ -696,13 +702,18 @@ STRATEGIES: dict[str, st.SearchStrategy[Any]] = {
     "SetInitialHeading": F4,
     "SetGravityMagnitude": F4,
     "SetHeading": F4,
+    "HeadingAck": F4,
+    "GnssStatus": st.lists(st.builds(GnssChannel, U1, U1, U1, I1, I1), max_size=16).map(tuple),
     "AdjustUTCTime": U4.map(lambda item: item - 2**31),
 }
 STRATEGIES |= dict.fromkeys(
     ["SetBaudrate", "ReqBaudrateAck", "ReqAlignmentRotation", "IccCommand", "SetProcessingFlags"],
     U1,
 )
-STRATEGIES |= dict.fromkeys(["SetOutputSettings", "ReqOutputSettingsAck"], U4)
+STRATEGIES |= dict.fromkeys(
+    ["SetOutputSettings", "ReqOutputSettingsAck"], U4.map(OutputSettings.from_word)
+)
+STRATEGIES |= dict.fromkeys(["SetOutputMode", "ReqOutputModeAck"], U2.map(OutputMode))
 STRATEGIES |= dict.fromkeys(
     [
         name

@@ -115,6 +115,9 @@ def messages() -> list[dict[str, Any]]:
 def products() -> list[dict[str, Any]]:
     """The products, row by row: see `xbus.protocol.tables.Product`."""
 
+def legacy_products() -> list[dict[str, Any]]:
+    """The products before those of the manual, row by row: see `xbus.protocol.tables.Product`."""
+
 def status_flags() -> list[dict[str, Any]]:
     """The fields of the status word, row by row: see `xbus.protocol.tables.StatusFlag`."""
 

@@ -21,10 +21,13 @@ from xbus.protocol.values import (
     Alignment,
     AlignmentRotation,
     CanConfig,
+    ExtOutputMode,
     LatLonAlt,
     OptionFlag,
     OptionFlags,
     Output,
+    OutputMode,
+    OutputSettings,
     Polarity,
     PortConfig,
     PortProtocol,
@@ -259,6 +262,47 @@ def _check_baudrate(code: int, support: Support) -> None:
         )
 
 
+def _check_output_mode(mode: int, support: Support) -> None:
+    if unknown := _beyond(mode, support.output_modes):
+        product, modes = support.product.name, _names(support.output_modes)
+        raise ValueError(
+            f"the {product} has no output mode {OutputMode(unknown).name or hex(unknown)}; it has {modes}"
+        )
+
+
+def _check_output_settings(settings: OutputSettings | int, _: Support) -> None:
+    if isinstance(settings, int):
+        settings = OutputSettings.from_word(settings)
+    if not settings.is_explained:
+        raise ValueError(f"no source explains all of these output settings: {settings}")
+
+
+def _check_reset(code: int, support: Support) -> None:
+    lacking = LATER_RESETS if support.is_legacy else (ResetCode.GLOBAL,)
+    if code in lacking:
+        choices = ", ".join(
+            f"{reset.name} {reset:d}" for reset in ResetCode if reset not in lacking
+        )
+        raise ValueError(
+            f"{int(code)} is not one of {choices}, which the {support.product.name} has"
+        )
+
+
+def _check_ext_output_mode(mode: int, support: Support) -> None:
+    analog = ExtOutputMode.ANALOG_EULER_ANGLES
+    if bool(int(mode) & analog) and not support.is_legacy:
+        raise ValueError(
+            f"the {support.product.name} has no {analog.name}; only legacy products have it"
+        )
+
+
+#: Orientation resets that legacy products lack.
+LATER_RESETS = (
+    ResetCode.DEFAULT_HEADING,
+    ResetCode.DEFAULT_INCLINATION,
+    ResetCode.DEFAULT_ALIGNMENT,
+)
+
 #: What the product can do.
 PRODUCT_CHECKS: dict[str, Callable[[Any, Support], None]] = {
     "SetOutputConfiguration": _check_outputs,
@@ -269,4 +313,8 @@ PRODUCT_CHECKS: dict[str, Callable[[Any, Support], None]] = {
     "SetFilterProfileModern": _check_profile_names,
     "SetBaudrate": _check_baudrate,
     "SetPortConfig": _check_ports,
+    "SetOutputMode": _check_output_mode,
+    "SetOutputSettings": _check_output_settings,
+    "ResetOrientation": _check_reset,
+    "SetExtOutputMode": _check_ext_output_mode,
 }

@@ -162,7 +162,7 @@ class Commands:
             self.req_string_output_type()
 
     def req_period(self) -> int:
-        """ReqPeriod (0x04): the sampling period of strings, in 1/115200 s."""
+        """ReqPeriod (0x04): the sampling period of strings and MTData, in 1/115200 s."""
         return int(self._ask("ReqPeriod"))
 
     def set_period(self, period: int) -> None:
@@ -170,7 +170,10 @@ class Commands:
         self._set("SetPeriod", period)
 
     def req_output_skip_factor(self) -> int:
-        """ReqOutputSkipFactor (0xD4): strings skipped between two; 65535: only on ReqData (Table 19)."""
+        """ReqOutputSkipFactor (0xD4): outputs skipped between two; 65535: only on ReqData (Table 19).
+
+        The rate of strings and MTData is 115200 / (period (skip factor + 1)) Hz.
+        """
         return int(self._ask("ReqOutputSkipFactor"))
 
     def set_output_skip_factor(self, skip_factor: int) -> None:
@@ -220,20 +223,28 @@ class Commands:
         """SetCanOutputConfig (0xE8): at most 16 outputs on the CAN bus. Returns the outputs in effect."""
         return tuple(self._ask("SetCanOutputConfig", tuple(outputs)) or ())
 
-    def req_output_mode(self) -> int:
-        """ReqOutputMode (0xD0, deprecated): mode of the older MTData, not supported here."""
-        return int(self._ask("ReqOutputMode"))
+    def req_data_length(self) -> int:
+        """ReqDataLength (0x0A, legacy): bytes of the payload of MTData; 0 while MTData2 is sent."""
+        return int(self._ask("ReqDataLength"))
 
-    def set_output_mode(self, mode: int) -> None:
-        """SetOutputMode (0xD0, deprecated): replaced by `Device.set_output_configuration`."""
+    def req_output_mode(self) -> v.OutputMode:
+        """ReqOutputMode (0xD0, legacy): the items of MTData."""
+        return v.OutputMode(self._ask("ReqOutputMode"))
+
+    def set_output_mode(self, mode: v.OutputMode | int) -> None:
+        """SetOutputMode (0xD0, legacy): the items of MTData.
+
+        `Device.set_output_configuration` sets mode, settings and rate from names of quantities.
+        """
         self._set("SetOutputMode", mode)
 
-    def req_output_settings(self) -> int:
-        """ReqOutputSettings (0xD2, deprecated): settings of the older MTData, not supported here."""
-        return int(self._ask("ReqOutputSettings"))
+    def req_output_settings(self) -> v.OutputSettings:
+        """ReqOutputSettings (0xD2, legacy): the form of the items of MTData."""
+        found: v.OutputSettings = self._ask("ReqOutputSettings")
+        return found
 
-    def set_output_settings(self, settings: int) -> None:
-        """SetOutputSettings (0xD2, deprecated): replaced by `Device.set_output_configuration`."""
+    def set_output_settings(self, settings: v.OutputSettings | int) -> None:
+        """SetOutputSettings (0xD2, legacy): the form of the items of MTData."""
         self._set("SetOutputSettings", settings)
 
     def req_emts(self) -> bytes:
@@ -245,7 +256,7 @@ class Commands:
     def req_data(self) -> None:
         """ReqData (0x34): asks for the latest sample, which then arrives like any other.
 
-        Requires a SendLatest setting on the line SOFTWARE, or strings with skip factor 65535.
+        Requires a SendLatest setting on the line SOFTWARE, or strings or MTData with skip factor 65535.
         """
         self._set("ReqData")
 
@@ -326,6 +337,18 @@ class Commands:
     def adjust_utc_time(self, ticks: int) -> None:
         """AdjustUTCTime (0xA8): shifts UTC by a number of ticks of 0.1 ms (Table 34)."""
         self._set("AdjustUTCTime", ticks)
+
+    def req_gnss_status(self) -> tuple[v.GnssChannel, ...]:
+        """ReqGnssStatus (0xA6, legacy): the channels of the GPS receiver of an MTi-G."""
+        return tuple(self._ask("ReqGnssStatus"))
+
+    def req_heading(self) -> float:
+        """ReqHeading (0x82, legacy): the heading offset in radians."""
+        return float(self._ask("ReqHeading"))
+
+    def set_heading(self, heading: float) -> None:
+        """SetHeading (0x82, legacy): the heading offset in radians."""
+        self._set("SetHeading", heading)
 
     def icc_command(self, command: v.IccCommand | int) -> v.IccReply:
         """IccCommand (0x74): in-run compass calibration (Table 36); STORE in Config State only."""

@@ -48,6 +48,8 @@ class Session:
         bid: Bus identifier that is addressed.
         state: State of the device.
         support: What the product supports; None until `identify` is called.
+        is_in_legacy_mode: Whether the device has acknowledged an empty output configuration: the 10- and
+            100-series then send MTData.
         pending: Name of the command that waits for its answer, or None.
         skipped: Bytes that were neither frame nor string.
 
@@ -67,6 +69,7 @@ class Session:
         self.bid = bid
         self.state = State.UNKNOWN
         self.support: Support | None = None
+        self.is_in_legacy_mode = False
         self.pending: str | None = None
         self.skipped = 0
         self._scanner = _core.Scanner(LONGEST_LIVE, strings)
@@ -114,14 +117,21 @@ class Session:
     def _check_product(self, name: str) -> None:
         if self.support is None or name in self.support.messages:
             return
-        numbers = MESSAGES[name].products
-        others = ", ".join(PRODUCTS[number].name for number in numbers) or "no product"
-        product = self.support.product.name
-        raise StateError(
-            f"the {product} does not support {name}, nothing was sent; supported by: {others}",
-            name,
-            self.state,
-        )
+        product, row = self.support.product.name, MESSAGES[name]
+        if name in self.support.legacy_messages:
+            if self.is_in_legacy_mode:
+                return
+            reason = (
+                f"the {product} does not support {name} while it sends MTData2, nothing was sent;"
+                " SetOutputConfiguration with an empty list switches to MTData"
+            )
+        else:
+            names = [PRODUCTS[number].name for number in row.products] + list(row.legacy)
+            others = ", ".join(names) or "no product"
+            reason = (
+                f"the {product} does not support {name}, nothing was sent; supported by: {others}"
+            )
+        raise StateError(reason, name, self.state)
 
     def check_state(self, name: str) -> None:
         """Checks that a command is valid in the present state.
@@ -236,6 +246,10 @@ class Session:
         except ValueError as error:
             text = f"cannot decode the reply to {command}: {error}; the device may have executed the command"
             return Refusal(command, DecodeError(text, offset, command=command))
+        if command in ("ReqOutputConfiguration", "SetOutputConfiguration"):
+            self.is_in_legacy_mode = not value
+        elif command == "RestoreFactoryDef":
+            self.is_in_legacy_mode = False
         return Reply(command, value, payload)
 
     def read_reply(self, command: str, payload: bytes) -> tuple[str, Any]:
@@ -269,7 +283,8 @@ class Session:
         """
         rows = [row for row in MESSAGES.values() if row.mid == MESSAGES[command].reply]
         if self.support is not None:
-            rows = [row for row in rows if row.name in self.support.messages] or rows
+            known = self.support.messages | self.support.legacy_messages
+            rows = [row for row in rows if row.name in known] or rows
         own = f"{command.removesuffix('Modern')}Ack"
         is_empty = length == 0
         return sorted(rows, key=lambda row: ((row.kind == "empty") != is_empty, row.name != own))

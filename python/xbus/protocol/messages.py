@@ -7,6 +7,7 @@ fields. Host and virtual device use the same layouts.
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, replace
 from types import SimpleNamespace
@@ -43,6 +44,7 @@ _TYPES: tuple[tuple[type, str], ...] = (
     (v.Alignment, "ReqAlignmentRotation"),
     (v.AlignmentRotation, "SetAlignmentRotation ReqAlignmentRotationAck"),
     (v.ExtOutputMode, "SetExtOutputMode ExtOutputMode"),
+    (v.OutputMode, "SetOutputMode ReqOutputModeAck"),
     (v.CanOutput, "SetCanOutputConfig CanOutputConfig SetCanOutputConfigAck"),
     (v.LatLonAlt, "SetLatLonAlt ReqLatLonAltAck"),
     (v.AvailableProfile, "AvailableFilterProfiles"),
@@ -123,7 +125,7 @@ def _sync_settings(row: MessageRow) -> Layout:
     return repeated(entry, row)
 
 
-def _word(row: MessageRow, kind: type[v.PortConfig | v.CanConfig]) -> Layout:
+def _word(row: MessageRow, kind: type[v.PortConfig | v.CanConfig | v.OutputSettings]) -> Layout:
     """Returns the layout of words of bits; on a command line each part of a word is a field."""
     kinds = kinds_of(kind)
     names = [part.name for part in fields(kind) if part.name != "reserved"]
@@ -216,6 +218,39 @@ def _can(row: MessageRow) -> Layout:
     return _word(row, v.CanConfig)
 
 
+def _output_settings(row: MessageRow) -> Layout:
+    word = _word(row, v.OutputSettings)
+
+    def encode(value: Any) -> bytes:
+        # Other software has the settings as a number.
+        return word.encode(v.OutputSettings.from_word(value) if type(value) is int else value)
+
+    return replace(word, encode=encode)
+
+
+#: A channel in GnssStatus: channel, satellite, flags, quality, carrier-to-noise ratio.
+_CHANNEL = struct.Struct(">BBBbb")
+
+
+def _gnss_status(_: MessageRow) -> Layout:
+    def encode(channels: Any) -> bytes:
+        try:
+            rows = [_CHANNEL.pack(*channel) for channel in channels]
+            return bytes([len(rows)]) + b"".join(rows)
+        except (struct.error, TypeError, ValueError) as error:
+            raise ValueError(f"{channels!r} are not at most 255 channels: {error}") from None
+
+    def decode(payload: bytes) -> tuple[v.GnssChannel, ...]:
+        count = payload[0] if payload else 0
+        if len(payload) != 1 + count * _CHANNEL.size:
+            raise ValueError(
+                f"the payload has {len(payload)} bytes, which do not fit {count} channels"
+            )
+        return tuple(map(v.GnssChannel._make, _CHANNEL.iter_unpack(payload[1:])))
+
+    return Layout(encode, decode)
+
+
 _SPECIAL: dict[str, Callable[[MessageRow], Layout]] = {
     "DeviceID": _device_id,
     "SetSyncSettings": _sync_settings,
@@ -229,6 +264,9 @@ _SPECIAL: dict[str, Callable[[MessageRow], Layout]] = {
     "SetCanConfig": _can,
     "CanConfig": _can,
     "IccCommandAck": _icc_reply,
+    "SetOutputSettings": _output_settings,
+    "ReqOutputSettingsAck": _output_settings,
+    "GnssStatus": _gnss_status,
 }
 
 

@@ -14,7 +14,7 @@ from functools import cache
 
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.ids import DataId
-from xbus.protocol.tables import MESSAGES, PRODUCTS, QUANTITIES, Product
+from xbus.protocol.tables import LEGACY_PRODUCTS, MESSAGES, PRODUCTS, QUANTITIES, Product
 from xbus.protocol.values import (
     BAUD_CODES,
     EVERY,
@@ -24,6 +24,7 @@ from xbus.protocol.values import (
     HardwareVersion,
     OptionFlag,
     Output,
+    OutputMode,
     Polarity,
     PortConfig,
     PortProtocol,
@@ -40,6 +41,7 @@ __all__ = [
     "FactoryIdentity",
     "Support",
     "find_product",
+    "legacy_product",
     "product_of_code",
     "support",
 ]
@@ -259,6 +261,19 @@ _DEFAULT_PROFILES: dict[int, int | str] = {
     620: "Responsive/VRU", 630: "Responsive/NorthReference", 670: "General", 680: "General_RTK",
 }  # fmt: skip
 
+# MTData (the vendor's older manuals and open code)
+
+LEGACY = "legacy"
+_M = OutputMode
+_MODES_IMU = _M.TEMPERATURE | _M.CALIBRATED | _M.AUXILIARY | _M.STATUS | _M.RAW
+_MODES_AHRS = _MODES_IMU | _M.ORIENTATION
+_LEGACY_MODES = {
+    "IMU": _MODES_IMU,
+    "VRU": _MODES_AHRS,
+    "AHRS": _MODES_AHRS,
+    "GNSS/INS": _MODES_AHRS | _M.POSITION | _M.VELOCITY | _M.GPS_PVT,
+}
+
 # Defaults (Tables 2, 18, 40, 41)
 
 _D = DataId
@@ -362,6 +377,11 @@ _IDENTITIES = {
     670: _identity(0x8000_4003, "MTi-670-8A1G6", (1, 6, 0, 114, 108021), (1, 0)),
     680: _identity(0x8000_A1B2, "MTi-680G-8A1G6", (1, 8, 0, 114, 108021), (1, 0)),
 }
+_LEGACY_IDENTITIES = {
+    "MTi": _identity(0x0030_0001, "MTi-28A53G35", (2, 8, 1), (1, 0)),
+    "MTx": _identity(0x0030_0002, "MTx-28A53G25", (2, 8, 1), (1, 0)),
+    "MTi-G": _identity(0x0050_0618, "MTi-G-28A53G35", (2, 4, 0), (1, 0)),
+}
 
 # Section 7.2.1 allows at most 921,600, Table 7 has higher rates: the later products have them.
 _ALL_BAUDRATES = tuple(sorted(set(BAUD_CODES.values())))
@@ -381,6 +401,8 @@ class Support:
         product: The product.
         hardware: The hardware version that the rates are for; None for the rates of the manual.
         messages: Names of the messages that it supports.
+        legacy_messages: Names of those that it supports only in legacy mode, in which it sends MTData.
+        output_modes: Items of MTData that it has; none if it never sends MTData.
         rates: The highest rate in Hz of each quantity that it offers; 0xFFFF if the quantity comes with every
             message, event, or solution of the GNSS receiver.
         sync: Synchronization functions, with their lines.
@@ -401,6 +423,8 @@ class Support:
     product: Product
     hardware: HardwareVersion | None
     messages: frozenset[str]
+    legacy_messages: frozenset[str]
+    output_modes: OutputMode
     rates: Mapping[str, int]
     sync: Mapping[SyncFunction, tuple[SyncLine, ...]]
     option_flags: OptionFlag
@@ -415,6 +439,11 @@ class Support:
     selftest: Selftest
     filter_version: tuple[str | None, tuple[int, int]]
     identity: FactoryIdentity
+
+    @property
+    def is_legacy(self) -> bool:
+        """Whether it sends MTData only, and no MTData2."""
+        return self.product.series == LEGACY
 
     @property
     def base_rate(self) -> int:
@@ -451,9 +480,40 @@ class Support:
         return Output(output.data_id, next((rate for rate in rates if rate <= asked), rates[-1]))
 
 
+def _legacy_messages(product: Product) -> frozenset[str]:
+    return frozenset(name for name, row in MESSAGES.items() if product.name in row.legacy)
+
+
+def _legacy_support(product: Product) -> Support:
+    modes = _LEGACY_MODES[product.kind]
+    return Support(
+        product=product,
+        hardware=None,
+        messages=_legacy_messages(product),
+        legacy_messages=frozenset(),
+        output_modes=modes,
+        rates={},
+        sync={},
+        option_flags=OptionFlag(0),
+        string_types=StringType(0),
+        filter_profiles=(),
+        baudrates=_BAUDRATES[_TEN],
+        output_configuration=(),
+        sync_settings=(),
+        filter_profile=None,
+        port_config=(),
+        gnss_receiver_settings=_NO_RECEIVER,
+        selftest=Selftest(0),
+        filter_version=(None, (0, 0)),
+        identity=_LEGACY_IDENTITIES[product.name],
+    )
+
+
 @cache
-def _support(number: int, hardware: HardwareVersion | None) -> Support:
-    product = PRODUCTS[number]
+def _support(product: Product, hardware: HardwareVersion | None) -> Support:
+    if product.series == LEGACY:
+        return _legacy_support(product)
+    number = product.number
     offered = {
         name: _highest(product, name, hardware)
         for name, row in QUANTITIES.items()
@@ -463,6 +523,10 @@ def _support(number: int, hardware: HardwareVersion | None) -> Support:
         product=product,
         hardware=hardware,
         messages=frozenset(name for name, row in MESSAGES.items() if number in row.products),
+        legacy_messages=_legacy_messages(product),
+        output_modes=_LEGACY_MODES[product.kind]
+        if product.series in (_TEN, _HUNDRED)
+        else OutputMode(0),
         rates=offered,
         sync=_SYNC[number],
         option_flags=OptionFlag(
@@ -497,11 +561,14 @@ def find_product(product: str | int | Product) -> Product:
     """
     if isinstance(product, Product):
         return product
+    for name, row in LEGACY_PRODUCTS.items():
+        if str(product).upper() == name.upper():
+            return row
     wanted = str(product).upper().removeprefix("MTI-")
     for row in PRODUCTS.values():
         if wanted in (str(row.number), row.name.upper().removeprefix("MTI-")):
             return row
-    names = ", ".join(row.name for row in PRODUCTS.values())
+    names = ", ".join(row.name for row in (*PRODUCTS.values(), *LEGACY_PRODUCTS.values()))
     raise ValueError(f"no product is called {product!r}; there are {names}")
 
 
@@ -520,6 +587,22 @@ def product_of_code(code: str) -> Product | None:
     return PRODUCTS.get(710 if number == 700 else number)
 
 
+def legacy_product(device_id: int, code: str | None = None) -> Product | None:
+    """Returns the legacy product with a device identifier; None if the identifier is that of another one.
+
+    Args:
+        device_id: Device identifier.
+        code: Product code, which distinguishes MTx and MTi.
+
+    >>> legacy_product(0x01500618).name, legacy_product(0x00300F3A, "MTx-28A53G25").name
+    ('MTi-G', 'MTx')
+    """
+    kind = None if device_id >> 31 else device_id >> 20 & 0xF
+    if kind == 3:
+        return LEGACY_PRODUCTS["MTx" if code is not None and code.startswith("MTx") else "MTi"]
+    return LEGACY_PRODUCTS["MTi-G"] if kind == 5 else None
+
+
 def support(product: str | int | Product, hardware: HardwareVersion | None = None) -> Support:
     """Returns what a product supports, and its factory settings.
 
@@ -533,4 +616,4 @@ def support(product: str | int | Product, hardware: HardwareVersion | None = Non
     >>> support("MTi-630").rates["acceleration_hr"], support("MTi-630").filter_profile
     (2000, 'Responsive/NorthReference')
     """
-    return _support(find_product(product).number, hardware)
+    return _support(find_product(product), hardware)

@@ -13,6 +13,7 @@ __all__ = [
     "CAN_QUANTITIES",
     "COLUMN_QUANTITIES",
     "LATE",
+    "LEGACY_PRODUCTS",
     "MASTER",
     "MESSAGES",
     "MTDATA_QUANTITIES",
@@ -230,7 +231,9 @@ class MessageRow(NamedTuple):
         zeros: Whether an empty list is written as one entry of zeros.
         restarts: Whether a device starts a new run with it: clock and counter may start again.
         reply: MID of the message that answers it, or None.
-        products: Numbers of the products that support it.
+        products: Numbers of the products of the manual that support it.
+        legacy: Names of others that support it: products before the manual (`LEGACY_PRODUCTS`), and those
+            whose earlier firmware sent MTData.
         status: Empty, ``"reserved"``, ``"deprecated"``, ``"obsolete"`` or ``"unlisted"``.
     """
 
@@ -249,17 +252,18 @@ class MessageRow(NamedTuple):
     restarts: bool
     reply: int | None
     products: tuple[int, ...]
+    legacy: tuple[str, ...]
     status: str
 
 
 class Product(NamedTuple):
-    """A product of the manual's section 3.
+    """A product of the manual's section 3, or one before these.
 
     Attributes:
-        number: The manual's number: 630.
+        number: The manual's number: 630. Legacy products have none: 0.
         name: The model: ``"MTi-630"``.
         title: The model and what it is.
-        series: Its family: ``"600-series"``.
+        series: Its family: ``"600-series"``, or ``"legacy"``.
         kind: What it computes: ``"IMU"``, ``"VRU"``, ``"AHRS"`` or ``"GNSS/INS"``.
         id_size: Bytes of its device identifier.
         fine_wrap: Ticks of 0.1 ms after which SampleTimeFine starts again at zero.
@@ -320,8 +324,10 @@ def message_name(mid: int, length: int) -> str:
     return _core.message_name(mid, length) or f"0x{mid:02X}"
 
 
-#: All products, by number.
+#: The products of the manual, by number.
 PRODUCTS = {row["number"]: Product(**row) for row in _core.products()}
+#: The products before those of the manual, which send MTData, by name.
+LEGACY_PRODUCTS = {row["name"]: Product(**row) for row in _core.legacy_products()}
 #: The fields of ``StatusWord`` by name, from bit 0.
 STATUS_FLAGS = {row["name"]: StatusFlag(**row) for row in _core.status_flags()}
 #: What the numbers in Error and Warning messages mean.

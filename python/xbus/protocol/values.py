@@ -6,7 +6,7 @@ number without a member of its enumeration is a plain integer. Only values sent 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag, StrEnum
 from typing import NamedTuple, TypeVar
 
@@ -28,6 +28,7 @@ __all__ = [
     "ErrorCode",
     "ExtOutputMode",
     "FilterProfile",
+    "GnssChannel",
     "GnssLeverArm",
     "GnssPlatform",
     "GnssReceiver",
@@ -40,7 +41,10 @@ __all__ = [
     "LatLonAlt",
     "OptionFlag",
     "OptionFlags",
+    "OrientationForm",
     "Output",
+    "OutputMode",
+    "OutputSettings",
     "Polarity",
     "PortConfig",
     "PortProtocol",
@@ -409,6 +413,191 @@ class StringOutput(NamedTuple):
     frequency: int | None = None
 
 
+# MTData, the output of legacy products
+
+
+class OutputMode(IntFlag):
+    """Items of MTData.
+
+    ``RAW`` excludes most others. ``MT9`` is the output of an older product, whose layout no source gives.
+    """
+
+    TEMPERATURE = 1 << 0
+    CALIBRATED = 1 << 1
+    ORIENTATION = 1 << 2
+    AUXILIARY = 1 << 3
+    POSITION = 1 << 4
+    VELOCITY = 1 << 5
+    STRAPDOWN = 1 << 9
+    STATUS = 1 << 11
+    GPS_PVT = 1 << 12
+    RAW = 1 << 14
+    MT9 = 1 << 15
+
+
+class OrientationForm(IntEnum):
+    """Form of the orientation in MTData."""
+
+    QUATERNION = 0
+    EULER_ANGLES = 1
+    ROTATION_MATRIX = 2
+
+
+#: Fields of OutputSettings that are one bit: the bit, and whether it is set if the field is False.
+_SWITCHES = (
+    ("packet_counter", 0, False),
+    ("utc_time", 1, False),
+    ("acceleration", 4, True),
+    ("rate_of_turn", 5, True),
+    ("magnetic_field", 6, True),
+    ("status_word", 7, False),
+    ("analog_in1", 10, True),
+    ("analog_in2", 11, True),
+    ("gps", 19, True),
+    ("gyro_temperature", 24, False),
+    ("sample_time_fine", 25, False),
+)
+_ORIENTATION_BIT, _PRECISION_BIT, _NED_BIT = 2, 8, 31
+_KNOWN_SETTINGS = (
+    sum(1 << bit for _, bit, _ in _SWITCHES)
+    | 3 << _ORIENTATION_BIT
+    | 3 << _PRECISION_BIT
+    | 1 << _NED_BIT
+)
+
+
+@dataclass(frozen=True, repr=False)
+class OutputSettings:
+    """The form of the items of MTData (``OutputSettings``). The default is that of a new device.
+
+    Attributes:
+        packet_counter: Whether messages end with the packet counter.
+        utc_time: Whether they end with UTC.
+        orientation: Form of the orientation.
+        acceleration: Whether the calibrated data contains acceleration.
+        rate_of_turn: Whether it contains the rate of turn.
+        magnetic_field: Whether it contains the magnetic field.
+        status_word: Whether the status has 32 bits, not 8.
+        precision: Number format of all real numbers.
+        analog_in1: Whether the auxiliary data contains the first analog input.
+        analog_in2: Whether it contains the second one.
+        gps: Whether the GPS PVT data contains more than the pressure.
+        gyro_temperature: Whether temperatures of the gyroscopes follow the temperature.
+        sample_time_fine: Whether messages end with SampleTimeFine.
+        coordinates: Coordinate system of orientation and velocity: NWU or NED.
+        reserved: Bits that no source explains, kept unchanged.
+
+    Raises:
+        ValueError: A value does not fit its bits.
+
+    >>> settings = OutputSettings(orientation=OrientationForm.EULER_ANGLES, coordinates=Coordinates.NED)
+    >>> f"{int(settings):08X}", OutputSettings.from_word(0x105).precision.name
+    ('80000005', 'Fp1220')
+    >>> print(settings)
+    80000005: packet counter, Euler angles, Float32, NED
+    """
+
+    packet_counter: bool = True
+    utc_time: bool = False
+    orientation: OrientationForm | int = OrientationForm.QUATERNION
+    acceleration: bool = True
+    rate_of_turn: bool = True
+    magnetic_field: bool = True
+    status_word: bool = False
+    precision: Precision = Precision.Float32
+    analog_in1: bool = True
+    analog_in2: bool = True
+    gps: bool = True
+    gyro_temperature: bool = False
+    sample_time_fine: bool = False
+    coordinates: Coordinates = Coordinates.NWU
+    reserved: int = 0
+
+    def __post_init__(self) -> None:
+        if self.coordinates not in (Coordinates.NWU, Coordinates.NED):
+            raise ValueError(f"MTData has the coordinates NWU or NED, not {self.coordinates!r}")
+        int(self)
+
+    def __int__(self) -> int:
+        switches = (
+            (_bit(name, getattr(self, name)) ^ is_inverse) << bit
+            for name, bit, is_inverse in _SWITCHES
+        )
+        return (
+            sum(switches)
+            | _bits("orientation", self.orientation, 3) << _ORIENTATION_BIT
+            | _bits("precision", self.precision, 3) << _PRECISION_BIT
+            | (self.coordinates == Coordinates.NED) << _NED_BIT
+            | _bits("reserved", self.reserved, 0xFFFF_FFFF & ~_KNOWN_SETTINGS)
+        )
+
+    __index__ = __int__
+
+    @classmethod
+    def from_word(cls, word: int) -> OutputSettings:
+        """Returns the settings that the message's word holds."""
+        return cls(
+            **{name: bool(word >> bit & 1) ^ is_inverse for name, bit, is_inverse in _SWITCHES},
+            orientation=known(OrientationForm, word >> _ORIENTATION_BIT & 3),
+            precision=Precision(word >> _PRECISION_BIT & 3),
+            coordinates=Coordinates.NED if word >> _NED_BIT & 1 else Coordinates.NWU,
+            reserved=word & 0xFFFF_FFFF & ~_KNOWN_SETTINGS,
+        )
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether a source explains every bit."""
+        return not self.reserved and isinstance(self.orientation, OrientationForm)
+
+    def __repr__(self) -> str:
+        values = ((field.name, getattr(self, field.name), field.default) for field in fields(self))
+        shown = (
+            f"{name}={type(value).__name__}.{value.name}"
+            if isinstance(value, IntEnum)
+            else f"{name}={value!r}"
+            for name, value, default in values
+            if value != default
+        )
+        return f"OutputSettings({', '.join(shown)})"
+
+    def __str__(self) -> str:
+        form = known(OrientationForm, self.orientation)
+        orientation = form.name if isinstance(form, OrientationForm) else f"orientation {form}"
+        added = [
+            name for name, _, is_inverse in _SWITCHES if not is_inverse and getattr(self, name)
+        ]
+        omitted = [
+            f"no {name}"
+            for name, _, is_inverse in _SWITCHES
+            if is_inverse and not getattr(self, name)
+        ]
+        parts = [*added, orientation.lower(), *omitted]
+        text = [
+            part.replace("_", " ").replace("euler", "Euler").replace("utc", "UTC") for part in parts
+        ]
+        text += [self.precision.name, self.coordinates.name]
+        text += [f"reserved bits {self.reserved:08X}"] if self.reserved else []
+        return f"{int(self):08X}: {', '.join(text)}"
+
+
+class GnssChannel(NamedTuple):
+    """A channel of the GPS receiver of an MTi-G (``GnssStatus``).
+
+    Attributes:
+        channel: Number of the channel.
+        satellite: Number of the satellite.
+        flags: Bit mask of its state.
+        quality: Quality of the signal.
+        cno: Carrier-to-noise ratio, in dBHz.
+    """
+
+    channel: int
+    satellite: int
+    flags: int
+    quality: int
+    cno: int
+
+
 class Alignment(IntEnum):
     """The rotation that ``AlignmentRotation`` sets (Table 20)."""
 
@@ -430,8 +619,9 @@ class AlignmentRotation:
 
 
 class ExtOutputMode(IntFlag):
-    """Extended output mode (Table 21)."""
+    """Extended output mode (Table 21). Only legacy products have ``ANALOG_EULER_ANGLES``."""
 
+    ANALOG_EULER_ANGLES = 1 << 0
     ALTERNATIVE_UART = 1 << 4
     USB_LOW_LATENCY = 1 << 5
 
@@ -678,10 +868,11 @@ class GnssLeverArm(NamedTuple):
 
 
 class ResetCode(IntEnum):
-    """Orientation resets (Table 33)."""
+    """Orientation resets (Table 33). Legacy products have ``GLOBAL``, and no defaults."""
 
     STORE = 0
     HEADING = 1
+    GLOBAL = 2
     INCLINATION = 3
     ALIGNMENT = 4
     DEFAULT_HEADING = 5

@@ -54,8 +54,8 @@ mod _core {
     use super::mtdata::{MtDataPlace, encode_mtdata, mtdata_layout, mtdata_packets};
     #[pymodule_export]
     use super::tables::{
-        can_messages, can_quantities, damage_reasons, messages, mtdata_items, mtdata_quantities, products, quantities,
-        result_codes, status_flags, strings,
+        can_messages, can_quantities, damage_reasons, legacy_products, messages, mtdata_items, mtdata_quantities,
+        products, quantities, result_codes, status_flags, strings,
     };
     #[pymodule_export]
     use crate::device::{device_id, product_code};

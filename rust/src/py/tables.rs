@@ -141,6 +141,7 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
             "lengths": (!lengths.is_empty()).then_some(lengths),
             "forms": forms.iter().map(|form| message_fields(py, form)).collect::<PyResult<Vec<_>>>()?,
             "products": numbers_of(message.products),
+            "legacy": message.legacy.iter().map(|product| product.name).collect::<Vec<_>>(),
         )
     };
     table::MESSAGES.iter().map(row).collect()
@@ -149,6 +150,16 @@ pub fn messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
 /// The products.
 #[pyfunction]
 pub fn products(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    product_rows(py, table::PRODUCTS)
+}
+
+/// The products before those of the manual.
+#[pyfunction]
+pub fn legacy_products(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
+    product_rows(py, table::LEGACY_PRODUCTS)
+}
+
+fn product_rows<'py>(py: Python<'py>, products: &[table::Product]) -> PyResult<Vec<Row<'py>>> {
     let row = |product: &table::Product| {
         let series = product.series;
         row!(
@@ -159,7 +170,7 @@ pub fn products(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
             "fine_wrap": series.fine_wrap(),
         )
     };
-    table::PRODUCTS.iter().map(row).collect()
+    products.iter().map(row).collect()
 }
 
 /// The bits of the status word.

@@ -23,7 +23,7 @@ pub use messages::{
 };
 pub use mtdata::{MTDATA_ITEMS, MTDATA_QUANTITIES, MtDataItem, output_mode, output_settings};
 pub use payload::{CONFIGURATION_FIELDS, Content, Lengths, MessageField, Payload, offset, size};
-pub use products::{Class, PRODUCTS, Product, Products, Series};
+pub use products::{Class, LEGACY_PRODUCTS, PRODUCTS, Product, Products, Series};
 pub use quantities::{QUANTITIES, STATUS_FLAGS};
 pub use strings::{BARE_STRINGS, End, STRINGS, StringOutput};
 
@@ -302,8 +302,10 @@ pub struct Message {
     pub restarts: bool,
     /// MID of the message that answers it.
     pub reply: Option<u8>,
-    /// Products that know it.
+    /// Products of the manual that know it.
     pub products: Products,
+    /// Others that know it: products before the manual, and those whose earlier firmware sent `MTData`.
+    pub legacy: Products,
     /// `""`, the manual's `"reserved"`, `"deprecated"` or `"obsolete"`, or `"unlisted"` where it does not have the MID.
     pub status: &'static str,
 }

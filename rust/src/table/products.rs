@@ -1,6 +1,9 @@
-//! The products of the manual's section 3, and sets of them.
+//! The products of the manual's section 3, the older ones that send `MTData`, and sets of them.
 
-/// The four families of the manual. They differ in the length of the device id and in when their clock starts again.
+use super::same;
+
+/// The four families of the manual, and the products before them. They differ in the length of the device id and in when
+/// their clock starts again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Series {
     /// The 1-series.
@@ -11,6 +14,8 @@ pub enum Series {
     Hundred,
     /// The 600-series.
     SixHundred,
+    /// The MTi, MTx and MTi-G of 2003 to 2012, which send `MTData`.
+    Legacy,
 }
 
 impl Series {
@@ -22,6 +27,7 @@ impl Series {
             Self::Ten => "10-series",
             Self::Hundred => "100-series",
             Self::SixHundred => "600-series",
+            Self::Legacy => "legacy",
         }
     }
 
@@ -29,7 +35,7 @@ impl Series {
     #[must_use]
     pub const fn id_size(self) -> usize {
         match self {
-            Self::One | Self::Ten | Self::Hundred => 4,
+            Self::One | Self::Ten | Self::Hundred | Self::Legacy => 4,
             Self::SixHundred => 8,
         }
     }
@@ -39,7 +45,7 @@ impl Series {
     pub const fn fine_wrap(self) -> u64 {
         match self {
             Self::One | Self::SixHundred => 1 << 32,
-            Self::Ten | Self::Hundred => 864_000_000,
+            Self::Ten | Self::Hundred | Self::Legacy => 864_000_000,
         }
     }
 }
@@ -73,7 +79,7 @@ impl Class {
 /// One product.
 #[derive(Clone, Copy, Debug)]
 pub struct Product {
-    /// The manual's number, by which its tables name the product.
+    /// The manual's number, by which its tables name the product; 0 for a legacy product.
     pub number: u16,
     /// The model: `"MTi-680G"`.
     pub name: &'static str,
@@ -106,22 +112,32 @@ pub const PRODUCTS: &[Product] = &[
     product(680, "MTi-680G",  "MTi-680G RTK GNSS/INS", Series::SixHundred, Class::Gnss),
 ];
 
+/// The products before those of the manual.
+#[rustfmt::skip]
+pub const LEGACY_PRODUCTS: &[Product] = &[
+    product(0, "MTi",   "MTi AHRS",       Series::Legacy, Class::Ahrs),
+    product(0, "MTx",   "MTx AHRS",       Series::Legacy, Class::Ahrs),
+    product(0, "MTi-G", "MTi-G GNSS/INS", Series::Legacy, Class::Gnss),
+];
+
 // A set of products has one bit for each.
-const _: () = assert!(PRODUCTS.len() == 16);
+const _: () = assert!(PRODUCTS.len() == 16 && LEGACY_PRODUCTS.len() <= 16);
 
 const fn product(number: u16, name: &'static str, title: &'static str, series: Series, class: Class) -> Product {
     Product { number, name, title, series, class }
 }
 
-/// A set of products. Bit i stands for `PRODUCTS[i]`.
+/// A set of products. Bit i stands for `PRODUCTS[i]`, bit 16 + i for `LEGACY_PRODUCTS[i]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Products(u16);
+pub struct Products(u32);
 
 impl Products {
     /// No product of the manual.
     pub const NONE: Self = Self(0);
     /// Every product of the manual.
-    pub const ALL: Self = Self(u16::MAX);
+    pub const ALL: Self = Self(u16::MAX as u32);
+    /// The legacy products.
+    pub const LEGACY: Self = Self(((1 << LEGACY_PRODUCTS.len()) - 1) << PRODUCTS.len());
 
     /// The products with these numbers. A number that no product has is a panic: in a table, a compile error.
     #[must_use]
@@ -138,6 +154,23 @@ impl Products {
         Self(bits)
     }
 
+    /// The legacy product of this name. A name that none has is a panic: in a table, a compile error.
+    #[must_use]
+    #[allow(clippy::missing_panics_doc)]
+    pub const fn legacy(name: &str) -> Self {
+        let mut i = 0;
+        while !same(LEGACY_PRODUCTS[i].name, name) {
+            i += 1;
+        }
+        Self(1 << (PRODUCTS.len() + i))
+    }
+
+    /// The products in either set.
+    #[must_use]
+    pub const fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
     /// Whether the product with this number is among them.
     #[must_use]
     pub const fn has(self, number: u16) -> bool {
@@ -150,9 +183,10 @@ impl Products {
         self.0 == 0
     }
 
-    /// The products, in the manual's order.
+    /// The products, in the manual's order, and then the legacy ones.
     pub fn iter(self) -> impl Iterator<Item = &'static Product> {
-        PRODUCTS.iter().filter(move |product| self.has(product.number))
+        let all = PRODUCTS.iter().chain(LEGACY_PRODUCTS).enumerate();
+        all.filter(move |(place, _)| self.0 >> place & 1 == 1).map(|(_, product)| product)
     }
 
     /// Their numbers as the manual prints them: `"1 2 3 7"`.
@@ -164,7 +198,7 @@ impl Products {
 }
 
 /// The bit of the product with this number, 0 for an unknown number.
-const fn bit(number: u16) -> u16 {
+const fn bit(number: u16) -> u32 {
     let mut i = 0;
     while i < PRODUCTS.len() {
         if PRODUCTS[i].number == number {
