@@ -235,7 +235,12 @@ def test_hdf5_survives_a_full_disk(for_matlab: bool) -> None:
 
 @pytest.mark.parametrize(
     ("suffix", "module", "extra"),
-    [(".mat", "scipy.io", "matlab"), (".h5", "h5py", "hdf5"), (".xlsx", "xlsxwriter", "excel")],
+    [
+        (".mat", "scipy.io", "matlab"),
+        (".mat", "h5py", "matlab"),
+        (".h5", "h5py", "hdf5"),
+        (".xlsx", "xlsxwriter", "excel"),
+    ],
 )
 def test_a_missing_extra(
     suffix: str, module: str, extra: str, monkeypatch: pytest.MonkeyPatch

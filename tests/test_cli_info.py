@@ -255,6 +255,17 @@ def test_json_of_a_log_that_names_its_device() -> None:
     }
 
 
+def test_two_devices_with_the_same_bid(tmp_path: Path) -> None:
+    names = [xbus.encode_frame(0x01, bytes([3, 0x80, 0, number])) for number in (1, 2)]
+    sample = xbus.encode_sample({"temperature": 20.0})
+    path = tmp_path / "joined.mtb"
+    path.write_bytes(names[0] + sample + names[1] + sample)
+    text = " ".join(run("info", str(path)).stdout.split())
+    assert "device id 03800001 messages with the same BID name other devices: 03800002; the" in text
+    assert only(run("info", "--json", str(path)).stdout)["other_devices"] == ["03800002"]
+    assert only(run("info", "--json", WALK).stdout)["other_devices"] == []
+
+
 @given(damaged_streams(), st.integers(1, 500))
 def test_parts_make_no_difference(data: bytes, block: int) -> None:
     """The summary of parts equals that of the whole log, so a log need not fit into memory."""

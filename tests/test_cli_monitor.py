@@ -6,6 +6,8 @@ import datetime
 import io
 import json
 import math
+import socket
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -240,6 +242,32 @@ def test_several_devices_are_reported() -> None:
     (event,) = model.events
     assert event.text.startswith("samples of several devices (BID 1, 2) are shown as those of one")
     assert event.is_bad
+
+
+def test_one_of_several_devices(tmp_path: Path) -> None:
+    path = tmp_path / "bus.mtb"
+    frames = [encode_sample({"temperature": 10.0 * bid}, bid=bid) for bid in (0xFF, 2)]
+    path.write_bytes(b"".join(frames * 10))
+    for bid, temperature in (("1", 2550.0), ("2", 20.0)):
+        result = run("monitor", str(path), "--once", "1", "--json", "--bid", bid)
+        (shown,) = json.loads(result.stdout)["quantities"]
+        assert shown["value"] == temperature
+    result = run("monitor", str(path), "--once", "1", "--bid", "3")
+    assert result.exit_code == 1
+    assert "no samples of device 3; the log has those of BID 255, 2" in result.stderr
+    with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as pool:
+
+        def send() -> socket.socket:
+            connection, _ = server.accept()
+            connection.sendall(b"".join(frames * 10))
+            return connection
+
+        sent = pool.submit(send)
+        port = f"socket://127.0.0.1:{server.getsockname()[1]}"
+        result = run("monitor", port, "--listen", "--once", "0.5", "--json", "--bid", "2")
+        sent.result().close()
+    (shown,) = json.loads(result.stdout)["quantities"]
+    assert shown["value"] == 20.0
 
 
 def words(model: Model) -> dict[str, str]:

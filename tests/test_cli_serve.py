@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
 import socket
 import struct
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +26,8 @@ reader = pytest.importorskip("mcap.reader")
 websocket = pytest.importorskip("tornado.websocket")
 httpclient = pytest.importorskip("tornado.httpclient")
 
-from xbus.cli.foxglove_sink import FoxgloveSink  # noqa: E402 - after the checks
+from xbus.cli import websocket_relay  # noqa: E402 - after the checks
+from xbus.cli.foxglove_sink import FoxgloveSink  # noqa: E402
 
 #: A message: its topic, its time in ns, and its bytes.
 Message = tuple[str, int, bytes]
@@ -44,31 +47,50 @@ def of_file(log: xbus.Log, path: Path, style: Any = "rep") -> list[Message]:
         ]
 
 
+class Client:
+    """A WebSocket client that has subscribed to all topics of a server."""
+
+    def __init__(self, connection: Any, topics: dict[int, str]) -> None:
+        self.connection, self._topics = connection, topics
+        self.received: list[Message] = []
+
+    @classmethod
+    async def connected(cls, sink: FoxgloveSink) -> Client:
+        request = httpclient.HTTPRequest(f"ws://127.0.0.1:{sink.port}")
+        connection = await websocket.websocket_connect(request, subprotocols=["foxglove.sdk.v1"])
+        topics: dict[int, str] = {}
+        while len(topics) < len(sink._channels):
+            message = await connection.read_message()
+            if isinstance(message, str) and (text := json.loads(message))["op"] == "advertise":
+                topics |= {channel["id"]: channel["topic"] for channel in text["channels"]}
+                assert all(channel["encoding"] == "cdr" for channel in text["channels"])
+        wanted = [{"id": number, "channelId": number} for number in topics]
+        count = len(sink.subscriptions)
+        await connection.write_message(json.dumps({"op": "subscribe", "subscriptions": wanted}))
+        while [*sink.subscriptions.values()][count:] != [set(topics.values())]:
+            await asyncio.sleep(0.01)
+        return cls(connection, topics)
+
+    async def receive(self, count: float = math.inf) -> None:
+        """Receives messages until there are as many, or until the server ends the connection."""
+        while len(self.received) < count:
+            message = await self.connection.read_message()
+            if message is None:
+                return
+            if isinstance(message, bytes) and message[0] == 1:
+                number, stamp = struct.unpack_from("<IQ", message, 1)
+                self.received.append((self._topics[number], stamp, message[13:]))
+
+
 async def served(sink: FoxgloveSink, log: xbus.Log, messages: LiveMessages) -> list[Message]:
-    """Subscribes to all topics, serves a log, and returns the messages that the client received."""
-    request = httpclient.HTTPRequest(f"ws://127.0.0.1:{sink.port}")
-    client = await websocket.websocket_connect(request, subprotocols=["foxglove.sdk.v1"])
-    topics: dict[int, str] = {}
-    while len(topics) < len(sink._channels):
-        message = await client.read_message()
-        if isinstance(message, str) and (text := json.loads(message))["op"] == "advertise":
-            topics |= {channel["id"]: channel["topic"] for channel in text["channels"]}
-            assert all(channel["encoding"] == "cdr" for channel in text["channels"])
-    wanted = [{"id": number, "channelId": number} for number in topics]
-    await client.write_message(json.dumps({"op": "subscribe", "subscriptions": wanted}))
-    while list(sink.subscriptions.values()) != [set(topics.values())]:
-        await asyncio.sleep(0.01)
+    """Serves a log, and returns the messages that a client received."""
+    client = await Client.connected(sink)
     sink._messages = messages
     before = sink._sent
     sink.write(log)
-    received: list[Message] = []
-    while len(received) < sink._sent - before:
-        message = await client.read_message()
-        if isinstance(message, bytes) and message[0] == 1:
-            number, stamp = struct.unpack_from("<IQ", message, 1)
-            received.append((topics[number], stamp, message[13:]))
-    client.close()
-    return received
+    await client.receive(sink._sent - before)
+    client.connection.close()
+    return client.received
 
 
 @pytest.mark.parametrize("style", ["rep", "driver"])
@@ -86,6 +108,59 @@ def test_a_client_receives_the_messages_of_the_file(style: Any, tmp_path: Path) 
     sink.close()
     assert sorted(received) == sorted(of_file(log, tmp_path / "log.mcap", style))
     assert "1 client" in str(sink)
+
+
+class KeptMessages(LiveMessages):
+    """Keeps the messages that it makes."""
+
+    def __init__(self) -> None:
+        super().__init__(Mcap())
+        self.all: list[Message] = []
+
+    def of(self, block: Any) -> Iterator[tuple[Any, Any, Any]]:
+        for schema, channel, message in super().of(block):
+            self.all.append((channel.topic, message.log_time, message.data))
+            yield schema, channel, message
+
+
+@pytest.mark.parametrize("is_late", [False, True])
+def test_a_slow_client_loses_its_own_data_and_the_loss_is_counted(
+    is_late: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, value in {"LIMIT": 1 << 16, "SYSTEM_BUFFER": 1 << 13, "CLOSING": 0.3}.items():
+        monkeypatch.setattr(websocket_relay, name, value)
+    sink = FoxgloveSink(KeptMessages(), "127.0.0.1", 0, "walk")
+    parts = [part.read() for part in xbus.split_log(WALK, block_bytes=2000)][:25]
+    for part in parts:
+        sink.write(part)  # so that the channels exist
+    messages = KeptMessages()
+
+    async def serve() -> tuple[Client, Client]:
+        fast, slow = await Client.connected(sink), await Client.connected(sink)
+        sink._messages = messages
+        for part in parts:
+            await asyncio.to_thread(sink.write, part)
+            await fast.receive(len(messages.all))
+        # The slow client begins to read when all is sent, or even after the server has ended.
+        closing = asyncio.create_task(asyncio.to_thread(sink.close))
+        if is_late:
+            await closing
+        await asyncio.gather(closing, fast.receive(), slow.receive())
+        fast.connection.close()
+        slow.connection.close()
+        return fast, slow
+
+    fast, slow = asyncio.run(asyncio.wait_for(serve(), 60))
+    assert fast.received == messages.all
+    assert 0 < len(slow.received) < len(messages.all)
+    assert len(slow.received) + sink.lost == len(messages.all)
+    # It lost the oldest of those that waited, and if it is late all that still waited.
+    assert (slow.received[-1] == messages.all[-1]) != is_late
+    position = iter(messages.all)
+    assert all(message in position for message in slow.received)
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.endswith("is too slow and loses messages")
+    assert str(sink).endswith(f"2 clients, {sink.lost:,} messages lost by 1 too slow")
 
 
 def test_messages_of_a_device_have_the_time_of_the_host() -> None:

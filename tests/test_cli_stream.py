@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import math
 import socket
+import subprocess
+import sys
 from collections.abc import Iterator
 from typing import Any
 
@@ -13,6 +15,7 @@ import pytest
 
 import xbus
 from test_cli import WALK, run
+from xbus.cli import nmea_stream
 from xbus.cli.udp_sink import UdpSink
 from xbus.describe.rows import sample_dicts
 
@@ -85,7 +88,7 @@ def test_a_receiver_that_is_gone_loses_its_data_and_the_loss_is_counted() -> Non
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own:
         own.bind(("127.0.0.1", 0))
         port = own.getsockname()[1]
-    sink = UdpSink(f"udp://127.0.0.1:{port}", "json")
+    sink = UdpSink(f"udp://127.0.0.1:{port}")
     sink.write(xbus.read_log(WALK))
     sink.close()
     # All of them: the answer to a datagram, that nothing listens, arrives with a later one.
@@ -100,9 +103,57 @@ def test_sentences_of_the_device(receiver: Receiver, tmp_path: Any) -> None:
     result = run("stream", str(path), "--to", url, "--format", "nmea")
     assert result.exit_code == 0, result.stderr
     assert received(own) == [sentence, sentence]
-    result = run("stream", WALK, "--to", url, "--format", "nmea", "--duration", "0.1")
+
+
+def nmea_of(*datagrams: bytes) -> list[Any]:
+    """The sentences of datagrams, read by pynmeagps; each datagram has one."""
+    pynmeagps = pytest.importorskip("pynmeagps")
+    return [
+        pynmeagps.NMEAReader.parse(datagram, validate=pynmeagps.VALCKSUM) for datagram in datagrams
+    ]
+
+
+def test_sentences_made_from_a_recording_are_those_of_its_file(
+    receiver: Receiver, tmp_path: Any
+) -> None:
+    own, url = receiver
+    result = run("stream", WALK, "--to", url, "--format", "nmea", "--speed", "1000000")
+    assert result.exit_code == 0, result.stderr
+    assert "no strings are sent; sentences are made from MTData2" in result.stderr
+    datagrams = received(own)
+    xbus.read_log(WALK).to_nmea(tmp_path / "walk.nmea")
+    assert b"".join(datagrams) == (tmp_path / "walk.nmea").read_bytes()
+    mark, gga, *_ = nmea_of(*datagrams)
+    assert mark.text == "made by xbus from MTData2"
+    assert gga.identity == "GPGGA"
+
+
+def test_sentences_made_from_a_device(receiver: Receiver, monkeypatch: pytest.MonkeyPatch) -> None:
+    own, url = receiver
+    monkeypatch.setattr(nmea_stream, "WAIT", 0.5)
+    result = run("stream", "sim:MTi-680G", "--to", url, "--format", "nmea", "--duration", "1.5")
+    assert result.exit_code == 0, result.stderr
+    found = {message.identity for message in nmea_of(*received(own))}
+    # As it is delivered, the device sends neither positions nor UTC.
+    assert found == {"GNTXT", "HEHDT"}
+
+
+def test_nothing_to_make_sentences_from(receiver: Receiver, tmp_path: Any) -> None:
+    own, url = receiver
+    path = tmp_path / "log.mtb"
+    path.write_bytes(xbus.encode_sample({"temperature": 1.0}))
+    result = run("stream", str(path), "--to", url, "--format", "nmea")
     assert result.exit_code == 1
-    assert result.stderr.endswith("set its string output, or use --format json\n")
+    assert "no position or orientation to make sentences from" in result.stderr
+    data = [xbus.encode_sample({"euler_angles": [0.0, 0.0, 90.0 * bid]}, bid=bid) for bid in (1, 2)]
+    path.write_bytes(b"".join(data))
+    result = run("stream", str(path), "--to", url, "--format", "nmea")
+    assert result.exit_code == 1
+    assert "sentences do not name a device; choose one with --bid: 1, 2" in result.stderr
+    received(own)
+    result = run("stream", str(path), "--to", url, "--format", "nmea", "--bid", "2")
+    assert result.exit_code == 0, result.stderr
+    assert [message.headingT for message in nmea_of(*received(own)[1:])] == [270]
 
 
 @pytest.mark.parametrize(
@@ -121,30 +172,88 @@ def test_wrong_calls(arguments: list[str], status: int, message: str) -> None:
     assert message in result.stderr
 
 
-def test_a_stream_of_lsl(monkeypatch: pytest.MonkeyPatch) -> None:
-    pylsl = pytest.importorskip("pylsl")
+@pytest.fixture
+def lsl() -> Any:
+    return pytest.importorskip("pylsl")
+
+
+def test_what_lsl_says_about_a_stream(lsl: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     from xbus.cli.lsl_sink import LslSink
 
-    log = xbus.read_log(WALK)
     sink = LslSink("walk", 0x1234)
     outlets: dict[str, Any] = {}
     create = sink._outlet
     monkeypatch.setattr(
         sink, "_outlet", lambda name, column: outlets.setdefault(name, create(name, column))
     )
-    sink.write(log)
+    sink.write(xbus.read_log(WALK))
     info = outlets["acceleration"].get_info()
     assert info.name() == "00001234 acceleration"
-    channels = info.desc().child("channels")
-    assert channels.child("channel").child_value("label") == "x"
-    assert channels.child("channel").child_value("unit") == "m/s2"
-    if not (found := pylsl.resolve_byprop("source_id", info.source_id(), timeout=5)):
-        pytest.skip("the network of this computer does not resolve streams")
-    inlet = pylsl.StreamInlet(found[0])
+    channel = info.desc().child("channels").child("channel")
+    labels, units = [], []
+    for _ in range(info.channel_count()):
+        labels.append(channel.child_value("label"))
+        units.append(channel.child_value("unit"))
+        channel = channel.next_sibling()
+    assert labels == ["x", "y", "z", "counter"]
+    assert units == ["m/s2"] * 3 + [""]
+    sink.close()
+
+
+#: A receiver: one inlet reads all the time, the other one keeps 100 samples and is read at the end.
+RECEIVER = """
+import json, sys
+import pylsl
+
+found = pylsl.resolve_byprop("source_id", sys.argv[1], timeout=5)
+if not found:
+    sys.exit("no stream")
+fast, slow = pylsl.StreamInlet(found[0]), pylsl.StreamInlet(found[0], max_buflen=1)
+for inlet in (fast, slow):
     inlet.open_stream(timeout=10)
-    sink.write(log)
-    chunk, stamps = inlet.pull_chunk(timeout=10, max_samples=1000)
-    np.testing.assert_array_equal(np.array(chunk, np.float32), log["acceleration"].values)
-    np.testing.assert_allclose(np.diff(stamps), np.diff(log["acceleration"].time), atol=1e-6)
-    assert pylsl.local_clock() - stamps[-1] < 60
+print("open", flush=True)
+count, rows, stamps = int(input()), [], []
+while len(rows) < count:
+    more, times = fast.pull_chunk(timeout=10.0, max_samples=1000)
+    rows, stamps = rows + more, stamps + times
+last = slow.pull_sample(timeout=10.0)[0]
+counters = [last[-1]]
+while counters[-1] != rows[-1][-1]:
+    counters.append(slow.pull_sample(timeout=10.0)[0][-1])
+print(json.dumps({"rows": rows, "stamps": stamps, "slow": counters}), flush=True)
+"""
+
+
+def test_a_slow_client_of_lsl_can_count_what_it_loses(lsl: Any) -> None:
+    """In another process, by the library that all clients of LSL use."""
+    from xbus.cli.lsl_sink import LslSink
+
+    log = xbus.read_log(WALK)
+    column = log["acceleration"]
+    sink = LslSink("walk", 0x1234)
+    sink.write(log)  # so that the streams exist
+    receiver = subprocess.Popen(  # noqa: S603
+        [sys.executable, "-c", RECEIVER, "xbus-00001234-acceleration"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    with receiver:
+        assert receiver.stdin is not None
+        assert receiver.stdout is not None
+        if receiver.stdout.readline() != "open\n":
+            pytest.skip("the network of this computer does not resolve streams")
+        sink.write(log)
+        print(len(column), file=receiver.stdin, flush=True)
+        found = json.loads(receiver.stdout.readline())
+    rows, stamps = np.array(found["rows"]), np.array(found["stamps"])
+    np.testing.assert_array_equal(rows[:, :3].astype(np.float32), column.values)
+    np.testing.assert_array_equal(rows[:, 3], np.arange(len(column)) + len(column))
+    np.testing.assert_allclose(np.diff(stamps), np.diff(column.time), atol=1e-6)
+    assert lsl.local_clock() - stamps[-1] < 60
+    # The slow inlet has lost samples, and the counter says how many.
+    slow = np.array([rows[0, 3] - 1, *found["slow"]])
+    lost = np.diff(slow) - 1
+    assert lost.sum() > 0
+    assert len(found["slow"]) + lost.sum() == len(column)
     sink.close()

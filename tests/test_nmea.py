@@ -151,6 +151,28 @@ def test_heading_without_position() -> None:
     assert len(found["GPZDA"]) == 3
 
 
+def test_an_old_heading_is_left_out() -> None:
+    """One that is older than a second, or was measured before a restart."""
+
+    def north(seconds: float) -> bytes:
+        ticks = round(seconds * 10_000)
+        return encode_sample({"sample_time_fine": ticks, "euler_angles": [0.0, 0.0, 90.0]})
+
+    def fix(seconds: float | None) -> bytes:
+        stamp = {} if seconds is None else {"sample_time_fine": round(seconds * 10_000)}
+        return encode_sample(stamp | {"lat_lon": (52.0, 4.0)})
+
+    def headings(*samples: bytes) -> list[float]:
+        xbus.read_log(b"".join(samples)).to_nmea("out.nmea")
+        return [message.headingT for message in read() if message.identity == "HEHDT"]
+
+    assert headings(north(1.0), fix(1.0), fix(2.0), fix(2.0001)) == [0, 0]
+    # The age of a sample without a stamp is unknown: only the next sample has the heading.
+    assert headings(north(1.0), fix(None), fix(None)) == [0]
+    wake_up = xbus.encode_frame(0x3E, b"")
+    assert headings(north(1.0), wake_up, fix(1.1), north(1.2), fix(1.3)) == [0]
+
+
 def test_the_parts_of_a_log_give_the_same_bytes() -> None:
     turning = [encode_sample({"quaternion": [1, 0, 0, at / 100]}) for at in range(100)]
     positions = [pvt(at, {"flags": at % 7 > 0}) for at in range(100)]

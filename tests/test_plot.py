@@ -16,7 +16,7 @@ from hypothesis import given, settings
 import xbus
 from conftest import OWN_CAPTURES, counter, damaged_streams, fine
 from streams import frame, mtdata2, packet, real
-from xbus.plots.palette import COLOURS
+from xbus.export.palette import COLOURS
 from xbus.plots.panels import has_panels
 from xbus.plots.plot import Plot, TimeAxis
 from xbus.plots.thin import BINS

@@ -25,7 +25,7 @@ import xbus
 from conftest import OWN_CAPTURES, counter, damaged_streams, fine
 from streams import mtdata2, packet, real
 from xbus import MessageId, SimulatedDevice, encode_frame, encode_sample
-from xbus.plots.palette import ALARM, COLOURS
+from xbus.export.palette import ALARM, COLOURS
 from xbus.report import Options, gather, plotly_js, write_report
 from xbus.report.base_map import SERVER
 from xbus.report.findings import findings, percent

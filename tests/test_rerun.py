@@ -13,8 +13,10 @@ import pytest
 
 import xbus
 from test_cli import FIELD, WALK, run
+from xbus.export.rerun.rrd import Rrd
 from xbus.export.rerun.scene import Scene
 from xbus.geometry.quaternion import rotate
+from xbus.log.part_file import export_parts
 from xbus.protocol.tables import RESULT_CODES
 
 rerun = pytest.importorskip("rerun")
@@ -168,6 +170,17 @@ def test_devices_have_paths_and_places_of_their_own(tmp_path: Path) -> None:
     }
     assert places == {"/03800001": 4.0, "/03800002": 0.0}
     assert values(rows["/03800001/temperature"], "sample") == [1]
+
+
+def test_a_device_that_is_identified_late_has_its_name_in_all_parts(tmp_path: Path) -> None:
+    samples = [sample(counter, 100 * counter) for counter in range(100)]
+    data = b"".join([*samples[:90], xbus.encode_frame(0x01, bytes([3, 0x80, 0, 1])), *samples[90:]])
+    parts = xbus.split_log(data, block_bytes=400)
+    assert parts[0].read().devices[0].device_id is None
+    export_parts(parts, tmp_path / "out.rrd", Rrd())
+    rows = rrd_rows(tmp_path / "out.rrd")
+    assert values(rows["/03800001/temperature"], "sample") == list(range(100))
+    assert not [path for path in rows if path.startswith("/bid_")]
 
 
 def test_accuracies_and_dilutions_have_plots_of_their_own(

@@ -12,13 +12,16 @@ from xbus.cli.failure import Failure
 from xbus.cli.number_type import NumberRange
 from xbus.describe.failures import port_failure, system_error
 from xbus.errors import XbusError
+from xbus.protocol.tables import MASTER, device_of
 
 if TYPE_CHECKING:
     from xbus.device import Device
     from xbus.wire.link import Link
 
 __all__ = [
+    "address_of",
     "baudrate_option",
+    "bid_option",
     "connect_device",
     "duration_option",
     "listen_option",
@@ -33,6 +36,14 @@ baudrate_option = click.option(
     type=click.IntRange(1, 4_000_000),
     metavar="RATE",
     help="Bits per second. Default: try the usual rates.",
+)
+
+#: The option to choose a device of a bus.
+bid_option = click.option(
+    "--bid",
+    type=click.IntRange(1, 255),
+    metavar="N",
+    help="Read only the device with this bus identifier; 1 and 255 are the same device.",
 )
 
 #: The option to listen only.
@@ -64,7 +75,7 @@ def connect_device(
     port: str,
     baudrate: int | None = None,
     *,
-    bid: int = 0xFF,
+    bid: int = MASTER,
     listen: bool = False,
     strings: Sequence[str] = (),
 ) -> Device:
@@ -79,6 +90,14 @@ def connect_device(
 
     with _opening(port):
         return connect(port, baudrate, bid=bid, listen=listen, strings=strings)
+
+
+def address_of(bid: int | None) -> int:
+    """Returns the bus identifier of `connect_device` that selects a device of `bid_option`.
+
+    255 would be all devices on the port: 1 is the device that sends either of the two.
+    """
+    return MASTER if bid is None else device_of(bid)
 
 
 def open_port(port: str, baudrate: int) -> Link:

@@ -60,6 +60,7 @@ def is_string(key: EntryKey) -> bool:
 @contextlib.contextmanager
 def reading(names: str) -> Iterator[None]:
     """Converts the errors of an input that changes, cannot be read or is no recording to a Failure."""
+    from xbus.log.log import MissingDeviceError
     from xbus.log.parts import LogChangedError
     from xbus.log.pieces import PiecesError
 
@@ -67,6 +68,8 @@ def reading(names: str) -> Iterator[None]:
         yield
     except PiecesError as error:
         raise Failure(str(error)) from error
+    except MissingDeviceError as error:
+        raise Failure(f"{names}: {error}") from error
     except LogChangedError as error:
         remedy = (
             "decode copies"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import click
 
-from xbus.cli.connection import connect_device, port_lost
+from xbus.cli.connection import address_of, connect_device, port_lost
 from xbus.cli.inputs import is_recording, label
 from xbus.errors import Disconnected
 from xbus.formatting import describe_losses, format_count
@@ -133,6 +133,7 @@ class LiveInput:
 def live_input(
     name: str,
     *,
+    bid: int | None = None,
     baudrate: int | None = None,
     listen: bool = False,
     speed: float | None = None,
@@ -142,6 +143,7 @@ def live_input(
 
     Args:
         name: A port, ``sim:PRODUCT``, or a file.
+        bid: The only device to read, or None.
         baudrate: Bits per second of a port.
         listen: Whether to send nothing to a port.
         speed: Replay speed of a recording.
@@ -157,14 +159,16 @@ def live_input(
                 raise click.UsageError(f"{label(name)} is a recording; {option} is for a port")
         from xbus.cli.monitor.replay_source import ReplaySource
 
-        yield LiveInput(ReplaySource(name, speed or 1.0, strings), None)
+        yield LiveInput(ReplaySource(name, speed or 1.0, strings, bid), None)
         return
     if speed is not None:
         raise click.UsageError("--speed is for a recording; a device sends at its own rate")
     from xbus.protocol.values import State
     from xbus.watch.device_source import DeviceSource
 
-    with connect_device(name, baudrate, listen=listen, strings=strings) as device:
+    with connect_device(
+        name, baudrate, bid=address_of(bid), listen=listen, strings=strings
+    ) as device:
         source = DeviceSource(device, reconnect=False)
         if not listen and device.state == State.CONFIG:
             device.go_to_measurement()

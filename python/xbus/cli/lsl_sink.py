@@ -19,10 +19,16 @@ __all__ = ["LslSink"]
 
 #: Seconds of data that LSL keeps for each client. A slower one loses the oldest.
 BUFFER = 360
+#: Label of the last channel of each stream, which counts its samples: LSL does not report what clients lose.
+COUNTER = "counter"
+#: The counter begins again at 0 after this many: float32 holds all integers below it.
+COUNTS = 1 << 24
 
 
 class LslSink:
     """A stream of LSL for each quantity. Its clients read at their own pace; LSL keeps data for each of them.
+
+    The last channel of each stream counts its samples, so that a client sees what it has lost.
 
     Args:
         source: What identifies the device to clients, where its identifier is not known.
@@ -35,6 +41,8 @@ class LslSink:
         self._pylsl = require("pylsl", "lsl", "to stream to LSL")
         self._device = source if device_id is None else device_name(device_id)
         self._outlets: dict[str, Any] = {}
+        #: Number of samples of each stream.
+        self._counts: dict[str, int] = {}
         self._samples = 0
 
     @property
@@ -52,7 +60,11 @@ class LslSink:
             if name not in self._outlets:
                 self._outlets[name] = self._outlet(name, column)
             times = stamps[column.sample - block.first_sample]
-            self._outlets[name].push_chunk(_rows(column).tolist(), times.tolist())
+            rows, count = _rows(column), self._counts.get(name, 0)
+            counter = np.arange(count, count + len(rows)) % COUNTS
+            self._counts[name] = count + len(rows)
+            chunk = np.column_stack([rows, counter]).tolist()
+            self._outlets[name].push_chunk(chunk, times.tolist())
         self._samples += len(block)
 
     def _stamps(self, block: Log) -> Any:
@@ -67,7 +79,7 @@ class LslSink:
 
     def _outlet(self, name: str, column: Column) -> Any:
         pylsl = self._pylsl
-        labels = column.fields or (name,)
+        labels = (*(column.fields or (name,)), COUNTER)
         info = pylsl.StreamInfo(
             f"{self._device} {name}",
             "IMU",
@@ -80,7 +92,8 @@ class LslSink:
         for label in labels:
             channel = channels.append_child("channel")
             channel.append_child_value("label", label)
-            channel.append_child_value("unit", column.units.get(label, column.unit))
+            unit = "" if label == COUNTER else column.units.get(label, column.unit)
+            channel.append_child_value("unit", unit)
         if column.coordinates:
             info.desc().append_child_value("coordinates", column.coordinates)
         return pylsl.StreamOutlet(info, max_buffered=BUFFER)

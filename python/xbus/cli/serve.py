@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.connection import baudrate_option, duration_option, listen_option, speed_option
+from xbus.cli.connection import (
+    baudrate_option,
+    bid_option,
+    duration_option,
+    listen_option,
+    speed_option,
+)
 from xbus.cli.failure import cannot, stop_requested
 from xbus.cli.inputs import is_recording, label
 from xbus.formatting import format_count
@@ -56,6 +62,7 @@ PART = 4 << 20
     metavar="FILE",
     help="Record every byte of the device to this file, too.",
 )
+@bid_option
 @baudrate_option
 @listen_option
 @speed_option
@@ -66,6 +73,7 @@ def serve(
     tcp_port: int,
     ros_style: str,
     record: str | None,
+    bid: int | None,
     baudrate: int | None,
     listen: bool,
     speed: float | None,
@@ -74,8 +82,8 @@ def serve(
     """Serves what a device sends to Foxglove, as messages of ROS 2.
 
     The topics are those of xbus decode -o FILE.mcap. In Foxglove, open a connection "Foxglove WebSocket" to
-    the printed address. A client that is slow loses only its own data. Messages of a device have the time of
-    the measurement on the clock of this computer.
+    the printed address. A client that is slow loses only its own messages, and the summary counts them.
+    Messages of a device have the time of the measurement on the clock of this computer.
 
     Stops on Ctrl-C, SIGTERM or after --duration.
 
@@ -87,26 +95,26 @@ def serve(
 
     if record is not None and is_recording(source):
         raise click.UsageError(f"{label(source)} is a recording; --record is for a port")
-    messages = _messages(source, ros_style)
     with (
         stop_requested() as is_stopping,
-        live_input(source, baudrate=baudrate, listen=listen, speed=speed) as live,
-        contextlib.closing(FoxgloveSink(messages, host, tcp_port, source)) as sink,
-        _recording(live, record) as recorded,
+        live_input(source, bid=bid, baudrate=baudrate, listen=listen, speed=speed) as live,
     ):
-        if not _is_loopback(host):
-            click.echo(
-                f"xbus: every computer that reaches {host} can read the data; --host 127.0.0.1 serves only "
-                "this one",
-                err=True,
-            )
-        click.echo(f"serving ws://{host}:{sink.port}", err=True)
-        live.run(sink, is_stopping, duration=duration)
+        sink = FoxgloveSink(_messages(source, ros_style, bid), host, tcp_port, source)
+        with contextlib.closing(sink), _recording(live, record) as recorded:
+            if not _is_loopback(host):
+                click.echo(
+                    f"xbus: every computer that reaches {host} can read the data; --host 127.0.0.1 serves "
+                    "only this one",
+                    err=True,
+                )
+            address = f"[{host}]" if ":" in host else host
+            click.echo(f"serving ws://{address}:{sink.port}", err=True)
+            live.run(sink, is_stopping, duration=duration)
         summary = f"{label(source)}: {live.elapsed:,.1f} s, {sink}; {live.losses()}"
     click.echo(summary + (f"; {recorded[0]}" if recorded else ""), err=True)
 
 
-def _messages(source: str, ros_style: str) -> LiveMessages:
+def _messages(source: str, ros_style: str, bid: int | None) -> LiveMessages:
     """Returns what makes the messages; the times of a recording are found first."""
     from xbus.export.ros.live import LiveMessages
     from xbus.export.ros.mcap import Mcap
@@ -118,7 +126,7 @@ def _messages(source: str, ros_style: str) -> LiveMessages:
         return LiveMessages(style)
     times = TimeBase()
     try:
-        for part in iter_log(source, block_bytes=PART, quantities=TIME_QUANTITIES):
+        for part in iter_log(source, block_bytes=PART, quantities=TIME_QUANTITIES, bid=bid):
             times.add(part)
     except OSError as error:
         raise cannot(f"read {label(source)}", error) from error

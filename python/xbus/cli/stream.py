@@ -9,19 +9,28 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from xbus.cli.connection import baudrate_option, duration_option, listen_option, speed_option
-from xbus.cli.failure import Failure, stop_requested
-from xbus.cli.inputs import label
+from xbus.cli.connection import (
+    baudrate_option,
+    bid_option,
+    duration_option,
+    listen_option,
+    speed_option,
+)
+from xbus.cli.failure import Failure, cannot, stop_requested
+from xbus.cli.inputs import is_recording, label
 
 if TYPE_CHECKING:
     from xbus.cli.live_input import LiveInput
     from xbus.cli.lsl_sink import LslSink
+    from xbus.cli.nmea_stream import NmeaStream
     from xbus.cli.udp_sink import UdpSink
 
 __all__ = ["stream"]
 
 #: Seconds between two lines of progress.
 PROGRESS = 10.0
+#: Bytes of a recording that are surveyed at once.
+PART = 4 << 20
 
 
 @click.command(epilog="Example: xbus stream /dev/ttyUSB0 --to udp://127.0.0.1:5005")
@@ -37,9 +46,10 @@ PROGRESS = 10.0
     "--format",
     "form",
     type=click.Choice(["json", "nmea"]),
-    help="Content of datagrams: a line of JSON for each sample, or the NMEA sentences that the device sends."
-    "  [default: json]",
+    help="Content of datagrams: a line of JSON for each sample, or NMEA sentences: those of the device, or"
+    " made from its samples if it sends none.  [default: json]",
 )
+@bid_option
 @baudrate_option
 @listen_option
 @speed_option
@@ -49,6 +59,7 @@ def stream(
     source: str,
     target: str,
     form: Literal["json", "nmea"] | None,
+    bid: int | None,
     baudrate: int | None,
     listen: bool,
     speed: float | None,
@@ -58,8 +69,9 @@ def stream(
     """Passes what a device sends on to other programs.
 
     A datagram has one sample as a line of JSON: sample, time in seconds on the device clock, utc, host_time,
-    bid, and the quantities; null is not known, or not a number. Nothing waits for a receiver: what it does
-    not take is lost, and the summary counts it.
+    bid, and the quantities; null is not known, or not a number. Nothing waits for a receiver: what the system
+    does not take is lost, and the summary counts it. Receivers count what they lose themselves by the sample
+    of JSON, or the channel counter of a stream of LSL.
 
     Stops on Ctrl-C, SIGTERM or after --duration.
 
@@ -75,23 +87,24 @@ def stream(
         raise click.UsageError("--format is for udp://; LSL has numbers")
     with (
         stop_requested() as is_stopping,
-        live_input(source, baudrate=baudrate, listen=listen, speed=speed) as live,
+        live_input(source, bid=bid, baudrate=baudrate, listen=listen, speed=speed) as live,
     ):
-        sink = _sink(target, form or "json", source, live)
+        sink = _sink(target, form or "json", source, bid, live)
         with contextlib.closing(sink):
             progress = _Progress(live, sink, shown=not quiet)
             live.run(sink, is_stopping, duration=duration, progress=progress.update)
         summary = f"{label(source)}: {live.elapsed:,.1f} s, {sink}; {live.losses()}"
     if form == "nmea" and not sink.offered:
         raise Failure(
-            f"{summary}; the device sends no NMEA strings: set its string output, or use --format json"
+            f"{summary}; there are no NMEA strings, and no position or orientation to make sentences from; "
+            "--format json sends every sample"
         )
     if not quiet:
         click.echo(summary, err=True)
 
 
 def _sink(
-    target: str, form: Literal["json", "nmea"], source: str, live: LiveInput
+    target: str, form: Literal["json", "nmea"], source: str, bid: int | None, live: LiveInput
 ) -> UdpSink | LslSink:
     if target == "lsl":
         from xbus.cli.lsl_sink import LslSink
@@ -99,7 +112,22 @@ def _sink(
         return LslSink(source, live.device_id)
     from xbus.cli.udp_sink import UdpSink
 
-    return UdpSink(target, form)
+    if form == "json":
+        return UdpSink(target)
+    return UdpSink(target, "sentence", _nmea_of(source, bid).of)
+
+
+def _nmea_of(source: str, bid: int | None) -> NmeaStream:
+    from xbus.cli.nmea_stream import NmeaStream
+    from xbus.describe.log_summary import LogSummary
+    from xbus.log.read import iter_log
+
+    if not is_recording(source):
+        return NmeaStream()
+    try:
+        return NmeaStream(LogSummary(iter_log(source, block_bytes=PART, bid=bid)))
+    except OSError as error:
+        raise cannot(f"read {label(source)}", error) from error
 
 
 class _Progress:

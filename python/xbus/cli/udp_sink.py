@@ -6,7 +6,8 @@ import contextlib
 import json
 import os
 import socket
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Callable, Iterable, Iterator
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import click
@@ -17,7 +18,7 @@ from xbus.formatting import format_count
 if TYPE_CHECKING:
     from xbus.log.log import Log
 
-__all__ = ["UdpSink", "udp_address"]
+__all__ = ["UdpSink", "json_lines", "udp_address"]
 
 
 def udp_address(url: str) -> tuple[str, int]:
@@ -38,18 +39,32 @@ def udp_address(url: str) -> tuple[str, int]:
     return host, port
 
 
+def json_lines(block: Log) -> Iterator[bytes]:
+    """Yields each sample as a line of JSON."""
+    from xbus.describe.rows import sample_dicts
+
+    for sample in sample_dicts(block):
+        yield json.dumps(sample, allow_nan=False).encode() + b"\n"
+
+
 class UdpSink:
     """Sends datagrams and never waits: what the network does not take at once is lost and counted.
 
     Args:
         url: Where to send them, as in `udp_address`.
-        form: ``"json"`` for a line per sample, ``"nmea"`` for the sentences that the device sends.
+        noun: What a datagram holds, in the singular.
+        encode: Returns the datagrams of a block.
 
     Raises:
         Failure: The host is not known.
     """
 
-    def __init__(self, url: str, form: Literal["json", "nmea"]) -> None:
+    def __init__(
+        self,
+        url: str,
+        noun: str = "sample",
+        encode: Callable[[Log], Iterable[bytes]] = json_lines,
+    ) -> None:
         host, port = udp_address(url)
         try:
             found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
@@ -69,8 +84,7 @@ class UdpSink:
             raise Failure(
                 f"cannot reach {host}: {error.strerror}; check the address after --to"
             ) from error
-        self._noun = "sample" if form == "json" else "sentence"
-        self._form = form
+        self._noun, self._encode = noun, encode
         self._sent = self._lost = 0
         self._reason = ""
 
@@ -80,16 +94,9 @@ class UdpSink:
         return self._sent + self._lost
 
     def write(self, block: Log) -> None:
-        """Sends the samples or sentences of a block."""
-        if self._form == "nmea":
-            for string in block.strings:
-                if string.data.startswith(b"$"):
-                    self._send(string.data)
-            return
-        from xbus.describe.rows import sample_dicts
-
-        for sample in sample_dicts(block):
-            self._send(json.dumps(sample, allow_nan=False).encode() + b"\n")
+        """Sends the datagrams of a block."""
+        for data in self._encode(block):
+            self._send(data)
 
     def _send(self, data: bytes) -> None:
         try:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.connection import baudrate_option, listen_option
+from xbus.cli.connection import baudrate_option, bid_option, listen_option
 from xbus.cli.decoding import PART, reading
 from xbus.cli.failure import Failure, stop_requested
 from xbus.cli.inputs import Input, is_recording, label, no_frame, reading_task
@@ -31,6 +31,7 @@ TIMEOUT = 10.0
 
 @click.command(epilog="Example: xbus view walk.mtb")
 @click.argument("source", metavar="FILE|PORT")
+@bid_option
 @baudrate_option
 @listen_option
 @click.option(
@@ -49,7 +50,12 @@ TIMEOUT = 10.0
     help="TCP port of the viewer. A viewer that already listens there is used.",
 )
 def view(
-    source: str, baudrate: int | None, listen: bool, memory_limit: str, viewer_port: int
+    source: str,
+    bid: int | None,
+    baudrate: int | None,
+    listen: bool,
+    memory_limit: str,
+    viewer_port: int,
 ) -> None:
     """Shows a recording or a device in the viewer rerun.
 
@@ -63,41 +69,55 @@ def view(
         for option, value in {"--baudrate": baudrate, "--listen": listen}.items():
             if value:
                 raise click.UsageError(f"{label(source)} is a recording; {option} is for a port")
-        _view_file(source, viewer_port, memory_limit)
+        _view_file(source, bid, viewer_port, memory_limit)
     else:
-        _view_port(source, viewer_port, memory_limit, baudrate=baudrate, listen=listen)
+        _view_port(source, bid, viewer_port, memory_limit, baudrate=baudrate, listen=listen)
 
 
-def _view_file(file: str, viewer_port: int, memory_limit: str) -> None:
-    from xbus.export.rerun.stream import RerunStream
-    from xbus.log.read import iter_log
+def _view_file(file: str, bid: int | None, viewer_port: int, memory_limit: str) -> None:
+    from xbus.cli.stored import stored
+    from xbus.export.rerun.stream import RerunStream, names_of
 
-    with Input([file]) as check:
-        total = check.total
-    with Progress(reading_task(file)) as progress, _viewer(viewer_port, memory_limit) as recording:
-        stream = RerunStream(recording)
-        with reading(label(file)), Input([file], progress) as source:
-            frames = 0
-            for part in iter_log(source, block_bytes=PART):
-                frames += part.stats.frames
-                stream.write(part)
-                _flush(recording, viewer_port)
+    task = reading_task(file)
+    with (
+        Progress(task) as progress,
+        Input([file], progress) as source,
+        stored(source, [file]) as stored_file,
+        _viewer(viewer_port, memory_limit) as recording,
+        reading(label(file)),
+    ):
+        # The first pass finds the identifiers of devices, which name what is shown.
+        parts = stored_file.split(block_bytes=PART, bid=bid)
+        stream = RerunStream(recording, names_of(parts[0].empty().devices))
+        frames = 0
+        for part in parts:
+            log = part.read()
+            frames += log.stats.frames
+            stream.write(log)
+            _flush(recording, viewer_port)
+            progress.update(task, part.end, stored_file.size)
         if not frames:
-            raise no_frame([file], total or 0, source.head)
+            raise no_frame([file], stored_file.size, source.head)
         stream.close()
         _flush(recording, viewer_port)
     click.echo(f"{label(file)}: {_sent(stream)}", err=True)
 
 
 def _view_port(
-    port: str, viewer_port: int, memory_limit: str, *, baudrate: int | None, listen: bool
+    port: str,
+    bid: int | None,
+    viewer_port: int,
+    memory_limit: str,
+    *,
+    baudrate: int | None,
+    listen: bool,
 ) -> None:
     from xbus.cli.live_input import live_input
     from xbus.export.rerun.stream import RerunStream
 
     with (
         stop_requested() as is_stopping,
-        live_input(port, baudrate=baudrate, listen=listen) as live,
+        live_input(port, bid=bid, baudrate=baudrate, listen=listen) as live,
         _viewer(viewer_port, memory_limit) as recording,
     ):
         names = {} if live.device_id is None else {1: live.device_id}

@@ -16,7 +16,13 @@ from xbus.describe.listing import MAX_LISTED, FirstRows, LargestRows
 from xbus.describe.text import known_digits, recording_date
 from xbus.formatting import device_name
 from xbus.log.column import Column
-from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identity_of
+from xbus.log.identity import (
+    IDENTITY_MESSAGES,
+    Identity,
+    device_id_of,
+    identities_of,
+    identity_of,
+)
 from xbus.log.log import Log, steady_time
 from xbus.log.messages import Messages
 from xbus.log.rates import Rates
@@ -266,6 +272,8 @@ class LogSummary:
         strings: Number of string outputs by name; those that the manual does not list are ``"others"``.
         events: The first errors and warnings that the device sent, `EVENT`.
         kinds: The kinds of these, at most `MAX_KINDS`, by message and payload.
+        other_devices: Identifiers of devices whose bus identifier another device has, as in a file that joins
+            two recordings; a dictionary that has them as keys.
         runs: The runs of all devices.
         unknown: Number of packets and bytes by data identifier, of packets that the tables do not explain.
         frames: Frame numbers of Awinda trackers, by device identifier, in the order in which they arrived.
@@ -282,6 +290,7 @@ class LogSummary:
     def __init__(self, parts: Iterable[Log]) -> None:
         self.stats = Stats(**{field.name: 0 for field in fields(Stats)})
         self._identities: dict[int, Identity] = {}
+        self.other_devices: dict[int, None] = {}
         self.runs = Runs()
         self._device_rates: dict[int, Rates] = {}
         self._quantities: dict[tuple[str, str | None], QuantitySummary] = {}
@@ -379,9 +388,9 @@ class LogSummary:
         """Adds the next part, and returns the runs that its samples belong to."""
         counts = asdict(self.stats)
         self.stats = Stats(**{name: counts[name] + n for name, n in asdict(part.stats).items()})
-        self._identities = identities_of(
-            part.messages.with_mids(*IDENTITY_MESSAGES), self._identities
-        )
+        messages = list(part.messages.with_mids(*IDENTITY_MESSAGES))
+        self._identities = identities_of(messages, self._identities)
+        self._add_other_devices(messages)
         runs = self.runs.add(part.core)
         devices = device_of(part.bid)
         for device in np.unique(devices).tolist():
@@ -411,6 +420,12 @@ class LogSummary:
         self._add_gaps(part, runs, stamps)
         self._add_messages(part, stamps)
         return runs
+
+    def _add_other_devices(self, messages: Iterable[Message]) -> None:
+        for message in messages:
+            found, own = device_id_of(message), self._identities[device_of(message.bid)].device_id
+            if found not in (None, own) and len(self.other_devices) < MAX_KINDS:
+                self.other_devices.setdefault(found)
 
     def _add_utc(self, column: Column) -> None:
         stamps = column.datetime[(column.values["valid"] & UTC_VALID == UTC_VALID)]
@@ -475,6 +490,7 @@ class LogSummary:
             "bytes": stats.bytes,
             "device": _identity_dict(self.identity),
             "devices": [device.to_dict() for device in self.devices],
+            "other_devices": [device_name(found) for found in self.other_devices],
             "recorded": configuration and recording_date(configuration),
             "configuration": configuration and _settings(configuration),
             "utc": self._utc_dict(),

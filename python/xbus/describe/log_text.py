@@ -26,6 +26,12 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
     stats, configuration = summary.stats, summary.identity.configuration
     yield "size", f"{stats.bytes:,} bytes"
     yield "device", ", ".join(_device(summary))
+    if summary.other_devices:
+        others = ", ".join(map(device_name, summary.other_devices))
+        yield (
+            "",
+            f"messages with the same BID name other devices: {others}; the file may join several recordings",
+        )
     if configuration is not None and (date := recording_date(configuration)):
         yield "recorded", f"{date} by the clock of the recording computer"
     if summary.utc:

@@ -36,6 +36,8 @@ class Matlab(Format):
     def quantities(self, shape: Part) -> Sequence[EntryKey] | None:  # noqa: ARG002 - all
         """See `Format.quantities`."""
         _scipy_io()
+        # Only known to be needed when much is written; the extra has both.
+        require("h5py", "matlab", "to write MATLAB files")
         return None
 
     @contextmanager

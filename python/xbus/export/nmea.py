@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import IO, Any
@@ -16,18 +16,21 @@ from xbus.export.part import Part
 from xbus.export.positions import Points, Positions, Source, positions_of
 from xbus.export.replacing import replacing
 from xbus.export.ros.measured import Measured, columns_of
+from xbus.export.valid import known_time
 from xbus.geometry import quaternion
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import UTC_SOURCES
 from xbus.protocol.values import StringType
 
-__all__ = ["Nmea"]
+__all__ = ["MARK", "ORIENTATIONS", "Nmea", "Sentences", "nmea_positions", "sentences", "texts_of"]
 
 ORIENTATIONS = ("quaternion", "rotation_matrix", "euler_angles")
 #: A knot in m/s.
 KNOT = 1852 / 3600
 #: Digits of the minutes: as many as give 1e-7 degrees exactly.
 DECIMALS = 7
+#: The oldest orientation in s whose heading counts.
+HEADING_AGE = 1.0
 #: The first sentence of a file with sentences that the device did not send.
 MARK = "GNTXT,01,01,02,made by xbus from MTData2"
 
@@ -52,16 +55,13 @@ class Nmea(Format):
 
     def quantities(self, shape: Part) -> Sequence[EntryKey]:
         """See `Format.quantities`."""
-        positions = self._positions(shape)
+        positions = nmea_positions(shape, self.source)
         names = [key for key in shape if (key if isinstance(key, str) else key[0]) in ORIENTATIONS]
         names += [name for name in UTC_SOURCES if name in shape]
         names += positions.quantities(shape) if positions is not None else []
+        # Its fix decides whether the times of its samples are valid.
+        names += ["gnss_pvt_data"] if "gnss_pvt_data" in shape else []
         return list(dict.fromkeys(names))
-
-    def _positions(self, shape: Part) -> Positions | None:
-        if self.source is not None:
-            return positions_of(shape, self.source)
-        return positions_of(shape, "gnss") or positions_of(shape, "filter")
 
     def survey(self, shape: Part) -> Survey:  # noqa: ARG002 - as in the base class
         """See `Format.survey`: whether there are strings."""
@@ -81,7 +81,7 @@ class Nmea(Format):
                 )
 
     def _maker(self, out: IO[bytes], shape: Part) -> _SentenceWriter:
-        positions = self._positions(shape)
+        positions = nmea_positions(shape, self.source)
         if positions is None and not any(columns_of(shape, name) for name in ORIENTATIONS):
             needed = self.source or "position or orientation"
             raise ExportError(
@@ -107,8 +107,26 @@ class _StringSurvey:
         return replace(self._format, has_strings=self._has_strings)
 
 
+def nmea_positions(names: Container[object], source: Source | None = None) -> Positions | None:
+    """Returns the positions of sentences: those of the receiver, else of the filter; None without any.
+
+    Args:
+        names: The quantities of a log.
+        source: The only source, or None for either.
+    """
+    if source is not None:
+        return positions_of(names, source)
+    return positions_of(names, "gnss") or positions_of(names, "filter")
+
+
+def texts_of(part: Part) -> list[bytes]:
+    """Returns the strings of a part, each with CR LF; a binary one, EM1000, is left out."""
+    texts = [string.data for string in part.strings if string.type is not StringType.EM1000]
+    return [text.rstrip(b"\r\n") + b"\r\n" for text in texts]
+
+
 class _StringWriter:
-    """Writes the strings of a recording, each with CR LF; a binary one, EM1000, is left out."""
+    """Writes the strings of a recording."""
 
     def __init__(self, out: IO[bytes]) -> None:
         self._out = out
@@ -119,72 +137,123 @@ class _StringWriter:
         return dict(self._counts)
 
     def write(self, part: Part) -> None:
-        strings = list(part.strings)
-        texts = [string.data for string in strings if string.type is not StringType.EM1000]
-        self._out.write(b"".join(text.rstrip(b"\r\n") + b"\r\n" for text in texts))
+        texts = texts_of(part)
+        self._out.write(b"".join(texts))
         self._counts["sentence"] += len(texts)
-        if len(texts) < len(strings):
-            omitted = self._counts.get("omitted binary string", 0) + len(strings) - len(texts)
-            self._counts["omitted binary string"] = omitted
+        if omitted := len(part.strings) - len(texts):
+            self._counts["omitted binary string"] = (
+                self._counts.get("omitted binary string", 0) + omitted
+            )
 
 
 class _SentenceWriter:
-    """Makes sentences at each position, or at each orientation if there are no positions."""
+    """Writes sentences made from samples, after one that says so."""
 
     def __init__(self, out: IO[bytes], positions: Positions | None) -> None:
-        self._out, self._positions = out, positions
-        #: The heading of the last orientation, in degrees.
-        self._heading = np.nan
-        self._counts = {"sentence": 0}
+        self._out, self._sentences = out, Sentences(positions)
+        self._count = 0
 
     @property
     def counts(self) -> dict[str, int]:
-        return dict(self._counts)
+        return {"sentence": self._count}
 
     def write(self, part: Part) -> None:
-        sample, heading = self._headings(part)
-        if self._positions is None:
-            times = part.utc[sample - part.first_sample]
-            self._write([_hdt(heading), _zda(times)])
-        else:
-            rows = self._positions.rows(part)
-            known = np.concatenate([[self._heading], heading])
-            own = known[np.searchsorted(sample, rows.sample, side="right")]
-            talker = "GP" if self._positions.name == "gnss" else "IN"
+        bodies = self._sentences.of(part)
+        if bodies and not self._count:
+            self._out.write(sentences([MARK]))
+        self._out.write(sentences(bodies))
+        self._count += len(bodies)
+
+
+#: The heading of a sample: index, time in s (NaN if unknown), number of restarts before it, and degrees (NaN
+#: if the orientation is no rotation).
+HEADING = np.dtype([("sample", "i8"), ("time", "f8"), ("run", "i8"), ("degrees", "f8")])
+
+
+class Sentences:
+    """Makes sentences at each position, or at each orientation if there are no positions, part by part.
+
+    Args:
+        positions: The positions.
+    """
+
+    def __init__(self, positions: Positions | None) -> None:
+        self._positions = positions
+        #: The heading of the last orientation.
+        self._last = np.array([(-1, np.nan, 0, np.nan)], HEADING)
+        self._restarts = 0
+
+    def of(self, part: Part) -> list[str]:
+        """Returns the sentences of the next part, as `sentences` takes them."""
+        time = known_time(part)
+        headings = self._headings(part, time)
+        known = np.concatenate([self._last, headings])
+        positions = self._positions
+        columns: list[list[str]] = []
+        if positions is None:
+            sample = headings["sample"] - part.first_sample
+            columns = [_hdt(headings["degrees"]), _zda(part.utc[sample])]
+        elif positions.position(part) is not None:  # a block of live samples may have none
+            rows = positions.rows(part)
+            talker = "GP" if positions.name == "gnss" else "IN"
             points = rows.points
             lat, lon = np.abs(points["lat"]) <= 90, np.abs(points["lon"]) <= 180
             is_fixed = rows.is_fixed & lat & lon
             columns = [_gga(points, is_fixed), _rmc(points, is_fixed)]
             columns = [[talker + text for text in column] for column in columns]
-            self._write([*columns, _hdt(own), _zda(points["time"])])
-        if len(heading):
-            self._heading = heading[-1]
+            degrees = self._heading_at(rows.sample, part, time, known)
+            columns += [_hdt(degrees), _zda(points["time"])]
+        self._last = known[-1:]
+        self._restarts += len(part.restarts)
+        # The sentences of a row of the columns one after the other; empty ones are left out.
+        return [body for row in zip(*columns, strict=True) for body in row if body]
 
-    def _headings(self, part: Part) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.float64]]:
-        """Returns the samples with an orientation, and their headings in degrees, NaN if there is none."""
+    def _headings(self, part: Part, time: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
+        """Returns `HEADING` for each sample with an orientation."""
         only = np.ones(len(part), np.bool_)
         sample, q = Measured(part, converts=True, is_driver=False, only=only).orientation
+        headings = np.empty(len(sample), HEADING)
         if not len(q):
-            return np.empty(0, np.int64), np.empty(0)
+            return headings
         is_rotation = np.isfinite(q).all(axis=1) & q.any(axis=1)
         norm = np.linalg.norm(q, axis=1, keepdims=True)
         yaw = quaternion.to_euler(np.divide(q, norm, where=norm > 0, out=np.zeros_like(q)))[:, 2]
-        heading = np.where(is_rotation, (90 - yaw) % 360, np.nan)
-        return sample + part.first_sample, heading
+        headings["sample"] = sample + part.first_sample
+        headings["time"] = time[sample]
+        headings["run"] = self._run(part, headings["sample"])
+        headings["degrees"] = np.where(is_rotation, (90 - yaw) % 360, np.nan)
+        return headings
 
-    def _write(self, columns: Sequence[Sequence[str]]) -> None:
-        """Writes sentences: those of a row of the columns after another; empty ones are left out."""
-        bodies = [body for row in zip(*columns, strict=True) for body in row if body]
-        if not bodies:
-            return
-        if not self._counts["sentence"]:
-            self._out.write(_sentences([MARK]))
-        self._out.write(_sentences(bodies))
-        self._counts["sentence"] += len(bodies)
+    def _run(self, part: Part, sample: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+        return self._restarts + np.searchsorted(part.restarts, sample, side="right")
+
+    def _heading_at(
+        self,
+        sample: npt.NDArray[np.int64],
+        part: Part,
+        time: npt.NDArray[np.float64],
+        known: npt.NDArray[Any],
+    ) -> npt.NDArray[np.float64]:
+        """Returns the heading of the last orientation up to each sample; NaN if it is too old.
+
+        If the time of one of the two is unknown, the orientation must be in the sample or in the one before.
+        """
+        last = known[np.searchsorted(known["sample"], sample, side="right") - 1]
+        age = time[sample - part.first_sample] - last["time"]
+        is_next = sample - last["sample"] <= 1
+        is_recent = np.where(np.isnan(age), is_next, np.abs(age) <= HEADING_AGE)
+        is_recent &= self._run(part, sample) == last["run"]
+        return np.where(is_recent, last["degrees"], np.nan)
 
 
-def _sentences(bodies: Sequence[str]) -> bytes:
-    """Returns sentences with their checksums."""
+def sentences(bodies: Sequence[str]) -> bytes:
+    r"""Returns sentences with ``$`` and checksum, each with CR LF.
+
+    >>> sentences(["HEHDT,045.00,T"])
+    b'$HEHDT,045.00,T*1E\r\n'
+    """
+    if not bodies:
+        return b""
     data = np.frombuffer("".join(bodies).encode("ascii"), np.uint8)
     starts = np.cumsum([0, *map(len, bodies[:-1])])
     sums = np.bitwise_xor.reduceat(data, starts).tolist()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Container
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -92,9 +93,9 @@ class Positions(ABC):
     #: Others that it reads.
     others: ClassVar[tuple[str, ...]] = ()
 
-    def position(self, part: Part) -> str | None:
-        """Returns the name of the positions of a log; None if it has none."""
-        return next((name for name in self.positions if name in part), None)
+    def position(self, names: Container[object]) -> str | None:
+        """Returns the name of the positions of a log with these quantities; None if it has none."""
+        return next((name for name in self.positions if name in names), None)
 
     def quantities(self, shape: Part) -> list[EntryKey]:
         """Returns the quantities that it needs of a log."""
@@ -226,7 +227,7 @@ def _rows_of(
     return is_known, row[is_known]
 
 
-def positions_of(shape: Part, source: Source | None) -> Positions | None:
-    """Returns the positions of a source, or the first that a log has; None if it has none."""
+def positions_of(names: Container[object], source: Source | None) -> Positions | None:
+    """Returns the positions of a source, or the first that these quantities have; None without any."""
     found = (one for one in (_Filter(), _Gnss()) if source in (None, one.name))
-    return next((one for one in found if one.position(shape) is not None), None)
+    return next((one for one in found if one.position(names) is not None), None)

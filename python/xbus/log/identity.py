@@ -11,7 +11,14 @@ from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import device_of
 from xbus.wire.message import Message
 
-__all__ = ["HEAD_MESSAGES", "IDENTITY_MESSAGES", "Identity", "identities_of", "identity_of"]
+__all__ = [
+    "HEAD_MESSAGES",
+    "IDENTITY_MESSAGES",
+    "Identity",
+    "device_id_of",
+    "identities_of",
+    "identity_of",
+]
 
 #: The messages that identify the device.
 IDENTITY_MESSAGES = (
@@ -94,6 +101,11 @@ def identity_of(
     for other in identities.values():
         identity = identity.merged(other)
     return identity
+
+
+def device_id_of(message: Message) -> int | None:
+    """Returns the device identifier in one of `IDENTITY_MESSAGES`, if it has one."""
+    return _identity_of(message).device_id
 
 
 def _identity_of(message: Message) -> Identity:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from xbus.plots.palette import Style, style_of
+from xbus.export.palette import Style, style_of
 from xbus.plots.thin import Curve, FloatArray
 
 __all__ = ["Line", "Plot", "TimeAxis"]

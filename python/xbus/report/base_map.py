@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from xbus.plots.palette import COLOURS
+from xbus.export.palette import COLOURS
 from xbus.plots.thin import FloatArray
 from xbus.report.track import Track
 

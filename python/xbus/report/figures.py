@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from xbus.plots.palette import ALARM, COLOURS
+from xbus.export.palette import ALARM, COLOURS
 from xbus.plots.panels import label
 from xbus.plots.plot import Plot, TimeAxis
 from xbus.plots.thin import Bands, FloatArray

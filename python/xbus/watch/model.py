@@ -241,8 +241,8 @@ class Model:
         if len(self.devices) > max(before, 1):
             bids = ", ".join(map(str, sorted(self.devices)))
             self.add_event(
-                f"samples of several devices (BID {bids}) are shown as those of one; xbus cut --bid N "
-                "writes those of one"
+                f"samples of several devices (BID {bids}) are shown as those of one; --bid N shows "
+                "one of them"
             )
 
     def add_undecoded(self, counts: Mapping[int, int]) -> None:

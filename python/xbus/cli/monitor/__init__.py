@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from xbus.cli.connection import (
+    address_of,
     baudrate_option,
+    bid_option,
     connect_device,
     listen_option,
     port_lost,
@@ -30,6 +32,7 @@ __all__ = ["monitor"]
 
 @click.command(epilog="Example: xbus monitor /dev/ttyUSB0")
 @click.argument("source", metavar="PORT|FILE")
+@bid_option
 @baudrate_option
 @listen_option
 @speed_option
@@ -43,6 +46,7 @@ __all__ = ["monitor"]
 @click.option("--json", "as_json", is_flag=True, help="With --once: print JSON.")
 def monitor(
     source: str,
+    bid: int | None,
     baudrate: int | None,
     listen: bool,
     speed: float | None,
@@ -76,17 +80,23 @@ def monitor(
     if not is_file and speed is not None:
         raise click.UsageError("--speed is for a recording; a device sends at its own rate")
     if is_file:
-        _monitor_file(source, speed or 1.0, strings, once, as_json=as_json)
+        _monitor_file(source, bid, speed or 1.0, strings, once, as_json=as_json)
     else:
-        _monitor_port(source, baudrate, strings, once, listen=listen, as_json=as_json)
+        _monitor_port(source, bid, baudrate, strings, once, listen=listen, as_json=as_json)
 
 
 def _monitor_file(
-    file: str, speed: float, strings: Sequence[str], once: float | None, *, as_json: bool
+    file: str,
+    bid: int | None,
+    speed: float,
+    strings: Sequence[str],
+    once: float | None,
+    *,
+    as_json: bool,
 ) -> None:
     from xbus.cli.monitor.replay_source import ReplaySource
 
-    source = ReplaySource(file, speed, strings)
+    source = ReplaySource(file, speed, strings, bid)
     model = source.model()
     if once is None:
         _watch(source, model)
@@ -98,6 +108,7 @@ def _monitor_file(
 
 def _monitor_port(
     port: str,
+    bid: int | None,
     baudrate: int | None,
     strings: Sequence[str],
     once: float | None,
@@ -107,7 +118,9 @@ def _monitor_port(
 ) -> None:
     from xbus.watch.device_source import DeviceSource
 
-    with connect_device(port, baudrate, listen=listen, strings=strings) as device:
+    with connect_device(
+        port, baudrate, bid=address_of(bid), listen=listen, strings=strings
+    ) as device:
         source = DeviceSource(device, reconnect=once is None)
         model = source.model()
         if once is None:

@@ -10,9 +10,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 
-from xbus.cli.failure import cannot
+from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import label, no_frame
-from xbus.log.log import Log
+from xbus.log.log import Log, MissingDeviceError
 from xbus.log.pacing import UNSTAMPED_RATE, ReplayPace
 from xbus.log.read import iter_log
 from xbus.watch.events import EVENT_MESSAGES, describe_event
@@ -33,13 +33,20 @@ class ReplaySource:
         file: Path of the recording.
         speed: Replay speed; 2 is twice as fast as recorded.
         strings: As in `read_log`.
+        bid: The only device to show, or None.
 
     Raises:
-        Failure: The file cannot be read, or contains no frame.
+        Failure: The file cannot be read, or contains no frame, or no sample of the device.
     """
 
-    def __init__(self, file: str, speed: float = 1.0, strings: Sequence[str] = ()) -> None:
-        self._file, self._speed, self._strings = file, speed, strings
+    def __init__(
+        self,
+        file: str,
+        speed: float = 1.0,
+        strings: Sequence[str] = (),
+        bid: int | None = None,
+    ) -> None:
+        self._file, self._speed, self._strings, self._bid = file, speed, strings, bid
         self._size, block_bytes = self._measure()
         self._parts = self._read(block_bytes)
         self._pace = ReplayPace()
@@ -106,17 +113,25 @@ class ReplaySource:
             parts = iter_log(self._file, block_bytes=HEAD_BYTES, strings=self._strings)
             if not any(part.stats.frames + part.stats.strings for part in parts):
                 raise no_frame([self._file], size)
+            if self._bid is not None:
+                # Reads up to the first sample of the device; raises if there is none.
+                parts = iter_log(self._file, block_bytes=HEAD_BYTES, bid=self._bid)
+                any(map(len, parts))
             head = next(iter_log(self._file, block_bytes=HEAD_BYTES))
         seconds = head.duration if head.duration > 0 else max(1, len(head)) / UNSTAMPED_RATE
         return size, max(MIN_PART_BYTES, int(head.stats.bytes / max(seconds, STEP) * STEP))
 
     def _read(self, block_bytes: int) -> Iterator[Log]:
         with self._reading():
-            yield from iter_log(self._file, block_bytes=block_bytes, strings=self._strings)
+            yield from iter_log(
+                self._file, block_bytes=block_bytes, strings=self._strings, bid=self._bid
+            )
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
         try:
             yield
+        except MissingDeviceError as error:
+            raise Failure(f"{label(self._file)}: {error}") from error
         except OSError as error:
             raise cannot(f"read {label(self._file)}", error) from error

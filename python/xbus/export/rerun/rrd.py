@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 from xbus.export.format import Format, Writer
 from xbus.export.part import Part
 from xbus.export.replacing import replacing
-from xbus.export.rerun.stream import RerunStream, new_recording
+from xbus.export.rerun.stream import RerunStream, names_of, new_recording
 from xbus.extras import require
 
 __all__ = ["Rrd"]
@@ -31,7 +31,7 @@ class Rrd(Format):
         """See `Format.quantities`."""
 
     @contextmanager
-    def open(self, path: str | os.PathLike[str], shape: Part) -> Iterator[Writer]:  # noqa: ARG002
+    def open(self, path: str | os.PathLike[str], shape: Part) -> Iterator[Writer]:
         """See `Format.open`."""
         recording = new_recording()
         with replacing(path) as out:
@@ -40,7 +40,7 @@ class Rrd(Format):
             try:
                 with _writing(name):
                     recording.save(name)
-                writer = _RrdWriter(recording, name)
+                writer = _RrdWriter(recording, name, names_of(shape.devices))
                 yield writer
                 writer.close()
             finally:
@@ -50,9 +50,9 @@ class Rrd(Format):
 
 
 class _RrdWriter:
-    def __init__(self, recording: Any, name: str) -> None:
+    def __init__(self, recording: Any, name: str, devices: Mapping[int, int]) -> None:
         self._recording, self._name = recording, name
-        self._stream = RerunStream(recording)
+        self._stream = RerunStream(recording, devices)
 
     @property
     def counts(self) -> dict[str, int]:

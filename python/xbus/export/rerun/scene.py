@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from xbus.export.palette import COLOURS
 from xbus.export.rerun.times import TIMELINES
 
 __all__ = ["Scene"]
@@ -63,8 +64,13 @@ class Scene:
             names: Name of each line.
         """
         if self._is_new(path):
-            self._recording.log(path, self._rr.SeriesLines(names=names), static=True)
-            self._plots[device].setdefault(title, []).append(path)
+            plot = self._plots[device].setdefault(title, [])
+            # A plot has one entity with several lines, or several with one.
+            colors = [
+                _rgb(COLOURS[(len(plot) + number) % len(COLOURS)]) for number in range(len(names))
+            ]
+            self._recording.log(path, self._rr.SeriesLines(names=names, colors=colors), static=True)
+            plot.append(path)
 
     def add_body(self, path: str, coordinates: str) -> str:
         """Adds the body of a device in a coordinate system, and returns the path of its orientation."""
@@ -124,3 +130,8 @@ class Scene:
         views = [rrb.Vertical(*left), *([rrb.Tabs(*series)] if series else [])]
         layout = rrb.Blueprint(rrb.Horizontal(*views), collapse_panels=True)
         self._recording.send_blueprint(layout)
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    """Returns red, green and blue of a colour such as ``"#d55e00"``."""
+    return tuple(bytes.fromhex(colour[1:]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -10,17 +10,17 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.errors import XbusError
-from xbus.export.part import Part, PartColumn
+from xbus.export.part import Part, PartColumn, PartDevice
 from xbus.export.rerun.events import Event, StatusChanges, events_of
 from xbus.export.rerun.scene import Scene
-from xbus.export.rerun.times import Clock, Times, known_time
-from xbus.export.valid import has_fix, has_position
+from xbus.export.rerun.times import Clock, Times
+from xbus.export.valid import has_fix, has_position, known_time
 from xbus.extras import require
 from xbus.formatting import device_name
 from xbus.geometry.quaternion import from_euler, from_matrix
 from xbus.protocol.tables import COLUMN_QUANTITIES, Field, device_of
 
-__all__ = ["RerunStream", "new_recording"]
+__all__ = ["RerunStream", "names_of", "new_recording"]
 
 #: Identifier of the application in recordings: the viewer keeps its layout for each.
 APPLICATION = "xbus"
@@ -78,6 +78,13 @@ def new_recording() -> Any:
     if not rerun.is_enabled(recording):
         raise XbusError("the environment variable RERUN switches rerun off; unset it")
     return recording
+
+
+def names_of(devices: Iterable[PartDevice]) -> dict[int, int]:
+    """Returns the known identifiers of devices, as `RerunStream` takes them."""
+    return {
+        device_of(found.bid): found.device_id for found in devices if found.device_id is not None
+    }
 
 
 @dataclass
@@ -168,8 +175,7 @@ class RerunStream:
     def _add_device(self, device: int, part: Part, rows: Rows) -> None:
         if device in self._devices:
             return
-        ids = {device_of(found.bid): found.device_id for found in part.devices}
-        number = self._names.get(device) or ids.get(device)
+        number = self._names.get(device) or names_of(part.devices).get(device)
         path = f"bid_{device}" if number is None else device_name(number)
         self._devices[device] = _Device(path, int(part.bid[rows[0]]))
         self._scene.add_device(path)

@@ -10,11 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.part import Part
-from xbus.export.valid import has_fix
 from xbus.extras import require
-from xbus.protocol.tables import RECEIVER
 
-__all__ = ["TIMELINES", "Clock", "Times", "known_time"]
+__all__ = ["TIMELINES", "Clock", "Times"]
 
 #: Rows that are sent at once: few enough for the caches of the sender, and for the viewer to search.
 ROWS = 1 << 15
@@ -132,23 +130,6 @@ class Times:
                         times.append(rr.TimeColumn(name, **{argument: values}))
                 is_whole = len(own) == len(chunk)
                 yield slice(start, start + len(chunk)) if is_whole else start + own, times
-
-
-def known_time(part: Part) -> FloatArray:
-    """Returns the time stamp of each sample in s; NaN without one.
-
-    Without a fix, those of the GNSS receiver are arbitrary and count as unknown.
-    """
-    time = part.time.copy()
-    for key in part:
-        column = part[key]
-        if column.name in RECEIVER:
-            time[column.sample - part.first_sample] = np.nan
-    if "gnss_pvt_data" in part:
-        column = part["gnss_pvt_data"]
-        fixed = column.sample[has_fix(column.values)] - part.first_sample
-        time[fixed] = part.time[fixed]
-    return time
 
 
 def _nanoseconds(seconds: FloatArray) -> IntArray:
