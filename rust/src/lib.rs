@@ -93,3 +93,8 @@ pub mod utc;
 pub mod value;
 
 pub use scan::frames;
+
+/// The Rust example of the README runs as a test.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+mod readme {}

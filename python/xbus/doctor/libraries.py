@@ -10,7 +10,14 @@ from xbus._core import __version__
 from xbus.doctor.finding import Finding
 from xbus.doctor.machine import DISTRIBUTION, Machine
 
-__all__ = ["Library", "check_installation", "check_libraries", "extras", "required"]
+__all__ = [
+    "Library",
+    "as_python_writes",
+    "check_installation",
+    "check_libraries",
+    "extras",
+    "required",
+]
 
 #: Extras for work on xbus itself.
 DEVELOPMENT = {"test", "lint", "docs"}
@@ -44,6 +51,11 @@ def _release(version: str) -> list[int]:
     while numbers and numbers[-1] == 0:
         numbers.pop()
     return numbers
+
+
+def as_python_writes(version: str) -> str:
+    """Returns a version of Rust as metadata has it: 0.2.0rc1 for 0.2.0-rc.1."""
+    return re.sub(r"-(a|b|rc)\w*\.(\d+)$", r"\1\2", version)
 
 
 def _libraries(machine: Machine) -> Iterator[tuple[str | None, Library]]:
@@ -88,7 +100,7 @@ def check_installation(machine: Machine) -> Iterator[Finding]:
             f"{DISTRIBUTION} is not installed: xbus runs from a folder, so its libraries are not checked",
             "pip install . in the checkout",
         )
-    elif installed != __version__:
+    elif installed != as_python_writes(__version__):
         yield Finding(
             "installation",
             "problem",
