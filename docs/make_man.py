@@ -33,7 +33,7 @@ def page() -> str:
         f'.TH XBUS 1 "" "xbus {__version__}" "User Commands"',
         ".SH NAME",
         escaped(
-            "xbus - reads and writes recordings of Xsens MTi motion trackers, and talks to devices"
+            "xbus - decodes recordings of Xsens MTi trackers; records, configures and simulates devices"
         ),
         ".SH SYNOPSIS",
         bold("xbus") + " [OPTIONS] COMMAND [ARGS]...",

@@ -82,4 +82,4 @@ class Commands(click.Group):
 )
 @click.version_option(__version__, prog_name="xbus", message="%(prog)s %(version)s")
 def main() -> None:
-    """Reads logs of Xsens MTi motion trackers (.mtb files, raw bytes), and talks to devices."""
+    """Decodes recordings of Xsens MTi motion trackers; records, configures and simulates devices."""

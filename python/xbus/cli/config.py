@@ -121,11 +121,11 @@ def apply(
     as_json: bool,
     baudrate: int | None,
 ) -> None:
-    """Applies a settings file to a device; only settings that differ are sent.
+    """Applies a settings file to a device.
 
-    First prints the changes: - the old value, + the new value. All settings are checked before the first is
-    sent, and read back. With several PORTs, each device is set in turn, and a table shows the results; a
-    problem with one device does not stop the others.
+    Only settings that differ are sent. First prints the changes: - the old value, + the new value. All
+    settings are checked before the first is sent, and read back. With several PORTs, each device is set in
+    turn, and a table shows the results; a problem with one device does not stop the others.
     """
     from xbus.cli.config_bench import apply_to_all
     from xbus.device.settings import ApplyError

@@ -141,8 +141,8 @@ def _between(
     nargs=2,
     callback=_between,
     metavar="FROM TO",
-    help="Write only the samples from one moment on, up to but without another: seconds since the first "
-    "sample, UTC (2026-11-22T09:30:00), start or end.",
+    help="Write only the samples at or after FROM and before TO: seconds since the first sample, UTC "
+    "(2026-11-22T09:30:00), start or end.",
 )
 @click.option(
     "--rate-out",

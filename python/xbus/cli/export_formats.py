@@ -56,7 +56,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
             "--every-seconds",
             type=NumberRange(min=0, min_open=True),
             metavar="SECONDS",
-            help="On a map, leave out points that are sooner after the previous one.",
+            help="On a map, leave out points that are closer in time to the previous one.",
         ),
     ),
     "every_metres": (
@@ -65,7 +65,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
             "--every-metres",
             type=NumberRange(min=0, min_open=True),
             metavar="METRES",
-            help="On a map, leave out points that are nearer to the previous one.",
+            help="On a map, leave out points that are closer to the previous one.",
         ),
     ),
     "sto_names": (
@@ -93,7 +93,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
             type=click.Choice(["tab", "comma", "semicolon", "space"]),
             default="tab",
             show_default=True,
-            help="What stands between the columns of a .txt file.",
+            help="Separator between the columns of a .txt file.",
         ),
     ),
     "missing": (
@@ -101,7 +101,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
         click.option(
             "--missing",
             metavar="TEXT",
-            help="What stands for a missing value in a .txt file.  [default: NaN for --mtm 2022, otherwise "
+            help="Text in place of a missing value in a .txt file.  [default: NaN for --mtm 2022, otherwise "
             "nothing]",
         ),
     ),
@@ -140,7 +140,7 @@ OPTIONS: dict[str, tuple[tuple[str, ...], Callable[..., Any]]] = {
             "--topic-prefix",
             metavar="NAME",
             default="",
-            help="What the names of ROS topics begin with: /imu1.",
+            help="Prefix of the names of ROS topics: /imu1.",
         ),
     ),
     "keep_coordinates": (

@@ -46,7 +46,7 @@ def info(
     keys "file" and "error". A recording of any length fits into memory.
 
     IN can also be a CAN capture: .asc, .blf, .trc, .mf4, .log of candump, or .csv of python-can. "findings"
-    says what is unusual in it.
+    lists what is unusual in it.
 
     With --out-dir, the JSON object of each recording is written to a file, and a summary has one line each.
     """

@@ -123,7 +123,7 @@ def _outputs(
     "--monitor",
     "with_monitor",
     is_flag=True,
-    help="Show the screen of xbus monitor meanwhile; q stops the recording.",
+    help="Show the screen of xbus monitor during the recording; q stops it.",
 )
 @caster_options(required=False)
 def record(

@@ -47,7 +47,7 @@ def _out(
     "--map",
     "base_map",
     is_flag=True,
-    help="Add a map below the track. Whoever opens the page loads the map from basemaps.cartocdn.com.",
+    help="Add a map below the track. The browser of each reader loads it from basemaps.cartocdn.com.",
 )
 @click.option("--title", metavar="TEXT", help="Title of the page. Default: the names of the files.")
 @click.option("-q", "--quiet", is_flag=True, help="Show no progress and no summary on stderr.")
