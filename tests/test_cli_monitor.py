@@ -24,7 +24,6 @@ from xbus import SimulatedDevice, encode_frame, encode_sample, read_log
 from xbus.cli.monitor.horizon import compass, horizon
 from xbus.cli.monitor.keyboard import parse_keys
 from xbus.cli.monitor.replay_source import ReplaySource
-from xbus.cli.monitor.rows import UNICODE, status_rows, value_rows
 from xbus.cli.monitor.screen import Screen, ViewState
 from xbus.cli.monitor.snapshot import snapshot_dict, snapshot_text
 from xbus.protocol import State
@@ -33,6 +32,7 @@ from xbus.watch import device_source
 from xbus.watch.attitude import Attitude, attitude_of
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model, QuantityState
+from xbus.watch.rows import UNICODE, status_rows, value_rows
 
 # Attitude
 

@@ -35,6 +35,7 @@ COMMANDS = {
     "restore": "restore",
     "record": "record",
     "monitor": "monitor",
+    "studio": "studio",
     "view": "view",
     "stream": "stream",
     "serve": "serve",

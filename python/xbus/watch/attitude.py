@@ -6,10 +6,11 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from xbus.geometry.quaternion import from_euler, to_matrix
 
-__all__ = ["NAMED", "ORIENTATIONS", "POINTS", "Attitude", "attitude_of"]
+__all__ = ["NAMED", "ORIENTATIONS", "POINTS", "Attitude", "attitude_of", "axes_of"]
 
 #: Quantities that hold an orientation, the preferred one first.
 ORIENTATIONS = ("quaternion", "rotation_matrix", "euler_angles")
@@ -51,6 +52,22 @@ def attitude_of(name: str, coordinates: str | None, row: Any) -> Attitude | None
     >>> attitude_of("quaternion", "NED", [0, 1, 0, 0])  # level, z up, pointing north
     Attitude(heading=0.0, pitch=0.0, roll=0.0)
     """
+    matrix = axes_of(name, coordinates, row)
+    if matrix is None:
+        return None
+    east, north, up = matrix.tolist()
+    heading = round(math.degrees(math.atan2(east[0], north[0])), 6)
+    pitch = math.degrees(math.asin(max(-1.0, min(1.0, up[0]))))
+    roll = math.degrees(math.atan2(up[1], up[2]))
+    # Rounding avoids -0 and 360.
+    return Attitude(*(round(angle, 6) + 0.0 for angle in (heading % 360, pitch, roll)))
+
+
+def axes_of(name: str, coordinates: str | None, row: Any) -> npt.NDArray[np.float64] | None:
+    """Returns the axes of the sensor in east, north and up, as the columns of a matrix ``(3, 3)``.
+
+    The arguments are those of `attitude_of`; None if the row is not an orientation.
+    """
     numbers = np.ravel(row).tolist()
     if not all(map(math.isfinite, numbers)):
         return None
@@ -63,14 +80,8 @@ def attitude_of(name: str, coordinates: str | None, row: Any) -> Attitude | None
         matrix = (
             values.reshape(3, 3) if name == "rotation_matrix" else to_matrix(from_euler(values))
         )
-    # The axes of the sensor in east, north and up.
     if coordinates == "NED":
-        matrix = matrix[[1, 0, 2]] * [[1], [1], [-1]]
-    elif coordinates == "NWU":
-        matrix = matrix[[1, 0, 2]] * [[-1], [1], [1]]
-    east, north, up = matrix.tolist()
-    heading = round(math.degrees(math.atan2(east[0], north[0])), 6)
-    pitch = math.degrees(math.asin(max(-1.0, min(1.0, up[0]))))
-    roll = math.degrees(math.atan2(up[1], up[2]))
-    # Rounding avoids -0 and 360.
-    return Attitude(*(round(angle, 6) + 0.0 for angle in (heading % 360, pitch, roll)))
+        return matrix[[1, 0, 2]] * [[1], [1], [-1]]
+    if coordinates == "NWU":
+        return matrix[[1, 0, 2]] * [[-1], [1], [1]]
+    return matrix

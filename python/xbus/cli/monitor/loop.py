@@ -12,10 +12,10 @@ from rich.live import Live
 
 from xbus.cli.monitor.keyboard import Keyboard
 from xbus.cli.monitor.replay_source import ReplaySource
-from xbus.cli.monitor.rows import value_rows
 from xbus.cli.monitor.screen import Screen, ViewState, visible_rows
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
+from xbus.watch.rows import value_rows
 
 __all__ = ["watch"]
 

@@ -18,7 +18,11 @@ from rich.table import Table
 from rich.text import Text
 
 from xbus.cli.monitor.horizon import compass, horizon
-from xbus.cli.monitor.rows import (
+from xbus.formatting import format_size
+from xbus.protocol.values import State
+from xbus.watch.attitude import Attitude
+from xbus.watch.model import Model, MonitorEvent
+from xbus.watch.rows import (
     ASCII,
     BAD,
     DIM,
@@ -36,10 +40,6 @@ from xbus.cli.monitor.rows import (
     status_rows,
     value_rows,
 )
-from xbus.formatting import format_size
-from xbus.protocol.values import State
-from xbus.watch.attitude import Attitude
-from xbus.watch.model import Model, MonitorEvent
 from xbus.watch.values import format_unit
 
 __all__ = ["Screen", "ViewState", "visible_rows"]

@@ -6,7 +6,9 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
-from xbus.cli.monitor.rows import (
+from xbus.cli.printing import align
+from xbus.watch.model import Model
+from xbus.watch.rows import (
     HEAD,
     device_state,
     format_elapsed,
@@ -15,8 +17,6 @@ from xbus.cli.monitor.rows import (
     status_rows,
     value_rows,
 )
-from xbus.cli.printing import align
-from xbus.watch.model import Model
 from xbus.watch.values import set_flags, value_json
 
 __all__ = ["snapshot_dict", "snapshot_text"]

@@ -1,4 +1,4 @@
-"""The state of a stream as rows of text, for the screen and for a snapshot."""
+"""The state of a stream as rows of text: for a screen, a snapshot and a page."""
 
 from __future__ import annotations
 

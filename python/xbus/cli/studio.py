@@ -1,0 +1,104 @@
+"""``xbus studio``: devices in a browser."""
+
+from __future__ import annotations
+
+import contextlib
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from xbus.cli.failure import Failure, cannot
+
+if TYPE_CHECKING:
+    from xbus.studio.hub import Hub
+
+__all__ = ["studio"]
+
+#: Virtual devices of ``--demo``.
+DEMO = ("sim:MTi-680G", "sim:MTi-630", "sim:MTi-3")
+
+
+@click.command(epilog="Example: xbus studio --demo")
+@click.argument("sources", nargs=-1, metavar="[PORT]...")
+@click.option("--demo", is_flag=True, help="Open three virtual devices.")
+@click.option(
+    "--folder",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path(),
+    metavar="DIR",
+    help="Folder for recordings. Default: the present one.",
+)
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    metavar="ADDRESS",
+    help="Address to listen on. With another one than the default, a browser needs the token of the printed URL.",
+)
+@click.option(
+    "--port",
+    "tcp_port",
+    type=click.IntRange(0, 65535),
+    default=8080,
+    show_default=True,
+    metavar="N",
+    help="TCP port to listen on; 0 for any free one.",
+)
+@click.option("--no-browser", is_flag=True, help="Do not open a browser.")
+def studio(
+    sources: tuple[str, ...], demo: bool, folder: Path, host: str, tcp_port: int, no_browser: bool
+) -> None:
+    """Shows, tests and records devices in a browser.
+
+    Opens the devices on PORT, prints the URL of the page and opens it. Devices stay open, and recordings go on,
+    when the page is closed. Ctrl-C ends everything in order. Needs the extra studio.
+
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
+    """
+    from xbus.extras import require
+
+    require("nicegui", "studio", "to show pages in a browser")
+    from xbus.studio.guard import is_loopback, new_token
+    from xbus.studio.hub import Hub
+    from xbus.studio.server import bind, serve
+
+    token = None if is_loopback(host) else new_token()
+    hub = Hub(folder)
+    try:
+        with contextlib.closing(bind(host, tcp_port)) as listener:
+            _open(hub, sources, demo=demo)
+            name = f"[{host}]" if ":" in host else host
+            url = f"http://{name}:{listener.getsockname()[1]}/" + (
+                f"?token={token}" if token else ""
+            )
+
+            def started() -> None:
+                click.echo(f"studio: {url}")
+                if token is not None:
+                    click.echo(
+                        f"xbus: every computer that reaches {host} can use the page with this token",
+                        err=True,
+                    )
+                if not no_browser:
+                    webbrowser.open(url)
+
+            serve(hub, listener, token, started)
+    except OSError as error:
+        raise cannot(f"listen on {host} port {tcp_port}", error) from error
+    finally:
+        hub.close_all()
+
+
+def _open(hub: Hub, sources: tuple[str, ...], *, demo: bool) -> None:
+    from xbus.errors import XbusError
+    from xbus.studio.hub import HubError
+
+    try:
+        for source in sources:
+            hub.open(source).measure()
+        for source in DEMO if demo else ():
+            hub.open(source).send_everything()
+    except (HubError, XbusError) as error:
+        raise Failure(str(error)) from error

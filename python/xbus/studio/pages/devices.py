@@ -1,0 +1,183 @@
+"""Devices: ports and virtual devices, what is open, and what is wrong with a port."""
+
+from __future__ import annotations
+
+import html
+from typing import Any
+
+from nicegui import ui
+
+from xbus.device import find_ports
+from xbus.formatting import device_name
+from xbus.protocol.values import Selftest
+from xbus.studio.hub import virtual_sources
+from xbus.studio.shell import Session
+from xbus.studio.station import Station
+from xbus.watch.rows import device_state
+
+__all__ = ["devices_page"]
+
+
+def devices_page(session: Session) -> None:
+    """Lists ports and open devices."""
+    with ui.row().classes("w-full gap-4 items-start no-wrap max-md:flex-wrap"):
+        with ui.column().classes("gap-3 grow min-w-0"):
+            ui.label("Open devices").classes("text-lg")
+            _open_devices(session)
+        with ui.column().classes("gap-3 w-96 shrink-0"):
+            _ports(session)
+            _virtual(session)
+
+
+@ui.refreshable
+def _open_devices(session: Session) -> None:
+    stations = list(session.hub.stations.values())
+    if not stations:
+        with ui.element("div").classes("xbus-card w-full"):
+            ui.label("No device is open.")
+            ui.label("Choose a port, or a virtual device if you have none at hand.").classes(
+                "xbus-quiet"
+            )
+    for station in stations:
+        _device(session, station)
+
+
+def _device(session: Session, station: Station) -> None:
+    device = station.device
+    with ui.element("div").classes("xbus-card w-full").mark(f"device-{station.key}"):
+        with ui.row().classes("items-center w-full"):
+            ui.label(station.title).classes("text-base font-semibold")
+            if station.is_virtual:
+                ui.badge("virtual").props("outline")
+            ui.space()
+            ui.button(
+                "Live", icon="show_chart", on_click=lambda: ui.navigate.to(f"/live/{station.key}")
+            ).props("flat dense no-caps")
+            ui.button(
+                "Self test", icon="health_and_safety", on_click=lambda: _self_test(session, station)
+            ).props("flat dense no-caps").tooltip(
+                "RunSelftest, section 5.4 of the manual: takes a second, and measuring stops meanwhile"
+            )
+            ui.button("Close", icon="close", on_click=lambda: _close(session, station)).props(
+                "flat dense no-caps"
+            )
+        firmware = "unknown" if device.firmware is None else str(device.firmware)
+        number = "unknown" if device.device_id is None else device_name(device.device_id)
+        rate = device.link.baudrate
+        rows = {
+            "port": station.source,
+            "device identifier": number,
+            "firmware": firmware,
+            "baud rate": f"{rate:,}" if device.link.is_line and rate else "none: not a serial line",
+        }
+        cells = "".join(
+            f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
+            for name, text in rows.items()
+        )
+        ui.html(f'<table class="xbus-table" style="width:auto">{cells}</table>', sanitize=False)
+        state = ui.label().classes("text-sm")
+
+        def refresh() -> None:
+            state.set_text(device_state(station.model))
+            state.classes(
+                add="xbus-fault" if station.model.is_lost else "xbus-quiet",
+                remove="xbus-quiet" if station.model.is_lost else "xbus-fault",
+            )
+
+        refresh()
+        ui.timer(0.5, refresh)
+
+
+async def _self_test(session: Session, station: Station) -> None:
+    def run() -> Any:
+        with station.device.configure() as device:
+            return device.commands.run_selftest()
+
+    session.show_command(
+        f"xbus send {station.source} RunSelftest",
+        "with device.configure() as cfg: cfg.commands.run_selftest()",
+    )
+    result = await session.attempt(run)
+    if result is None:
+        return
+    with ui.dialog() as dialog, ui.card():
+        ui.label(f"Self test of {station.title}").classes("text-base font-semibold")
+        for part in Selftest:
+            is_good = part in result
+            with ui.row().classes("items-center gap-2"):
+                ui.icon("check_circle" if is_good else "error").classes(
+                    "xbus-ok" if is_good else "xbus-fault"
+                )
+                name = str(part.name).replace("_", " ").lower()
+                ui.label(f"{name}: {'passed' if is_good else 'failed or absent'}")
+        ui.button("Close", on_click=dialog.close).props("flat no-caps")
+    dialog.open()
+
+
+async def _open(session: Session, source: str) -> None:
+    waiting = ui.notification(f"opening {source}", spinner=True, timeout=None)
+    try:
+        station = await session.attempt(session.hub.open, source)
+    finally:
+        waiting.dismiss()
+    if station is not None:
+        session.key = station.key
+        await session.attempt(station.measure)
+        session.show_command(f"xbus identify {source}", f'device = xbus.connect("{source}")')
+        _open_devices.refresh()
+
+
+async def _close(session: Session, station: Station) -> None:
+    await session.attempt(session.hub.close, station.source)
+    _open_devices.refresh()
+
+
+def _ports(session: Session) -> None:
+    with ui.element("div").classes("xbus-card w-full"):
+        with ui.row().classes("items-center w-full"):
+            ui.label("Ports").classes("text-base font-semibold")
+            ui.space()
+            ui.button(icon="refresh", on_click=lambda: _port_list.refresh()).props(
+                "flat dense round"
+            ).tooltip("look for ports again")
+        _port_list(session)
+        name = (
+            ui.input("port or URL", placeholder="/dev/ttyUSB0, socket://HOST:PORT")
+            .classes("w-full")
+            .props("dense")
+        )
+        ui.button(
+            "Open",
+            on_click=lambda: _open(session, name.value.strip()) if name.value.strip() else None,
+        ).props("flat dense no-caps")
+
+
+@ui.refreshable
+def _port_list(session: Session) -> None:
+    ports = find_ports()
+    if not ports:
+        ui.label("No serial port. Check the cable, or use a virtual device.").classes(
+            "xbus-quiet text-sm"
+        )
+    for port in ports:
+        with ui.row().classes("items-center w-full no-wrap"):
+            with ui.column().classes("gap-0 grow min-w-0"):
+                ui.label(port.device).classes("xbus-mono")
+                ui.label(port.description).classes("xbus-quiet text-xs ellipsis")
+            if port.likely:
+                ui.badge("Xsens").props("outline color=positive")
+            ui.button("Open", on_click=lambda port=port: _open(session, port.device)).props(
+                "flat dense no-caps"
+            )
+
+
+def _virtual(session: Session) -> None:
+    with ui.element("div").classes("xbus-card w-full"):
+        ui.label("Virtual device").classes("text-base font-semibold")
+        with ui.row().classes("items-center w-full no-wrap"):
+            choice = (
+                ui.select(virtual_sources(), value="sim:MTi-680G").classes("grow").props("dense")
+            )
+            ui.button("Open", on_click=lambda: _open(session, choice.value)).props(
+                "flat dense no-caps"
+            ).mark("open-virtual")

@@ -1,0 +1,191 @@
+"""The frame of every page: devices, pages, the health of the selected device, and the last command."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from nicegui import run, ui
+
+from xbus.errors import XbusError
+from xbus.studio.hub import Hub, HubError
+from xbus.studio.station import Station
+from xbus.watch.rows import BAD, DIM, GOOD, UNICODE, WARNING, device_state, status_rows
+
+__all__ = ["PAGES", "Session", "failure_text", "frame"]
+
+T = TypeVar("T")
+
+#: Pages in the order of the menu: path, name, icon.
+PAGES = (
+    ("devices", "Devices", "cable"),
+    ("live", "Live", "show_chart"),
+    ("record", "Record", "fiber_manual_record"),
+)
+#: Classes of the style sheet by style of a row.
+CLASSES = {GOOD: "xbus-ok", DIM: "xbus-quiet", WARNING: "xbus-caution", BAD: "xbus-fault"}
+HEAD = """
+<link rel="stylesheet" href="/static/uPlot.min.css">
+<link rel="stylesheet" href="/static/studio.css">
+<script src="/static/uPlot.iife.js"></script>
+<script src="/static/feed.js"></script>
+"""
+
+
+@dataclass
+class Session:
+    """One page in a browser.
+
+    Attributes:
+        hub: The devices.
+        key: Key of the selected device; None if none is.
+        page: Name of the page that is shown.
+    """
+
+    hub: Hub
+    key: str | None = None
+    page: str = "devices"
+    _panel: Callable[[str, str], None] = field(default=lambda _command, _python: None)
+
+    @property
+    def station(self) -> Station | None:
+        """The selected device, or else the first one."""
+        stations = self.hub.stations.values()
+        found = next((each for each in stations if each.key == self.key), None)
+        return found or next(iter(stations), None)
+
+    def show_command(self, command: str, python: str) -> None:
+        """Shows what does the same in a shell and in Python."""
+        self._panel(command, python)
+
+    async def attempt(self, action: Callable[..., T], *args: Any) -> T | None:
+        """Runs an action in a thread; a failure is shown as one sentence.
+
+        Returns:
+            What the action returns; None if it failed.
+        """
+        try:
+            return await run.io_bound(action, *args)
+        except (HubError, XbusError, OSError, ValueError, RuntimeError) as error:
+            ui.notify(
+                failure_text(error),
+                type="negative",
+                multi_line=True,
+                timeout=10_000,
+                close_button=True,
+            )
+            return None
+
+
+def failure_text(error: Exception) -> str:
+    """Returns the sentence about a failure."""
+    if isinstance(error, OSError) and error.strerror and not isinstance(error, XbusError):
+        return f"{error.filename or 'The file'}: {error.strerror}"
+    return str(error)
+
+
+@contextmanager
+def frame(session: Session) -> Iterator[None]:
+    """Draws header, health strip and footer around a page."""
+    ui.add_head_html(HEAD)
+    with ui.header(elevated=False).classes("xbus-header items-center gap-3 py-1"):
+        ui.label("xbus studio").classes("text-base font-semibold")
+        with ui.row().classes("gap-1 items-center").props("role=navigation"):
+            for path, name, icon in PAGES:
+                ui.button(name, icon=icon, on_click=lambda path=path: _go(session, path)).props(
+                    "flat dense no-caps"
+                ).mark(f"page-{path}")
+        ui.space()
+        with ui.row().classes("gap-1 items-center") as tabs:
+            pass
+        ui.button(icon="dark_mode", on_click=_toggle_dark).props("flat dense round").tooltip(
+            "dark or light"
+        )
+    strip = ui.html("", sanitize=False).classes("xbus-strip w-full").props("aria-live=off")
+    with ui.footer(elevated=False).classes("xbus-footer items-center gap-4 py-1"):
+        ui.icon("terminal").classes("xbus-quiet")
+        command = ui.label().classes("xbus-mono")
+        python = ui.label().classes("xbus-mono xbus-quiet")
+
+    def show(text: str, code: str) -> None:
+        command.set_text(text)
+        python.set_text(code)
+
+    session._panel = show
+    shown: list[tuple[str, str, bool]] = []
+
+    def refresh() -> None:
+        stations = list(session.hub.stations.values())
+        selected = session.station
+        state = [(each.key, each.title, each is selected) for each in stations]
+        if state != shown:
+            shown[:] = state
+            tabs.clear()
+            with tabs:
+                for key, title, is_selected in state:
+                    tab = ui.button(title, on_click=lambda key=key: _select(session, key))
+                    tab.props(
+                        "dense no-caps " + ("unelevated color=primary" if is_selected else "flat")
+                    )
+        strip.set_content("" if selected is None else health(selected))
+
+    refresh()
+    ui.timer(0.5, refresh)
+    with ui.element("main").classes("xbus-page"):
+        yield
+
+
+def health(station: Station) -> str:
+    """Returns the health of a device as HTML; all of its text is escaped."""
+    model = station.model
+    facts = [("state", [(device_state(model), BAD if model.is_lost else "")])]
+    configured = configured_rate(station)
+    counter = model.current("packet_counter") or next(iter(model.quantities.values()), None)
+    if counter is not None:
+        rate = counter.rate(model.now)
+        text = "stopped" if rate == 0 else "measuring" if rate is None else f"{rate:.1f} Hz"
+        is_bad = rate == 0 or (
+            rate and configured and abs(rate - configured) > 0.02 * configured + 0.2
+        )
+        expected = f" of {configured:g} Hz" if configured else ""
+        facts.append(("rate", [(text + expected, WARNING if is_bad else GOOD)]))
+    facts += [
+        (row.label, row.parts) for row in status_rows(model, UNICODE) if row.label != "heading"
+    ]
+    if station.recording is not None:
+        facts.append(("recording", [(f"{station.recording.seconds:.0f} s", BAD)]))
+    return "".join(_fact(label, parts) for label, parts in facts)
+
+
+def configured_rate(station: Station) -> float | None:
+    """Returns the highest rate of the output configuration, in Hz; None if it is not known."""
+    outputs = station.device.output_configuration or ()
+    rates = [each.frequency for each in outputs if 0 < each.frequency < 0xFFFF]
+    return float(max(rates)) if rates else None
+
+
+def _fact(label: str, parts: list[tuple[str, str]]) -> str:
+    texts = " ".join(
+        f'<b class="{CLASSES.get(style, "")}">{html.escape(text)}</b>'
+        for text, style in parts
+        if text
+    )
+    return f'<span class="xbus-fact"><span class="xbus-quiet">{html.escape(label)}</span>{texts}</span>'
+
+
+def _go(session: Session, path: str) -> None:
+    station = session.station
+    target = "/" if path == "devices" else f"/{path}" + (f"/{station.key}" if station else "")
+    ui.navigate.to(target)
+
+
+def _select(session: Session, key: str) -> None:
+    session.key = key
+    ui.navigate.to("/" if session.page == "devices" else f"/{session.page}/{key}")
+
+
+def _toggle_dark() -> None:
+    ui.run_javascript("Quasar.Dark.toggle()")

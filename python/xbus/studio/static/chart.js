@@ -1,0 +1,186 @@
+// A chart of one series over time: live, paused, or zoomed.
+const LIGHT = ["#D55E00", "#009E73", "#0072B2", "#CC79A7", "#8a6d00", "#444444"];
+const DARK = ["#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#F0E442", "#cccccc"];
+const DASHES = [[], [8, 3], [2, 3], [8, 3, 2, 3], [12, 3], [4, 6]];
+const FRAME = 33; // ms between two frames
+
+// Local time with milliseconds.
+function clock(seconds) {
+  const date = new Date(1000 * seconds);
+  return date.toLocaleTimeString([], { hour12: false }) + "." + String(date.getMilliseconds()).padStart(3, "0");
+}
+
+export default {
+  template: `<div class="xbus-chart"><div ref="plot"></div></div>`,
+  props: { source: String, name: String, unit: String, fields: Array, span: Number, view: Array, locked: Boolean },
+  mounted() {
+    this.time = [];
+    this.values = this.fields.map(() => []);
+    this.last = 0; // time of the newest point
+    this.lastAt = 0; // when it arrived, in ms
+    this.observer = new ResizeObserver(() => this.resize());
+    this.observer.observe(this.$el);
+    this.darkness = new MutationObserver(() => this.build());
+    this.darkness.observe(document.body, { attributes: true, attributeFilter: ["class"] });
+    this.build();
+    if (this.view) this.freeze(...this.view);
+    else this.show();
+    this.frames = 0;
+    const frame = (now) => {
+      this.request = requestAnimationFrame(frame);
+      if (now - (this.drawn ?? 0) >= FRAME - 4 && !this.view) {
+        this.drawn = now;
+        this.draw();
+      }
+    };
+    this.request = requestAnimationFrame(frame);
+  },
+  unmounted() {
+    cancelAnimationFrame(this.request);
+    this.observer.disconnect();
+    this.darkness.disconnect();
+    window.xbusFeed.hide(this.curve);
+    this.plot?.destroy();
+  },
+  watch: {
+    view(view) {
+      if (view) this.freeze(...view);
+      else this.show();
+    },
+    span() {
+      if (!this.view) this.show();
+    },
+    locked(locked) {
+      const { min, max } = this.plot.scales.y;
+      this.limits = locked ? [min, max] : null;
+      this.draw();
+    },
+  },
+  methods: {
+    columns() {
+      return Math.max(50, Math.floor((this.plot?.bbox.width ?? 600) / devicePixelRatio));
+    },
+    now() {
+      return this.last + Math.min(2 * this.span, (performance.now() - this.lastAt) / 1000);
+    },
+    // Asks for the past and for what comes.
+    show() {
+      window.xbusFeed.hide(this.curve);
+      this.clear();
+      const request = { source: this.source, name: this.name, step: this.span / this.columns(), span: this.span };
+      this.curve = window.xbusFeed.show(request, (points) => this.add(points));
+    },
+    // Asks for a part of the past, with all its detail.
+    freeze(begin, end) {
+      window.xbusFeed.hide(this.curve);
+      const request = { source: this.source, name: this.name, step: (end - begin) / this.columns(), begin, end };
+      this.curve = window.xbusFeed.show(request, (points) => {
+        this.clear();
+        this.append(points);
+        this.draw();
+      });
+    },
+    clear() {
+      this.time = [];
+      this.values = this.fields.map(() => []);
+    },
+    append({ time, values }) {
+      for (let i = 0; i < time.length; i++) this.time.push(time[i]);
+      values.forEach((row, k) => {
+        const target = this.values[k];
+        for (let i = 0; i < row.length; i++) target.push(Number.isNaN(row[i]) ? null : row[i]);
+      });
+    },
+    add(points) {
+      const before = this.time.length;
+      if (before && points.time.length && points.time[0] <= this.time[before - 1]) this.clear();
+      this.append(points);
+      if (!this.time.length) return;
+      const last = this.time[this.time.length - 1];
+      // The clock of the chart never runs back, although messages are not evenly spaced.
+      if (last > this.now() || last < this.now() - 1) {
+        this.last = last;
+        this.lastAt = performance.now();
+      }
+      const old = this.time.findIndex((t) => t >= last - 1.2 * this.span);
+      if (old > 0.2 * this.time.length) {
+        this.time.splice(0, old);
+        this.values.forEach((row) => row.splice(0, old));
+      }
+    },
+    draw() {
+      if (!this.plot) return;
+      const [min, max] = this.view ?? [this.now() - this.span, this.now()];
+      if (!(max > min)) return;
+      this.plot.batch(() => {
+        this.plot.setData([this.time, ...this.values], false);
+        this.plot.setScale("x", { min, max });
+      });
+      this.frames++;
+    },
+    resize() {
+      const width = this.$el.clientWidth;
+      if (width > 0 && this.plot) this.plot.setSize({ width, height: this.height() });
+    },
+    height() {
+      return 190;
+    },
+    build() {
+      const dark = document.body.classList.contains("body--dark");
+      if (this.plot && dark === this.isDark) return;
+      this.isDark = dark;
+      this.plot?.destroy();
+      const colors = dark ? DARK : LIGHT;
+      const ink = dark ? "#c8c8c8" : "#444";
+      const grid = { stroke: dark ? "#333" : "#e4e4e4", width: 1 };
+      const axis = { stroke: ink, grid, ticks: grid };
+      const label = this.unit ? `${this.name} [${this.unit}]` : this.name;
+      const chart = this;
+      this.plot = new uPlot(
+        {
+          width: this.$el.clientWidth || 600,
+          height: this.height(),
+          title: label,
+          cursor: { drag: { x: true, y: false }, sync: { key: "xbus" } },
+          legend: { live: true },
+          scales: {
+            x: { time: true },
+            y: {
+              range: (_, min, max) => {
+                if (chart.limits) return chart.limits;
+                if (min == null) return [0, 1];
+                const margin = 0.08 * (max - min) || 0.5 * Math.max(Math.abs(max), 1e-3);
+                return [min - margin, max + margin];
+              },
+            },
+          },
+          axes: [axis, { ...axis, size: 64 }],
+          series: [
+            { label: "time", value: (_, t) => (t == null ? "--" : clock(t)) },
+            ...this.fields.map((field, k) => ({
+              label: field,
+              stroke: colors[k % colors.length],
+              width: 1.5 / devicePixelRatio + 0.5,
+              dash: DASHES[k % DASHES.length].map((d) => d),
+              points: { show: false },
+              value: (_, v) => (v == null ? "--" : v.toPrecision(6)),
+            })),
+          ],
+          hooks: {
+            setSelect: [
+              (plot) => {
+                if (plot.select.width < 5) return;
+                const begin = plot.posToVal(plot.select.left, "x");
+                const end = plot.posToVal(plot.select.left + plot.select.width, "x");
+                plot.setSelect({ left: 0, width: 0, top: 0, height: 0 }, false);
+                chart.$emit("zoom", { begin, end });
+              },
+            ],
+          },
+        },
+        [[], ...this.fields.map(() => [])],
+        this.$refs.plot
+      );
+    },
+  },
+};

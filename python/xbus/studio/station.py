@@ -1,0 +1,176 @@
+"""A device that the studio has open: its stream, its recent past, its recordings and its settings."""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import threading
+import time
+from dataclasses import dataclass, field, fields
+from datetime import datetime
+from pathlib import Path
+
+from xbus.device import Device, connect
+from xbus.formatting import device_name
+from xbus.log.log import Log
+from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.values import State
+from xbus.sim import SimulatedDevice, serving
+from xbus.studio.history import History
+from xbus.studio.recording import StudioRecording, new_file
+from xbus.watch.attitude import Attitude
+from xbus.watch.device_source import DeviceSource
+from xbus.watch.model import Model
+
+__all__ = ["SIMULATED", "Station"]
+
+#: Prefix of the name of a virtual device.
+SIMULATED = "sim:"
+#: Duration of a block of samples, in seconds.
+STEP = 0.05
+
+
+@dataclass
+class _Watched(Model):
+    """The state of the stream; its blocks go to the history too."""
+
+    history: History = field(default_factory=History, repr=False)
+
+    def add_block(self, block: Log, now: float) -> None:
+        """Updates the state, and keeps the samples."""
+        today = time.time()
+        self.history.add_block(block, today)
+        super().add_block(block, now)
+        if self.last_attitude is not None and self.last_attitude[1] == now:
+            attitude = self.last_attitude[0]
+            self.history.add_row("attitude", "deg", attitude._fields, today, attitude)
+
+
+class Station:
+    """A device that stays open until it is closed, with or without a page.
+
+    A thread reads the stream. Commands run in the thread that calls them; the device makes readers wait
+    meanwhile.
+
+    Args:
+        source: A port as `xbus.connect` takes it, or ``sim:PRODUCT`` for a virtual device.
+        baudrate: Bits per second; None to try the usual rates.
+
+    Raises:
+        OSError: The port cannot be opened.
+        ValueError: The name is not a port.
+        XbusError: The device does not answer.
+    """
+
+    def __init__(self, source: str, baudrate: int | None = None) -> None:
+        self.source = source
+        self.key = re.sub(r"[^A-Za-z0-9]+", "-", source).strip("-")
+        self._resources = contextlib.ExitStack()
+        with self._resources:
+            port = source
+            if source.startswith(SIMULATED):
+                virtual = SimulatedDevice(source.removeprefix(SIMULATED), noise=1)
+                port = self._resources.enter_context(serving(virtual))
+            self.device: Device = self._resources.enter_context(connect(port, baudrate))
+            with self.device.configure():
+                pass  # reads the identity
+            self._source = DeviceSource(self.device, reconnect=True, restore=True, step=STEP)
+            model = self._source.model()
+            watched = {each.name: getattr(model, each.name) for each in fields(model)}
+            self.model = _Watched(**watched)
+            self.model.name = source
+            self.recording: StudioRecording | None = None
+            self._stop = threading.Event()
+            self._thread = threading.Thread(
+                target=self._run, name=f"xbus studio {source}", daemon=True
+            )
+            self._thread.start()
+            self._resources = self._resources.pop_all()
+
+    @property
+    def history(self) -> History:
+        """The recent numbers."""
+        return self.model.history
+
+    @property
+    def title(self) -> str:
+        """Product and identifier, as far as they are known, or else the port."""
+        code = self.device.product_code
+        number = self.device.device_id
+        known = [code and code.strip(), None if number is None else device_name(number)]
+        return " ".join(part for part in known if part) or self.source
+
+    @property
+    def is_virtual(self) -> bool:
+        """Whether the studio made the device."""
+        return self.source.startswith(SIMULATED)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._source.advance(self.model)
+
+    def measure(self) -> None:
+        """Makes a device in Config State measure.
+
+        Raises:
+            XbusError: It does not answer.
+        """
+        if self.device.state == State.CONFIG:
+            self.device.go_to_measurement()
+
+    def send_everything(self) -> None:
+        """Configures a virtual device to send all quantities at their highest rates, and starts it."""
+        with self.device.configure() as device:
+            support = device.support
+            names = (
+                [] if support is None else [name for name in QUANTITIES if support.rates_of(name)]
+            )
+            # The port of a virtual device is not a serial line and has no baud rate.
+            device.set_output_configuration(dict.fromkeys(names), check_baudrate=False)
+        self.measure()
+
+    def start_recording(self, folder: Path, note: str = "") -> StudioRecording:
+        """Starts to record every byte to a new file in a folder.
+
+        Args:
+            folder: The folder; it is created if it does not exist.
+            note: Text for the side file of notes; empty for none.
+
+        Raises:
+            OSError: The file cannot be written.
+            RuntimeError: The device is being recorded.
+            XbusError: The device did not send its Configuration.
+        """
+        folder.mkdir(parents=True, exist_ok=True)
+        path = new_file(folder, self.file_stem)
+        try:
+            recording = self.device.record(path)
+        except BaseException:
+            path.unlink(missing_ok=True)
+            raise
+        self.recording = StudioRecording(path, recording)
+        if note:
+            self.recording.add_note(note)
+        return self.recording
+
+    @property
+    def file_stem(self) -> str:
+        """Product and time, for the name of a file."""
+        code = self.device.product_code or self.source
+        product = re.sub(r"[^A-Za-z0-9-]+", "-", code.strip()).strip("-")
+        return f"{product}-{datetime.now():%Y%m%d-%H%M%S}"
+
+    def stop_recording(self) -> StudioRecording | None:
+        """Stops the recording, and returns it; None if there is none."""
+        recording, self.recording = self.recording, None
+        if recording is not None:
+            recording.stop()
+        return recording
+
+    def close(self) -> None:
+        """Stops the recording, restores the initial state of the device and closes the port."""
+        self._stop.set()
+        self.stop_recording()
+        self._source.close(self.model)
+        self._resources.close()
+        self._thread.join()
