@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.failure import Failure, cannot
+from xbus.cli.failure import Failure, cannot, stop_requested
 
 if TYPE_CHECKING:
     from xbus.studio.hub import Hub
@@ -35,7 +35,7 @@ DEMO = ("sim:MTi-680G", "sim:MTi-630", "sim:MTi-3")
     default="127.0.0.1",
     show_default=True,
     metavar="ADDRESS",
-    help="Address to listen on. With another one than the default, a browser needs the token of the printed URL.",
+    help="Address to listen on. With another one than the default, a browser needs the token of the URL.",
 )
 @click.option(
     "--port",
@@ -52,8 +52,8 @@ def studio(
 ) -> None:
     """Shows, tests and records devices in a browser.
 
-    Opens the devices on PORT, prints the URL of the page and opens it. Devices stay open, and recordings go on,
-    when the page is closed. Ctrl-C ends everything in order. Needs the extra studio.
+    Opens the devices on PORT, prints the URL of the page and opens it. Devices stay open, and recordings go
+    on, when the page is closed. Ctrl-C stops recordings and closes the devices. Needs the extra studio.
 
     PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
     """
@@ -84,7 +84,8 @@ def studio(
                 if not no_browser:
                     webbrowser.open(url)
 
-            serve(hub, listener, token, started)
+            with stop_requested():
+                serve(hub, listener, token, started)
     except OSError as error:
         raise cannot(f"listen on {host} port {tcp_port}", error) from error
     finally:
@@ -99,6 +100,6 @@ def _open(hub: Hub, sources: tuple[str, ...], *, demo: bool) -> None:
         for source in sources:
             hub.open(source).measure()
         for source in DEMO if demo else ():
-            hub.open(source).send_everything()
+            hub.open(source).show_all()
     except (HubError, XbusError) as error:
         raise Failure(str(error)) from error

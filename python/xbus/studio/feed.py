@@ -3,15 +3,16 @@
 A page sends text: a JSON object that shows a curve, replaces it, or hides it::
 
     {"show": {"id": 1, "source": "sim:MTi-630", "name": "acceleration", "step": 0.05, "span": 30}}
-    {"show": {"id": 1, "source": "sim:MTi-630", "name": "acceleration", "step": 0.05, "begin": 100, "end": 130}}
+    {"show": {"id": 1, "source": "sim:MTi-630", "name": "acceleration", "step": 0.1, "begin": 0, "end": 9}}
     {"hide": 1}
 
-``step`` is the time that a column of pixels covers. With ``span``, the server answers with as many seconds before the
-last sample, and then with what is new, 20 times per second. With ``begin`` and ``end``, it answers once.
+``step`` is the time that a column of pixels covers. With ``span``, the server answers with as many seconds
+before the last sample, and then with what is new, 20 times per second. With ``begin`` and ``end``, in seconds
+since 1970, it answers once.
 
-A message is about one curve, in little-endian numbers: ``id``, ``n``, ``k`` and ``final`` as U4, the times of ``n``
-points in seconds since 1970 as F8, and ``k`` rows of ``n`` values as F4, one row for each component. NaN is a gap. A
-column of pixels is sent when it is complete, so that no later message changes it.
+A message is about one curve, in little-endian numbers: ``id``, ``n``, ``k`` and ``final`` as U4, the times of
+``n`` points in seconds since 1970 as F8, and ``k`` rows of ``n`` values as F4, one row for each component.
+NaN is a gap. A column of pixels is sent when it is complete, so that no later message changes it.
 """
 
 from __future__ import annotations
@@ -133,7 +134,7 @@ def _update(shown: dict[int, _Shown], text: str) -> None:
                 shown[curve.id] = curve
             case _:
                 raise ValueError("the message must show or hide a curve")
-    except (KeyError, TypeError, OverflowError) as error:
+    except (KeyError, TypeError, OverflowError, RecursionError) as error:
         raise ValueError(f"not a request for a curve: {error!r}") from error
 
 

@@ -71,7 +71,7 @@ class Guard:
     def _answer(self, scope: Scope, headers: Headers) -> Response | None:
         """Returns the answer to a request that is not passed on."""
         host = headers.get("host", "")
-        if self._token is None and not is_loopback(urlsplit(f"//{host}").hostname or ""):
+        if self._token is None and not is_loopback(_host_name(host)):
             return _refusal("open the studio at the address that it printed, on this computer")
         if not _is_own_page(scope, headers, host):
             return _refusal("this request comes from a page of another site")
@@ -79,7 +79,8 @@ class Guard:
             return None
         query = dict(parse_qsl(scope.get("query_string", b"").decode("latin-1")))
         if scope["type"] == "http" and self._is_token(query.pop(TOKEN, "")):
-            path = scope["path"] + (f"?{urlencode(query)}" if query else "")
+            # A path that begins with two slashes would lead to another site.
+            path = "/" + scope["path"].lstrip("/") + (f"?{urlencode(query)}" if query else "")
             response = RedirectResponse(path, status_code=303)
             response.set_cookie(COOKIE, self._token, httponly=True, samesite="strict")
             return response
@@ -95,7 +96,15 @@ def _is_own_page(scope: Scope, headers: Headers, host: str) -> bool:
     if origin is None:
         # Browsers send the origin of a WebSocket, and of a request that changes something.
         return scope["type"] == "http" and scope["method"] in ("GET", "HEAD")
-    return urlsplit(origin).netloc == host
+    return origin.partition("://")[2] == host
+
+
+def _host_name(host: str) -> str:
+    """Returns the name of a ``Host`` header, without its port; an empty string if it is none."""
+    try:
+        return urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return ""
 
 
 def _cookie(headers: Headers) -> str:

@@ -139,7 +139,8 @@ class History:
                 if not _is_numeric(column):
                     continue
                 rows = column.sample - block.first_sample
-                numbers = np.asarray(column.scaled, np.float32).reshape(len(rows), -1)
+                with np.errstate(over="ignore"):  # what float32 cannot hold is drawn as a gap
+                    numbers = np.asarray(column.scaled, np.float32).reshape(len(rows), -1)
                 if len(self._devices) == 1:
                     self._named(series_name(key), column).add(time[rows], numbers)
                     continue
@@ -234,19 +235,16 @@ def thin(
     >>> thin(time, values, 8.0).values
     array([[ 0.,  5., -7.,  2.]], dtype=float32)
     """
-    gaps = _gaps(time)
-    if len(time) - skip > POINTS * max(
-        1.0, (time[-1] - time[skip]) / step if skip < len(time) else 1.0
-    ):
-        drawn, points, edges = _extremes(time, values, step, skip)
+    rows = time[skip:]
+    if len(rows) > POINTS and len(rows) > POINTS * (rows[-1] - rows[0]) / step:
+        drawn, points, begins = _extremes(rows, values[skip:], step)
     else:
-        drawn, points, edges = time[skip:], values[skip:].T, np.arange(skip, len(time))
-    # A gap is drawn before the first point at or after it.
-    places = np.searchsorted(edges, gaps[gaps >= skip])
-    return Curve(
-        np.insert(drawn, places, drawn[places] if len(places) else []),
-        np.insert(points, places, np.nan, axis=1),
-    )
+        drawn, points, begins = rows, values[skip:].T, np.arange(len(rows))
+    # A gap inside a column of pixels is not visible.
+    places = np.flatnonzero(np.isin(begins, _gaps(time) - skip, assume_unique=False))
+    if drawn is not rows:
+        places = places[::POINTS]
+    return Curve(np.insert(drawn, places, drawn[places]), np.insert(points, places, np.nan, axis=1))
 
 
 def _gaps(time: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
@@ -258,25 +256,22 @@ def _gaps(time: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
 
 
 def _extremes(
-    time: npt.NDArray[np.float64], values: npt.NDArray[np.float32], step: float, skip: int
+    time: npt.NDArray[np.float64], values: npt.NDArray[np.float32], step: float
 ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float32], npt.NDArray[np.intp]]:
     """Returns times and values of the points, and the row at which the column of each point begins."""
-    time, values = time[skip:], values[skip:]
-    pixel = np.floor(time / step)
-    starts = np.flatnonzero(np.diff(pixel, prepend=-np.inf))
+    starts = np.flatnonzero(np.diff(np.floor(time / step), prepend=-np.inf))
     ends = np.append(starts[1:], len(time)) - 1
     low, high = np.fmin.reduceat(values, starts), np.fmax.reduceat(values, starts)
-    # The place of an extreme in its column of pixels decides which of the two is drawn first.
+    # The extreme that comes first is drawn first.
+    column = np.repeat(np.arange(len(starts)), ends + 1 - starts)
     order = np.arange(len(time))[:, None]
-    column = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(time)))
-    at_low = np.minimum.reduceat(np.where(values == low[column], order, len(time)), starts)
-    at_high = np.minimum.reduceat(np.where(values == high[column], order, len(time)), starts)
-    rises = at_low <= at_high
-    points = np.stack(
-        [values[starts], np.where(rises, low, high), np.where(rises, high, low), values[ends]]
+    at_low, at_high = (
+        np.minimum.reduceat(np.where(values == extreme[column], order, len(time)), starts)
+        for extreme in (low, high)
     )
-    begin, end = time[starts], time[ends]
-    share = np.array([0.0, 1 / 3, 2 / 3, 1.0])
-    drawn = (begin[:, None] + (end - begin)[:, None] * share).ravel()
-    flat = points.transpose(2, 1, 0).reshape(values.shape[1], -1)
-    return drawn, flat.astype(np.float32), np.repeat(starts + skip, POINTS)
+    first, second = np.where(at_low <= at_high, (low, high), (high, low))
+    points = np.stack([values[starts], first, second, values[ends]])
+    begin, end = time[starts, None], time[ends, None]
+    drawn = begin + (end - begin) * np.linspace(0, 1, POINTS)
+    rows = points.transpose(2, 1, 0).reshape(values.shape[1], -1)
+    return drawn.ravel(), rows, np.repeat(starts, POINTS)

@@ -59,7 +59,7 @@ class Hub:
         except OSError as error:
             raise HubError(port_failure(source, error)) from error
         except ValueError as error:
-            raise HubError(f"{source} is not a port: {error}") from error
+            raise HubError(f"cannot open {source}: {error}") from error
         finally:
             with self._lock:
                 self._opening.discard(source)

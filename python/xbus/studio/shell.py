@@ -101,9 +101,9 @@ def frame(session: Session) -> Iterator[None]:
         ui.space()
         with ui.row().classes("gap-1 items-center") as tabs:
             pass
-        ui.button(icon="dark_mode", on_click=_toggle_dark).props("flat dense round").tooltip(
-            "dark or light"
-        )
+        ui.button(icon="dark_mode", on_click=_toggle_dark).props(
+            "flat dense round aria-label='dark or light'"
+        ).tooltip("dark or light")
     strip = ui.html("", sanitize=False).classes("xbus-strip w-full").props("aria-live=off")
     with ui.footer(elevated=False).classes("xbus-footer items-center gap-4 py-1"):
         ui.icon("terminal").classes("xbus-quiet")

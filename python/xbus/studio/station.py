@@ -18,7 +18,6 @@ from xbus.protocol.values import State
 from xbus.sim import SimulatedDevice, serving
 from xbus.studio.history import History
 from xbus.studio.recording import StudioRecording, new_file
-from xbus.watch.attitude import Attitude
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
 
@@ -118,15 +117,20 @@ class Station:
         if self.device.state == State.CONFIG:
             self.device.go_to_measurement()
 
-    def send_everything(self) -> None:
-        """Configures a virtual device to send all quantities at their highest rates, and starts it."""
+    def show_all(self, frequency: int = 100) -> None:
+        """Makes a virtual device send every quantity, at most at a rate in Hz, and starts it."""
         with self.device.configure() as device:
             support = device.support
-            names = (
-                [] if support is None else [name for name in QUANTITIES if support.rates_of(name)]
+            offered = (
+                {} if support is None else {name: support.rates_of(name) for name in QUANTITIES}
             )
+            rates = {
+                name: max((rate for rate in rates if rate <= frequency), default=None)
+                for name, rates in offered.items()
+                if rates
+            }
             # The port of a virtual device is not a serial line and has no baud rate.
-            device.set_output_configuration(dict.fromkeys(names), check_baudrate=False)
+            device.set_output_configuration(rates, check_baudrate=False)
         self.measure()
 
     def start_recording(self, folder: Path, note: str = "") -> StudioRecording:

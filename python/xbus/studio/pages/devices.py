@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -44,7 +46,7 @@ def _open_devices(session: Session) -> None:
 
 def _device(session: Session, station: Station) -> None:
     device = station.device
-    with ui.element("div").classes("xbus-card w-full").mark(f"device-{station.key}"):
+    with ui.element("div").classes(f"xbus-card w-full xbus-device-{station.key}"):
         with ui.row().classes("items-center w-full"):
             ui.label(station.title).classes("text-base font-semibold")
             if station.is_virtual:
@@ -141,15 +143,10 @@ def _ports(session: Session) -> None:
                 "flat dense round"
             ).tooltip("look for ports again")
         _port_list(session)
-        name = (
-            ui.input("port or URL", placeholder="/dev/ttyUSB0, socket://HOST:PORT")
-            .classes("w-full")
-            .props("dense")
-        )
-        ui.button(
-            "Open",
-            on_click=lambda: _open(session, name.value.strip()) if name.value.strip() else None,
-        ).props("flat dense no-caps")
+        with ui.row().classes("items-center w-full no-wrap"):
+            name = ui.input("port or URL", placeholder="/dev/ttyUSB0, socket://HOST:PORT")
+            name.classes("grow").props("dense")
+            _open_button(session, "the port or URL", lambda: name.value)
 
 
 @ui.refreshable
@@ -166,9 +163,7 @@ def _port_list(session: Session) -> None:
                 ui.label(port.description).classes("xbus-quiet text-xs ellipsis")
             if port.likely:
                 ui.badge("Xsens").props("outline color=positive")
-            ui.button("Open", on_click=lambda port=port: _open(session, port.device)).props(
-                "flat dense no-caps"
-            )
+            _open_button(session, port.device, partial(str, port.device))
 
 
 def _virtual(session: Session) -> None:
@@ -178,6 +173,14 @@ def _virtual(session: Session) -> None:
             choice = (
                 ui.select(virtual_sources(), value="sim:MTi-680G").classes("grow").props("dense")
             )
-            ui.button("Open", on_click=lambda: _open(session, choice.value)).props(
-                "flat dense no-caps"
-            ).mark("open-virtual")
+            _open_button(session, "the virtual device", lambda: choice.value)
+
+
+def _open_button(session: Session, what: str, source: Callable[[], str]) -> None:
+    """Draws a button that opens a port."""
+
+    async def open_port() -> None:
+        if name := source().strip():
+            await _open(session, name)
+
+    ui.button("Open", on_click=open_port).props(f'flat dense no-caps aria-label="Open {what}"')

@@ -1,0 +1,197 @@
+"""The studio in a browser, with virtual devices."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import xbus
+
+pytest.importorskip("nicegui", reason="the extra studio is not installed")
+playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
+
+
+class Studio:
+    """A running studio, and a page of it."""
+
+    def __init__(self, page: Any, url: Any, folder: Any) -> None:
+        self.page, self.url, self.folder = page, url, folder
+        self.problems: list[str] = []
+        page.on("pageerror", lambda error: self.problems.append(str(error)))
+
+    def open(self, path: Any) -> None:
+        self.page.goto(self.url + path)
+        self.page.get_by_text("xbus studio").wait_for()
+
+
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: Any) -> Any:
+    folder = tmp_path_factory.mktemp("studio")
+    command = [sys.executable, "-m", "xbus", "studio", "--demo", "--no-browser", "--port", "0"]
+    process = subprocess.Popen(  # noqa: S603 - our own command
+        [*command, "--folder", str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdout is not None
+    assert process.stderr is not None
+    line = process.stdout.readline()
+    assert re.fullmatch(r"studio: http://127\.0\.0\.1:\d+/\n", line), process.stderr.read()
+    yield line.split()[1], folder
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=60)
+    assert errors == ""
+    assert process.returncode == 0
+
+
+@pytest.fixture(scope="module")
+def browser() -> Any:
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def studio(running: Any, browser: Any) -> Any:
+    url, folder = running
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    page.set_default_timeout(60_000)
+    outside = []
+    page.on(
+        "request",
+        lambda request: (
+            None
+            if request.url.startswith((url, url.replace("http", "ws"), "data:", "blob:"))
+            else outside.append(request.url)
+        ),
+    )
+    opened = Studio(page, url, folder)
+    yield opened
+    page.close()
+    assert opened.problems == []
+    assert outside == [], "the studio loads nothing from the internet"
+
+
+def test_devices_are_listed_and_identified(studio: Any) -> None:
+    studio.open("")
+    for product in ("MTi-680G", "MTi-630", "MTi-3"):
+        card = studio.page.locator(f".xbus-device-sim-{product}")
+        assert f"{product}-" in card.inner_text()
+        assert "firmware" in card.inner_text()
+
+
+def test_a_device_is_opened_tested_and_closed(studio: Any) -> None:
+    page = studio.page
+    studio.open("")
+    page.get_by_role("textbox", name="port or URL").fill("sim:MTi-300")
+    page.get_by_role("button", name="Open the port or URL").click()
+    card = page.locator(".xbus-device-sim-MTi-300")
+    card.get_by_role("button", name="Self test").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_text("acc x: passed").wait_for()
+    dialog.get_by_role("button", name="Close").click()
+    card.get_by_role("button", name="Close").click()
+    card.wait_for(state="detached")
+
+
+def test_a_port_that_does_not_exist_is_one_sentence(studio: Any) -> None:
+    page = studio.page
+    studio.open("")
+    page.get_by_role("textbox", name="port or URL").fill("/dev/ttyNOWHERE")
+    page.get_by_role("button", name="Open the port or URL").click()
+    page.get_by_text(
+        "cannot open /dev/ttyNOWHERE: No such file or directory; xbus ports lists"
+    ).wait_for()
+
+
+def test_live_data_move(studio: Any) -> None:
+    page = studio.page
+    studio.open("live/sim-MTi-630")
+    page.locator(".xbus-chart canvas").first.wait_for()
+    assert page.locator(".xbus-chart").count() == 3
+    # What is drawn changes from one frame to the next, and the table has values.
+    pixels = "() => document.querySelector('.xbus-chart canvas').toDataURL()"
+    before = page.evaluate(pixels)
+    page.wait_for_function(f"before => ({pixels})() !== before", arg=before)
+    horizon = page.locator(".xbus-horizon")
+    page.wait_for_function(
+        "() => document.querySelector('.xbus-horizon').ariaLabel.startsWith('heading')"
+    )
+    assert horizon.get_attribute("aria-label")
+    table = page.locator(".xbus-table").first
+    assert "acceleration" in table.inner_text()
+    assert "m/s2" in table.inner_text()
+    assert "xbus monitor sim:MTi-630" in page.locator("footer").inner_text()
+
+
+def test_a_paused_plot_stands_still_and_goes_on(studio: Any) -> None:
+    page = studio.page
+    studio.open("live/sim-MTi-630")
+    canvas = page.locator(".xbus-chart canvas").first
+    canvas.wait_for()
+    page.get_by_role("button", name="Pause").click()
+    resume = page.get_by_role("button", name="Resume")
+    resume.wait_for()
+    # The part of the past is asked for once; then nothing is drawn.
+    pixels = "() => document.querySelector('.xbus-chart canvas').toDataURL()"
+    page.wait_for_timeout(1000)
+    before = page.evaluate(pixels)
+    page.wait_for_timeout(500)
+    assert page.evaluate(pixels) == before
+    resume.click()
+    page.wait_for_function(f"before => ({pixels})() !== before", arg=before)
+
+
+def test_recording_goes_on_without_a_page(studio: Any, browser: Any) -> None:
+    page = studio.page
+    studio.open("record/sim-MTi-630")
+    page.get_by_role("checkbox", name=re.compile("MTi-3-")).click()
+    page.get_by_label("note", exact=True).fill("on the bench")
+    page.get_by_role("button", name="Record", exact=True).last.click()
+    page.get_by_role("button", name="Stop").wait_for()
+    page.get_by_label("note during the recording").fill("a knock")
+    page.get_by_role("button", name="Add note").click()
+    page.locator("td", has_text="2 notes").first.wait_for()
+    other = browser.new_page()
+    other.goto(studio.url + "record")
+    stop = other.get_by_role("button", name="Stop")
+    stop.wait_for(timeout=60_000)
+    page.goto("about:blank")
+    other.wait_for_timeout(1000)
+    stop.click()
+    other.get_by_role("button", name="Record", exact=True).last.wait_for(timeout=60_000)
+    other.get_by_text("nothing is being recorded").wait_for()
+    other.close()
+    files = sorted(studio.folder.glob("*.mtb"))
+    assert [file.name.split("-8A")[0] for file in files] == ["MTi-630", "MTi-680G"]
+    for file in files:
+        log = xbus.read_log(file)
+        assert log.duration > 1
+        assert log.stats.lost_samples == log.stats.skipped_bytes == 0
+        lines = Path(f"{file}.notes").read_text("utf-8").splitlines()
+        assert [json.loads(line)["text"] for line in lines] == ["on the bench", "a knock"]
+
+
+def test_dark_and_light(studio: Any) -> None:
+    page = studio.page
+    studio.open("live/sim-MTi-630")
+    page.locator(".xbus-chart canvas").first.wait_for()
+    was_dark = page.evaluate("document.body.classList.contains('body--dark')")
+    page.get_by_role("button", name="dark or light").click()
+    page.wait_for_function(
+        "was => document.body.classList.contains('body--dark') !== was", arg=was_dark
+    )
+    page.locator(".xbus-chart canvas").first.wait_for()
