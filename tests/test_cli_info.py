@@ -250,6 +250,7 @@ def test_json_of_a_log_that_names_its_device() -> None:
         "filter_profile": 0,
         "output_mode": None,
         "output_settings": None,
+        "data_length": 0,
         "filter_type": None,
         "filter_version": [0, 0],
     }

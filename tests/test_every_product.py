@@ -65,7 +65,9 @@ def value_for(row: MessageRow, state: State, known: Support) -> Any:
         "ReqEmts": b"\x00\xff",
         "ResetOrientation": ResetCode.STORE if state is State.CONFIG else ResetCode.INCLINATION,
         "AdjustUTCTime": 0, "SetGnssReceiverSettings": GnssReceiverSettings(3, 2, 4),
-        "SetOutputConfiguration": (), "SetOutputSkipFactor": 0, "SetInitialHeading": 0,
+        # Without outputs, the 10- and 100-series are in legacy mode.
+        "SetOutputConfiguration": (Output(DataId.PacketCounter),),
+        "SetOutputSkipFactor": 0, "SetInitialHeading": 0,
         "SetErrorMode": 1, "SetTransmitDelay": 590, "SetCanConfig": CanConfig(0x0C),
         "SetCanOutputConfig": (), "ReqAlignmentRotation": 0,
         "SetAlignmentRotation": AlignmentRotation(0, (1, 0, 0, 0)), "ForwardGnssData": b"\xd3",

@@ -85,6 +85,8 @@ pub struct Configuration {
     pub filter_profile: u16,
     /// Firmware: major, minor, revision.
     pub firmware: [u8; 3],
+    /// Bytes of the payload of `MTData`; 0 if the device does not send it.
+    pub data_length: u16,
     /// Output mode of the older `MTData`; devices with 8-byte identifiers have none.
     pub output_mode: Option<u16>,
     /// Output settings of the older `MTData`; devices with 8-byte identifiers have none.
@@ -127,6 +129,7 @@ impl Configuration {
             devices: u16_at(payload, field::DEVICES)?,
             filter_profile: u16_at(payload, field::FILTER_PROFILE)?,
             firmware: [payload[field::MAJOR], payload[field::MINOR], payload[field::REVISION]],
+            data_length: if wide { 0 } else { u16_at(payload, field::DATA_LENGTH)? },
             output_mode: narrow(u16_at(payload, field::OUTPUT_MODE)),
             output_settings: if wide { None } else { u32_at(payload, field::OUTPUT_SETTINGS) },
             filter_type: filter_type.is_ascii_graphic().then_some(filter_type),
@@ -152,6 +155,7 @@ mod field {
     pub const PRODUCT_CODE: usize = of("product_code");
     pub const HOST: usize = of("host");
     pub const DEVICES: usize = of("devices");
+    pub const DATA_LENGTH: usize = of("data_length");
     pub const OUTPUT_MODE: usize = of("output_mode");
     pub const OUTPUT_SETTINGS: usize = of("output_settings");
     pub const FILTER_PROFILE: usize = of("filter_profile");

@@ -164,9 +164,10 @@ def _replay(file: str) -> Replay:
 def _product_of(file: str | None, replay: Replay | None) -> str:
     """Returns the product in a recording."""
     from xbus.protocol.products import product_of_code
-    from xbus.protocol.tables import PRODUCTS
+    from xbus.protocol.tables import LEGACY_PRODUCTS, PRODUCTS
 
-    names = ", ".join(product.name for product in PRODUCTS.values())
+    products = (*PRODUCTS.values(), *LEGACY_PRODUCTS.values())
+    names = ", ".join(product.name for product in products)
     if replay is None:
         raise click.UsageError(f"--product is missing; choose from {names}")
     code = replay.identity.product_code

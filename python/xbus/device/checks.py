@@ -13,6 +13,7 @@ from xbus.protocol.values import (
     CAN_BAUD_CODES,
     ERROR_MODES,
     EVERY,
+    LATER_RESETS,
     PERIODS,
     PULSE_OFFSETS,
     SYNC_DELAYS,
@@ -295,13 +296,6 @@ def _check_ext_output_mode(mode: int, support: Support) -> None:
             f"the {support.product.name} has no {analog.name}; only legacy products have it"
         )
 
-
-#: Orientation resets that legacy products lack.
-LATER_RESETS = (
-    ResetCode.DEFAULT_HEADING,
-    ResetCode.DEFAULT_INCLINATION,
-    ResetCode.DEFAULT_ALIGNMENT,
-)
 
 #: What the product can do.
 PRODUCT_CHECKS: dict[str, Callable[[Any, Support], None]] = {

@@ -41,6 +41,7 @@ class Configuration:
         output_settings: Output settings of the older MTData; None on devices with 8-byte identifiers.
         filter_type: Letter of the kind of filter, or None.
         filter_version: Major and minor version of the filter.
+        data_length: Bytes of the payload of MTData; 0 if the device does not send it.
     """
 
     device_id: int
@@ -56,6 +57,7 @@ class Configuration:
     output_settings: int | None = None
     filter_type: str | None = None
     filter_version: tuple[int, int] = (0, 0)
+    data_length: int = 0
 
     @classmethod
     def read(cls, payload: bytes) -> Configuration | None:

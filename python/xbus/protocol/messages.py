@@ -189,7 +189,7 @@ def _configuration(row: MessageRow) -> Layout:
                 **dict.fromkeys(("sync_in", "host", "client"), b""),
                 "devices": value.devices,
                 "first_device_id": low,
-                "data_length": high >> 16 if wide else 0,
+                "data_length": high >> 16 if wide else value.data_length,
                 "output_mode": high & 0xFFFF if wide else value.output_mode or 0,
                 "output_settings": 0 if wide else value.output_settings or 0,
                 "filter_profile": value.filter_profile,

@@ -880,6 +880,14 @@ class ResetCode(IntEnum):
     DEFAULT_ALIGNMENT = 7
 
 
+#: Orientation resets that legacy products lack.
+LATER_RESETS = (
+    ResetCode.DEFAULT_HEADING,
+    ResetCode.DEFAULT_INCLINATION,
+    ResetCode.DEFAULT_ALIGNMENT,
+)
+
+
 @dataclass(frozen=True)
 class UtcTime:
     """A time (Table 35).

@@ -12,16 +12,17 @@ import numpy as np
 from xbus import _core
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.messages import encode
-from xbus.protocol.products import FactoryIdentity, Support
+from xbus.protocol.products import LEGACY, FactoryIdentity, Support
 from xbus.protocol.tables import MASTER, STATUS_FLAGS, device_of
-from xbus.protocol.values import OptionFlag, SyncFunction, UtcTime
+from xbus.protocol.values import GnssChannel, OptionFlag, SyncFunction, UtcTime
 from xbus.sim.clock import SECOND, Clock
 from xbus.sim.memory import Memory, UnitSettings, restored
 from xbus.sim.motion import Trajectory
+from xbus.sim.mtdata import mtdata_size
 from xbus.sim.procedures import Rotation
 from xbus.sim.receiver import Receiver
 from xbus.sim.replay import Replay
-from xbus.sim.sensors import Sensors
+from xbus.sim.sensors import Sensors, Ticks
 from xbus.sim.sync import SyncInputs
 
 __all__ = ["Board", "World", "status_word"]
@@ -162,6 +163,37 @@ class Board:
         """Sends a message that is not a reply."""
         self.send(_core.encode_frame(self.bid, mid, payload))
 
+    # MTData
+
+    @property
+    def is_in_legacy_mode(self) -> bool:
+        """Whether the device answers the messages about MTData.
+
+        Devices of the 10- and 100-series do so while they have no other output.
+        """
+        if self.support.is_legacy:
+            return True
+        return bool(self.support.output_modes) and not self.settings.output_configuration
+
+    @property
+    def sends_mtdata(self) -> bool:
+        """Whether the device sends MTData in Measurement."""
+        return self.is_in_legacy_mode and (
+            self.support.is_legacy or bool(self.settings.output_mode)
+        )
+
+    @property
+    def data_length(self) -> int:
+        """Bytes of the payload of MTData; 0 if the device does not send MTData."""
+        if not self.sends_mtdata:
+            return 0
+        return mtdata_size(self.settings.output_mode, self.settings.output_settings)
+
+    def channels(self) -> tuple[GnssChannel, ...]:
+        """Returns the channels of the GPS receiver."""
+        tick = Ticks(self.clock.now, 1, SECOND)
+        return tuple(GnssChannel(*row) for row in self.sensors().channels(tick)[0].tolist())
+
     # Information
 
     def configuration(self) -> bytes:
@@ -169,7 +201,7 @@ class Board:
         settings, series = self.settings, self.product.series
         profile = settings.filter_profile
         letter, version = self.support.filter_version
-        is_old = series in ("10-series", "100-series")
+        is_old = series in ("10-series", "100-series", LEGACY)
         return encode(
             "Configuration",
             Configuration(
@@ -182,8 +214,9 @@ class Board:
                 devices=1,
                 filter_profile=profile if isinstance(profile, int) else 0,
                 firmware=self.identity.firmware,
-                output_mode=0,
-                output_settings=1 if is_old else 0,
+                output_mode=int(settings.output_mode),
+                output_settings=int(settings.output_settings) if is_old else 0,
+                data_length=self.data_length,
                 filter_type=letter,
                 filter_version=version,
             ),

@@ -15,6 +15,7 @@ from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import decode, encode
 from xbus.protocol.tables import MESSAGES, MessageRow
 from xbus.protocol.values import (
+    LATER_RESETS,
     Alignment,
     AlignmentRotation,
     DeviceErrorInfo,
@@ -73,6 +74,7 @@ def _forward_gnss_data(unit: Unit, data: bytes) -> bytes:
 
 def _reset_orientation(unit: Unit, code: ResetCode | int) -> bytes:
     require(isinstance(code, ResetCode))
+    require(code not in (LATER_RESETS if unit.support.is_legacy else (ResetCode.GLOBAL,)))
     # STORE is valid in Config only, the other codes in Measurement only.
     require((code == ResetCode.STORE) == (unit.state is State.CONFIG), ErrorCode.MESSAGE)
     if unit.measurement is not None:
@@ -147,6 +149,8 @@ COMMANDS: dict[str, Handler] = {
     # 5.3.5
     "ReqConfiguration": lambda unit, _: unit.configuration(),
     "ReqEmts": lambda unit, _: unit.emts,
+    "ReqDataLength": reply_with("DataLength", lambda unit: unit.data_length),
+    "ReqGnssStatus": reply_with("GnssStatus", lambda unit: unit.channels()),
     # 5.3.6
     "ReqData": _send_latest,
     # 5.3.7
@@ -190,7 +194,10 @@ def answer(unit: Unit, request: Request) -> tuple[int, bytes] | None:
 def _request_row(unit: Unit, request: Request) -> MessageRow | None:
     """Returns the row of a request in the table of messages; None for a request to ignore."""
     known = _REQUESTS.get(request.mid, ())
-    rows = [row for row in known if row.name in unit.support.messages]
+    names = unit.support.messages
+    if unit.is_in_legacy_mode:
+        names |= unit.support.legacy_messages
+    rows = [row for row in known if row.name in names]
     if not rows:
         raise Refused(ErrorCode.MESSAGE)
     # All messages with one MID are valid in the same states. The manual has no error code for a wrong

@@ -23,6 +23,7 @@ from xbus.protocol.values import (
 )
 from xbus.sim.board import Board, status_word
 from xbus.sim.clock import SECOND
+from xbus.sim.mtdata import MtDataStream
 from xbus.sim.procedures import icc_result, is_still, reset
 from xbus.sim.stream import Stream
 from xbus.sim.strings import StringStream
@@ -44,7 +45,7 @@ STATUS_QUANTITIES = ("status_word", "status_byte")
 
 
 class Source(Protocol):
-    """A source of samples: a `Stream`, strings, or a recording."""
+    """A source of samples: a `Stream`, MTData, strings, or a recording."""
 
     def take(self, until: float, status: int) -> list[tuple[float, bytes]]:
         """Returns the frames sent since the last call, each with its time."""
@@ -89,6 +90,8 @@ class Measurement:
             return self._make_strings(now)
         if board.world.replay is not None:
             return board.world.replay.play(now)
+        if board.sends_mtdata:
+            return self._make_mtdata(now)
         return Stream(
             board.settings.output_configuration,
             sensors=board.sensors(),
@@ -102,15 +105,32 @@ class Measurement:
             location_id=board.settings.location_id,
         )
 
+    def _make_mtdata(self, now: float) -> MtDataStream:
+        board = self._board
+        rate = self._output_rate()
+        self._on_request = self._on_request or rate is None
+        return MtDataStream(
+            board.settings.output_mode,
+            board.settings.output_settings,
+            rate or Fraction(PERIOD_TICKS, board.settings.period),
+            board.sensors(),
+            fine_wrap=board.product.fine_wrap,
+            fine_start=-(board.powered_at // TICK),
+            start=now,
+            bid=board.bid,
+        )
+
+    def _output_rate(self) -> Fraction | None:
+        """Returns the rate of strings and MTData by period and skip factor; None: on request."""
+        settings = self._board.settings
+        if settings.output_skip_factor == ON_DEMAND:
+            return None
+        return Fraction(PERIOD_TICKS, settings.period * (settings.output_skip_factor + 1))
+
     def _make_strings(self, now: float) -> StringStream:
         settings, board = self._board.settings, self._board
-        rate: Fraction | None
-        if settings.string_output_type.frequency is not None:
-            rate = Fraction(settings.string_output_type.frequency)
-        elif settings.output_skip_factor == ON_DEMAND:
-            rate = None
-        else:
-            rate = Fraction(PERIOD_TICKS, settings.period * (settings.output_skip_factor + 1))
+        frequency = settings.string_output_type.frequency
+        rate = self._output_rate() if frequency is None else Fraction(frequency)
         self._on_request = self._on_request or rate is None
         return StringStream(settings.string_output_type.types, rate, board.sensors(), now)
 
@@ -154,7 +174,7 @@ class Measurement:
 
     def sensors_changed(self) -> None:
         """Replaces the sensors, after a change of settings, fix or RTK status."""
-        if isinstance(self._source, Stream | StringStream):
+        if isinstance(self._source, Stream | StringStream | MtDataStream):
             self._source.sensors = self._board.sensors()
 
     # Edges at the sync inputs

@@ -20,6 +20,8 @@ from xbus.protocol.values import (
     LatLonAlt,
     OptionFlag,
     Output,
+    OutputMode,
+    OutputSettings,
     PortConfig,
     PortProtocol,
     StringOutput,
@@ -46,8 +48,8 @@ class UnitSettings:
     Attributes:
         output_configuration: Output configuration, with the rates in effect.
         string_output_type: String outputs; if there are any, the device sends them instead of MTData2.
-        period: Sampling period of the string outputs, in 1/115200 s.
-        output_skip_factor: Number of sampling periods to skip between string outputs.
+        period: Sampling period of strings and MTData, in 1/115200 s.
+        output_skip_factor: Number of sampling periods to skip between two outputs.
         sync_settings: Synchronization settings.
         option_flags: Option flags.
         location_id: Location identifier.
@@ -66,6 +68,9 @@ class UnitSettings:
         gnss_lever_arm: GNSS lever arm.
         gnss_receiver_settings: GNSS receiver.
         initial_heading: Initial heading in degrees.
+        output_mode: Items of MTData.
+        output_settings: Their form.
+        heading: Heading offset of legacy products, in radians.
     """
 
     output_configuration: tuple[Output, ...]
@@ -90,6 +95,9 @@ class UnitSettings:
     gnss_lever_arm: GnssLeverArm
     gnss_receiver_settings: GnssReceiverSettings
     initial_heading: float
+    output_mode: OutputMode
+    output_settings: OutputSettings
+    heading: float
 
     @property
     def host_baud_code(self) -> int:
@@ -136,6 +144,10 @@ def factory_settings(support: Support) -> UnitSettings:
         gnss_lever_arm=GnssLeverArm(0.0, 0.0, 0.0),
         gnss_receiver_settings=support.gnss_receiver_settings,
         initial_heading=0.0,
+        # A new legacy device sends the quaternion; those of the 10- and 100-series were seen with mode 0.
+        output_mode=OutputMode.ORIENTATION if support.is_legacy else OutputMode(0),
+        output_settings=OutputSettings(),
+        heading=0.0,
     )
 
 
@@ -149,6 +161,8 @@ def restored(settings: UnitSettings, support: Support) -> UnitSettings:
         port_config=factory.port_config,
         period=factory.period,
         output_skip_factor=factory.output_skip_factor,
+        output_mode=factory.output_mode,
+        output_settings=factory.output_settings,
         sync_settings=factory.sync_settings,
         error_mode=factory.error_mode,
     )

@@ -52,6 +52,10 @@ def reset(
         case ResetCode.DEFAULT_ALIGNMENT:
             return NO_ROTATION, NO_ROTATION
     sensor, local = _unit(rot_sensor), _unit(rot_local)
+    if code == ResetCode.GLOBAL:
+        # The present axes of the sensor become the local ones.
+        seen = quaternion.multiply(orientation, sensor)
+        return rot_sensor, _rotation(quaternion.conjugate(seen))
     output = quaternion.multiply(local, quaternion.multiply(orientation, sensor))
     yaw = quaternion.to_euler(output)[2]
     heading = quaternion.from_euler([0.0, 0.0, yaw])

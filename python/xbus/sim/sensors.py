@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from xbus.geometry import earth, quaternion
 from xbus.geometry.earth import FloatArray
+from xbus.protocol.products import LEGACY
 from xbus.protocol.tables import QUANTITIES, UTC_VALID, Product
 from xbus.sim.clock import SECOND
 from xbus.sim.motion import TO_ENU, Motion, Trajectory
@@ -172,7 +173,8 @@ class Sensors:
         Raises:
             ValueError: The product does not measure the quantity.
         """
-        if self.product.number not in QUANTITIES[name].products:
+        is_legacy = self.product.series == LEGACY
+        if not is_legacy and self.product.number not in QUANTITIES[name].products:
             raise ValueError(f"{self.product.name} does not measure {name}")
         local = quaternion.conjugate(TO_ENU[coordinates])
         match name:
@@ -237,7 +239,7 @@ class Sensors:
 
     @property
     def _has_gnss(self) -> bool:
-        return self.product.number in QUANTITIES["gnss_pvt_data"].products
+        return self.product.kind == "GNSS/INS"
 
     @cached_property
     def _rot_sensor(self) -> FloatArray:
@@ -420,6 +422,19 @@ class Sensors:
         strength = np.rint(sky["strength"] + 3.0 * np.sin(angle)).astype(np.int64)
         strength *= (ticks.time >= self.time_to_fix)[:, np.newaxis]
         return strength, strength >= USED_FROM
+
+    def channels(self, ticks: Ticks) -> IntArray:
+        """Returns the numbers of `GnssChannel` for each channel, (n, channels, 5)."""
+        strength, used = self._sky(ticks)
+        number = self._constellation["number"]
+        rows = np.broadcast_arrays(
+            np.arange(len(number)),
+            number,
+            used.astype(np.int64),
+            np.where(used, LOCKED, SEARCHING),
+            strength,
+        )
+        return np.stack(rows, axis=2)
 
     def _sat_info(self, ticks: Ticks) -> IntArray:
         """Returns the head of Table 26 and its satellites, (n, 5 + 4 * satellites)."""

@@ -38,6 +38,8 @@ from xbus.protocol.values import (
     OptionFlag,
     OptionFlags,
     Output,
+    OutputMode,
+    OutputSettings,
     Polarity,
     PortConfig,
     PortProtocol,
@@ -187,6 +189,31 @@ def _set_port_config(board: Board, ports: tuple[PortConfig, ...]) -> bytes:
     return b""
 
 
+def _set_output_mode(board: Board, mode: OutputMode) -> bytes:
+    require(_is_within(mode, board.support.output_modes))
+    board.memory.change(output_mode=mode)
+    return b""
+
+
+def _set_output_settings(board: Board, settings: OutputSettings) -> bytes:
+    require(settings.is_explained)
+    board.memory.change(output_settings=settings)
+    return b""
+
+
+def _set_heading(board: Board, heading: float) -> bytes:
+    require(math.isfinite(heading))
+    board.memory.change(heading=heading)
+    return b""
+
+
+def _set_ext_output_mode(board: Board, mode: ExtOutputMode) -> bytes:
+    legacy = ExtOutputMode.ANALOG_EULER_ANGLES
+    require(_is_within(mode, legacy if board.support.is_legacy else EXT_OUTPUT_MODES))
+    board.memory.change(ext_output_mode=mode)
+    return b""
+
+
 def _read_available_filter_profiles(board: Board, _: None) -> bytes:
     profiles = list(board.support.filter_profiles)
     empty = [AvailableProfile(0, 0, "")] * (PROFILE_SLOTS - len(profiles))
@@ -248,10 +275,6 @@ def _is_can_config(config: CanConfig) -> bool:
     return config.baudrate is not None
 
 
-def _is_ext_output_mode(mode: ExtOutputMode) -> bool:
-    return _is_within(mode, EXT_OUTPUT_MODES)
-
-
 def _is_platform(platform: GnssPlatform | int) -> bool:
     return isinstance(platform, GnssPlatform)
 
@@ -303,7 +326,6 @@ _SETTINGS = (
     _Setting("TransmitDelay", "transmit_delay", TRANSMIT_DELAYS.__contains__),
     _Setting("ErrorMode", "error_mode", ERROR_MODES.__contains__),
     _Setting("OutputSkipFactor", "output_skip_factor", _is_any),
-    _Setting("ExtOutputMode", "ext_output_mode", _is_ext_output_mode),
     _Setting("CanConfig", "can_config", _is_can_config, ErrorCode.BAUDRATE),
     _Setting("CanOutputConfig", "can_output_config", _are_can_outputs),
     _Setting("LatLonAlt", "lat_lon_alt", _is_place),
@@ -331,6 +353,16 @@ SETTING_COMMANDS: dict[str, Handler] = {
     "SetStringOutputType": _set_string_output_type,
     "ReqPeriod": reply_with("ReqPeriodAck", lambda board: board.settings.period),
     "SetPeriod": _set_period,
+    "ReqOutputMode": reply_with("ReqOutputModeAck", lambda board: board.settings.output_mode),
+    "SetOutputMode": _set_output_mode,
+    "ReqOutputSettings": reply_with(
+        "ReqOutputSettingsAck", lambda board: board.settings.output_settings
+    ),
+    "SetOutputSettings": _set_output_settings,
+    "ReqHeading": reply_with("HeadingAck", lambda board: board.settings.heading),
+    "SetHeading": _set_heading,
+    "ReqExtOutputMode": reply_with("ExtOutputMode", lambda board: board.settings.ext_output_mode),
+    "SetExtOutputMode": _set_ext_output_mode,
     "ReqAlignmentRotation": _read_alignment_rotation,
     "SetAlignmentRotation": _set_alignment_rotation,
     "ReqPortConfig": reply_with("PortConfig", lambda board: board.settings.port_config),

@@ -37,7 +37,7 @@ class Unit(Board):
             self.go_to_config()
             return
         is_enabled = flags & OptionFlag.ENABLE_CONFIG_MESSAGE_AT_STARTUP
-        if is_enabled or self.product.series != "1-series":
+        if not self.is_in_legacy_mode and (is_enabled or self.product.series != "1-series"):
             self.send_message(MessageId.Configuration, self.configuration())
             self.send_message(MessageId.EmtsData, self.emts)
         self.go_to_measurement()
@@ -51,6 +51,12 @@ class Unit(Board):
     def go_to_measurement(self) -> None:
         """Enters Measurement."""
         self.state, self.measurement = State.MEASUREMENT, Measurement(self)
+        if self.is_in_legacy_mode:
+            # After the acknowledgement, and before the data.
+            self.clock.at(self.clock.now, self._send_configuration)
+
+    def _send_configuration(self) -> None:
+        self.send_message(MessageId.Configuration, self.configuration())
 
     def receiver_changed(self) -> None:
         """Handles a change of the fix or its RTK status."""
