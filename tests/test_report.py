@@ -676,6 +676,17 @@ def test_a_browser_draws_every_curve(tmp_path: Path) -> None:
             assert re.search(r'\bd="M[-0-9.,]+[LVHA]', drawn), (figure["name"], data["name"])
 
 
+@pytest.mark.parametrize("name", ["lat_lon", "position_ecef"])
+def test_a_position_without_a_fix_is_not_in_the_track(name: str) -> None:
+    position = {"lat_lon": (52.0, 4.0), "position_ecef": (3.9e6, 3.3e5, 5e6)}[name]
+    valid, no_fix = 0b111, 0b011
+    data = b"".join(
+        encode_sample({"sample_time_fine": 100 * at, "status_word": status, name: position})
+        for at, status in enumerate([valid, no_fix, 0, valid])
+    )
+    assert gather(data).tracks[name].rows == 2
+
+
 @browser
 def test_a_browser_shows_the_colours(tmp_path: Path) -> None:
     out, _ = evil_page(tmp_path)

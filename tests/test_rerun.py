@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import socket
 import subprocess
 import sys
 from collections import defaultdict
@@ -13,8 +15,10 @@ import pytest
 
 import xbus
 from test_cli import FIELD, WALK, run
+from xbus.export.palette import COLOURS
 from xbus.export.rerun.rrd import Rrd
 from xbus.export.rerun.scene import Scene
+from xbus.geometry.earth import geodetic_to_ecef
 from xbus.geometry.quaternion import rotate
 from xbus.log.part_file import export_parts
 from xbus.protocol.tables import RESULT_CODES
@@ -181,6 +185,108 @@ def test_a_device_that_is_identified_late_has_its_name_in_all_parts(tmp_path: Pa
     rows = rrd_rows(tmp_path / "out.rrd")
     assert values(rows["/03800001/temperature"], "sample") == list(range(100))
     assert not [path for path in rows if path.startswith("/bid_")]
+
+
+VALID, NO_FIX = 0b111, 0b011
+
+
+def position_sample(at: int, status: int, **position: Any) -> bytes:
+    time = {"packet_counter": at, "sample_time_fine": 10_000 * at, "status_word": status}
+    return xbus.encode_sample(time | position)
+
+
+@pytest.mark.parametrize("name", ["lat_lon", "position_ecef"])
+def test_positions_with_a_fix_are_on_the_map(name: str, tmp_path: Path) -> None:
+    """The same as in a GPX file."""
+    gpxpy = pytest.importorskip("gpxpy")
+    places = [(52.0, 4.0 + at / 100) for at in range(5)]
+    ecef = geodetic_to_ecef(*np.array(places).T, 40.0)
+    given = {"lat_lon": places, "position_ecef": ecef.tolist()}[name]
+    states = [VALID, NO_FIX, VALID, 0, VALID]
+    rows = zip(states, given, strict=True)
+    data = [position_sample(at, state, **{name: place}) for at, (state, place) in enumerate(rows)]
+    path = tmp_path / "log.mtb"
+    path.write_bytes(b"".join([*data, position_sample(5, VALID, **{name: [0.0] * len(given[0])})]))
+    assert run("decode", str(path), "--quantity", name, "-o", f"{path}.rrd").exit_code == 0
+    found = rrd_rows(Path(f"{path}.rrd"))[f"/bid_1/{name}/position"]
+    drawn = np.array(values(found, "GeoPoints:positions"))[:, 0]
+    xbus.read_log(path).to_gpx(tmp_path / "log.gpx")
+    (track,) = gpxpy.parse((tmp_path / "log.gpx").read_text()).tracks
+    points = [(point.latitude, point.longitude) for point in track.walk(only_points=True)]
+    np.testing.assert_allclose(drawn, points, atol=1e-9)
+    assert values(found, "sample") == [0, 2, 4]
+
+
+SOFTWARE_VULKAN = [*Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json")]
+
+
+@pytest.mark.skipif(not SOFTWARE_VULKAN, reason="no software Vulkan (mesa-vulkan-drivers)")
+def test_the_viewer_draws_a_recording(tmp_path: Path) -> None:
+    """Without positions: for a map the viewer would request tiles from the network."""
+    waves = np.sin(np.arange(200)[:, None] / 20 + [0, 2, 4])
+    time = [{"packet_counter": at, "sample_time_fine": 100 * at} for at in range(200)]
+    samples = [
+        xbus.encode_sample(time[at] | {"acceleration": tuple(row), "euler_angles": (0, 0, 90)})
+        for at, row in enumerate(waves.tolist())
+    ]
+    xbus.read_log(b"".join(samples)).to_rrd(tmp_path / "log.rrd")
+    # A busy computer: the viewer may say that the file has no recording, and draw it the next time.
+    pictures = (_drawn(tmp_path / "log.rrd", tmp_path) for _ in range(3))
+    pixels = next((found for found in pictures if _curves(found).all()), None)
+    assert pixels is not None
+    # The axes of the sensor are red, green and blue, on the left.
+    height, width, _ = pixels.shape
+    attitude = pixels[height // 10 : height // 2, : width // 2]
+    for colour in range(3):
+        others = [other for other in range(3) if other != colour]
+        assert (attitude[..., colour] - attitude[..., others].max(axis=-1) > 40).sum() > 5
+
+
+def _drawn(path: Path, folder: Path) -> Any:
+    """The pixels of the viewer that shows a file."""
+    image = pytest.importorskip("PIL.Image")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = str(free.getsockname()[1])
+    picture = folder / "viewer.png"
+    command = [sys.executable, "-m", "rerun", str(path), "--headless", "--port", port]
+    # The software cannot draw a larger window.
+    command += ["--window-size", "800x600", "--screenshot-to", str(picture)]
+    own = {"WGPU_BACKEND": "vulkan", "XDG_RUNTIME_DIR": str(folder), "HOME": str(folder)}
+    own["VK_ICD_FILENAMES"] = str(SOFTWARE_VULKAN[0])
+    result = subprocess.run(  # noqa: S603
+        command, env=os.environ | own, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    return np.asarray(image.open(picture).convert("RGB")).astype(int)
+
+
+def _curves(pixels: Any) -> Any:
+    """Whether the curves of three colours are on the right."""
+    series = pixels[:, pixels.shape[1] // 2 :]
+    colours = [list(bytes.fromhex(text[1:])) for text in COLOURS[:3]]
+    distances = [np.abs(series - colour).max(axis=-1) for colour in colours]
+    return np.array([(distance < 12).sum() > 100 for distance in distances])
+
+
+def test_the_layout_has_a_view_for_each_kind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sent: list[Any] = []
+    monkeypatch.setattr(
+        rerun.RecordingStream, "send_blueprint", lambda _, blueprint: sent.append(blueprint)
+    )
+    xbus.read_log(WALK).to_rrd(tmp_path / "walk.rrd")
+    left, right = sent[-1].root_container.contents
+    rrb = rerun.blueprint
+    kinds = [type(view) for view in left.contents]
+    assert kinds == [rrb.Spatial3DView, rrb.MapView, rrb.TextLogView]
+    (device,) = right.contents
+    assert device.name == "008000A1B2"
+    assert {type(view) for view in device.contents} == {rrb.TimeSeriesView}
+    assert "acceleration, m/s2" in [view.name for view in device.contents]
+    xbus.read_log(sample(0, 100)).to_rrd(tmp_path / "small.rrd")
+    left, right = sent[-1].root_container.contents
+    assert [type(view) for view in left.contents] == [rrb.TextLogView]
 
 
 def test_accuracies_and_dilutions_have_plots_of_their_own(

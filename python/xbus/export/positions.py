@@ -10,8 +10,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-from xbus.export.part import Part, PartColumn
+from xbus.export.part import Part
 from xbus.export.text import formatted, shortest
+from xbus.export.valid import STATUS, has_filter_fix, rows_of, status_of
 from xbus.geometry.earth import ecef_to_geodetic
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import STATUS_FLAGS, UTC_SOURCES, UTC_VALID
@@ -118,13 +119,13 @@ class Positions(ABC):
 class _Filter(Positions):
     name = "filter"
     positions = ("lat_lon", "position_ecef")
-    others = ("altitude_msl", "altitude_ellipsoid", "status_word", "status_byte", *UTC_SOURCES)
+    others = ("altitude_msl", "altitude_ellipsoid", *STATUS, *UTC_SOURCES)
 
     def has_msl(self, shape: Part) -> bool:
         return "altitude_msl" in shape
 
     def extras(self, shape: Part) -> tuple[str, ...]:
-        return () if _status(shape) is None else ("fix",)
+        return () if status_of(shape) is None else ("fix",)
 
     def rows(self, part: Part) -> Rows:
         name = self.position(part)
@@ -138,23 +139,19 @@ class _Filter(Positions):
             points["lat"], points["lon"], points["ellipsoid"] = ecef_to_geodetic(values)
         for field, other in (("msl", "altitude_msl"), ("ellipsoid", "altitude_ellipsoid")):
             if other in part:
-                is_known, row = _rows_of(part[other], sample)
+                is_known, row = rows_of(part[other], sample)
                 points[field][is_known] = part[other].values[row]
         points["time"] = part.utc[sample - part.first_sample]
-        # A filter without a position reports zero.
-        is_fixed = (values != 0).any(axis=1)
         points["quality"] = GGA_FIX
-        if (status := _status(part)) is not None:
-            is_known, row = _rows_of(status, sample)
+        if (status := status_of(part)) is not None:
+            is_known, row = rows_of(status, sample)
             words = status.values[row]
-            flags = {name: STATUS_FLAGS[name].of(words) for name in ("filter_valid", "gnss_fix")}
-            is_fixed[is_known] &= (flags["filter_valid"] & flags["gnss_fix"]).astype(np.bool_)
             points["fix"][is_known] = FIXES.index("3d")
             if status.name == "status_word":
                 rtk = STATUS_FLAGS["rtk_status"].of(words)
                 points["fix"][np.flatnonzero(is_known)[rtk > 0]] = FIXES.index("dgps")
                 points["quality"][is_known] = GGA_RTK[rtk]
-        return Rows(sample, points, is_fixed)
+        return Rows(sample, points, has_filter_fix(part, sample, values))
 
 
 class _Gnss(Positions):
@@ -208,23 +205,9 @@ def extra_texts(name: str, points: Points) -> list[str]:
     return formatted("%d", points[name]) if name == "satellites" else shortest(points[name])
 
 
-def _status(part: Part) -> PartColumn | None:
-    return next((part[name] for name in ("status_word", "status_byte") if name in part), None)
-
-
 def _last_of_samples(sample: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
     """Returns the rows that are the last of their sample."""
     return np.flatnonzero(np.diff(sample, append=-1) != 0)
-
-
-def _rows_of(
-    column: PartColumn, sample: npt.NDArray[np.int64]
-) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp]]:
-    """Returns which samples have a row in a column, and the last row of each that has."""
-    row = np.searchsorted(column.sample, sample, side="right") - 1
-    is_known = row >= 0
-    is_known[is_known] = column.sample[row[is_known]] == sample[is_known]
-    return is_known, row[is_known]
 
 
 def positions_of(names: Container[object], source: Source | None) -> Positions | None:

@@ -7,14 +7,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from xbus.export.part import Part
-from xbus.protocol.tables import RECEIVER
+from xbus.export.part import Part, PartColumn
+from xbus.protocol.tables import RECEIVER, STATUS_FLAGS
 
-__all__ = ["FIXES", "has_fix", "has_position", "known_time"]
+__all__ = [
+    "FIXES",
+    "STATUS",
+    "has_filter_fix",
+    "has_fix",
+    "has_position",
+    "known_time",
+    "rows_of",
+    "status_of",
+]
 
 #: Fix types of the receiver with a position (Table 25): 2D, 3D, GNSS and dead reckoning. 1 is dead reckoning
 #: alone.
 FIXES = (2, 3, 4)
+#: Quantities with the status, the preferred one first, and the flags of a position of the filter.
+STATUS, FIX_FLAGS = ("status_word", "status_byte"), ("filter_valid", "gnss_fix")
+#: The largest coordinate of a position in ECEF, in metres.
+FARTHEST = 1e9
 
 
 def has_fix(rows: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
@@ -23,11 +36,49 @@ def has_fix(rows: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     return fixed
 
 
-def has_position(lat_lon: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Returns which rows of ``lat_lon`` are a position, ``(N,)``. A filter without one reports zero."""
-    valid = (np.abs(lat_lon) <= (90.0, 360.0)).all(axis=1)
-    position: npt.NDArray[np.bool_] = valid & (lat_lon != 0).any(axis=1)
-    return position
+def has_position(part: Part, column: PartColumn) -> npt.NDArray[np.bool_]:
+    """Returns which rows of ``lat_lon`` or ``position_ecef`` are a position with a fix, ``(N,)``."""
+    values = column.values
+    limits = (90.0, 180.0) if column.name == "lat_lon" else (FARTHEST,) * 3
+    is_place: npt.NDArray[np.bool_] = (np.abs(values) <= limits).all(axis=1)
+    return is_place & has_filter_fix(part, column.sample, values)
+
+
+def has_filter_fix(
+    part: Part, sample: npt.NDArray[np.int64], positions: npt.NDArray[Any]
+) -> npt.NDArray[np.bool_]:
+    """Returns which positions of the filter have a fix, ``(N,)``.
+
+    A filter without a position reports zero. The status of the same sample, if there is one, must have the
+    flags ``filter_valid`` and ``gnss_fix``.
+
+    Args:
+        part: The part.
+        sample: The sample of each position, ``(N,)``.
+        positions: The positions, ``(N, k)``.
+    """
+    is_fixed: npt.NDArray[np.bool_] = (positions != 0).any(axis=1)
+    if (status := status_of(part)) is not None:
+        is_known, row = rows_of(status, sample)
+        words = status.values[row]
+        for name in FIX_FLAGS:
+            is_fixed[is_known] &= STATUS_FLAGS[name].of(words).astype(np.bool_)
+    return is_fixed
+
+
+def status_of(part: Part) -> PartColumn | None:
+    """Returns the status word of a part, else its status byte; None if it has neither."""
+    return next((part[name] for name in STATUS if name in part), None)
+
+
+def rows_of(
+    column: PartColumn, sample: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.intp]]:
+    """Returns which samples have a row in a column, and the last row of each that has."""
+    row = np.searchsorted(column.sample, sample, side="right") - 1
+    is_known = row >= 0
+    is_known[is_known] = column.sample[row[is_known]] == sample[is_known]
+    return is_known, row[is_known]
 
 
 def known_time(part: Part) -> npt.NDArray[np.float64]:

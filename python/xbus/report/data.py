@@ -330,7 +330,7 @@ class ReportData:
             if column.name == status:
                 self._add_status(column, time, breaks, series.steps.usual)
             if column.name in SOURCES:
-                self._tracks.setdefault((column.name, bid), Track()).add(column, time, breaks)
+                self._tracks.setdefault((column.name, bid), Track()).add(part, column, time, breaks)
             if column.name == "gnss_pvt_data":
                 fixes = int(np.count_nonzero(has_fix(column.values)))
                 self.positions = self.positions[0] + fixes, self.positions[1] + len(column)

@@ -8,6 +8,7 @@ import numpy.typing as npt
 from xbus.export.valid import has_fix, has_position
 from xbus.geometry.earth import ecef_to_enu, ecef_to_geodetic, geodetic_to_ecef
 from xbus.log.column import Column
+from xbus.log.log import Log
 from xbus.plots.thin import BINS, BoolArray, FloatArray, bin_width, thin
 from xbus.protocol.values import LatLonAlt
 
@@ -15,8 +16,6 @@ __all__ = ["SOURCES", "Track"]
 
 #: Quantities with a position, the best first.
 SOURCES = ("lat_lon", "position_ecef", "gnss_pvt_data")
-#: The largest coordinate of a valid position in ECEF, in metres.
-LIMIT = 1e9
 
 
 class Track:
@@ -36,10 +35,11 @@ class Track:
         self._values: FloatArray | None = None
         self._width = 0.0
 
-    def add(self, column: Column, time: FloatArray, breaks: BoolArray) -> None:
+    def add(self, part: Log, column: Column, time: FloatArray, breaks: BoolArray) -> None:
         """Adds the next rows.
 
         Args:
+            part: The log of one device that they are from.
             column: The rows.
             time: Their times, ``(N,)``, s.
             breaks: Whether rows are missing before each row, ``(N,)``.
@@ -48,11 +48,8 @@ class Track:
             valid = has_fix(column.values)
             values = np.stack([column.scaled["lat"], column.scaled["lon"]], axis=1)
         else:
+            valid = has_position(part, column)
             values = column.values.astype(np.float64)
-            if column.name == "lat_lon":
-                valid = has_position(values)
-            else:
-                valid = (np.abs(values) <= LIMIT).all(axis=1) & (values != 0).any(axis=1)
         # An invalid position ends a piece as well.
         piece = self._pieces + np.cumsum(breaks | ~valid)
         self._pieces = int(piece[-1]) if len(piece) else self._pieces

@@ -13,6 +13,7 @@ from xbus.export.format import Format, Writer
 from xbus.export.part import Part
 from xbus.export.replacing import replacing
 from xbus.export.rerun.stream import RerunStream, names_of, new_recording
+from xbus.export.valid import STATUS
 from xbus.extras import require
 
 __all__ = ["Rrd"]
@@ -26,6 +27,9 @@ PROBE = 1 << 20
 @dataclass(frozen=True)
 class Rrd(Format):
     """Orientation in 3D, series, positions on a map, and events."""
+
+    #: The status decides which positions of the filter count.
+    always = STATUS
 
     def quantities(self, shape: Part) -> None:
         """See `Format.quantities`."""

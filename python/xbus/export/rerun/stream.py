@@ -17,6 +17,7 @@ from xbus.export.rerun.times import Clock, Times
 from xbus.export.valid import has_fix, has_position, known_time
 from xbus.extras import require
 from xbus.formatting import device_name
+from xbus.geometry.earth import ecef_to_geodetic
 from xbus.geometry.quaternion import from_euler, from_matrix
 from xbus.protocol.tables import COLUMN_QUANTITIES, Field, device_of
 
@@ -150,7 +151,7 @@ class RerunStream:
             for device in rows:
                 own = np.flatnonzero(of_rows == device)
                 if len(own):
-                    events += self._write(self._devices[device], column, own, times, is_drawn)
+                    events += self._write(self._devices[device], part, column, own, times, is_drawn)
         events.sort(key=lambda event: event.sample)
         now = [event for event in events if event.sample < times.end]
         self._waiting, self._last = events[len(now) :], times.last
@@ -194,6 +195,7 @@ class RerunStream:
     def _write(
         self,
         device: _Device,
+        part: Part,
         column: PartColumn,
         rows: Rows,
         times: Times,
@@ -207,8 +209,8 @@ class RerunStream:
             return
         if name in ORIENTATIONS:
             self._write_orientation(path, column, rows, times, is_drawn)
-        if name == "lat_lon":
-            self._write_map(device, column, rows[has_position(column.values[rows])], times)
+        if name == "lat_lon" or (name == "position_ecef" and "lat_lon" not in part):
+            self._write_map(device, column, rows[has_position(part, column)[rows]], times)
         elif name == "gnss_pvt_data":
             self._write_map(device, column, rows[has_fix(column.values[rows])], times)
         if row.clock in CLOCKS or name in NO_SERIES:
@@ -269,11 +271,14 @@ class RerunStream:
         before = np.concatenate(([device.mapped.get(column.name, np.nan)], steps[:-1]))
         device.mapped[column.name] = float(steps[-1])
         rows = rows[steps != before]  # NaN, for no time stamp, differs from NaN
-        lat, lon = column["lat"], column["lon"]
-        if column.name == "gnss_pvt_data":
-            lat, lon = column.scaled["lat"], column.scaled["lon"]
+        if column.name == "position_ecef":
+            lat, lon, _ = ecef_to_geodetic(column.values[rows].astype(np.float64))
+        else:
+            fields = column.scaled if column.name == "gnss_pvt_data" else column
+            lat, lon = fields["lat"][rows], fields["lon"][rows]
+        degrees = np.stack((lat, lon), axis=1)
         for own, indexes in times.columns(column.sample[rows]):
-            positions = np.stack((lat[rows[own]], lon[rows[own]]), axis=1)
+            positions = degrees[own]
             self._recording.send_columns(
                 entity, indexes, self._rr.GeoPoints.columns(positions=positions)
             )
