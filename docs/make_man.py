@@ -67,7 +67,7 @@ def described(command: click.Command, context: click.Context) -> Iterator[str]:
         yield escaped(" ".join(paragraph.split()))
     for param in command.get_params(context):
         record = param.get_help_record(context) if isinstance(param, click.Option) else None
-        if record is not None and (param.name != "help" or context.parent is None):
+        if record is not None and ("--help" not in param.opts or context.parent is None):
             option, text = record
             yield from (".TP", bold(option), escaped(" ".join(text.split())))
     if command.epilog:
