@@ -80,7 +80,7 @@ def main() -> None:
     frames = capture()
     offsets = list(OFFSETS)
     check(xbus.read_can(frames, offsets), frames)
-    _, ids, sizes, data = frames
+    times, ids, sizes, data = frames
     marked = np.where(ids > 0x7FF, ids | _core.CAN_EXTENDED, ids).astype(np.uint32)
     entries = [
         (key, bid, row.code)
@@ -88,7 +88,10 @@ def main() -> None:
         for key, row in device.items()
     ]
     for name, run in (
-        ("grouping and decoding", lambda: _core.read_can(marked, sizes, data, entries)),
+        (
+            "grouping and decoding",
+            lambda: _core.CanReader(entries).push(times, marked, sizes, data, end=True),
+        ),
         ("read_can", lambda: xbus.read_can(frames, offsets)),
     ):
         seconds = best(run)

@@ -85,7 +85,7 @@ class SessionOfChannel(Session):
     def __init__(self, *, bid: int = 0xFF) -> None:
         super().__init__(bid=bid)
         self._acquisition = _core.Acquisition(None, bid=bid, epoch=0)
-        link: Any = SimpleNamespace(acquisition=self._acquisition, trouble=None)
+        link: Any = SimpleNamespace(acquisition=self._acquisition, trouble=None, refusal=None)
         self._channel = Channel(link)
         self._channel.session = self
         self._found: list[tuple[int, SessionEvent]] = []

@@ -20,7 +20,8 @@ __all__ = [
     "BatchIterator",
     "Block",
     "BlockDecoder",
-    "CanFrames",
+    "CanPart",
+    "CanReader",
     "Cancel",
     "Chunk",
     "ClockStep",
@@ -53,6 +54,7 @@ __all__ = [
     "__version__",
     "can_messages",
     "can_quantities",
+    "can_sample",
     "configuration",
     "damage_reasons",
     "device_id",
@@ -76,7 +78,6 @@ __all__ = [
     "product_code",
     "products",
     "quantities",
-    "read_can",
     "result_codes",
     "status_flags",
     "strings",
@@ -553,36 +554,64 @@ class Shape:
     def empty(self) -> Part:
         """Returns a part without samples, with the columns of the log."""
 
-def read_can(
-    ids: npt.NDArray[np.uint32],
-    sizes: npt.NDArray[np.uint8],
-    data: npt.NDArray[np.uint8],
-    entries: Sequence[tuple[int, int, int]],
-    rate: float | None = None,
-) -> CanFrames:
-    """Groups CAN frames to samples, and decodes them.
+@final
+class CanReader:
+    """Groups CAN frames to samples, and decodes them. The samples do not depend on how frames are divided.
 
     Args:
-        ids: The identifier of each frame, ``(n,)``, with the marks of `CAN_EXTENDED` and the others.
-        sizes: Bytes of data of each frame, ``(n,)``.
-        data: The data, ``(n, 8)``, contiguous.
         entries: Identifier, bus identifier of the device, and code of each message.
         rate: Groups per second of devices without SampleTime, in Hz.
 
     Raises:
-        ValueError: The arrays do not fit together, an identifier is out of range or stands for two messages,
-            or a code does not exist.
+        ValueError: An identifier is out of range or stands for two messages, or a code does not exist.
+    """
+
+    def __new__(
+        cls, entries: Sequence[tuple[int, int, int]], rate: float | None = None
+    ) -> CanReader: ...
+    def push(
+        self,
+        times: npt.NDArray[np.float64],
+        ids: npt.NDArray[np.uint32],
+        sizes: npt.NDArray[np.uint8],
+        data: npt.NDArray[np.uint8],
+        *,
+        end: bool,
+    ) -> CanPart:
+        """Adds frames, and returns the samples that are complete.
+
+        A sample is complete when the next one of its device begins, and all samples that began before it are.
+
+        Args:
+            times: When each frame was received, in seconds, ``(n,)``.
+            ids: The identifier of each, ``(n,)``, with the marks of `CAN_EXTENDED` and the others.
+            sizes: Bytes of data of each, ``(n,)``.
+            data: The data, ``(n, 8)``, contiguous.
+            end: Whether no frames follow: all samples are complete.
+
+        Raises:
+            ValueError: The arrays do not fit together.
+        """
+
+def can_sample(payload: bytes, bid: int, offset: int) -> Part:
+    """Returns a part with one sample of a CAN bus: see `Acquisition.can` for its payload.
+
+    Raises:
+        ValueError: The payload is not of frames.
     """
 
 @final
-class CanFrames:
-    """A log of CAN frames, from `read_can`."""
+class CanPart:
+    """Samples of CAN frames, from `CanReader.push`."""
 
     @property
     def part(self) -> Part: ...
     @property
     def verdicts(self) -> npt.NDArray[np.uint8]:
-        """What became of each frame, ``(n,)``: see `xbus.can.traffic.Verdict`."""
+        """What became of each new frame, ``(n,)``: see `xbus.can.traffic.Verdict`."""
+    @property
+    def received(self) -> npt.NDArray[np.float64]:
+        """When the first frame of each sample was received, in seconds, ``(m,)``."""
 
 @final
 class Part:
@@ -818,6 +847,57 @@ class Acquisition:
         """
     def push(self, data: bytes, arrival: float | None = None) -> bool:
         """Adds bytes that arrived at ``arrival``, or now; returns False if the stream has ended."""
+    @staticmethod
+    def can(
+        entries: Sequence[tuple[int, int, int]],
+        *,
+        rate: float | None = None,
+        bid: int = 255,
+        bound: int = 24_000_000,
+        epoch: int | None = None,
+    ) -> Acquisition:
+        """Returns an acquisition of the frames of a CAN bus, which `push_can` adds, instead of bytes.
+
+        The payload of a sample has nine bytes for each frame: the code of the message, and its data with
+        padding. Its arrival is that of its first frame.
+
+        Args:
+            entries: Identifier, bus identifier of the device, and code of each message.
+            rate: Groups per second of devices without SampleTime, in Hz.
+            bid: The device whose samples are handed out, 255 for all. All are counted.
+            bound: As for a stream of bytes.
+            epoch: As for a stream of bytes.
+
+        Raises:
+            ValueError: An identifier is out of range or stands for two messages, or a code does not exist.
+        """
+    @property
+    def is_can(self) -> bool:
+        """Whether it receives the frames of a CAN bus."""
+    def push_can(
+        self,
+        times: npt.NDArray[np.float64],
+        ids: npt.NDArray[np.uint32],
+        sizes: npt.NDArray[np.uint8],
+        data: npt.NDArray[np.uint8],
+        now: float | None = None,
+    ) -> tuple[npt.NDArray[np.uint8], int] | None:
+        """Adds frames of a CAN bus.
+
+        Args:
+            times: When each was received, in seconds since 1970, ``(n,)``.
+            ids: As for `CanReader.push`, like the next two.
+            sizes: Bytes of data of each, ``(n,)``.
+            data: The data, ``(n, 8)``, contiguous.
+            now: When they arrive, on the clock of the stream; None for now.
+
+        Returns:
+            What became of each frame, as in `xbus.can.traffic.Verdict`, and the number of samples that are
+            complete with them. None if the stream has ended.
+
+        Raises:
+            ValueError: The arrays do not fit together.
+        """
     def resume(self) -> None:
         """Continues after the end with what is pushed, in the same lanes, counts and recording.
 

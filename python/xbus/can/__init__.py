@@ -1,7 +1,7 @@
 """CAN of the 600-series: captures, the DBC file, and frames one at a time."""
 
 from xbus.can.ids import EXTENDED
-from xbus.can.read import CanLog, read_can
+from xbus.can.read import CanLog, iter_can, read_can
 from xbus.can.traffic import Traffic
 from xbus.protocol.can import CAN_MESSAGES, CanMessage, CanSignal, can_message
 
@@ -13,5 +13,6 @@ __all__ = [
     "CanSignal",
     "Traffic",
     "can_message",
+    "iter_can",
     "read_can",
 ]

@@ -10,6 +10,7 @@ import struct
 import warnings
 from array import array
 from collections.abc import Iterable, Iterator
+from itertools import islice
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy.typing as npt
 from xbus import _core
 from xbus.extras import require
 
-__all__ = ["CAPTURE_SUFFIXES", "Capture", "Frames", "read_frames"]
+__all__ = ["CAPTURE_SUFFIXES", "Capture", "FrameArrays", "Frames", "read_frames"]
 
 #: The readers of python-can by suffix.
 READERS = {
@@ -36,6 +37,8 @@ BINARY = (".blf", ".mf4")
 DATA_SIZE = 8
 STANDARD_IDS = 1 << 11
 EXTENDED_IDS = 1 << 29
+#: Messages that are read at a time.
+BLOCK = 1 << 12
 FLAGS = _core.CAN_EXTENDED | _core.CAN_REMOTE | _core.CAN_ERROR
 
 
@@ -61,13 +64,27 @@ class Frames(NamedTuple):
     channel_names: tuple[str, ...] = ()
     fault: str | None = None
 
+    def chosen(self, which: slice | npt.NDArray[np.bool_]) -> Frames:
+        """Returns some of the frames, without their channels."""
+        return Frames(
+            self.time[which],
+            self.ids[which],
+            self.sizes[which],
+            self.data[which],
+            fault=self.fault,
+        )
+
 
 #: A path, an iterable of ``can.Message``, or the arrays ``(time, ids, sizes, data)`` as in `Frames`.
 Capture = str | os.PathLike[str] | Iterable[Any] | tuple[Any, Any, Any, Any]
 
 
-def read_frames(source: Capture) -> Frames:
-    """Returns the frames of a capture.
+def read_frames(source: Capture, block: int | None = None) -> Iterator[Frames]:
+    """Yields the frames of a capture, in blocks. At least one is yielded; the last one has the fault.
+
+    Args:
+        source: The capture.
+        block: Maximum number of frames in a block; None for all frames at once.
 
     Raises:
         ImportError: The extra ``can`` is not installed.
@@ -76,15 +93,21 @@ def read_frames(source: Capture) -> Frames:
         ValueError: The file is no capture, or the arrays do not fit together.
     """
     if isinstance(source, str | os.PathLike):
-        return _read_file(os.fsdecode(source))
+        return _read_file(os.fsdecode(source), block)
     if isinstance(source, tuple) and len(source) == len(("time", "ids", "sizes", "data")):
-        return _of_arrays(*source)
+        return _blocks_of(_of_arrays(*source), block)
     if isinstance(source, bytes | bytearray | memoryview) or not isinstance(source, Iterable):
         raise TypeError(
             "a CAN capture is a path, an iterable of can.Message, or (timestamps, ids, dlcs, data), not "
             f"{type(source).__name__}"
         )
-    return _of_messages(iter(source))
+    return _of_messages(iter(source), block)
+
+
+def _blocks_of(frames: Frames, block: int | None) -> Iterator[Frames]:
+    size = block or max(len(frames.ids), 1)
+    for start in range(0, max(len(frames.ids), 1), size):
+        yield frames.chosen(slice(start, start + size))
 
 
 def _of_arrays(time: Any, ids: Any, sizes: Any, data: Any) -> Frames:
@@ -125,11 +148,52 @@ def _eight(rows: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
     return padded
 
 
-def _of_messages(messages: Iterator[Any]) -> Frames:
-    """Reads messages of python-can; the fault is the error that ends them."""
-    times, ids, sizes, channels = array("d"), array("I"), array("B"), array("H")
-    data, names = bytearray(), dict[Any, int]()
-    fault = None
+class FrameArrays:
+    """Messages of python-can as arrays, which grow message by message.
+
+    Args:
+        names: The channels by name, and their places; it is extended.
+    """
+
+    def __init__(self, names: dict[Any, int]) -> None:
+        self._names = names
+        self._times, self._ids, self._sizes = array("d"), array("I"), array("B")
+        self._channels, self._data = array("H"), bytearray()
+
+    def __len__(self) -> int:
+        return len(self._ids)
+
+    def add(self, message: Any) -> None:
+        """Adds a message."""
+        key = message.arbitration_id & (EXTENDED_IDS - 1)
+        key |= _core.CAN_EXTENDED if message.is_extended_id else 0
+        key |= _core.CAN_REMOTE if message.is_remote_frame else 0
+        key |= _core.CAN_ERROR if message.is_error_frame else 0
+        content = bytes(message.data)
+        self._times.append(message.timestamp)
+        self._ids.append(key)
+        self._sizes.append(len(content))
+        self._data += content[:DATA_SIZE].ljust(DATA_SIZE, b"\0")
+        place = min(len(self._names), np.iinfo(np.uint16).max)
+        self._channels.append(self._names.setdefault(message.channel, place))
+
+    def frames(self, fault: str | None = None) -> Frames:
+        """Returns the frames."""
+        return Frames(
+            np.array(self._times, np.float64),
+            np.array(self._ids, np.uint32),
+            np.array(self._sizes, np.uint8),
+            np.frombuffer(bytes(self._data), np.uint8).reshape(-1, DATA_SIZE),
+            np.array(self._channels, np.uint16) if len(self._names) > 1 else None,
+            tuple(map(str, self._names)),
+            fault,
+        )
+
+
+def _of_messages(messages: Iterator[Any], block: int | None) -> Iterator[Frames]:
+    """Yields messages of python-can in blocks; the fault is the error that ends them."""
+    names = dict[Any, int]()
+    arrays, before, fault = FrameArrays(names), 0, None
     while True:
         try:
             message = next(messages)
@@ -140,34 +204,20 @@ def _of_messages(messages: Iterator[Any]) -> Frames:
         except Exception as error:  # of a reader of other people, on a damaged file
             text = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
             fault = (
-                f"the capture cannot be read beyond frame {len(times):,} ({text}): it is damaged or "
-                "truncated; the frames before are decoded"
+                f"the capture cannot be read beyond frame {before + len(arrays):,} ({text}): it is damaged "
+                "or truncated; the frames before are decoded"
             )
             break
         if not hasattr(message, "arbitration_id"):
             raise TypeError(f"a CAN capture has can.Message objects, not {type(message).__name__}")
-        key = message.arbitration_id & (EXTENDED_IDS - 1)
-        key |= _core.CAN_EXTENDED if message.is_extended_id else 0
-        key |= _core.CAN_REMOTE if message.is_remote_frame else 0
-        key |= _core.CAN_ERROR if message.is_error_frame else 0
-        content = bytes(message.data)
-        times.append(message.timestamp)
-        ids.append(key)
-        sizes.append(len(content))
-        data += content[:DATA_SIZE].ljust(DATA_SIZE, b"\0")
-        channels.append(names.setdefault(message.channel, min(len(names), np.iinfo(np.uint16).max)))
-    return Frames(
-        np.array(times, np.float64),
-        np.array(ids, np.uint32),
-        np.array(sizes, np.uint8),
-        np.frombuffer(bytes(data), np.uint8).reshape(-1, DATA_SIZE),
-        np.array(channels, np.uint16) if len(names) > 1 else None,
-        tuple(map(str, names)),
-        fault,
-    )
+        arrays.add(message)
+        if len(arrays) == block:
+            yield arrays.frames()
+            arrays, before = FrameArrays(names), before + len(arrays)
+    yield arrays.frames(fault)
 
 
-def _read_file(path: str) -> Frames:
+def _read_file(path: str, block: int | None) -> Iterator[Frames]:
     can = require("can", "can", "to read CAN captures")
     is_gzip = path.lower().endswith(".gz")
     suffix = os.path.splitext(path[: -len(".gz")] if is_gzip else path)[1].lower()  # noqa: PTH122
@@ -179,22 +229,47 @@ def _read_file(path: str) -> Frames:
         require("asammdf", "can", "to read MF4 files")
     # The times of an ASC file count from its date, as those of the other formats.
     options = {"relative_timestamp": False} if suffix == ".asc" else {}
-    with contextlib.ExitStack() as files, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of the libraries, about the file
+    with contextlib.ExitStack() as files:
         file: Any = files.enter_context(gzip.open(path) if is_gzip else open(path, "rb"))  # noqa: PTH123, SIM115
         fault = _blf_fault(file) if suffix == ".blf" else None
         if suffix not in BINARY:
             file = files.enter_context(io.TextIOWrapper(file, "utf-8", "replace"))
         try:
-            reader = getattr(can, READERS[suffix])(file, **options)
-            frames = _of_messages(iter(reader))
+            with _without_warnings():
+                messages = iter(getattr(can, READERS[suffix])(file, **options))
+            for frames in _of_messages(_quietly(messages), block):
+                yield frames._replace(fault=frames.fault or fault)
         except (OSError, MemoryError):
             raise
         except Exception as error:
             raise ValueError(
                 f"{path} is no {suffix} capture: {error or type(error).__name__}; check how it was made"
             ) from error
-    return frames._replace(fault=frames.fault or fault)
+
+
+@contextlib.contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Ignores the warnings of the libraries about the file."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+def _quietly(messages: Iterator[Any]) -> Iterator[Any]:
+    """Yields messages, some thousand at a time, because ignoring warnings takes longer than to read one."""
+    while True:
+        found, error = [], None
+        with _without_warnings():
+            try:
+                for message in islice(messages, BLOCK):
+                    found.append(message)  # noqa: PERF402 - those before an error are kept
+            except Exception as caught:  # the messages before it are good
+                error = caught
+        yield from found
+        if error is not None:
+            raise error
+        if len(found) < BLOCK:
+            return
 
 
 #: The header of a BLF file up to the size that it declares.

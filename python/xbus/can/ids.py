@@ -7,7 +7,16 @@ from collections.abc import Mapping, Sequence
 from xbus import _core
 from xbus.protocol.can import CAN_MESSAGES, CanMessage, can_message
 
-__all__ = ["EXTENDED", "STANDARD_IDS", "DeviceIds", "Ids", "device_ids", "id_text"]
+__all__ = [
+    "EXTENDED",
+    "STANDARD_IDS",
+    "DeviceIds",
+    "Ids",
+    "core_entries",
+    "device_ids",
+    "id_text",
+    "parse_ids",
+]
 
 #: Added to an identifier, marks one of 29 bits; needed only below 0x800. DBC files have the same mark.
 EXTENDED = _core.CAN_EXTENDED
@@ -86,6 +95,42 @@ def _checked(key: int) -> int:
     if key < 0 or number >= EXTENDED_IDS:
         raise ValueError(f"0x{key:X} is no CAN identifier; one has 11 or 29 bits")
     return key if number < STANDARD_IDS else number | EXTENDED
+
+
+def parse_ids(text: str) -> DeviceIds:
+    """Returns the identifiers of a device that are written as text.
+
+    Args:
+        text: An offset (``0x100``), or identifiers by message (``SampleTime=0x10,Acceleration=0x11``).
+
+    Raises:
+        ValueError: A number cannot be read.
+
+    >>> parse_ids("0x100"), parse_ids("SampleTime=0x10,Acceleration=0x11")
+    (256, {'SampleTime': 16, 'Acceleration': 17})
+    """
+    if "=" not in text:
+        return _number(text)
+    pairs = [pair.partition("=") for pair in text.split(",")]
+    return {name.strip(): _number(number) for name, _, number in pairs}
+
+
+def _number(text: str) -> int:
+    try:
+        return int(text, 0)
+    except ValueError as error:
+        raise ValueError(
+            f"{text!r} is no identifier; write a number, such as 0x100, or MESSAGE=NUMBER,..."
+        ) from error
+
+
+def core_entries(devices: Sequence[Mapping[int, CanMessage]]) -> list[tuple[int, int, int]]:
+    """Returns the messages of devices as the core takes them: identifier, bus identifier and code of each."""
+    return [
+        (key, bid, message.code)
+        for bid, device in enumerate(devices, 1)
+        for key, message in device.items()
+    ]
 
 
 def id_text(key: int) -> str:

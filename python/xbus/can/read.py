@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -11,15 +12,18 @@ import numpy.typing as npt
 from xbus import _core
 from xbus.can.captures import Capture, Frames, read_frames
 from xbus.can.findings import findings
-from xbus.can.ids import Ids, device_ids, id_text
-from xbus.can.traffic import Seen, Traffic, Verdict
+from xbus.can.ids import Ids, core_entries, device_ids, id_text
+from xbus.can.traffic import Devices, Tally, Traffic, Verdict
 from xbus.errors import DecodeError
 from xbus.formatting import format_count
 from xbus.log.arrivals import HostTimes
 from xbus.log.hostclock import HostClock
 from xbus.log.log import Log
 
-__all__ = ["CanLog", "read_can"]
+__all__ = ["CanLog", "check_rate", "iter_can", "read_can"]
+
+#: Default number of frames that are read for a part of a capture: some megabytes, and minutes of a busy bus.
+BLOCK_FRAMES = 1 << 18
 
 #: Why a frame of a device is not decoded.
 FAULTS = [verdict.text for verdict in (Verdict.SHORT, Verdict.EXPONENT, Verdict.NO_LAYOUT)]
@@ -100,42 +104,122 @@ def read_can(
     >>> log.time, log["acceleration"].values[0]
     (array([0.  , 0.01]), array([ 1.5     , -2.25    ,  9.808594], dtype=float32))
     """
+    [log] = _read(source, ids, channel=channel, rate=rate, strict=strict, block=None)
+    return log
+
+
+def iter_can(
+    source: Capture,
+    ids: Ids | None = None,
+    *,
+    channel: int | str | None = None,
+    rate: float | None = None,
+    strict: bool = False,
+    block_frames: int = BLOCK_FRAMES,
+) -> Iterator[CanLog]:
+    """Yields the parts of a capture, which may be larger than memory. Joined they are the log of `read_can`.
+
+    Samples, offsets, times and counters continue from part to part. The counts of `CanLog.traffic` are those
+    of the frames of the part, and its `findings` those of all frames up to its end.
+
+    Args:
+        source: As in `read_can`, like the next four.
+        ids: The identifiers of the devices.
+        channel: Read only this channel.
+        rate: Groups per second.
+        strict: Raise at the first frame that cannot be decoded.
+        block_frames: Number of frames that are read for a part.
+
+    Raises:
+        ValueError: ``block_frames`` is less than 1. The other errors are those of `read_can`, when the part
+            with their cause is read.
+
+    >>> import numpy as np
+    >>> frames = np.arange(4.0), np.full(4, 0x006), np.full(4, 2), np.zeros((4, 8), np.uint8)
+    >>> frames[3][:, 1] = range(4)
+    >>> [log.packet_counter.tolist() for log in iter_can(frames, block_frames=3)]
+    [[], [0, 1, 2, 3]]
+    """
+    if block_frames < 1:
+        raise ValueError(f"block_frames must be at least 1, not {block_frames}")
+    return _read(source, ids, channel=channel, rate=rate, strict=strict, block=block_frames)
+
+
+def _read(
+    source: Capture,
+    ids: Ids | None,
+    *,
+    channel: int | str | None,
+    rate: float | None,
+    strict: bool,
+    block: int | None,
+) -> Iterator[CanLog]:
+    check_rate(rate)
+    devices = Devices(device_ids(ids))
+    blocks = read_frames(source, block)
+    if channel is not None:
+        blocks = _of_channel(blocks, str(channel))
+    return _parts(blocks, devices, rate, strict=strict)
+
+
+def check_rate(rate: float | None) -> None:
+    """Raises ValueError if a rate is not a positive number."""
     if rate is not None and not 0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of Hz, not {rate!r}")
-    devices = device_ids(ids)
-    frames = read_frames(source)
-    if channel is not None:
-        frames = _of_channel(frames, str(channel))
-    entries = [
-        (key, bid, message.code)
-        for bid, device in enumerate(devices, 1)
-        for key, message in device.items()
-    ]
-    found = _core.read_can(frames.ids, frames.sizes, frames.data, entries, rate)
-    seen = Seen(frames, found.verdicts, devices)
-    traffic = Traffic(
-        len(frames.ids),
-        len(seen.places(Verdict.DECODED, Verdict.LONG)),
-        seen.unknown,
-        seen.undecoded,
-        seen.events,
-        tuple(findings(Log(found.part), seen)),
-    )
-    if strict:
-        _check(traffic)
-    return CanLog(found.part, _host_times(found.part, frames.time), traffic)
 
 
-def _of_channel(frames: Frames, channel: str) -> Frames:
-    if channel not in frames.channel_names:
-        found = ", ".join(frames.channel_names) or "no channels"
-        raise ValueError(f"the capture has no channel {channel}; it has {found}")
-    if frames.channels is None:
-        return frames
-    own = frames.channels == frames.channel_names.index(channel)
-    return Frames(
-        frames.time[own], frames.ids[own], frames.sizes[own], frames.data[own], fault=frames.fault
-    )
+def _parts(
+    blocks: Iterator[Frames], devices: Devices, rate: float | None, *, strict: bool
+) -> Iterator[CanLog]:
+    reader = _core.CanReader(core_entries(devices.devices), rate)
+    tally, clocks = Tally(devices), dict[int, HostClock]()
+    following = next(blocks, None)
+    while (frames := following) is not None:
+        following = next(blocks, None)
+        first = tally.frames
+        found = reader.push(
+            frames.time, frames.ids, frames.sizes, frames.data, end=following is None
+        )
+        tally.add(frames, found.verdicts)
+        tally.add_samples(Log(found.part))
+        traffic = Traffic(
+            len(frames.ids),
+            int(np.count_nonzero(found.verdicts <= Verdict.LONG)),
+            _counts(frames.ids[found.verdicts == Verdict.UNKNOWN]),
+            devices.undecoded(frames, found.verdicts, first),
+            devices.events(frames, found.verdicts, first),
+            tuple(findings(tally)),
+        )
+        if strict:
+            _check(traffic)
+        yield CanLog(found.part, _host_times(found, clocks), traffic)
+
+
+def _counts(ids: npt.NDArray[np.uint32]) -> dict[int, int]:
+    """Returns how often each identifier occurs, the most frequent first."""
+    found, counts = np.unique(ids, return_counts=True)
+    order = np.argsort(-counts, kind="stable")
+    return dict(zip(found[order].tolist(), counts[order].tolist(), strict=True))
+
+
+def _of_channel(blocks: Iterator[Frames], channel: str) -> Iterator[Frames]:
+    """Yields the frames of a channel.
+
+    Raises:
+        ValueError: The capture has no such channel.
+    """
+    names: tuple[str, ...] = ()
+    for frames in blocks:
+        names = frames.channel_names
+        if frames.channels is None:
+            own = np.full(len(frames.ids), names == (channel,))
+        else:
+            own = frames.channels == (names.index(channel) if channel in names else -1)
+        yield frames.chosen(own)
+    if channel not in names:
+        raise ValueError(
+            f"the capture has no channel {channel}; it has {', '.join(names) or 'no channels'}"
+        )
 
 
 def _check(traffic: Traffic) -> None:
@@ -150,19 +234,18 @@ def _check(traffic: Traffic) -> None:
             )
 
 
-def _host_times(part: _core.Part, time: npt.NDArray[np.float64]) -> HostTimes:
-    """Returns the host times of samples, from the timestamps of their first frames."""
+def _host_times(found: _core.CanPart, clocks: dict[int, HostClock]) -> HostTimes:
+    """Returns the host times of samples, from the times of their first frames, and updates the clocks."""
+    part = found.part
     if not len(part):
         return HostTimes(part)
-    received = time[part.offset]
-    found = received.copy()
-    clocks: dict[int, HostClock] = {}
+    received = np.rint(found.received * 1e9).astype(np.int64)
+    host_time = found.received.copy()
     bids, stamps = part.bid, part.time
     for bid in np.unique(bids).tolist():
         own = np.flatnonzero((bids == bid) & np.isfinite(stamps))
         if len(own):
-            clocks[bid] = HostClock()
-            found[own] = clocks[bid].update(
-                stamps[own], np.rint(received[own] * 1e9).astype(np.int64)
-            )
-    return HostTimes.known_already(part, found, clocks, np.empty(0))
+            clock = clocks.setdefault(bid, HostClock())
+            host_time[own] = clock.update(stamps[own], received[own])
+    known = {bid: clock.copy() for bid, clock in clocks.items()}
+    return HostTimes.known_already(part, host_time, known, np.empty(0))

@@ -30,30 +30,14 @@ def _ids(
     """Returns the identifiers of each device; None if none are given."""
     if not values:
         return None
-    from xbus.can.ids import device_ids
+    from xbus.can.ids import device_ids, parse_ids
 
-    ids = [_device(value) for value in values]
     try:
+        ids = list(map(parse_ids, values))
         device_ids(ids)
     except ValueError as error:
         raise click.BadParameter(str(error)) from error
     return ids
-
-
-def _device(value: str) -> DeviceIds:
-    if "=" not in value:
-        return _number(value)
-    pairs = [pair.partition("=") for pair in value.split(",")]
-    return {name.strip(): _number(number) for name, _, number in pairs}
-
-
-def _number(text: str) -> int:
-    try:
-        return int(text, 0)
-    except ValueError as error:
-        raise click.BadParameter(
-            f"{text!r} is no identifier; write a number, such as 0x100, or MESSAGE=NUMBER,..."
-        ) from error
 
 
 ids_option = click.option(

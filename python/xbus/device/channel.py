@@ -98,6 +98,7 @@ class Channel:
         self._configurers: dict[object, int] = {}
         self._found = State.UNKNOWN
         self.session = Session(bid=link.acquisition.bid)
+        self.session.refusal = link.refusal
         self.identity = Identity()
         self.heard: dict[int, bytes] = {}
         self.outdated = 0
@@ -144,6 +145,7 @@ class Channel:
             Disconnected: The port is gone, or was closed.
             StateError: The port was opened only to listen.
         """
+        self.session.refuse(command)
         if self.is_listening:
             what = f"{command} was not sent: {self.link.name} was opened only to listen"
             raise StateError(what, command, self.state)
@@ -220,6 +222,7 @@ class Channel:
         Several threads may configure a device at a time: the last one restores the state. Readers in other
         threads wait for that.
         """
+        self.session.refuse("GoToConfig")
         call = object()
         try:
             with self._configuring:
@@ -376,6 +379,7 @@ class Channel:
             return reply
 
     def _command(self, name: str, value: Any) -> Reply:
+        self.session.refuse(name)
         is_unknown = self.state == State.UNKNOWN and not self.is_listening
         if is_unknown and name not in ("GoToConfig", "Reset", PROBE):
             self.find_state()

@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any
 
 from xbus.can.ids import DeviceIds
+from xbus.can.link import CanLink
 from xbus.device.baudrate import change_baudrate
 from xbus.device.blocks import Blocks
 from xbus.device.can_output import (
@@ -683,6 +684,14 @@ class Device:
             timeout=timeout,
         )
 
+    @property
+    def findings(self) -> tuple[str, ...]:
+        """Sentences that say what is unusual on a CAN bus, and what to do, like those of `xbus.can.Traffic`.
+
+        Empty for a port that is no CAN bus.
+        """
+        return self.link.findings if isinstance(self.link, CanLink) else ()
+
     def discard(self) -> None:
         """Removes the unread samples and strings, for a program that only records.
 
@@ -715,6 +724,10 @@ class Device:
         messages by itself. It ends with a whole frame; after a crash it is readable up to the last flush. The
         recording continues when a lost port comes back, as with ``reconnect``.
 
+        A CAN bus is recorded as .asc, .blf, .log (candump), .trc, .csv or .mf4, which `xbus.read_can` reads:
+        all frames, also those of other nodes. After a crash the text formats are readable up to the last
+        flush, and .blf up to its last 16 KiB; an .mf4 file is written at the end.
+
         Args:
             path: The first file. With rotation, ``log-0001.mtb`` follows ``log.mtb``; a number that is in use
                 is skipped.
@@ -722,14 +735,15 @@ class Device:
             fsync: Whether to wait for the disk at each flush, so that a power cut loses nothing before it.
             rotate_bytes: Size in bytes at which the next file begins.
             rotate_seconds: Duration in seconds after which the next file begins.
-            times: Whether to write ``path + ".times"`` with the arrival times of the bytes.
+            times: Whether to write ``path + ".times"`` with the arrival times of the bytes. Captures of CAN
+                have them in any case.
             overwrite: Whether to replace an existing file that is not empty.
 
         Raises:
             FileExistsError: The file exists, and `overwrite` is False.
             OSError: The file cannot be created.
             RuntimeError: The device is already being recorded.
-            ValueError: A number is out of range.
+            ValueError: A number is out of range, or a CAN bus cannot be recorded in this format.
             XbusError: The device did not send its Configuration.
 
         >>> import xbus, tempfile
@@ -741,6 +755,11 @@ class Device:
         >>> len(log) > 90, log.product_code
         (True, 'MTi-630-8A1G6')
         """
+        if isinstance(self.link, CanLink):
+            options = {"rotate_bytes": rotate_bytes, "rotate_seconds": rotate_seconds}
+            return Recording(
+                self.link.record(path, flush=flush, fsync=fsync, overwrite=overwrite, **options)
+            )
         is_listening = self._channel.is_listening
         with contextlib.nullcontext() if is_listening else self.configure():
             recorder = self.link.acquisition.record(

@@ -17,9 +17,10 @@ from xbus.device.ports import SYSFS, is_usb_of_device, latency_timer, port_of, s
 from xbus.wire.link import Link, Need
 
 if TYPE_CHECKING:
+    from xbus.can.link import CanLink
     from xbus.sim.device import SimulatedDevice
 
-__all__ = ["SerialLink", "open_link"]
+__all__ = ["CAN_SCHEME", "SerialLink", "check_bid", "open_can", "open_link"]
 
 #: Maximum bytes of a read from a port without a file descriptor, and seconds to wait for the first byte.
 MAX_READ, READ_TIMEOUT = 1 << 12, 0.05
@@ -27,6 +28,8 @@ MAX_READ, READ_TIMEOUT = 1 << 12, 0.05
 JOIN_TIMEOUT = 1.0
 #: Default bytes that wait to be read at most: a minute at 4 Mbaud.
 QUEUE_BYTES = 24_000_000
+#: What the address of a CAN bus begins with.
+CAN_SCHEME = "can:"
 #: Lowest latency timer of an FTDI adapter, in ms; its default is 16.
 MIN_LATENCY = 1
 
@@ -44,6 +47,8 @@ class SerialLink:
     Attributes:
         acquisition: Receives the bytes, and queues what is in them.
     """
+
+    refusal = None
 
     def __init__(
         self,
@@ -199,6 +204,34 @@ def _pump(port: Any, acquisition: _core.Acquisition) -> threading.Thread:
     return thread
 
 
+def check_bid(bid: int) -> None:
+    """Raises ValueError if a device cannot have a bus identifier."""
+    if not (1 <= bid <= 31 or bid == 0xFF):
+        raise ValueError(f"a device has the bus identifier 0xFF or 1 to 31, not {bid}")
+
+
+def open_can(
+    port: str, bitrate: int | None = None, *, bid: int = 0xFF, bound: int = QUEUE_BYTES
+) -> CanLink:
+    """Returns a link to the devices on a CAN bus: ``can:INTERFACE:CHANNEL``.
+
+    Args:
+        port: The address, as for `connect`.
+        bitrate: Bits per second, if the address has none.
+        bid: As for `SerialLink`.
+        bound: As for `SerialLink`.
+
+    Raises:
+        ImportError: The extra ``can`` is not installed.
+        OSError: The bus cannot be opened.
+        ValueError: The address is not valid.
+    """
+    from xbus.can.address import parse_address
+    from xbus.can.link import CanLink
+
+    return CanLink(parse_address(port, bitrate), bid=bid, bound=bound)
+
+
 def open_link(
     port: str | serial.SerialBase | SimulatedDevice,
     baudrate: int,
@@ -207,7 +240,7 @@ def open_link(
     bound: int = QUEUE_BYTES,
     strings: int = 0,
 ) -> Link:
-    """Returns a link to a port: a name, pyserial URL, pyserial object, ``"sim:PRODUCT"`` or virtual device.
+    """Returns a link to a port: a name, a URL, a pyserial object, or a virtual device; see `connect`.
 
     Args:
         port: The port.
@@ -220,10 +253,11 @@ def open_link(
         OSError: The port cannot be opened.
         ValueError: There is no such virtual product, or no such bus identifier.
     """
-    if not (1 <= bid <= 31 or bid == 0xFF):
-        raise ValueError(f"a device has the bus identifier 0xFF or 1 to 31, not {bid}")
+    check_bid(bid)
     if isinstance(port, serial.SerialBase):
         return SerialLink(port, owned=False, bid=bid, bound=bound, strings=strings)
+    if isinstance(port, str) and port.startswith(CAN_SCHEME):
+        return open_can(port, bid=bid, bound=bound)
     if not isinstance(port, str) or port.startswith("sim:"):
         from xbus.sim.link import SimLink  # not needed for real devices
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import serial
 
 from xbus.device.device import Device
-from xbus.device.link import open_link
+from xbus.device.link import CAN_SCHEME, check_bid, open_can, open_link
 from xbus.device.ports import find_ports
 from xbus.protocol.products import DEFAULT_BAUDRATE
 from xbus.protocol.values import StringType
@@ -44,10 +44,15 @@ def connect(
     Args:
         port: Name of a serial port, a pyserial URL (``socket://host:port``, ``rfc2217://...``), a
             pyserial object, a `SimulatedDevice`, or ``"sim:MTi-630"`` for one, also with options:
-            ``"sim:MTi-630?noise=1&seed=2"``. None: the one port of this machine with the USB
-            identifiers of Xsens.
-        baudrate: Bits per second. None: tries the rates that devices use, one after the other.
-        bid: Bus identifier of the device; 0xFF and 1 are the same device.
+            ``"sim:MTi-630?noise=1&seed=2"``. ``"can:socketcan:can0"`` for the MTi-600 devices on a CAN
+            bus, through any interface of python-can: ``can:INTERFACE:CHANNEL``, with the options
+            ``?bitrate=500000``, ``&ids=0x100`` for each device (as ``xbus decode --ids``), ``&rate=100`` as
+            in `xbus.read_can`, and those of python-can. CAN is read only. None: the one port of this
+            machine with the USB identifiers of Xsens.
+        baudrate: Bits per second. None: tries the rates that devices use, one after the other; on a CAN bus
+            250,000.
+        bid: Bus identifier of the device; 0xFF and 1 are the same device. On a CAN bus, the place of the
+            device in ``ids``, from 1, and 0xFF for all.
         listen: Whether nothing may ever be sent: for a line that is only tapped, or a device that another
             program has configured. Commands then raise `StateError`. With `baudrate`, and on a port that has
             none, a silent device is no error: it may be switched on later.
@@ -65,6 +70,7 @@ def connect(
 
     Raises:
         XbusTimeout: Nothing was heard.
+        ImportError: CAN needs the extra ``can``.
         OSError: The port cannot be opened.
         ValueError: No port was given, and none or several have the USB identifiers of Xsens; or no string
             type has a given name.
@@ -79,6 +85,10 @@ def connect(
         )
     bound, mask = int(queue_seconds * MAX_BYTES_PER_SECOND), mask_of(strings)
     port = _only_port() if port is None else port
+    if isinstance(port, str) and port.startswith(CAN_SCHEME):
+        return _connect_can(
+            port, baudrate, bid=bid, bound=bound, listen=listen, reconnect=reconnect
+        )
     link = open_link(port, baudrate or DEFAULT_BAUDRATE, bid=bid, bound=bound, strings=mask)
     if baudrate is not None and link.baudrate is None:
         link.close()
@@ -93,6 +103,21 @@ def connect(
     except BaseException:
         device.close()
         raise
+    return device
+
+
+def _connect_can(
+    port: str, bitrate: int | None, *, bid: int, bound: int, listen: bool, reconnect: bool
+) -> Device:
+    check_bid(bid)
+    link = open_can(port, bitrate, bid=bid, bound=bound)
+    device = Device(link, listen=True, reconnect=reconnect)
+    if not listen:
+        try:
+            link.hear()
+        except BaseException:
+            device.close()
+            raise
     return device
 
 

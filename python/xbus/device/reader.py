@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import NoReturn
 
 from xbus import _core
+from xbus.device.can_sample import CanSample
 from xbus.device.channel import Channel
 from xbus.device.sample import Sample
 from xbus.device.stats import live_stats
@@ -33,6 +34,7 @@ class Reader:
 
     def __init__(self, channel: Channel) -> None:
         self._channel = channel
+        self._sample = CanSample if channel.link.acquisition.is_can else Sample
         self._executor: ThreadPoolExecutor | None = None
 
     @property
@@ -42,7 +44,7 @@ class Reader:
     def take_sample(self) -> Sample | None:
         """Removes the oldest unread sample and returns it; None if all are read."""
         received = self._acquisition.take_sample()
-        return None if received is None else Sample.of(received)
+        return None if received is None else self._sample.of(received)
 
     def take_string(self) -> String | None:
         """Removes the oldest unread string and returns it; None if all are read."""

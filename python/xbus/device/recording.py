@@ -7,6 +7,7 @@ import time
 from types import TracebackType
 
 from xbus import _core
+from xbus.can.recorder import CanRecorder
 from xbus.device.channel import Channel
 from xbus.device.commands import Commands
 from xbus.device.string_output import UNFRAMED_STRINGS
@@ -65,7 +66,7 @@ class Recording:
     It runs until it is stopped, the device is closed, or an `error` ends it.
     """
 
-    def __init__(self, recorder: _core.Recorder) -> None:
+    def __init__(self, recorder: _core.Recorder | CanRecorder) -> None:
         self._recorder = recorder
         self._is_stopped = False
 

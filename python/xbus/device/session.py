@@ -67,6 +67,8 @@ class Session:
         if not (1 <= bid <= 31 or bid == 0xFF):
             raise ValueError(f"a device has the bus identifier 0xFF or 1 to 31, not {bid}")
         self.bid = bid
+        #: Why nothing can be sent, for error messages; None if it can.
+        self.refusal: str | None = None
         self.state = State.UNKNOWN
         self.support: Support | None = None
         self.is_in_legacy_mode = False
@@ -91,6 +93,7 @@ class Session:
         row = MESSAGES.get(name)
         if row is None or row.direction == "to host":
             raise ValueError(f"there is no command {name!r}; xbus messages lists them")
+        self.refuse(name)
         if self.pending is not None:
             raise StateError(
                 f"{name} must wait: {self.pending} is not answered yet", name, self.state
@@ -139,6 +142,7 @@ class Session:
         Raises:
             StateError: It is not; the message says how to get to a state in which it is.
         """
+        self.refuse(name)
         valid = MESSAGES[name].states
         if self.state in valid or name in VALID_IN_ANY_STATE:
             return
@@ -156,6 +160,15 @@ class Session:
             name,
             self.state,
         )
+
+    def refuse(self, name: str) -> None:
+        """Checks that anything can be sent.
+
+        Raises:
+            StateError: It cannot.
+        """
+        if self.refusal is not None:
+            raise StateError(f"{name} was not sent: {self.refusal}", name, self.state)
 
     def abandon(self) -> None:
         """Ends the wait for the answer to the pending command. The device may have executed it."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.tables import COLUMN_QUANTITIES
 
 __all__ = ["LiveStats", "live_stats"]
 
 T = TypeVar("T", int, float)
 
-_NAMES = {row.id: row.name for row in QUANTITIES.values()}
+_NAMES = {row.id: row.name for row in COLUMN_QUANTITIES.values()}
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ class SimLink:
     SHORTEST_ADVANCE = 1e-6
     is_line = True
     trouble = None
+    refusal = None
 
     def __init__(
         self,

@@ -39,6 +39,10 @@ class Link(Protocol):
     def trouble(self) -> str | None:
         """What is wrong with the port, and the remedy; None if no problem is known."""
 
+    @property
+    def refusal(self) -> str | None:
+        """Why nothing can be sent, and what to do instead; None if it can."""
+
     def wait(self, timeout: float, **need: Unpack[Need]) -> bool:
         """Waits up to ``timeout`` seconds for one of what is needed: see `_core.Acquisition.wait`."""
 

@@ -12,6 +12,8 @@ use super::rates::{Meter, Rates};
 use super::recorder::{Recorder, Recording};
 use super::time::{self, monotonic};
 use super::{Counts, PIECE, lock};
+use crate::error::CanError;
+use crate::log::can::{CanFrames, CanId, LiveFrames, LiveReader, Verdict};
 
 /// Default for the most bytes of samples that wait: 60 seconds at 4 Mbaud.
 pub const QUEUE: usize = 24_000_000;
@@ -41,6 +43,7 @@ pub struct Acquisition {
     /// Held while a recording starts, so that two do not write to one file.
     starting: Mutex<()>,
     bid: u8,
+    is_can: bool,
     /// The process that the threads belong to.
     process: u32,
 }
@@ -65,6 +68,8 @@ struct Shared {
 #[derive(Debug)]
 struct State {
     intake: Intake,
+    /// Groups the frames of a CAN bus; none for a stream of bytes.
+    can: Option<LiveReader>,
     lanes: Lanes,
     meter: Meter,
     /// What the waiters need, together: if one of these arrives, all are woken.
@@ -151,9 +156,29 @@ impl Acquisition {
     #[must_use]
     pub fn new(bound: usize, bid: u8, epoch: Option<i64>) -> Self {
         let epoch = epoch.unwrap_or_else(time::epoch);
+        Self::of(Intake::new(bid, None), Lanes::new(bound, epoch), None, bid, epoch)
+    }
+
+    /// The frames of a CAN bus, which are pushed, instead of a stream of bytes: see [`Self::push_can`]. `ids` are those of the
+    /// devices, and `rate` is that of their counters, for devices that send no time stamps; the rest is as for [`Self::new`].
+    ///
+    /// # Errors
+    /// As [`LiveReader::new`].
+    pub fn can(bound: usize, bid: u8, epoch: Option<i64>, ids: &[CanId], rate: Option<f64>) -> Result<Self, CanError> {
+        let epoch = epoch.unwrap_or_else(time::epoch);
+        let reader = LiveReader::new(ids)?;
+        let mut intake = Intake::new(bid, rate);
+        reader.changes().for_each(|(bid, change)| intake.change(bid, change));
+        let lanes = Lanes::new(bound, epoch).with_stamped_arrivals();
+        Ok(Self::of(intake, lanes, Some(reader), bid, epoch))
+    }
+
+    fn of(intake: Intake, lanes: Lanes, can: Option<LiveReader>, bid: u8, epoch: i64) -> Self {
+        let is_can = can.is_some();
         let state = State {
-            intake: Intake::new(bid),
-            lanes: Lanes::new(bound, epoch),
+            intake,
+            can,
+            lanes,
             meter: Meter::default(),
             awaited: Awaited::NOTHING,
             hurry: false,
@@ -170,6 +195,7 @@ impl Acquisition {
             thread: Mutex::new(None),
             starting: Mutex::new(()),
             bid,
+            is_can,
             process: std::process::id(),
         }
     }
@@ -253,6 +279,24 @@ impl Acquisition {
     pub fn push(&self, bytes: &[u8], arrival: Option<i64>) -> bool {
         let arrival = arrival.unwrap_or_else(monotonic);
         !self.is_forked() && bytes.chunks(PIECE).all(|piece| self.shared.add(piece, arrival))
+    }
+
+    /// Whether it receives the frames of a CAN bus.
+    #[must_use]
+    pub const fn is_can(&self) -> bool {
+        self.is_can
+    }
+
+    /// Adds frames of a CAN bus that arrive now, with the times at which they were received, in seconds since 1970. Returns
+    /// the [`Verdict`] of each, and the number of samples that are complete with them; `None` after the end of the stream.
+    ///
+    /// # Errors
+    /// As [`LiveReader::push`].
+    pub fn push_can(&self, frames: CanFrames<'_>, now: Option<i64>) -> Result<Option<(Vec<u8>, u64)>, CanError> {
+        if self.is_forked() {
+            return Ok(None);
+        }
+        self.shared.add_frames(frames, now.unwrap_or_else(monotonic))
     }
 
     /// Decides the bytes that are part of an incomplete frame or string: no more of it will come.
@@ -507,6 +551,27 @@ impl Shared {
         true
     }
 
+    fn add_frames(&self, frames: CanFrames<'_>, now: i64) -> Result<Option<(Vec<u8>, u64)>, CanError> {
+        let mut guard = lock(&self.state);
+        let state = &mut *guard;
+        if state.ended.is_some() {
+            return Ok(None);
+        }
+        let now = state.last_arrival.map_or(now, |last| last.max(now));
+        state.last_arrival = Some(now);
+        let dropped = state.lanes.dropped().samples;
+        let before = state.intake.counts().samples;
+        let LiveFrames { verdicts, events } = state.add_frames(frames, false, self.epoch)?;
+        let decoded = verdicts.iter().filter(|verdict| **verdict <= Verdict::Event as u8).count();
+        let bytes = frames.sizes.iter().map(|size| u64::from(*size)).sum();
+        let samples = state.intake.counts().samples - before;
+        state.intake.can_frames(bytes, decoded as u64, &events);
+        state.meter.note(state.intake.counts(), now);
+        let is_full = state.lanes.dropped().samples > dropped;
+        self.wake(&mut guard, is_full);
+        Ok(Some((verdicts, samples)))
+    }
+
     /// Wakes all waiters if one of them may have what it needs.
     fn wake(&self, state: &mut State, is_full: bool) {
         let Awaited { samples, strings, events } = state.awaited;
@@ -523,6 +588,8 @@ impl Shared {
         let mut state = lock(&self.state);
         if state.ended.is_none() {
             state.finish();
+            // All groups are complete. Without frames nothing can be wrong with them.
+            let _ = state.add_frames(CanFrames::NONE, true, self.epoch);
             state.ended = Some(reason.to_owned());
         }
         drop(state);
@@ -535,6 +602,14 @@ impl State {
         need.samples.is_some_and(|samples| self.lanes.samples() >= samples)
             || (need.strings && self.lanes.strings() > 0)
             || need.events.is_some_and(|events| self.lanes.events_added() > events)
+    }
+
+    fn add_frames(&mut self, frames: CanFrames<'_>, is_end: bool, epoch: i64) -> Result<LiveFrames, CanError> {
+        let Self { can: Some(reader), intake, lanes, .. } = self else { return Ok(LiveFrames::default()) };
+        reader.push(frames, is_end, |sample| {
+            let arrival = time::nanoseconds(sample.received).saturating_sub(epoch);
+            intake.can_sample(&sample, arrival, lanes);
+        })
     }
 
     fn finish(&mut self) {

@@ -1,16 +1,25 @@
 //! Live samples as parts of a log.
 
-use super::lanes::Block;
+use super::lanes::{Block, Sample, Text};
 use crate::clock::{Gap, Restart};
 use crate::hostclock::HostClock;
-use crate::log::{Options, Reader, TimedPart, Times, Wanted};
+use crate::log::{Options, Part, Reader, TimedPart, Times, Wanted, can};
 
 /// Decodes the blocks of a stream to columns. Samples are counted from the first block on.
 #[derive(Debug)]
 pub struct BlockDecoder {
-    reader: Reader,
+    decoder: Decoder,
     /// What to add to arrivals for nanoseconds since 1970.
     epoch: i64,
+}
+
+/// What decodes the samples of a block.
+#[derive(Debug)]
+enum Decoder {
+    /// Frames of a stream of bytes.
+    Frames(Box<Reader>),
+    /// Samples of a CAN bus: the quantities to keep, and the index of the next sample.
+    Can(Option<Wanted>, u64),
 }
 
 /// A decoded block.
@@ -30,24 +39,33 @@ impl BlockDecoder {
     /// A decoder that keeps these quantities; all if `None`.
     #[must_use]
     pub fn new(wanted: Option<Wanted>, epoch: i64) -> Self {
-        Self { reader: Reader::new(Options { wanted, ..Options::default() }, 0), epoch }
+        let reader = Reader::new(Options { wanted, ..Options::default() }, 0);
+        Self { decoder: Decoder::Frames(Box::new(reader)), epoch }
+    }
+
+    /// A decoder for the samples of a CAN bus.
+    #[must_use]
+    pub const fn can(wanted: Option<Wanted>, epoch: i64) -> Self {
+        Self { decoder: Decoder::Can(wanted, 0), epoch }
     }
 
     /// Decodes the next block.
     pub fn decode(&mut self, block: Block) -> DecodedBlock {
         let Block { frames, samples, strings, clocks } = block;
-        let mut rest = frames.as_slice();
-        let mut done = 0;
-        for text in &strings {
-            let before = samples.partition_point(|sample| sample.offset < text.offset);
-            let size = samples[done..before].iter().map(|sample| sample.length as usize).sum();
-            let (head, tail) = rest.split_at(size);
-            self.read(head);
-            self.reader.read_accepted_string(text.place, &text.bytes);
-            (rest, done) = (tail, before);
-        }
-        self.read(rest);
-        let part = self.reader.take();
+        let part = match &mut self.decoder {
+            Decoder::Frames(reader) => read_frames(reader, &frames, &samples, &strings),
+            Decoder::Can(wanted, next) => {
+                let mut rest = frames.as_slice();
+                let groups = samples.iter().map(|sample| {
+                    let (own, tail) = rest.split_at(sample.length as usize);
+                    rest = tail;
+                    (sample.bid, sample.offset, own)
+                });
+                let part = can::part_of(*next, groups, wanted.as_ref());
+                *next += samples.len() as u64;
+                part
+            }
+        };
         let mut times = Times::default();
         for (sample, index) in samples.iter().zip(part.first..) {
             times.time.push(sample.moment.seconds);
@@ -69,8 +87,19 @@ impl BlockDecoder {
             clocks,
         }
     }
+}
 
-    fn read(&mut self, frames: &[u8]) {
-        self.reader.read_accepted(frames).expect("only strict readers fail");
+fn read_frames(reader: &mut Reader, frames: &[u8], samples: &[Sample], strings: &[Text]) -> Part {
+    let read = |reader: &mut Reader, frames| reader.read_accepted(frames).expect("only strict readers fail");
+    let (mut rest, mut done) = (frames, 0);
+    for text in strings {
+        let before = samples.partition_point(|sample| sample.offset < text.offset);
+        let size = samples[done..before].iter().map(|sample| sample.length as usize).sum();
+        let (head, tail) = rest.split_at(size);
+        read(reader, head);
+        reader.read_accepted_string(text.place, &text.bytes);
+        (rest, done) = (tail, before);
     }
+    read(reader, rest);
+    reader.take()
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use crate::clock::Losses;
 use crate::frame::Frame;
+use crate::log::can::{self, CanEvent};
 use crate::packet::packets;
 use crate::scan::Damage;
 use crate::table;
@@ -64,6 +65,31 @@ impl Counts {
         self.losses.add(lost);
     }
 
+    /// Counts a sample of CAN frames, before which samples are missing.
+    pub(super) fn can_sample(&mut self, frames: &[u8], lost: u64) {
+        self.samples += 1;
+        let mut before = None;
+        for id in can::quantities_of(frames).map(|quantity| quantity.id) {
+            // The components of a position are separate frames, one after the other.
+            if before.replace(id) != Some(id) {
+                *self.quantities.entry(id).or_default() += 1;
+            }
+        }
+        self.losses.add(lost);
+    }
+
+    /// Counts an event of a CAN device.
+    pub(super) fn can_event(&mut self, event: CanEvent) {
+        let (message, count) =
+            if event.is_error { ("Error", &mut self.errors) } else { ("Warning", &mut self.warnings) };
+        *count += 1;
+        let text = match event {
+            CanEvent { is_error: true, code: CanEvent::OVERFLOW } => "the output buffer overflowed, frames are missing",
+            _ => UNDOCUMENTED,
+        };
+        self.last_error = Some(format!("CAN {message} {}: {text}", event.code));
+    }
+
     /// Counts a message that is no sample.
     pub(super) fn message(&mut self, frame: Frame<'_>) {
         self.frames += 1;
@@ -84,6 +110,8 @@ impl Counts {
     }
 }
 
+const UNDOCUMENTED: &str = "an undocumented code";
+
 fn in_words(message: &str, code: u32) -> String {
-    format!("{message} {code}: {}", table::result_text(code).unwrap_or("an undocumented code"))
+    format!("{message} {code}: {}", table::result_text(code).unwrap_or(UNDOCUMENTED))
 }

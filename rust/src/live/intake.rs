@@ -8,6 +8,7 @@ use super::{Counts, Piece};
 use crate::clock::{Change, Clocks, Stamps};
 use crate::frame::{Frame, MASTER, device_of, field};
 use crate::input::PushBuffer;
+use crate::log::can::{CanEvent, CanSample};
 use crate::packet::is_well_formed;
 use crate::scan::{Damage, Scanner, Step};
 use crate::table::{self, LONGEST_PAYLOAD};
@@ -30,15 +31,15 @@ pub struct Intake {
 }
 
 impl Intake {
-    /// An intake at the beginning of a stream.
+    /// An intake at the beginning of a stream. `rate` is as for [`Clocks::new`].
     #[must_use]
-    pub fn new(bid: u8) -> Self {
+    pub fn new(bid: u8, rate: Option<f64>) -> Self {
         Self {
             bid,
             scanner: Scanner::new(LONGEST_PAYLOAD),
             undecided: PushBuffer::default(),
             pieces: VecDeque::new(),
-            clocks: Clocks::default(),
+            clocks: Clocks::new(rate),
             counts: Counts::default(),
             early: BTreeSet::new(),
             marks: vec![],
@@ -180,6 +181,31 @@ impl Intake {
         }
     }
 
+    /// Makes a change to the clock of a device.
+    pub(super) fn change(&mut self, bid: u8, change: Change) {
+        self.clocks.of(bid).change(change);
+    }
+
+    /// Counts frames that arrived on a CAN bus: their bytes, the number of those of devices, and the events among them.
+    pub(super) fn can_frames(&mut self, bytes: u64, decoded: u64, events: &[CanEvent]) {
+        self.counts.bytes += bytes;
+        self.counts.frames += decoded;
+        events.iter().for_each(|event| self.counts.can_event(*event));
+    }
+
+    /// Counts and hands out a sample of CAN frames, of which the first arrived at `arrival`.
+    pub(super) fn can_sample(&mut self, sample: &CanSample<'_>, arrival: i64, lanes: &mut Lanes) {
+        let &CanSample { offset, bid, stamps, frames, .. } = sample;
+        let moment = self.clocks.of(bid).sample(stamps);
+        self.counts.can_sample(frames, moment.lost);
+        if self.is_wanted(bid) {
+            #[allow(clippy::cast_possible_truncation)] // each message once
+            let length = frames.len() as u32;
+            let leads = stamps.lead();
+            lanes.add_sample(Sample { offset, length, bid, leads, arrival, moment, host_time: f64::NAN }, frames);
+        }
+    }
+
     /// Whether frames with this bus identifier are handed out.
     const fn is_wanted(&self, bid: u8) -> bool {
         self.bid == MASTER || bid == MASTER || device_of(bid) == device_of(self.bid)
@@ -193,7 +219,7 @@ mod tests {
     #[test]
     fn early_messages_are_forgotten_when_their_bytes_are_decided() {
         let frame = |mid, payload: &[u8]| Frame { bid: MASTER, mid, payload }.encode().unwrap();
-        let (mut intake, mut lanes) = (Intake::new(MASTER), Lanes::new(1000, 0));
+        let (mut intake, mut lanes) = (Intake::new(MASTER, None), Lanes::new(1000, 0));
         // A sample with a packet of an unlisted quantity that holds a message.
         let inside = frame(table::ERROR, &[0]);
         let sample = frame(table::MTDATA2, &[&[0xF0, 0x10, 100][..], &inside, &[0; 94]].concat());

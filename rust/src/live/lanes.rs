@@ -5,7 +5,7 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use super::most_entries;
+use super::{most_entries, time};
 use crate::clock::Moment;
 use crate::frame::{Frame, device_of};
 use crate::hostclock::HostClock;
@@ -138,6 +138,8 @@ pub struct Lanes {
     /// Most bytes of each lane.
     bound: usize,
     epoch: i64,
+    /// Whether a sample without device time was measured when it arrived: see [`Self::with_stamped_arrivals`].
+    has_stamped_arrivals: bool,
     /// The clocks of the host for the devices, as of the last sample that left its lane.
     clocks: BTreeMap<u8, HostClock>,
     samples: VecDeque<Sample>,
@@ -178,6 +180,7 @@ impl Lanes {
         Self {
             bound,
             epoch,
+            has_stamped_arrivals: false,
             clocks: BTreeMap::new(),
             samples: VecDeque::new(),
             frames: VecDeque::new(),
@@ -190,6 +193,11 @@ impl Lanes {
             last_sample: None,
             dropped: Dropped::default(),
         }
+    }
+
+    /// Takes the arrival of a sample without device time for its host time: of CAN frames, which an adapter stamps.
+    pub fn with_stamped_arrivals(self) -> Self {
+        Self { has_stamped_arrivals: true, ..self }
     }
 
     pub fn add_sample(&mut self, sample: Sample, frame: &[u8]) {
@@ -283,9 +291,13 @@ impl Lanes {
     /// of a log. They are not computed earlier, because a recording without a reader does not need them.
     fn leave(&mut self) -> Option<Sample> {
         let mut sample = self.samples.pop_front()?;
-        if !sample.moment.seconds.is_nan() {
+        let arrival = sample.arrival.saturating_add(self.epoch);
+        if sample.moment.seconds.is_nan() {
+            if self.has_stamped_arrivals {
+                sample.host_time = time::in_seconds(arrival);
+            }
+        } else {
             let clock = self.clocks.entry(device_of(sample.bid)).or_default();
-            let arrival = sample.arrival.saturating_add(self.epoch);
             sample.host_time = clock.update(sample.moment.seconds, arrival, sample.leads);
         }
         Some(sample)

@@ -30,6 +30,20 @@ pub fn monotonic() -> i64 {
     i64::try_from(elapsed.as_nanos()).unwrap_or(i64::MAX)
 }
 
+/// Nanoseconds as seconds.
+#[allow(clippy::cast_precision_loss)] // to a microsecond for decades
+#[must_use]
+pub const fn in_seconds(nanoseconds: i64) -> f64 {
+    nanoseconds as f64 / 1e9
+}
+
+/// Seconds as nanoseconds.
+#[allow(clippy::cast_possible_truncation)] // saturates
+#[must_use]
+pub fn nanoseconds(seconds: f64) -> i64 {
+    (seconds * 1e9).round_ties_even() as i64
+}
+
 /// What to add to [`monotonic`] for nanoseconds since 1970, according to the host's calendar clock now.
 ///
 /// A stream reads it once and uses it to the end, so that time does not jump when the calendar clock is set meanwhile.

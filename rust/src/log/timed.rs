@@ -49,10 +49,11 @@ impl TimedPart {
         timed
     }
 
-    /// A part that is a log by itself, whose clocks begin as these.
+    /// The next part of a log. `clocks` are those at its beginning; on return they are those at its end.
     #[must_use]
-    pub fn whole(part: Part, clocks: Clocks) -> Self {
-        Self { part, clocks, times: OnceLock::new() }
+    pub fn next(part: Part, clocks: &mut Clocks) -> Self {
+        let times = part.unwrap(clocks);
+        Self::of(part, times)
     }
 
     /// Times and counters, computed on the first call.

@@ -4,17 +4,20 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use numpy::PyArray1;
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyList};
 
 use super::array::hand_over;
+use super::can::{frames_of, ids_of};
 use super::codec::Scanned;
 use super::convert::{detached, os_error};
 use super::hostclock::HostClock;
 use super::log::Part;
+use crate::error::CanError;
 use crate::frame::Frame;
+use crate::live::time::{in_seconds, nanoseconds};
 use crate::live::{self, Item, Need, QUEUE, Recording, Report, Stats, Text};
 use crate::log::Wanted;
 use crate::scan;
@@ -130,6 +133,18 @@ impl Acquisition {
         Ok(acquisition)
     }
 
+    #[staticmethod]
+    #[pyo3(signature = (entries, *, rate=None, bid=255, bound=24_000_000, epoch=None))]
+    fn can(
+        entries: Vec<(u32, u8, u8)>,
+        rate: Option<f64>,
+        bid: u8,
+        bound: usize,
+        epoch: Option<i64>,
+    ) -> Result<Self, CanError> {
+        Ok(Self(live::Acquisition::can(bound, bid, epoch, &ids_of(entries), rate)?))
+    }
+
     #[cfg(unix)]
     fn open(&self, fd: i32) -> PyResult<()> {
         self.0.open(fd).map_err(|error| os_error(&error, None))
@@ -147,6 +162,28 @@ impl Acquisition {
     fn push(&self, py: Python<'_>, data: &[u8], arrival: Option<f64>) -> PyResult<bool> {
         let arrival = arrival.map(nanoseconds);
         detached(py, || self.0.push(data, arrival))
+    }
+
+    #[getter]
+    const fn is_can(&self) -> bool {
+        self.0.is_can()
+    }
+
+    #[pyo3(signature = (times, ids, sizes, data, now=None))]
+    #[allow(clippy::needless_pass_by_value)] // what PyO3 extracts
+    fn push_can(
+        &self,
+        py: Python<'_>,
+        times: PyReadonlyArray1<'_, f64>,
+        ids: PyReadonlyArray1<'_, u32>,
+        sizes: PyReadonlyArray1<'_, u8>,
+        data: PyReadonlyArray2<'_, u8>,
+        now: Option<f64>,
+    ) -> PyResult<Option<(Py<PyArray1<u8>>, u64)>> {
+        let frames = frames_of(times.as_slice()?, ids.as_slice()?, sizes.as_slice()?, data.as_slice()?)?;
+        let now = now.map(nanoseconds);
+        let pushed = detached(py, || self.0.push_can(frames, now))??;
+        Ok(pushed.map(|(verdicts, samples)| (hand_over(py, verdicts).unbind(), samples)))
     }
 
     fn resume(&self) -> PyResult<()> {
@@ -194,10 +231,11 @@ impl Acquisition {
 
     fn take_sample(&self, py: Python<'_>) -> Option<ReceivedSample> {
         let (sample, frame) = self.0.take_sample()?;
+        let payload = if self.0.is_can() { &frame } else { Frame::of(&frame).payload };
         Some(ReceivedSample {
             offset: sample.offset,
             bid: sample.bid,
-            payload: PyBytes::new(py, Frame::of(&frame).payload).unbind(),
+            payload: PyBytes::new(py, payload).unbind(),
             time: sample.moment.seconds,
             leads: sample.leads,
             arrival: in_seconds(sample.arrival),
@@ -223,7 +261,8 @@ impl Acquisition {
 
     #[pyo3(signature = (wanted=None))]
     fn block_decoder(&self, wanted: Option<Wanted>) -> BlockDecoder {
-        BlockDecoder(live::BlockDecoder::new(wanted, self.0.epoch()))
+        let decoder = if self.0.is_can() { live::BlockDecoder::can } else { live::BlockDecoder::new };
+        BlockDecoder(decoder(wanted, self.0.epoch()))
     }
 
     #[pyo3(signature = (decoder, samples=None))]
@@ -247,6 +286,8 @@ impl Acquisition {
     fn take_all(&self, py: Python<'_>) -> Option<Vec<Scanned>> {
         let scanned = |item: &Item| {
             let item = match item {
+                // A sample of a CAN bus is no frame.
+                Item::Sample(..) if self.0.is_can() => None,
                 Item::Sample(sample, frame) => {
                     Some(scan::Item::Frame { offset: sample.offset, frame: Frame::of(frame) })
                 }
@@ -347,18 +388,6 @@ fn wait<T: Send>(
         }
         py.check_signals()?;
     }
-}
-
-/// Nanoseconds as seconds.
-#[allow(clippy::cast_precision_loss)] // to a microsecond for decades
-fn in_seconds(nanoseconds: i64) -> f64 {
-    nanoseconds as f64 / 1e9
-}
-
-/// Seconds as nanoseconds.
-#[allow(clippy::cast_possible_truncation)] // saturates
-fn nanoseconds(seconds: f64) -> i64 {
-    (seconds * 1e9).round() as i64
 }
 
 /// Seconds from Python.

@@ -28,7 +28,7 @@ mod _core {
     #[pymodule_export]
     use super::arrow::{ArrowStream, Batch, BatchIterator};
     #[pymodule_export]
-    use super::can::{CanFrames, read_can};
+    use super::can::{CanPart, CanReader, can_sample};
     #[pymodule_export]
     use super::clock::{SampleClock, device_of, is_sample};
     #[pymodule_export]
