@@ -6,6 +6,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from sphinx.addnodes import pending_xref
 from sphinx.application import Sphinx
 
 import xbus
@@ -64,6 +65,23 @@ def is_field(*event: Any) -> bool | None:
     return True if what == "class" and not has_own_entry else None
 
 
+#: Pages that include a file in the root of the repository, by the name of the file.
+ROOT_PAGES = {
+    "CHANGELOG.md": "changelog",
+    "CONTRIBUTING.md": "contributing",
+    "SECURITY.md": "security",
+}
+
+
+def link_root_pages(_app: Sphinx, document: Any) -> None:
+    """Makes links between files in the root of the repository lead to their pages."""
+    for reference in document.findall(pending_xref):
+        if page := ROOT_PAGES.get(reference.get("reftarget")):
+            reference["refdomain"], reference["reftarget"] = "doc", page
+            reference["reftargetid"] = None
+
+
 def setup(app: Sphinx) -> None:
+    app.connect("doctree-read", link_root_pages)
     app.connect("autodoc-process-signature", aliases_by_name)
     app.connect("autodoc-skip-member", is_field)
