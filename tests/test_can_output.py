@@ -14,10 +14,10 @@ from xbus.device.can_output import (
     EVERY,
     bus_load,
     can_baud_code,
-    frame_bits,
     parse_can_configuration,
 )
 from xbus.protocol import encode
+from xbus.protocol.can import frame_bits
 from xbus.protocol.values import CAN_BAUD_CODES, CanConfig, CanDataId, CanOutput
 
 

@@ -53,6 +53,12 @@ __all__ = ["sim"]
     "the identifier.  [default: strict-outputs]",
 )
 @click.option(
+    "--can",
+    metavar="BUS",
+    help="Send CAN on this bus of python-can, once the device is configured for it: "
+    "udp_multicast:239.74.163.2, socketcan:vcan0, or another interface. For MTi-600 devices.",
+)
+@click.option(
     "--replay",
     type=click.Path(readable=False),
     metavar="FILE",
@@ -138,6 +144,10 @@ def _device(
         return SimulatedDevice(product, replay=replay, **parse_options(_pairs(options)))
     except ValueError as error:
         raise click.UsageError(str(error)) from None
+    except OSError as error:
+        raise Failure(
+            f"cannot open the CAN bus {options['can']}: {error.strerror or error}"
+        ) from error
 
 
 def _pairs(

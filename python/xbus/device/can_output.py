@@ -7,7 +7,7 @@ from typing import Any
 
 from xbus.can.ids import EXTENDED, DeviceIds, device_ids
 from xbus.device.output_configuration import instants_per_second
-from xbus.protocol.can import CAN_MESSAGES, CanMessage, can_message, can_messages
+from xbus.protocol.can import CAN_MESSAGES, CanMessage, can_message, can_messages, frame_bits
 from xbus.protocol.tables import Product
 from xbus.protocol.values import CAN_BAUD_CODES, CanDataId, CanOutput
 
@@ -82,16 +82,6 @@ def _checked_rate(row: CanMessage, rate: int | None) -> int | None:
     if row.max_rate is not None and rate > row.max_rate:
         raise ValueError(f"{row.name} has at most {row.max_rate} Hz, not {rate}")
     return int(rate)
-
-
-def frame_bits(size: int, *, is_extended: bool) -> int:
-    """Returns the most bits of a frame on the bus, with stuff bits and the space before the next frame.
-
-    >>> frame_bits(8, is_extended=False), frame_bits(8, is_extended=True)
-    (135, 160)
-    """
-    header, stuffed = (67, 53) if is_extended else (47, 33)
-    return 8 * size + header + (stuffed + 8 * size) // 4
 
 
 def bus_load(outputs: Iterable[CanOutput], baudrate: int) -> float:

@@ -8,7 +8,14 @@ from typing import Any, NamedTuple
 
 from xbus import _core
 
-__all__ = ["CAN_MESSAGES", "CanMessage", "CanSignal", "can_message", "can_messages"]
+__all__ = [
+    "CAN_MESSAGES",
+    "CanMessage",
+    "CanSignal",
+    "can_message",
+    "can_messages",
+    "frame_bits",
+]
 
 #: The exponents of DeltaV that are decoded; devices send 8 to 17.
 MAX_EXPONENT = 30
@@ -212,3 +219,13 @@ def can_messages(name: str | int) -> tuple[CanMessage, ...]:
     """
     found = tuple(message for message in CAN_MESSAGES.values() if message.quantity == name)
     return found or (can_message(name),)
+
+
+def frame_bits(size: int, *, is_extended: bool) -> int:
+    """Returns the most bits of a frame on the bus, with stuff bits and the space before the next frame.
+
+    >>> frame_bits(8, is_extended=False), frame_bits(8, is_extended=True)
+    (135, 160)
+    """
+    header, stuffed = (67, 53) if is_extended else (47, 33)
+    return 8 * size + header + (stuffed + 8 * size) // 4

@@ -78,6 +78,7 @@ class Board:
         receiver: GNSS receiver.
         calendar: UTC of the device's calendar at time zero of the clock.
         powered_at: Time of power-up, in ns on the clock.
+        can_bitrate: Bits per second on CAN, which change at power-up only; None for an unknown code.
         no_rotation: State of the no-rotation update in the status word.
         icc_since: Start of the representative motion in ns; None outside a representative motion.
         rotations: RotSensor and RotLocal in effect in Measurement; orientation resets change them. In
@@ -115,6 +116,7 @@ class Board:
         self.rotations: tuple[Rotation, Rotation] | None = None
         self.sync_inputs = SyncInputs(self.settings.sync_settings)
         self.powered_at = self.clock.now
+        self.can_bitrate = self.settings.can_config.baudrate
         # Without power the time is lost: the calendar starts with the same time at each power-up.
         self.calendar = self.world.utc - _ns(self.clock.now)
         self.receiver.start()

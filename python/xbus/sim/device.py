@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
@@ -31,6 +31,8 @@ from xbus.protocol.values import (
     baud_code,
 )
 from xbus.sim.board import World
+from xbus.sim.can_bus import CanBus
+from xbus.sim.can_stream import CanFrame
 from xbus.sim.clock import SECOND, Clock
 from xbus.sim.commands import answer
 from xbus.sim.faults import Faults
@@ -108,6 +110,9 @@ class SimulatedDevice:
         strict_outputs: Whether one unsupported data identifier makes the device refuse a whole output
             configuration. If False, the device accepts the supported ones and drops the others; the
             acknowledgement lists what is in effect.
+        can: Where an MTi-600 sends CAN: a bus of python-can, such as ``virtual:drive`` (in this process),
+            ``udp_multicast:239.74.163.2`` or ``socketcan:vcan0``, or a function that is called with the
+            frames. It sends once `set_can_output_configuration` has switched CAN on.
 
     Attributes:
         product: The product.
@@ -115,8 +120,10 @@ class SimulatedDevice:
         lost: Number of samples lost because the line was too slow.
 
     Raises:
-        ValueError: The product or trajectory does not exist, the product does not support the baud rate, or
-            no device can have the identifier.
+        ImportError: ``can`` needs the extra ``can``.
+        OSError: The CAN bus cannot be opened.
+        ValueError: The product or trajectory does not exist, the product does not support the baud rate or
+            CAN, or no device can have the identifier.
 
     Example:
         >>> import xbus
@@ -147,6 +154,7 @@ class SimulatedDevice:
         bus_id: int = 1,
         replay: Replay | None = None,
         strict_outputs: bool = True,
+        can: str | Callable[[Sequence[CanFrame]], object] | None = None,
     ) -> None:
         self.product = find_product(product)
         supported = support(self.product, hardware)
@@ -180,6 +188,9 @@ class SimulatedDevice:
             raise ValueError(
                 f"0x{identity.device_id:X} is not a device identifier: beyond four bytes, bit 31 must be set"
             )
+        if can is not None and "SetCanConfig" not in supported.messages:
+            raise ValueError(f"the {self.product.name} has no CAN; only MTi-600 devices have")
+        self._can = CanBus(can) if isinstance(can, str) else can
         self.sent = self.lost = 0
         self._frame_timeout_at = 0
         self._lock = threading.RLock()
@@ -416,6 +427,8 @@ class SimulatedDevice:
         """Advances the clock, and sends the samples that are due meanwhile."""
         measurement = self._unit.measurement
         frames = measurement.take(until) if measurement is not None else []
+        if measurement is not None and self._can is not None:
+            self._can(measurement.take_can(until))
         if self._line.is_immediate:
             self.sent += len(frames)
             self._line.send(b"".join([frame for _, frame in frames]), until)

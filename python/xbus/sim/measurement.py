@@ -22,6 +22,7 @@ from xbus.protocol.values import (
     SyncLine,
 )
 from xbus.sim.board import Board, status_word
+from xbus.sim.can_stream import CanFrame, CanStream
 from xbus.sim.clock import SECOND
 from xbus.sim.mtdata import MtDataStream
 from xbus.sim.procedures import icc_result, is_still, reset
@@ -72,7 +73,9 @@ class Measurement:
             setting.function == SyncFunction.SEND_LATEST for setting in settings.sync_settings
         )
         self._source = self._make_source()
-        self._taken = board.clock.now
+        self._began = self._taken = board.clock.now
+        #: The frames on CAN; made when they are first taken.
+        self._can: CanStream | None = None
         #: Flags that are set in the next status word only.
         self._momentary = 0
         #: Headers of the packets that carry status flags.
@@ -152,6 +155,22 @@ class Measurement:
             frames += self._source.take(until / SECOND, self._board.status())
         return frames
 
+    def take_can(self, until: int) -> list[CanFrame]:
+        """Returns the frames sent on CAN up to a time in ns; none while CAN is off."""
+        if self._can is None:
+            settings, board = self._board.settings, self._board
+            is_on = settings.can_config.enabled and board.world.replay is None
+            if not is_on or board.can_bitrate is None:
+                return []
+            self._can = CanStream(
+                settings.can_output_config,
+                bitrate=board.can_bitrate,
+                sensors=board.sensors(),
+                fine_start=-(board.powered_at // TICK),
+                start=self._began,
+            )
+        return self._can.take(until, self._board.status())
+
     def send_latest(self) -> None:
         """Sends the newest sample, if samples are sent on request only."""
         if not self._on_request:
@@ -176,6 +195,8 @@ class Measurement:
         """Replaces the sensors, after a change of settings, fix or RTK status."""
         if isinstance(self._source, Stream | StringStream | MtDataStream):
             self._source.sensors = self._board.sensors()
+        if self._can is not None:
+            self._can.sensors = self._board.sensors()
 
     # Edges at the sync inputs
 

@@ -63,6 +63,7 @@ def _utc(text: str) -> np.datetime64:
 #: of the arguments of `SimulatedDevice`.
 OPTIONS: dict[str, tuple[Callable[[str], Any], str]] = {
     "baudrate": (_whole, "a number of bits per second"),
+    "can": (str, "a CAN bus such as virtual:drive"),
     "device_id": (_device_id, "a hexadecimal number such as 8000A1B2"),
     "fault": (str, "a fault such as flip=1e-5"),
     "firmware": (_firmware, "MAJOR.MINOR.REVISION, such as 1.8.0"),
@@ -88,8 +89,8 @@ def parse_options(pairs: Iterable[tuple[str, str]]) -> dict[str, Any]:
     {'device_id': 2147500033, 'noise': 0.5}
     >>> parse_options([("nosie", "1")])
     Traceback (most recent call last):
-    ValueError: a virtual device has no option nosie; its options are baudrate, device_id, fault, firmware, \
-noise, seed, strict_outputs, time_to_fix, trajectory, utc
+    ValueError: a virtual device has no option nosie; its options are baudrate, can, device_id, fault, \
+firmware, noise, seed, strict_outputs, time_to_fix, trajectory, utc
     """
     found: dict[str, Any] = {}
     faults = []

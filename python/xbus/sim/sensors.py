@@ -188,9 +188,7 @@ class Sensors:
             case "euler_angles":
                 return quaternion.to_euler(quaternion.multiply(local, self._orientation(ticks)))
             case "baro_pressure":
-                height = self._geodetic(ticks)[:, 2] - earth.GEOID_SEPARATION
-                noise = self._noise("baro_pressure", ticks, 1)[:, 0]
-                return np.rint(earth.pressure(height) + noise).astype(np.int64)
+                return np.rint(self.pressure(ticks)).astype(np.int64)
             case "acceleration" | "acceleration_hr":
                 return self._aligned(self._specific_force(ticks))
             case "rate_of_turn" | "rate_of_turn_hr":
@@ -224,6 +222,17 @@ class Sensors:
             case "raw_gyro_temp":
                 return np.repeat(self._raw(ticks)[:, 9:], 3, axis=1)
         raise ValueError(f"{name} is not measured")
+
+    def pressure(self, ticks: Ticks) -> FloatArray:
+        """Returns the pressure in Pa, ``(n,)``; Xbus sends whole pascals, CAN fractions."""
+        height = self._geodetic(ticks)[:, 2] - earth.GEOID_SEPARATION
+        noise = self._noise("baro_pressure", ticks, 1)[:, 0]
+        return np.asarray(earth.pressure(height) + noise)
+
+    @property
+    def satellites(self) -> int:
+        """Number of satellites in view."""
+        return len(self._constellation["system"])
 
     def utc_time(self, nanoseconds: IntArray) -> IntArray:
         """Returns the fields of `utc_time`, ``(n, 8)`` int64, valid from the first fix on.
