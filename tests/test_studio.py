@@ -195,3 +195,80 @@ def test_dark_and_light(studio: Any) -> None:
         "was => document.body.classList.contains('body--dark') !== was", arg=was_dark
     )
     page.locator(".xbus-chart canvas").first.wait_for()
+
+
+def test_outputs_are_changed_and_read_back(studio: Any) -> None:
+    page = studio.page
+    studio.open("configure/sim-MTi-3")
+    page.get_by_role("button", name="Orientation at 100 Hz").click()
+    changes = page.locator(".xbus-card", has_text="Changes").last
+    changes.get_by_text('-  { quantity = "free_acceleration"').wait_for()
+    changes.get_by_role("button", name="Apply").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_text("Change MTi-3").wait_for()
+    dialog.get_by_role("button", name="Apply").click()
+    page.get_by_text("applied and read back").wait_for()
+    page.get_by_text("as the device has it").wait_for()
+    # The page shows what the device says, and the stream has these quantities.
+    assert page.get_by_role("checkbox", name="quaternion").is_checked()
+    assert not page.get_by_role("checkbox", name="free_acceleration").is_checked()
+    page.get_by_role("button", name="Live").click()
+    table = page.locator(".xbus-table").first
+    table.get_by_text("rate_of_turn").wait_for()
+
+
+def test_wrong_settings_are_told_at_once(studio: Any) -> None:
+    page = studio.page
+    studio.open("configure/sim-MTi-630")
+    page.get_by_role("tab", name="As text").click()
+    editor = page.locator(".cm-content")
+    editor.click()
+    page.keyboard.press("Control+End")
+    page.keyboard.type("\nlocation_id = 70000\n")
+    page.get_by_text("location_id").last.wait_for()
+    apply = page.get_by_role("button", name="Apply")
+    page.wait_for_function("() => document.querySelector('.xbus-fault div') !== null")
+    assert apply.is_disabled()
+    page.get_by_role("button", name="Revert").click()
+    page.get_by_text("as the device has it").wait_for()
+
+
+def test_recordings_are_described_replayed_and_exported(studio: Any) -> None:
+    page = studio.page
+    shutil.copy(Path(__file__).parent / "captures" / "walk.mtb", studio.folder / "walk.mtb")
+    studio.open("recordings")
+    card = page.locator(".xbus-card", has_text="walk.mtb")
+    card.get_by_text("MTi-680G-8A1G6").wait_for()
+    assert "1,040 samples" in card.inner_text()
+    card.get_by_role("button", name="Export").click()
+    page.get_by_text("CSV: spreadsheets").click()
+    page.get_by_text("wrote walk.csv").wait_for()
+    assert (studio.folder / "walk.csv").read_text().count("\n") == 1041
+    page.keyboard.press("Escape")
+    with page.context.expect_page() as opened:
+        card.get_by_role("button", name="Report").click()
+    opened.value.get_by_text("walk.mtb").first.wait_for()
+    opened.value.close()
+    card.get_by_role("button", name="Replay").click()
+    page.locator(".xbus-chart canvas").first.wait_for()
+    assert "/live/replay" in page.url
+
+
+def test_messages_are_sent_and_listed(studio: Any) -> None:
+    page = studio.page
+    studio.open("messages/sim-MTi-630")
+    page.get_by_label("message").fill("SetLocationID")
+    page.get_by_role("option", name="SetLocationID").click()
+    page.get_by_label("fields").fill("5")
+    page.get_by_role("button", name="Send", exact=True).click()
+    table = page.locator(".xbus-table")
+    table.get_by_text("SetLocationID", exact=True).first.wait_for()
+    table.get_by_text("SetLocationIDAck").first.wait_for()
+    page.get_by_label("or in hex").fill("FA FF 30 00 D1")
+    page.get_by_role("button", name="Send hex").click()
+    table.get_by_text("FA FF 31 00 D0").first.wait_for()
+    page.get_by_label("or in hex").fill("xyz")
+    page.get_by_role("button", name="Send hex").click()
+    page.get_by_text("non-hexadecimal number").wait_for()
+    page.get_by_label("or in hex").fill("10")
+    page.get_by_role("button", name="Send hex").click()

@@ -50,7 +50,7 @@ DEMO = ("sim:MTi-680G", "sim:MTi-630", "sim:MTi-3")
 def studio(
     sources: tuple[str, ...], demo: bool, folder: Path, host: str, tcp_port: int, no_browser: bool
 ) -> None:
-    """Shows, tests and records devices in a browser.
+    """Shows, configures and records devices in a browser.
 
     Opens the devices on PORT, prints the URL of the page and opens it. Devices stay open, and recordings go
     on, when the page is closed. Ctrl-C stops recordings and closes the devices. Needs the extra studio.

@@ -10,14 +10,18 @@ from pathlib import Path
 import uvicorn
 from fastapi import FastAPI, WebSocket
 from nicegui import ui
+from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from xbus.studio.feed import feed
 from xbus.studio.guard import Guard
 from xbus.studio.hub import Hub
+from xbus.studio.pages.configure import configure_page
 from xbus.studio.pages.devices import devices_page
 from xbus.studio.pages.live import live_page
+from xbus.studio.pages.messages import messages_page
 from xbus.studio.pages.record import record_page
+from xbus.studio.pages.recordings import recordings_page
 from xbus.studio.shell import Session, frame
 
 __all__ = ["bind", "serve"]
@@ -63,6 +67,15 @@ def serve(
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
     app.mount("/static", StaticFiles(directory=STATIC))
 
+    @app.get("/recordings/file/{name}")
+    async def report(name: str) -> Response:
+        """Serves a report that was made from a recording of the folder."""
+        path = hub.folder / name
+        if "/" in name or path.suffix != ".html" or not path.is_file():
+            return PlainTextResponse("there is no such report", status_code=404)
+        # A report runs scripts; it must not act as a page of the studio.
+        return FileResponse(path, headers={"Content-Security-Policy": "sandbox allow-scripts"})
+
     @app.websocket("/feed")
     async def live(connection: WebSocket) -> None:
         await feed(connection, hub)
@@ -81,25 +94,31 @@ def serve(
     uvicorn.Server(config).run(sockets=[listener])
 
 
+#: What draws each page.
+BUILDERS: dict[str, Callable[[Session], None]] = {
+    "devices": devices_page,
+    "live": live_page,
+    "configure": configure_page,
+    "record": record_page,
+    "recordings": recordings_page,
+    "messages": messages_page,
+}
+
+
 def _root(hub: Hub) -> None:
     """Draws a page."""
     session = Session(hub)
 
-    def opened(page: str, build: Callable[[Session], None]) -> Callable[..., None]:
+    def opened(page: str) -> Callable[..., None]:
         def show(key: str | None = None) -> None:
             session.page, session.key = page, key or session.key
-            build(session)
+            BUILDERS[page](session)
 
         return show
 
+    routes: dict[str, Callable[..., None]] = {"/": lambda: opened("devices")()}
+    for page in BUILDERS:
+        routes[f"/{page}"] = lambda page=page: opened(page)()
+        routes[f"/{page}/{{key}}"] = lambda key, page=page: opened(page)(key)
     with frame(session):
-        live, record = opened("live", live_page), opened("record", record_page)
-        ui.sub_pages(
-            {
-                "/": lambda: opened("devices", devices_page)(),
-                "/live": lambda: live(),
-                "/live/{key}": lambda key: live(key),
-                "/record": lambda: record(),
-                "/record/{key}": lambda key: record(key),
-            }
-        ).classes("w-full")
+        ui.sub_pages(routes).classes("w-full")

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 from nicegui import run, ui
 
 from xbus.errors import XbusError
+from xbus.protocol.values import EVERY
 from xbus.studio.hub import Hub, HubError
 from xbus.studio.station import Station
 from xbus.watch.rows import BAD, DIM, GOOD, UNICODE, WARNING, device_state, status_rows
@@ -23,10 +24,15 @@ T = TypeVar("T")
 PAGES = (
     ("devices", "Devices", "cable"),
     ("live", "Live", "show_chart"),
+    ("configure", "Configure", "tune"),
     ("record", "Record", "fiber_manual_record"),
+    ("recordings", "Recordings", "folder"),
+    ("messages", "Messages", "forum"),
 )
 #: Classes of the style sheet by style of a row.
 CLASSES = {GOOD: "xbus-ok", DIM: "xbus-quiet", WARNING: "xbus-caution", BAD: "xbus-fault"}
+#: Share by which a measured rate may differ from the configured one.
+TOLERANCE = 0.03
 HEAD = """
 <link rel="stylesheet" href="/static/uPlot.min.css">
 <link rel="stylesheet" href="/static/studio.css">
@@ -138,20 +144,18 @@ def frame(session: Session) -> Iterator[None]:
         yield
 
 
+def address(page: str, key: str | None) -> str:
+    """Returns the address of a page; pages about one device have its key."""
+    if page == "devices":
+        return "/"
+    return f"/{page}" if key is None or page == "recordings" else f"/{page}/{key}"
+
+
 def health(station: Station) -> str:
     """Returns the health of a device as HTML; all of its text is escaped."""
     model = station.model
     facts = [("state", [(device_state(model), BAD if model.is_lost else "")])]
-    configured = configured_rate(station)
-    counter = model.current("packet_counter") or next(iter(model.quantities.values()), None)
-    if counter is not None:
-        rate = counter.rate(model.now)
-        text = "stopped" if rate == 0 else "measuring" if rate is None else f"{rate:.1f} Hz"
-        is_bad = rate == 0 or (
-            rate and configured and abs(rate - configured) > 0.02 * configured + 0.2
-        )
-        expected = f" of {configured:g} Hz" if configured else ""
-        facts.append(("rate", [(text + expected, WARNING if is_bad else GOOD)]))
+    facts.append(("rate", rates(station)))
     facts += [
         (row.label, row.parts) for row in status_rows(model, UNICODE) if row.label != "heading"
     ]
@@ -160,11 +164,30 @@ def health(station: Station) -> str:
     return "".join(_fact(label, parts) for label, parts in facts)
 
 
-def configured_rate(station: Station) -> float | None:
-    """Returns the highest rate of the output configuration, in Hz; None if it is not known."""
+def rates(station: Station) -> list[tuple[str, str]]:
+    """Returns the measured rate of the fastest output, and the outputs whose rate is not as configured."""
+    model = station.model
     outputs = station.device.output_configuration or ()
-    rates = [each.frequency for each in outputs if 0 < each.frequency < 0xFFFF]
-    return float(max(rates)) if rates else None
+    configured = {each.quantity: each.frequency for each in outputs if 0 < each.frequency < EVERY}
+    measured: dict[str, float | None] = {}
+    for quantity in list(model.quantities.values()):
+        measured[quantity.name] = quantity.rate(model.now)
+    fastest = max(configured, key=lambda name: configured[name], default=None)
+    fastest = fastest or next(iter(measured), None)
+    if fastest is None:
+        return [("nothing received", WARNING)]
+    rate = measured.get(fastest, 0.0)
+    parts = [
+        (
+            "stopped" if rate == 0 else "measuring" if rate is None else f"{rate:.1f} Hz",
+            BAD if rate == 0 else "",
+        )
+    ]
+    for name, expected in configured.items():
+        actual = measured.get(name or "", 0.0)
+        if actual is not None and abs(actual - expected) > TOLERANCE * expected + 0.2:
+            parts.append((f"{name} {actual:.1f} of {expected} Hz", WARNING))
+    return parts
 
 
 def _fact(label: str, parts: list[tuple[str, str]]) -> str:
@@ -178,13 +201,12 @@ def _fact(label: str, parts: list[tuple[str, str]]) -> str:
 
 def _go(session: Session, path: str) -> None:
     station = session.station
-    target = "/" if path == "devices" else f"/{path}" + (f"/{station.key}" if station else "")
-    ui.navigate.to(target)
+    ui.navigate.to(address(path, None if station is None else station.key))
 
 
 def _select(session: Session, key: str) -> None:
     session.key = key
-    ui.navigate.to("/" if session.page == "devices" else f"/{session.page}/{key}")
+    ui.navigate.to(address(session.page, key))
 
 
 def _toggle_dark() -> None:

@@ -13,18 +13,22 @@ from pathlib import Path
 from xbus.device import Device, connect
 from xbus.formatting import device_name
 from xbus.log.log import Log
+from xbus.protocol.products import product_of_code
 from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import State
-from xbus.sim import SimulatedDevice, serving
+from xbus.sim import Replay, SimulatedDevice, serving
+from xbus.studio.exchange import Exchange
 from xbus.studio.history import History
 from xbus.studio.recording import StudioRecording, new_file
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
 
-__all__ = ["SIMULATED", "Station"]
+__all__ = ["REPLAY", "SIMULATED", "Station"]
 
 #: Prefix of the name of a virtual device.
 SIMULATED = "sim:"
+#: Prefix of the name of a recording that a virtual device replays.
+REPLAY = "replay:"
 #: Duration of a block of samples, in seconds.
 STEP = 0.05
 
@@ -67,10 +71,11 @@ class Station:
         self._resources = contextlib.ExitStack()
         with self._resources:
             port = source
-            if source.startswith(SIMULATED):
-                virtual = SimulatedDevice(source.removeprefix(SIMULATED), noise=1)
+            if (virtual := _virtual(source)) is not None:
                 port = self._resources.enter_context(serving(virtual))
+            self.exchange = Exchange()
             self.device: Device = self._resources.enter_context(connect(port, baudrate))
+            self.device.trace(self.exchange)
             with self.device.configure():
                 pass  # reads the identity
             self._source = DeviceSource(self.device, reconnect=True, restore=True, step=STEP)
@@ -94,15 +99,15 @@ class Station:
     @property
     def title(self) -> str:
         """Product and identifier, as far as they are known, or else the port."""
-        code = self.device.product_code
-        number = self.device.device_id
-        known = [code and code.strip(), None if number is None else device_name(number)]
+        product, code, number = self.device.product, self.device.product_code, self.device.device_id
+        name = product.name if product is not None else code and code.strip()
+        known = [name, None if number is None else device_name(number)]
         return " ".join(part for part in known if part) or self.source
 
     @property
     def is_virtual(self) -> bool:
         """Whether the studio made the device."""
-        return self.source.startswith(SIMULATED)
+        return self.source.startswith((SIMULATED, REPLAY))
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -118,7 +123,10 @@ class Station:
             self.device.go_to_measurement()
 
     def show_all(self, frequency: int = 100) -> None:
-        """Makes a virtual device send every quantity, at most at a rate in Hz, and starts it."""
+        """Makes a virtual device send what it measures, at most at a rate in Hz, and starts it.
+
+        High-rate data and triggers, which have messages of their own, are left out.
+        """
         with self.device.configure() as device:
             support = device.support
             offered = (
@@ -127,7 +135,7 @@ class Station:
             rates = {
                 name: max((rate for rate in rates if rate <= frequency), default=None)
                 for name, rates in offered.items()
-                if rates
+                if rates and not name.endswith("_hr") and not name.startswith("trigger")
             }
             # The port of a virtual device is not a serial line and has no baud rate.
             device.set_output_configuration(rates, check_baudrate=False)
@@ -178,3 +186,20 @@ class Station:
         self._source.close(self.model)
         self._resources.close()
         self._thread.join()
+
+
+def _virtual(source: str) -> SimulatedDevice | None:
+    """Returns the virtual device of a name; None if the name is that of a port.
+
+    Raises:
+        OSError: The recording cannot be read.
+        ValueError: There is no such product.
+    """
+    if source.startswith(SIMULATED):
+        return SimulatedDevice(source.removeprefix(SIMULATED), noise=1)
+    if not source.startswith(REPLAY):
+        return None
+    replay = Replay(source.removeprefix(REPLAY))
+    code = replay.identity.product_code
+    product = None if code is None else product_of_code(code)
+    return SimulatedDevice(product or "MTi-630", replay=replay)
