@@ -61,7 +61,8 @@ def test_text_and_controls_are_one_draft(draft: Draft) -> None:
 def test_wrong_text_keeps_the_last_valid_draft(draft: Draft) -> None:
     draft.set(location_id=7)
     draft.edit("location_id = 70000")
-    assert draft.problem == "line 1, location_id: 70000 is not in 0 to 65535"
+    assert draft.problem is not None
+    assert draft.problem.startswith("line 1, location_id")
     assert draft.settings.location_id == 7
     with pytest.raises(ValueError, match="location_id"):
         draft.set(location_id=-1)
