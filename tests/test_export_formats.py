@@ -5,6 +5,7 @@ A new format in `EXPORTS` is tested here without a change.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -64,6 +65,26 @@ def test_the_parts_of_a_log_give_the_file_of_the_whole_log(suffix: str, name: st
     counts = export(format_of(suffix), log, [log], f"whole/out{suffix}")
     assert content(Path("parts")) == content(Path("whole")) != {}
     assert all(f"{count:,} {noun}" in result.stderr for noun, count in counts.items())
+
+
+@pytest.mark.parametrize("suffix", EXPORTS)
+def test_quantities_of_one_coordinate_system(suffix: str) -> None:
+    """Those of the other one are not in the file."""
+    stamps = [{"packet_counter": at, "sample_time_fine": 100 * at} for at in range(100)]
+    data = b"".join(
+        xbus.encode_sample(stamp | {("quaternion", system): (1.0, 0.0, 0.0, 0.0)})
+        for stamp, system in zip(stamps, ["NED", "ENU"] * 50, strict=True)
+    )
+    Path("log.mtb").write_bytes(data)
+    for folder in ("whole", "parts"):
+        Path(folder).mkdir()
+    result = run("decode", "log.mtb", "--quantity", "quaternion:NED", "-o", f"parts/out{suffix}")
+    log = xbus.read_log(data, quantities=[("quaternion", "NED")])
+    assert len(log["quaternion"]) == 50
+    with contextlib.suppress(ExportError):
+        export(format_of(suffix), log, [log], f"whole/out{suffix}")
+    assert (result.exit_code == 0) == bool(content(Path("whole")))
+    assert content(Path("parts")) == content(Path("whole"))
 
 
 @pytest.mark.parametrize("name", LOGS)

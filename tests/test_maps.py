@@ -388,7 +388,7 @@ def test_the_parts_of_a_log_give_the_same_bytes(
 @pytest.mark.parametrize(
     ("data", "arguments", "message"),
     [
-        (encode_sample({"temperature": 1.0}), [], "needs lat_lon or gnss_pvt_data; xbus info"),
+        (encode_sample({"temperature": 1.0}), [], "needs lat_lon, position_ecef or gnss_pvt_data"),
         (moving(0), ["--source", "gnss"], "needs gnss_pvt_data; xbus info"),
         (moving(0, status_word=0), [], "none of the 1 position (lat_lon) has a fix"),
         (

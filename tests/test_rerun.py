@@ -200,7 +200,8 @@ def test_positions_with_a_fix_are_on_the_map(name: str, tmp_path: Path) -> None:
     """The same as in a GPX file."""
     gpxpy = pytest.importorskip("gpxpy")
     places = [(52.0, 4.0 + at / 100) for at in range(5)]
-    ecef = geodetic_to_ecef(*np.array(places).T, 40.0)
+    lat, lon = np.array(places).T
+    ecef = geodetic_to_ecef(lat, lon, 40.0)
     given = {"lat_lon": places, "position_ecef": ecef.tolist()}[name]
     states = [VALID, NO_FIX, VALID, 0, VALID]
     rows = zip(states, given, strict=True)

@@ -131,8 +131,8 @@ class TrackFormat(Format):
     def _positions(self, shape: Part) -> Positions:
         positions = positions_of(shape, self.source)
         if positions is None:
-            needed = {"filter": "lat_lon", "gnss": "gnss_pvt_data"}
-            names = needed.get(self.source or "", " or ".join(needed.values()))
+            needed = {"filter": "lat_lon or position_ecef", "gnss": "gnss_pvt_data"}
+            names = needed.get(self.source or "", "lat_lon, position_ecef or gnss_pvt_data")
             raise ExportError(f"{self.title} needs {names}; xbus info lists the content")
         return positions
 

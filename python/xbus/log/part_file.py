@@ -82,6 +82,13 @@ def write_parts(
     return {"row": rows, "column": len(empty.columns)}
 
 
+def _key_of(shape: Log, key: EntryKey) -> EntryKey:
+    """Returns the key of a column alone: its name may stand for other coordinate systems in a part, too."""
+    if key not in shape or (coordinates := shape[key].coordinates) is None:
+        return key
+    return shape[key].name, coordinates
+
+
 def export_parts(
     parts: Sequence[LogPart],
     path: str | os.PathLike[str],
@@ -117,10 +124,12 @@ def export_parts(
     needed = file_format.quantities(shape)
     file_format.check(sum(part.samples for part in parts))
 
-    def logs(keys: Sequence[Key] | None) -> Iterator[tuple[LogPart, Log]]:
+    def logs(keys: Sequence[EntryKey] | None) -> Iterator[tuple[LogPart, Log]]:
+        names = quantities if keys is None else [_key_of(shape, key) for key in keys]
+
         def decode(part: LogPart) -> tuple[LogPart, Log]:
             with reading():
-                return part, part.read(quantities=keys)
+                return part, part.read(quantities=names)
 
         return read_ahead(parts, decode, threads)
 
@@ -129,7 +138,7 @@ def export_parts(
             yield from (log for _, log in logs(survey.quantities))
 
     def written() -> Iterator[Log]:
-        for part, log in logs(quantities if needed is None else needed):
+        for part, log in logs(needed):
             if read is not None:
                 read(part, log)
             yield log

@@ -28,8 +28,8 @@ PROBE = 1 << 20
 class Rrd(Format):
     """Orientation in 3D, series, positions on a map, and events."""
 
-    #: The status decides which positions of the filter count.
-    always = STATUS
+    #: The status decides which positions of the filter count, and UTC is a timeline.
+    always = (*STATUS, "utc_time")
 
     def quantities(self, shape: Part) -> None:
         """See `Format.quantities`."""
