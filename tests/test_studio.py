@@ -137,6 +137,21 @@ def test_live_data_move(studio: Any) -> None:
     assert "xbus monitor sim:MTi-630" in page.locator("footer").inner_text()
 
 
+def test_satellites_and_attitude_in_3d(studio: Any) -> None:
+    page = studio.page
+    studio.open("live/sim-MTi-680G")
+    page.get_by_text("signals, dBHz:").wait_for()
+    assert page.locator("svg g title").count() > 3
+    page.get_by_role("tab", name="3D").click()
+    page.get_by_text("world axes: east, north, up").wait_for()
+
+
+def test_this_computer_is_checked(studio: Any) -> None:
+    studio.open("")
+    studio.page.get_by_role("button", name="Check").click()
+    studio.page.get_by_text("package and extension module have the same version").wait_for()
+
+
 def test_a_paused_plot_stands_still_and_goes_on(studio: Any) -> None:
     page = studio.page
     studio.open("live/sim-MTi-630")

@@ -10,6 +10,7 @@ from typing import Any
 from nicegui import ui
 
 from xbus.device import find_ports
+from xbus.doctor import examine
 from xbus.formatting import device_name
 from xbus.protocol.values import Selftest
 from xbus.studio.hub import virtual_sources
@@ -18,6 +19,13 @@ from xbus.studio.station import Station
 from xbus.watch.rows import device_state
 
 __all__ = ["devices_page"]
+
+#: Icon and class of each verdict of the doctor.
+VERDICTS = {
+    "ok": ("check_circle", "xbus-ok"),
+    "warning": ("warning", "xbus-caution"),
+    "problem": ("error", "xbus-fault"),
+}
 
 
 def devices_page(session: Session) -> None:
@@ -29,6 +37,7 @@ def devices_page(session: Session) -> None:
         with ui.column().classes("gap-3 w-96 shrink-0"):
             _ports(session)
             _virtual(session)
+            _findings(session)
 
 
 @ui.refreshable
@@ -174,6 +183,34 @@ def _virtual(session: Session) -> None:
                 ui.select(virtual_sources(), value="sim:MTi-680G").classes("grow").props("dense")
             )
             _open_button(session, "the virtual device", lambda: choice.value)
+
+
+def _findings(session: Session) -> None:
+    """Shows what the doctor finds on this computer: permissions, ModemManager, latency timers."""
+    with ui.element("div").classes("xbus-card w-full"):
+        with ui.row().classes("items-center w-full"):
+            ui.label("This computer").classes("text-base font-semibold")
+            ui.space()
+            ui.button("Check", icon="troubleshoot", on_click=lambda: check()).props(
+                "flat dense no-caps"
+            )
+        found = ui.column().classes("gap-1 text-sm")
+        with found:
+            ui.label("Checks permissions and settings of the ports.").classes("xbus-quiet")
+
+    async def check() -> None:
+        session.show_command("xbus doctor", "")
+        examination = await session.attempt(examine)
+        if examination is None:
+            return
+        found.clear()
+        with found:
+            for finding in examination.findings:
+                icon, level = VERDICTS[finding.verdict]
+                with ui.row().classes("items-start no-wrap gap-2"):
+                    ui.icon(icon).classes(level)
+                    remedy = f"; {finding.remedy}" if finding.remedy else ""
+                    ui.label(finding.message + remedy)
 
 
 def _open_button(session: Session, what: str, source: Callable[[], str]) -> None:

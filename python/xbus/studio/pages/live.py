@@ -8,9 +8,10 @@ import time
 from nicegui import ui
 
 from xbus.protocol.tables import QUANTITIES
-from xbus.studio.components import Chart, Horizon
+from xbus.studio.components import Attitude3D, Chart, Horizon
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
+from xbus.watch.attitude import ORIENTATIONS, axes_of
 from xbus.watch.model import QuantityState
 from xbus.watch.rows import format_elapsed
 from xbus.watch.values import format_rate, format_unit, format_value
@@ -22,6 +23,12 @@ FIRST = ("acceleration", "rate_of_turn", "magnetic_field", "euler_angles", "quat
 #: Number of plots that are drawn at first.
 PLOTS = 3
 SPANS = {5: "5 s", 10: "10 s", 30: "30 s", 60: "1 min", 300: "5 min"}
+#: Satellite systems by number (section 5.5.10), a colour for each, and the bit of a satellite that is used.
+SYSTEMS = {0: "GPS", 1: "SBAS", 2: "Galileo", 3: "BeiDou", 4: "IMES", 5: "QZSS", 6: "GLONASS"}
+COLORS = ("#0072B2", "#CC79A7", "#009E73", "#D55E00", "#999999", "#56B4E9", "#E69F00")
+USED = 0x08
+#: Width of the bar of a satellite, and height of the strongest signal, in pixels; a decibel is one.
+WIDTH, HEIGHT = 16, 64
 #: A value is stale after this many seconds, and replaced by dashes after more.
 STALE, GONE = 1.5, 3.0
 
@@ -42,10 +49,18 @@ def live_page(session: Session) -> None:
             _Plots(station)
         with ui.column().classes("gap-3 w-[430px] shrink-0 max-lg:w-full"):
             with ui.element("div").classes("xbus-card w-full"):
-                Horizon(station.source)
+                with ui.tabs().props("dense no-caps align=left") as views:
+                    flat, solid = ui.tab("Horizon"), ui.tab("3D")
+                with ui.tab_panels(views, value=flat).classes("w-full"):
+                    with ui.tab_panel(flat).classes("p-0"):
+                        Horizon(station.source)
+                    with ui.tab_panel(solid).classes("p-0"):
+                        _turning(station)
                 heading = ui.label().classes("xbus-mono")
             with ui.element("div").classes("xbus-card w-full"):
                 values = ui.html("", sanitize=False).classes("w-full overflow-x-auto")
+            with ui.element("div").classes("xbus-card w-full") as receiver:
+                satellites = ui.html("", sanitize=False).classes("w-full overflow-x-auto")
             with ui.element("div").classes("xbus-card w-full"):
                 lamps = ui.html("", sanitize=False).classes("w-full")
             with ui.element("div").classes("xbus-card w-full"):
@@ -54,11 +69,30 @@ def live_page(session: Session) -> None:
     def refresh() -> None:
         heading.set_text(_heading(station))
         values.set_content(_values(station))
+        satellites.set_content(_satellites(station))
+        receiver.set_visibility(bool(satellites.content))
         lamps.set_content(_lamps(station))
         events.set_content(_events(station))
 
     refresh()
     ui.timer(0.2, refresh)
+
+
+def _turning(station: Station) -> None:
+    """Draws the device in 3D, and turns it."""
+    view = Attitude3D()
+    ui.label("world axes: east, north, up").classes("xbus-quiet text-xs")
+
+    def turn() -> None:
+        for name in ORIENTATIONS:
+            quantity = station.model.current(name)
+            if quantity is not None:
+                axes = axes_of(name, quantity.coordinates, quantity.value)
+                if axes is not None:
+                    view.turn(axes)
+                return
+
+    ui.timer(0.1, turn)
 
 
 class _Plots:
@@ -178,6 +212,39 @@ def _values(station: Station) -> str:
 
 def _rate(quantity: QuantityState, now: float) -> str:
     return html.escape(format_rate(quantity.rate(now)))
+
+
+def _satellites(station: Station) -> str:
+    """Returns the signals of the satellites as bars; an empty string if the device sends none."""
+    quantity = station.model.current("gnss_sat_info")
+    if quantity is None or not len(quantity.value):
+        return ""
+    rows = sorted(quantity.value.tolist(), key=lambda row: (row[0], row[1]))
+    bars = "".join(_signal(place, *row) for place, row in enumerate(rows))
+    legend = " ".join(
+        f'<span style="color:{_color(system)}">■</span> {SYSTEMS.get(system, f"system {system}")}'
+        for system in sorted({row[0] for row in rows})
+    )
+    return (
+        f'<div class="text-sm">signals, dBHz: {legend}; pale: not used</div>'
+        f'<svg width="{WIDTH * len(rows)}" height="{HEIGHT + 14}">{bars}</svg>'
+    )
+
+
+def _signal(place: int, system: int, number: int, strength: int, flags: int) -> str:
+    """Returns the bar of a satellite."""
+    name = f"{SYSTEMS.get(system, f'system {system}')} {number}: {strength} dBHz"
+    return (
+        f'<g transform="translate({WIDTH * place},0)"><title>{name}</title>'
+        f'<rect x="2" width="{WIDTH - 4}" y="{HEIGHT - strength}" height="{strength}" '
+        f'fill="{_color(system)}" opacity="{1 if flags & USED else 0.35}"/>'
+        f'<text x="{WIDTH / 2}" y="{HEIGHT + 11}" text-anchor="middle" font-size="8" '
+        f'fill="currentColor">{number}</text></g>'
+    )
+
+
+def _color(system: int) -> str:
+    return COLORS[system % len(COLORS)]
 
 
 def _lamps(station: Station) -> str:

@@ -163,7 +163,11 @@ export default {
               width: 1.5 / devicePixelRatio + 0.5,
               dash: DASHES[k % DASHES.length].map((d) => d),
               points: { show: false },
-              value: (_, v) => (v == null ? "--" : v.toPrecision(6)),
+              // The value at the cursor, or else the latest.
+              value: (plot, v) => {
+                const shown = plot.cursor.idx == null ? chart.values[k][chart.values[k].length - 1] : v;
+                return shown == null ? "--" : shown.toPrecision(6);
+              },
             })),
           ],
           hooks: {
