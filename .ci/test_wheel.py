@@ -22,18 +22,15 @@ ROOT = Path(__file__).resolve().parents[1]
 FILES = ("tests", "docs", "pyproject.toml", "Cargo.toml", "README.md", "CONTRIBUTING.md")
 TOOLS = ("pytest>=8", "pytest-timeout>=2.3", "hypothesis>=6.100")
 TESTS = (
-    "between",
     "bounded",
     "codec",
     "column",
     "cutting",
     "device",
     "doctor",
-    "every_product",
     "log",
     "products",
     "protocol",
-    "scan",
     "session",
     "settings",
     "sim_device",

@@ -137,7 +137,7 @@ def test_utc_on_the_command_line(folder: Path) -> None:
     [
         ((5, 2), "the end must be after the start"),
         ((float("nan"), 2), "not nan"),
-        ((np.datetime64("NaT"), 2), "not NaT"),
+        ((np.datetime64("NaT", "ns"), 2), "not NaT"),
         (("tomorrow", 2), "neither seconds nor UTC"),
         ((1, 2, 3), "two moments"),
     ],

@@ -55,7 +55,7 @@ POINT = np.dtype(
     ]
 )
 #: A point of which nothing is known.
-UNKNOWN = np.array((*[np.nan] * 4, np.datetime64("NaT"), 0, *[np.nan] * 8, 0), POINT)
+UNKNOWN = np.array((*[np.nan] * 4, np.datetime64("NaT", "ns"), 0, *[np.nan] * 8, 0), POINT)
 #: Names of the kinds of fix, as in GPX; empty if it is not known.
 FIXES = ("", "2d", "3d", "dgps")
 #: The place in `FIXES` for the first values of ``fixtype`` (Table 25); 1 is dead reckoning.

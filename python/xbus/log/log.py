@@ -206,7 +206,7 @@ class Log(ByQuantity[Column], Exports):
         which lags behind that of the neighbours.
         """
         utc = self._core.utc
-        stamps = np.full(len(self), np.datetime64("NaT"), "datetime64[ns]") if utc is None else utc
+        stamps = np.full(len(self), np.datetime64("NaT", "ns"), "datetime64[ns]") if utc is None else utc
         return read_only(stamps.view("datetime64[ns]"))
 
     @cached_property
@@ -848,7 +848,7 @@ def _in_units(column: Column) -> npt.NDArray[Any]:
     if column.name != "utc_time":
         return column.scaled
     is_valid = column.values["valid"] & UTC_VALID == UTC_VALID
-    return np.where(is_valid, column.datetime, np.datetime64("NaT"))
+    return np.where(is_valid, column.datetime, np.datetime64("NaT", "ns"))
 
 
 def _device(which: int) -> int | None:

@@ -136,5 +136,5 @@ def _nanoseconds(seconds: FloatArray) -> IntArray:
     """Returns nanoseconds; those of NaT where the seconds are unknown or too large."""
     with np.errstate(invalid="ignore"):
         known = np.abs(seconds) < MAX_TIME
-    nat = np.datetime64("NaT").astype(np.int64)
+    nat = np.datetime64("NaT", "ns").astype(np.int64)
     return np.where(known, np.round(np.where(known, seconds, 0.0) * 1e9).astype(np.int64), nat)
