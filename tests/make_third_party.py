@@ -1,7 +1,7 @@
-"""Writes THIRD-PARTY.txt, the licences of the crates in the extension: ``python tests/make_third_party.py``.
+"""Writes THIRD-PARTY.txt, the licences of what wheels contain: ``python tests/make_third_party.py``.
 
-A wheel contains these crates as machine code, so their licences belong into it. Needs cargo, which downloads
-crates that are missing.
+A wheel contains crates as machine code, and scripts of pages, so their licences belong into it. Needs cargo,
+which downloads crates that are missing.
 """
 
 from __future__ import annotations
@@ -19,19 +19,24 @@ NOTICES = ROOT / "THIRD-PARTY.txt"
 TARGETS = ("x86_64-unknown-linux-gnu", "aarch64-apple-darwin", "x86_64-pc-windows-msvc")
 #: Licences of C code that a crate contains and compiles.
 BUNDLED = {"lz4-sys": ("liblz4/lib/LICENSE",), "zstd-sys": ("zstd/LICENSE",)}
+#: The comment at the start of a script: copyright holder, name and version.
+SCRIPT_HEAD = re.compile(
+    r"Copyright \(c\) (?P<holder>.*)\n.*\(MIT Licensed\)[^/]*?"
+    r"(?P<name>\w+)\.js[\s\S]*?\(v(?P<version>[\d.]+)\)"
+)
 LICENCE_FILE = re.compile(r"(licen[cs]e|copying|notice|unlicense)[-._\w]*", re.IGNORECASE)
 
 HEADER = """\
 The extension module of xbus contains the crates below and the standard library of Rust, which is under the
 MIT licence: Copyright (c) The Rust Project Contributors. Where a crate offers a choice of licences, xbus uses
-it under the first one of MIT, BSD and Apache-2.0 that the choice has. xbus itself is under the MIT licence in
-LICENSE. python tests/make_third_party.py writes this file.
+it under the first one of MIT, BSD and Apache-2.0 that the choice has. The pages of xbus contain the scripts
+below. xbus itself is under the MIT licence in LICENSE. python tests/make_third_party.py writes this file.
 """
 
 MIT = """\
 MIT License
 
-Copyright (c) the authors of {name}, {repository}
+Copyright (c) {holder}
 
 Permission is hereby granted, free of charge, to any person obtaining a copy
 of this software and associated documentation files (the "Software"), to deal
@@ -53,6 +58,23 @@ SOFTWARE.
 """
 
 Crate = dict[str, Any]
+
+
+def scripts() -> list[tuple[str, str]]:
+    """Returns title and copyright holder of the MIT-licensed scripts of other people in the package.
+
+    Both are in the comment at the start of the script.
+    """
+    found = []
+    for path in sorted((ROOT / "python").rglob("*.js")):
+        head = path.read_text("utf-8")[:1000]
+        if "Copyright" not in head:  # ours
+            continue
+        if not (said := SCRIPT_HEAD.search(head)):
+            raise ValueError(f"{path} does not begin with its licence as SCRIPT_HEAD expects it")
+        holder, name, version = said.groups()
+        found.append((f"{name} {version}", holder))
+    return found
 
 
 def crates() -> list[Crate]:
@@ -120,7 +142,8 @@ def text() -> str:
         rows.append(f"{title:<36}{licence}")
         texts = [path.read_text("utf-8") for path in files(crate, licence)]
         if not texts and licence == "MIT":
-            texts = [MIT.format(**crate)]
+            holder = f"the authors of {crate['name']}, {crate['repository']}"
+            texts = [MIT.format(holder=holder)]
         for content in texts:
             tidy = "\n".join(line.rstrip() for line in content.strip().splitlines())
             users[tidy].append(title)
@@ -131,6 +154,9 @@ def text() -> str:
                 raise ValueError(f"{title} has no file with its licence, {licence}")
             without.append(title)
     users[apache] += without
+    for title, holder in scripts():
+        rows.append(f"{title:<36}MIT")
+        users[MIT.strip().format(holder=holder)].append(title)
     parts = [HEADER, "\n".join(rows) + "\n"]
     parts += [f"{'=' * 80}\n{', '.join(names)}\n\n{content}\n" for content, names in users.items()]
     return "\n".join(parts)
