@@ -206,9 +206,7 @@ class Log(ByQuantity[Column], Exports):
         which lags behind that of the neighbours.
         """
         utc = self._core.utc
-        stamps = (
-            np.full(len(self), np.datetime64("NaT", "ns"), "datetime64[ns]") if utc is None else utc
-        )
+        stamps = np.full(len(self), "NaT", "datetime64[ns]") if utc is None else utc
         return read_only(stamps.view("datetime64[ns]"))
 
     @cached_property

@@ -388,7 +388,7 @@ def _interpolated_utc(
     max_gap: float | None,
 ) -> npt.NDArray[np.datetime64]:
     """Returns the UTC of the times of a grid, from UTC and time of the samples of a log."""
-    found = np.full(len(grid), np.datetime64("NaT", "ns"), "datetime64[ns]")
+    found = np.full(len(grid), "NaT", "datetime64[ns]")
     if known is None:
         return found
     utc, time = known
