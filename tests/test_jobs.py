@@ -26,10 +26,10 @@ from test_cli_record import FULL, end, in_a_thread
 from test_recording import parted, wait_until
 from test_rtk import FRAMES, LocalCaster, serving_caster
 from xbus import Faults, SimulatedDevice
-from xbus.cli.corrections import Corrections
 from xbus.geometry.earth import ORIGIN
 from xbus.rtk import Fix
 from xbus.sim import PtyServer, serving
+from xbus.watch.corrections import Corrections
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="needs pseudo-terminals and signals")
 

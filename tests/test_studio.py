@@ -287,3 +287,25 @@ def test_messages_are_sent_and_listed(studio: Any) -> None:
     page.get_by_text("non-hexadecimal number").wait_for()
     page.get_by_label("or in hex").fill("10")
     page.get_by_role("button", name="Send hex").click()
+
+
+def test_corrections_of_a_caster(studio: Any) -> None:
+    pytest.importorskip("pygnssutils", reason="the extra rtk is not installed")
+    from test_rtk import serving_caster
+
+    page = studio.page
+    with serving_caster() as caster:
+        studio.open("rtk/sim-MTi-680G")
+        page.get_by_label("address").fill(caster.address)
+        page.get_by_role("button", name="List mountpoints").click()
+        page.get_by_role("button", name="BASE").click()
+        page.get_by_role("button", name="Start").click()
+        page.locator("td", has_text="streaming").wait_for()
+        page.locator("td", has_text="float").or_(page.locator("td", has_text="fixed")).wait_for()
+        page.get_by_role("button", name="Stop").click()
+        page.get_by_role("button", name="Start").wait_for()
+
+
+def test_a_device_without_a_receiver_takes_no_corrections(studio: Any) -> None:
+    studio.open("rtk/sim-MTi-630")
+    studio.page.get_by_text("it has no RTK receiver").wait_for()

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from xbus.cli.connection import baudrate_option, connect_device
-from xbus.cli.corrections import Corrections, caster_options, check_receiver, new_corrections
+from xbus.cli.corrections import caster_options, check_receiver, new_corrections
 from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_line, print_table
+from xbus.watch.corrections import Corrections
 
 if TYPE_CHECKING:
     from xbus.device import Device

@@ -14,10 +14,10 @@ from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
 from xbus.wire.link import line_rate
 
 if TYPE_CHECKING:
-    from xbus.cli.corrections import Corrections
     from xbus.device import Device
     from xbus.device.recording import Recording
     from xbus.device.stats import LiveStats
+    from xbus.watch.corrections import Corrections
 
 __all__ = ["RecordingJob", "Report"]
 

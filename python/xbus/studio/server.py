@@ -22,6 +22,7 @@ from xbus.studio.pages.live import live_page
 from xbus.studio.pages.messages import messages_page
 from xbus.studio.pages.record import record_page
 from xbus.studio.pages.recordings import recordings_page
+from xbus.studio.pages.rtk import rtk_page
 from xbus.studio.shell import Session, frame
 
 __all__ = ["bind", "serve"]
@@ -101,6 +102,7 @@ BUILDERS: dict[str, Callable[[Session], None]] = {
     "configure": configure_page,
     "record": record_page,
     "recordings": recordings_page,
+    "rtk": rtk_page,
     "messages": messages_page,
 }
 

@@ -27,6 +27,7 @@ PAGES = (
     ("configure", "Configure", "tune"),
     ("record", "Record", "fiber_manual_record"),
     ("recordings", "Recordings", "folder"),
+    ("rtk", "RTK", "cell_tower"),
     ("messages", "Messages", "forum"),
 )
 #: Classes of the style sheet by style of a row.
@@ -75,7 +76,7 @@ class Session:
         """
         try:
             return await run.io_bound(action, *args)
-        except (HubError, XbusError, OSError, ValueError, RuntimeError) as error:
+        except (HubError, XbusError, ImportError, OSError, ValueError, RuntimeError) as error:
             ui.notify(
                 failure_text(error),
                 type="negative",

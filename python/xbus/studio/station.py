@@ -11,15 +11,18 @@ from datetime import datetime
 from pathlib import Path
 
 from xbus.device import Device, connect
+from xbus.extras import require
 from xbus.formatting import device_name
 from xbus.log.log import Log
 from xbus.protocol.products import product_of_code
 from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import State
+from xbus.rtk import Caster
 from xbus.sim import Replay, SimulatedDevice, serving
 from xbus.studio.exchange import Exchange
 from xbus.studio.history import History
 from xbus.studio.recording import StudioRecording, new_file
+from xbus.watch.corrections import Corrections
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
 
@@ -84,6 +87,8 @@ class Station:
             self.model = _Watched(**watched)
             self.model.name = source
             self.recording: StudioRecording | None = None
+            self.corrections: Corrections | None = None
+            self._forwarding = contextlib.ExitStack()
             self._stop = threading.Event()
             self._thread = threading.Thread(
                 target=self._run, name=f"xbus studio {source}", daemon=True
@@ -112,6 +117,9 @@ class Station:
     def _run(self) -> None:
         while not self._stop.is_set():
             self._source.advance(self.model)
+            if self.corrections is not None:
+                for text, is_bad in self.corrections.news():
+                    self.model.add_event(text, is_bad=is_bad)
 
     def measure(self) -> None:
         """Makes a device in Config State measure.
@@ -140,6 +148,43 @@ class Station:
             # The port of a virtual device is not a serial line and has no baud rate.
             device.set_output_configuration(rates, check_baudrate=False)
         self.measure()
+
+    def start_corrections(
+        self, url: str, mountpoint: str, user: str = "", password: str = "", gga: int | None = None
+    ) -> None:
+        """Starts to forward corrections of a caster; they go on when the page is closed.
+
+        Args:
+            url: Address of the caster.
+            mountpoint: Name of the stream.
+            user: User name; empty for none.
+            password: Password; empty for none.
+            gga: Seconds between two positions of the device that the caster gets; None for none.
+
+        Raises:
+            ImportError: The extra ``rtk`` is not installed.
+            ValueError: The address is none of a caster.
+            XbusError: The caster or the device refuses.
+        """
+        require("pygnssutils", "rtk", "to get corrections from a caster")
+        self.stop_corrections()
+        fix = self.model.fix
+        caster = Caster(
+            url,
+            mountpoint,
+            user=user or None,
+            password=password or None,
+            gga=gga,
+            position=lambda: fix.position,
+        )
+        corrections = Corrections(caster, fix, persistent=True)
+        self._forwarding.enter_context(corrections.forwarding(self.device))
+        self.corrections = corrections
+
+    def stop_corrections(self) -> None:
+        """Ends the corrections, if there are any."""
+        self.corrections = None
+        self._forwarding.close()
 
     def start_recording(self, folder: Path, note: str = "") -> StudioRecording:
         """Starts to record every byte to a new file in a folder.
@@ -182,6 +227,7 @@ class Station:
     def close(self) -> None:
         """Stops the recording, restores the initial state of the device and closes the port."""
         self._stop.set()
+        self.stop_corrections()
         self.stop_recording()
         self._source.close(self.model)
         self._resources.close()
