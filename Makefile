@@ -19,7 +19,6 @@ lint:
 	mypy
 	python -m mypy.stubtest xbus._core
 	codespell
-	check-jsonschema --builtin-schema vendor.citation-file-format CITATION.cff
 
 test:
 	cargo test --features export
