@@ -198,6 +198,7 @@ def test_what_lsl_says_about_a_stream(lsl: Any, monkeypatch: pytest.MonkeyPatch)
     assert labels == ["x", "y", "z", "counter"]
     assert units == ["m/s2"] * 3 + [""]
     sink.close()
+    assert str(sink) == "1,040 samples sent in 15 streams"
 
 
 #: A receiver: one inlet reads all the time, the other one keeps 100 samples and is read at the end.

@@ -107,7 +107,7 @@ class LslSink:
         self._outlets.clear()
 
     def __str__(self) -> str:
-        streams = format_count(len(self._outlets), "stream")
+        streams = format_count(len(self._counts), "stream")
         return f"{format_count(self._samples, 'sample')} sent in {streams}"
 
 
