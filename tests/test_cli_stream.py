@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import socket
@@ -93,6 +94,24 @@ def test_a_receiver_that_is_gone_loses_its_data_and_the_loss_is_counted() -> Non
     sink.close()
     # All of them: the answer to a datagram, that nothing listens, arrives with a later one.
     assert str(sink) == "0 samples sent, 1,040 lost: Connection refused"
+
+
+def test_a_datagram_that_the_system_does_not_take_is_lost_and_counted(
+    receiver: Receiver, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Full:
+        def send(self, data: bytes) -> None:
+            raise BlockingIOError(errno.EAGAIN, "try again")
+
+    _, url = receiver
+    sink = UdpSink(url)
+    log = xbus.read_log(WALK)
+    sink.write(log)
+    with monkeypatch.context() as patch:
+        patch.setattr(sink, "_socket", Full())
+        sink.write(log)
+    sink.close()
+    assert str(sink) == "1,040 samples sent, 1,040 lost: try again"
 
 
 def test_sentences_of_the_device(receiver: Receiver, tmp_path: Any) -> None:
