@@ -72,6 +72,7 @@ __all__ = [
     "mtdata_layout",
     "mtdata_packets",
     "mtdata_quantities",
+    "mtssp",
     "packet_headers",
     "packet_numbers",
     "packets",
@@ -109,6 +110,9 @@ def mtdata_items() -> list[dict[str, Any]]:
 
 def can_messages() -> list[dict[str, Any]]:
     """The CAN messages, row by row: see `xbus.protocol.can.CanMessage`."""
+
+def mtssp() -> dict[str, Any]:
+    """The numbers of MTSSP by name: see `xbus.protocol.mtssp`."""
 
 def messages() -> list[dict[str, Any]]:
     """The messages, row by row: see `xbus.protocol.tables.MessageRow`."""
@@ -904,6 +908,8 @@ class Acquisition:
         Raises:
             RuntimeError: The stream has not ended.
         """
+    def count_bus(self, *, overruns: int = 0, transfer_errors: int = 0) -> None:
+        """Adds to the counts of an I²C or SPI bus, which are None in ``stats`` before the first call."""
     def interrupt(self) -> None:
         """Decides the bytes of an incomplete frame, of which no more will come: they are damage."""
     def end(self, reason: str) -> None:

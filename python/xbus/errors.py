@@ -7,11 +7,14 @@ XbusError
 ├─ XbusTimeout(TimeoutError)      no answer
 ├─ ApplyError                     some settings were applied before one failed
 └─ Disconnected(ConnectionError)  the port is gone
+
+BusError(OSError)                  I²C or SPI cannot be opened; later, the port is gone
 """
 
 from __future__ import annotations
 
 __all__ = [
+    "BusError",
     "DecodeError",
     "DeviceError",
     "Disconnected",
@@ -110,3 +113,13 @@ class Disconnected(XbusError, ConnectionError):  # noqa: N818 - the name is clea
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+class BusError(OSError):
+    """I²C or SPI cannot be opened, a transfer failed, or it returned what no MTi sends.
+
+    The message says what to try. `Disconnected` replaces this exception once a device is connected.
+    """
+
+    def __str__(self) -> str:
+        return str(self.args[-1])

@@ -149,8 +149,11 @@ def dump(
 
 
 def _is_port(name: str) -> bool:
-    """Returns whether this is a port: a URL of pyserial, a virtual device, or a terminal device."""
-    if name.startswith(("sim:", *(f"{scheme}://" for scheme in PORT_SCHEMES))):
+    """Returns whether this is a port: a URL of pyserial, a bus, a virtual device, or a terminal device."""
+    from xbus.device.ports import BUS_SCHEMES
+
+    buses = (f"{scheme}:" for scheme in BUS_SCHEMES)
+    if name.startswith(("sim:", *buses, *(f"{scheme}://" for scheme in PORT_SCHEMES))):
         return True
     if os.name == "nt":
         return re.fullmatch(r"(\\\\\.\\)?COM\d+", name, re.IGNORECASE) is not None

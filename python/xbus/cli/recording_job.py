@@ -210,7 +210,8 @@ class RecordingJob:
         if skipped := stats.skipped_bytes - before.skipped_bytes:
             parts.append(f"{format_count(skipped, 'byte')} damaged")
         if overruns := (stats.overruns or 0) - (before.overruns or 0):
-            parts.append(f"{format_count(overruns, 'overrun')} in the driver")
+            where = "driver" if stats.transfer_errors is None else "device"
+            parts.append(f"{format_count(overruns, 'overrun')} in the {where}")
         if errors := stats.errors - before.errors:
             parts.append(
                 f"{format_count(errors, 'error')} from the device, the last: {stats.last_error}"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 
+from xbus.errors import BusError
+
 __all__ = ["file_failure", "port_failure", "system_error"]
 
 #: Remedies for files, by error number.
@@ -45,6 +47,8 @@ def file_failure(action: str, error: OSError) -> str:
 
 def port_failure(port: str, error: OSError) -> str:
     """Returns the sentence for a port that cannot be opened."""
+    if isinstance(error, BusError):
+        return str(error)
     number, text = system_error(error)
     remedy = PORT_REMEDIES.get(number, "xbus ports lists the serial ports")
     return f"cannot open {port}: {text}; {remedy}"

@@ -13,11 +13,20 @@ from typing import TYPE_CHECKING, Any, Unpack
 import serial
 
 from xbus import _core
-from xbus.device.ports import SYSFS, is_usb_of_device, latency_timer, port_of, serial_number_of
+from xbus.device.ports import (
+    BUS_SCHEMES,
+    SYSFS,
+    is_usb_of_device,
+    latency_timer,
+    port_of,
+    serial_number_of,
+)
 from xbus.wire.link import Link, Need
 
 if TYPE_CHECKING:
     from xbus.can.link import CanLink
+    from xbus.mtssp.bus import Bus
+    from xbus.sim.buses import SimI2c, SimSpi
     from xbus.sim.device import SimulatedDevice
 
 __all__ = ["CAN_SCHEME", "SerialLink", "check_bid", "open_can", "open_link"]
@@ -233,14 +242,14 @@ def open_can(
 
 
 def open_link(
-    port: str | serial.SerialBase | SimulatedDevice,
+    port: str | serial.SerialBase | SimulatedDevice | SimI2c | SimSpi | Bus,
     baudrate: int,
     *,
     bid: int = 0xFF,
     bound: int = QUEUE_BYTES,
     strings: int = 0,
 ) -> Link:
-    """Returns a link to a port: a name, a URL, a pyserial object, or a virtual device; see `connect`.
+    """Returns a link to a port: a name or an object, as `connect` takes them.
 
     Args:
         port: The port.
@@ -252,17 +261,44 @@ def open_link(
     Raises:
         OSError: The port cannot be opened.
         ValueError: There is no such virtual product, or no such bus identifier.
+        ImportError: The extra for this port is not installed.
     """
     check_bid(bid)
     if isinstance(port, serial.SerialBase):
         return SerialLink(port, owned=False, bid=bid, bound=bound, strings=strings)
     if isinstance(port, str) and port.startswith(CAN_SCHEME):
         return open_can(port, bid=bid, bound=bound)
-    if not isinstance(port, str) or port.startswith("sim:"):
-        from xbus.sim.link import SimLink  # not needed for real devices
+    if isinstance(port, str) and port.partition(":")[0] in BUS_SCHEMES:
+        from xbus.device.bus_port import open_bus_port  # not needed for serial ports
 
-        return SimLink(port, bid=bid, bound=bound, strings=strings)
+        return open_bus_port(port, bid=bid, bound=bound)
+    if not isinstance(port, str) or port.startswith("sim:"):
+        return _open_object(port, bid=bid, bound=bound, strings=strings)
     opened: Any = serial.serial_for_url(port, do_not_open=True, baudrate=baudrate, write_timeout=5)
     if "://" not in port:
         opened.exclusive = True
     return SerialLink(opened, owned=True, bid=bid, bound=bound, strings=strings)
+
+
+def _open_object(
+    port: str | SimulatedDevice | SimI2c | SimSpi | Bus, *, bid: int, bound: int, strings: int
+) -> Link:
+    """Returns a link to a virtual device, or to a bus that the caller has opened."""
+    # not needed for real devices at serial ports
+    from xbus.device.bus_link import BusLink
+    from xbus.sim.bus_link import BusSimLink, bus_of, host_bus
+    from xbus.sim.buses import SimI2c, SimSpi
+    from xbus.sim.device import SimulatedDevice
+    from xbus.sim.link import SimLink
+    from xbus.sim.options import device_of
+
+    if isinstance(port, str):
+        port = bus_of(port) or device_of(port)
+    if isinstance(port, SimulatedDevice):
+        return SimLink(port, bid=bid, bound=bound, strings=strings)
+    if isinstance(port, SimI2c | SimSpi):
+        if not port.is_live:
+            return BusSimLink(port, bid=bid, bound=bound)
+        port = host_bus(port)
+    bus = port
+    return BusLink(lambda: bus, bus.name, owned=False, bid=bid, bound=bound)

@@ -15,6 +15,8 @@ from xbus.protocol.values import StringType
 from xbus.wire.strings import mask_of
 
 if TYPE_CHECKING:
+    from xbus.mtssp.bus import Bus
+    from xbus.sim.buses import SimI2c, SimSpi
     from xbus.sim.device import SimulatedDevice
 
 __all__ = ["connect", "restore_communication"]
@@ -28,7 +30,7 @@ MAX_QUEUE_SECONDS = 2500
 
 
 def connect(
-    port: str | serial.SerialBase | SimulatedDevice | None = None,
+    port: str | serial.SerialBase | SimulatedDevice | SimI2c | SimSpi | Bus | None = None,
     baudrate: int | None = None,
     *,
     bid: int = 0xFF,
@@ -47,8 +49,10 @@ def connect(
             ``"sim:MTi-630?noise=1&seed=2"``. ``"can:socketcan:can0"`` for the MTi-600 devices on a CAN
             bus, through any interface of python-can: ``can:INTERFACE:CHANNEL``, with the options
             ``?bitrate=500000``, ``&ids=0x100`` for each device (as ``xbus decode --ids``), ``&rate=100`` as
-            in `xbus.read_can`, and those of python-can. CAN is read only. None: the one port of this
-            machine with the USB identifiers of Xsens.
+            in `xbus.read_can`, and those of python-can. CAN is read only. For the 1-series on I²C and SPI
+            ``"i2c:/dev/i2c-1@0x6b"``, ``"spi:/dev/spidev0.0"``, ``"ftdi-i2c:URL@0x6b"``, ``"ftdi-spi:URL"``,
+            or a bus of `xbus.mtssp` or `xbus.sim`. None: the one port of this machine with the USB
+            identifiers of Xsens.
         baudrate: Bits per second. None: tries the rates that devices use, one after the other; on a CAN bus
             250,000.
         bid: Bus identifier of the device; 0xFF and 1 are the same device. On a CAN bus, the place of the
@@ -70,8 +74,8 @@ def connect(
 
     Raises:
         XbusTimeout: Nothing was heard.
-        ImportError: CAN needs the extra ``can``.
         OSError: The port cannot be opened.
+        ImportError: The extra for this port is not installed.
         ValueError: No port was given, and none or several have the USB identifiers of Xsens; or no string
             type has a given name.
 

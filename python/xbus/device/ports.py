@@ -8,6 +8,7 @@ from typing import NamedTuple
 from serial.tools import list_ports
 
 __all__ = [
+    "BUS_SCHEMES",
     "SYSFS",
     "Port",
     "find_ports",
@@ -18,6 +19,8 @@ __all__ = [
     "serial_number_of",
 ]
 
+#: How the names of ports on I²C and SPI begin.
+BUS_SCHEMES = ("i2c", "spi", "ftdi-i2c", "ftdi-spi")
 #: Where Linux has the latency timers of USB-serial adapters.
 SYSFS = Path("/sys/bus/usb-serial/devices")
 #: USB vendor identifier of Xsens.

@@ -241,6 +241,10 @@ class Session:
         if row is not None:
             if mid == row.reply:
                 return self._answer(row.name, offset, payload)
+            if row.name == "Reset" and mid == MessageId.WakeUp:
+                # A device on I²C or SPI may start again before its answer is read.
+                self.pending, self.state = None, State.WAKEUP
+                return Reply(row.name, None, b"")
             if mid == MessageId.Error and not (payload and payload[0] in UNSOLICITED_ERRORS):
                 return self._refused(row.name, offset, payload)
         name = message_name(mid, len(payload))

@@ -24,6 +24,11 @@ def nothing_heard(
     '1,234 bytes arrived on /dev/ttyUSB0 at 9600 baud, but no message; 9600 baud is probably not the rate of \
 the device: leave the baud rate out (no --baudrate), and xbus finds it'
     """
+    if None in received:
+        return (
+            f"nothing was heard on {port}, but the device on the bus answers; switch it off and on, or reset"
+            " it with its pin nRST"
+        )
     rates = ", ".join(map(str, received)) + " baud"
     where = f"{port} at {rates}" if is_line else port
     one_rate = is_line and len(received) == 1

@@ -44,7 +44,10 @@ class LiveStats:
         dropped_messages: Messages dropped because the program handled none for long.
         outdated: Samples and strings removed unread because new settings took effect.
         queued_bytes: Bytes of samples, strings and messages that wait to be read.
-        overruns: Overruns of the driver or chip; None if the system does not count them.
+        overruns: Overruns of the driver or chip; on I²C and SPI, reports of the device that a pipe was full.
+            None if the system does not count them.
+        transfer_errors: Transfers on I²C or SPI that failed, or that returned what no MTi sends. They are
+            repeated. None for other ports.
         errors: Error messages.
         warnings: Warning messages.
         last_error: The latest error or warning in words, or None.
@@ -71,6 +74,7 @@ class LiveStats:
     outdated: int
     queued_bytes: int
     overruns: int | None
+    transfer_errors: int | None
     errors: int
     warnings: int
     last_error: str | None
@@ -94,6 +98,7 @@ def live_stats(stats: dict[str, Any], outdated: int) -> LiveStats:
         outdated=outdated,
         queued_bytes=stats["queued"],
         overruns=stats["overruns"],
+        transfer_errors=stats["transfer_errors"],
     )
 
 

@@ -1,5 +1,7 @@
 """Virtual devices: their motion, measurements and replies, and servers that other programs connect to."""
 
+from xbus.sim.bus_faults import BusFaults
+from xbus.sim.buses import I2cMessage, SimI2c, SimSpi
 from xbus.sim.device import SimulatedDevice
 from xbus.sim.faults import Faults
 from xbus.sim.motion import Motion, SampledTrajectory, Trajectory
@@ -9,12 +11,16 @@ from xbus.sim.trajectories import TRAJECTORIES
 
 __all__ = [
     "TRAJECTORIES",
+    "BusFaults",
     "Faults",
+    "I2cMessage",
     "Motion",
     "PtyServer",
     "Replay",
     "SampledTrajectory",
     "Server",
+    "SimI2c",
+    "SimSpi",
     "SimulatedDevice",
     "TcpServer",
     "Trajectory",

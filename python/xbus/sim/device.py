@@ -230,6 +230,11 @@ class SimulatedDevice:
         return self._unit.state
 
     @property
+    def is_booting(self) -> bool:
+        """Whether the device has not sent WakeUp yet since its last start."""
+        return self._is_booting
+
+    @property
     def settings(self) -> UnitSettings:
         """The settings in use."""
         return self._unit.settings

@@ -210,7 +210,7 @@ def _losses(model: Model) -> list[Span]:
     ]
     parts += [(text, BAD) for text, number in damage if number] or [("no damage", GOOD)]
     if counts.overruns:
-        parts.append((f"{format_count(counts.overruns, 'overrun')} in the driver", BAD))
+        parts.append((f"{format_count(counts.overruns, 'overrun')} in the driver or device", BAD))
     if counts.dropped_samples:
         parts.append((f"dropped: {format_count(counts.dropped_samples, 'sample')}", BAD))
     if model.progress is None:

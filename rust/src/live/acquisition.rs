@@ -79,6 +79,8 @@ struct State {
     last_arrival: Option<i64>,
     /// Overruns since the ports were opened.
     overruns: Option<u64>,
+    /// Failed transfers, on a bus.
+    transfer_errors: Option<u64>,
     /// The counter of the current port when it was last read.
     #[cfg(unix)]
     overruns_seen: Option<u64>,
@@ -143,8 +145,11 @@ pub struct Stats {
     pub dropped: Dropped,
     /// When the last bytes arrived, on the clock of the stream.
     pub last_arrival: Option<i64>,
-    /// How often the driver or its chip had no room for a byte; `None` if the system does not count that.
+    /// How often the driver or its chip had no room for a byte, or the device none for a message to a bus; `None` if that is
+    /// not counted.
     pub overruns: Option<u64>,
+    /// Transfers on a bus that failed; `None` for a port that is no bus.
+    pub transfer_errors: Option<u64>,
 }
 
 impl Acquisition {
@@ -184,6 +189,7 @@ impl Acquisition {
             hurry: false,
             last_arrival: None,
             overruns: None,
+            transfer_errors: None,
             #[cfg(unix)]
             overruns_seen: None,
             recorder: None,
@@ -297,6 +303,14 @@ impl Acquisition {
             return Ok(None);
         }
         self.shared.add_frames(frames, now.unwrap_or_else(monotonic))
+    }
+
+    /// Adds to the counts of a bus: see [`Stats`]. The first call begins to count.
+    pub fn count_bus(&self, overruns: u64, transfer_errors: u64) {
+        if let Some(mut state) = self.state() {
+            *state.overruns.get_or_insert_default() += overruns;
+            *state.transfer_errors.get_or_insert_default() += transfer_errors;
+        }
     }
 
     /// Decides the bytes that are part of an incomplete frame or string: no more of it will come.
@@ -434,6 +448,7 @@ impl Acquisition {
             dropped: state.lanes.dropped(),
             last_arrival: state.last_arrival,
             overruns: state.overruns,
+            transfer_errors: state.transfer_errors,
         }
     }
 

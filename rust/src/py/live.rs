@@ -190,6 +190,11 @@ impl Acquisition {
         self.0.resume().map_err(|error| os_error(&error, None))
     }
 
+    #[pyo3(signature = (*, overruns=0, transfer_errors=0))]
+    fn count_bus(&self, overruns: u64, transfer_errors: u64) {
+        self.0.count_bus(overruns, transfer_errors);
+    }
+
     fn interrupt(&self) {
         self.0.interrupt();
     }

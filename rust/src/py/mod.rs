@@ -55,7 +55,7 @@ mod _core {
     #[pymodule_export]
     use super::tables::{
         can_messages, can_quantities, damage_reasons, legacy_products, messages, mtdata_items, mtdata_quantities,
-        products, quantities, result_codes, status_flags, strings,
+        mtssp, products, quantities, result_codes, status_flags, strings,
     };
     #[pymodule_export]
     use crate::device::{device_id, product_code};

@@ -1,7 +1,7 @@
 //! The tables, row by row.
 
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
 use super::Row;
 use crate::packet::record_size;
@@ -118,6 +118,24 @@ pub fn can_messages(py: Python<'_>) -> PyResult<Vec<Row<'_>>> {
         )
     };
     table::CAN_MESSAGES.iter().map(row).collect()
+}
+
+/// The numbers of MTSSP, by name.
+#[pyfunction]
+pub fn mtssp(py: Python<'_>) -> PyResult<Row<'_>> {
+    let opcodes = table::mtssp::OPCODES.iter().map(|opcode| row!(py, opcode { code, name, is_read, size }));
+    let row = PyDict::new(py);
+    row.set_item("opcodes", opcodes.collect::<PyResult<Vec<_>>>()?)?;
+    row.set_item("data_ready_bits", table::mtssp::DATA_READY_BITS)?;
+    row.set_item("addresses", PyBytes::new(py, &table::mtssp::ADDRESSES))?;
+    row.set_item("spi_header", PyBytes::new(py, &table::mtssp::SPI_HEADER))?;
+    row.set_item("spi_mode", table::mtssp::SPI_MODE)?;
+    row.set_item("max_spi_hz", table::mtssp::MAX_SPI_HZ)?;
+    row.set_item("max_i2c_hz", table::mtssp::MAX_I2C_HZ)?;
+    row.set_item("max_input", table::mtssp::MAX_INPUT)?;
+    row.set_item("max_output", table::mtssp::MAX_OUTPUT)?;
+    row.set_item("pipe_overflow", table::mtssp::PIPE_OVERFLOW)?;
+    Ok(row)
 }
 
 /// The messages.

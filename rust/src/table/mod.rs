@@ -8,6 +8,7 @@ mod can;
 mod errors;
 mod messages;
 mod mtdata;
+pub mod mtssp;
 mod payload;
 mod products;
 mod quantities;
