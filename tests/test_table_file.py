@@ -19,7 +19,7 @@ import pyarrow.csv
 import pyarrow.feather
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import reference
@@ -193,20 +193,50 @@ def test_row_groups_are_equal_whatever_the_batches_are(tmp_path: Path) -> None:
     assert pq.read_table(path)["x"].to_numpy().tolist() == list(range(600_000))
 
 
-@pytest.mark.parametrize("rows", [1, 63, 64, 2**17 - 1, 2**17, 2**17 + 1, 2**18 - 1, 2**18])
-def test_floats_without_nulls_may_have_any_number_of_pages_and_batches(
-    tmp_path: Path, rows: int
-) -> None:
-    values = np.random.default_rng(rows).standard_normal(rows)
-    table = stream_of([("double", values, {}), ("single", values.astype(np.float32), {})])
+def parquet_of(columns: Columns, path: Path, ends: list[int]) -> pa.Table:
+    """Writes columns without nulls in batches that end at these rows, and returns the table."""
+    table = stream_of((name, values, {}) for name, values in columns.items())
     [whole] = table.batches()
-    ends = [end for end in (0, 1, 5, 70_000, 131_073) if end < rows] + [rows]
-    batches = [whole.rows(first, end) for first, end in itertools.pairwise(ends)]
-    path = tmp_path / "x.parquet"
+    batches = [whole.rows(first, end) for first, end in itertools.pairwise([0, *ends])]
     with path.open("wb") as out, ThreadPoolExecutor(1) as pool:
         list(write_batches(_core.TableFile("parquet", table), batches, out, pool, 1))
-    assert_identical(pq.read_table(path), read_all(table))
-    assert_identical(pl.read_parquet(path).to_arrow(), read_all(table))
+    return read_all(table)
+
+
+@pytest.mark.parametrize("rows", [1, 63, 64, 2**17 - 1, 2**17, 2**17 + 1, 2**18 - 1, 2**18])
+def test_numbers_without_nulls_may_have_any_number_of_pages_and_batches(
+    tmp_path: Path, rows: int
+) -> None:
+    rng = np.random.default_rng(rows)
+    values = rng.standard_normal(rows)
+    columns: Columns = {
+        "double": values,
+        "single": values.astype(np.float32),
+        "counter": np.arange(rows).astype(np.uint16),
+        "time": 0.01 * np.arange(rows),
+        "any": rng.integers(-(2**63), 2**63 - 1, rows),
+    }
+    ends = [end for end in (1, 5, 70_000, 131_073) if end < rows] + [rows]
+    expected = parquet_of(columns, tmp_path / "x.parquet", ends)
+    assert_identical(pq.read_table(tmp_path / "x.parquet"), expected)
+    assert_identical(pl.read_parquet(tmp_path / "x.parquet").to_arrow(), expected)
+
+
+@settings(max_examples=30)
+@given(data=st.data())
+def test_integers_without_nulls(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Other readers agree on differences of any size, also those that wrap, in blocks that are not full."""
+    most = data.draw(st.sampled_from([0, 1, 9, 300, 2**63 - 1]))
+    some = data.draw(st.lists(st.integers(-most, most), min_size=1, max_size=70))
+    values = np.array(some * data.draw(st.sampled_from([1, 2, 5, 19])), np.int64)
+    path = tmp_path_factory.mktemp("integers") / "x.parquet"
+    columns: Columns = {f"{dtype}": values.astype(dtype) for dtype in INTEGERS}
+    expected = parquet_of(columns, path, [len(values)])
+    assert_identical(pq.read_table(path), expected)
+    assert_identical(pl.read_parquet(path).to_arrow(), expected)
+    assert_identical(read_all(duckdb.read_parquet(str(path))), expected)
 
 
 def test_floats_that_are_never_null_keep_the_bits_of_any_nan(tmp_path: Path) -> None:
@@ -234,6 +264,29 @@ def test_statistics_of_times_are_those_that_readers_know(tmp_path: Path) -> None
     found = [group.column(i).statistics for i in range(3)]
     assert [(one.min, one.max, one.null_count) for one in found[:2]] == [(0, 3, 0), (-1, 2, 1)]
     assert found[2] is None
+
+
+@pytest.mark.parametrize(
+    ("time", "least", "greatest"),
+    [([3.5, -2, 9], -2, 9), ([-1.5, -3.5, -1], -3.5, -1), ([0.0, -0.0, 0.0], -0.0, 0.0)],
+)
+def test_statistics_of_times_that_all_samples_have(
+    tmp_path: Path, time: list[float], least: float, greatest: float
+) -> None:
+    """The log has no nulls, so the numbers are encoded and counted without the crate."""
+    columns: Columns = {
+        "sample": np.array([7, 5, 6]),
+        "time": np.array(time),
+        "utc": np.array([5, -3, 4], "M8[ns]"),
+    }
+    expected = parquet_of(columns, tmp_path / "x.parquet", [2, 3])
+    assert_identical(pq.read_table(tmp_path / "x.parquet"), expected)
+    group = pq.read_metadata(tmp_path / "x.parquet").row_group(0)
+    found = [group.column(i).statistics for i in range(3)]
+    assert [(one.min, one.max) for one in found[:2]] == [(5, 7), (least, greatest)]
+    assert math.copysign(1, found[1].min) == math.copysign(1, least)
+    assert (found[2].min_raw, found[2].max_raw) == (-3, 5)
+    assert [one.null_count for one in found] == [0, 0, 0]
 
 
 @pytest.mark.parametrize(

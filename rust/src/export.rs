@@ -153,7 +153,7 @@ impl Writer {
     /// None with a schema that [`Writer::new`] has accepted.
     pub fn start(&mut self) -> Result<Vec<u8>, ArrowError> {
         match &mut self.file {
-            File::Parquet(file) => file.taken(),
+            File::Parquet(_) => Ok(parquet::MAGIC.to_vec()),
             File::Csv => Ok(csv::header(&self.schema)),
             File::Arrow(file) => file.taken(),
         }

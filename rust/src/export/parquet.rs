@@ -1,18 +1,26 @@
 //! Parquet files.
 
-mod floats;
+mod delta;
+mod numbers;
 
-use std::sync::Arc;
+use std::io;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use arrow_array::RecordBatch;
+use arrow_array::{ArrayRef, RecordBatch};
 use arrow_schema::{ArrowError, DataType, Field, SchemaRef};
+use bytes::Bytes;
 use parquet::arrow::ArrowSchemaConverter;
 use parquet::arrow::add_encoded_arrow_schema_to_metadata;
-use parquet::arrow::arrow_writer::{ArrowColumnChunk, ArrowColumnWriter, ArrowRowGroupWriterFactory, compute_leaves};
+use parquet::arrow::arrow_writer::{ArrowColumnWriter, ArrowRowGroupWriterFactory, compute_leaves};
 use parquet::basic::{Compression, Encoding, ZstdLevel};
+use parquet::column::page_store::{PageKey, PageStore, PageStoreArgs, PageStoreFactory};
+use parquet::errors::ParquetError;
+use parquet::file::metadata::{
+    ColumnChunkMetaData, FileMetaData, ParquetMetaData, ParquetMetaDataWriter, RowGroupMetaData,
+};
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::SerializedFileWriter;
-use parquet::schema::types::{ColumnDescPtr, ColumnPath};
+use parquet::schema::types::{ColumnPath, SchemaDescPtr, SchemaDescriptor};
 use zstd::bulk::Compressor;
 
 /// Columns by which queries select rows, beside points in time. Only these have statistics: the range of an
@@ -23,83 +31,152 @@ const SELECTING: [&str; 3] = ["sample", "time", "host_time"];
 const PAGE_SIZE: usize = 1 << 20;
 /// Level of zstd. Level 3 takes 1.6 times as long for 1 % less.
 const LEVEL: i32 = 1;
+/// The bytes that a file begins with.
+pub const MAGIC: &[u8] = b"PAR1";
 
-/// The columns of a row group, encoded.
-pub struct RowGroup(Vec<Column>);
-
-enum Column {
-    Floats(Box<floats::Pages>),
-    Other(Box<ArrowColumnChunk>),
+/// A row group as the file has it.
+pub struct RowGroup {
+    rows: usize,
+    bytes: Vec<u8>,
+    /// What the footer has of each column. Offsets count from the beginning of the row group.
+    columns: Vec<ColumnChunkMetaData>,
 }
 
 /// Encodes row groups.
 pub struct Encoder {
     schema: SchemaRef,
-    columns: Vec<ColumnDescPtr>,
-    writers: ArrowRowGroupWriterFactory,
+    /// The file that the crate's writers of columns take their settings from. Nothing is written to it.
+    file: SerializedFileWriter<io::Sink>,
 }
 
 impl Encoder {
     pub fn new(schema: &SchemaRef) -> Result<Self, ArrowError> {
-        let file = file(schema)?;
-        let writers = ArrowRowGroupWriterFactory::new(&file, schema.clone());
-        Ok(Self { schema: schema.clone(), columns: file.schema_descr().columns().to_vec(), writers })
+        Ok(Self { schema: schema.clone(), file: file(schema)? })
     }
 
     /// Encodes one column after the other, so that little more than the result is in memory.
     pub fn encode(&self, batches: &[RecordBatch]) -> Result<RowGroup, ArrowError> {
+        let size = batches.iter().map(RecordBatch::get_array_memory_size).sum();
+        let rows = batches.iter().map(RecordBatch::num_rows).sum();
+        let mut group = RowGroup { rows, bytes: Vec::with_capacity(size), columns: vec![] };
         let mut compressor = Compressor::new(LEVEL)?;
-        let writers = self.writers.create_column_writers(0)?.into_iter();
-        let column = |(index, mut writer): (usize, ArrowColumnWriter)| {
+        let pages = Pages::default();
+        let writers = ArrowRowGroupWriterFactory::new(&self.file, self.schema.clone())
+            .with_page_store_factory(Arc::new(pages.clone()))
+            .create_column_writers(0)?;
+        for (index, writer) in writers.into_iter().enumerate() {
+            let (field, descr) = (self.schema.field(index), self.file.schema_descr().column(index));
             let arrays: Vec<_> = batches.iter().map(|batch| batch.column(index)).collect();
-            let field = self.schema.field(index);
-            if !is_selecting(field)
-                && let Some(pages) = floats::encode(&self.columns[index], &arrays, &mut compressor)?
-            {
-                return Ok(Column::Floats(Box::new(pages)));
-            }
-            for array in arrays {
-                for leaf in compute_leaves(field, array)? {
-                    writer.write(&leaf)?;
-                }
-            }
-            Ok(Column::Other(Box::new(writer.close()?)))
-        };
-        Ok(RowGroup(writers.enumerate().map(column).collect::<Result<_, ArrowError>>()?))
+            let start = group.bytes.len();
+            let numbers = numbers::encode(&descr, &arrays, is_selecting(field), &mut group.bytes, &mut compressor)?;
+            let metadata = match numbers {
+                Some(metadata) => metadata,
+                None => pages.encode(writer, field, &arrays, &mut group.bytes)?,
+            };
+            group.columns.push(moved(metadata, start)?);
+        }
+        Ok(group)
     }
 }
 
-/// Writes a Parquet file into memory, from where it is taken piece by piece.
-pub struct Writer(SerializedFileWriter<Vec<u8>>);
+/// What the footer has of a column whose pages are moved by some bytes. There are no pages of dictionaries.
+fn moved(metadata: ColumnChunkMetaData, bytes: usize) -> Result<ColumnChunkMetaData, ParquetError> {
+    let offset = metadata.data_page_offset() + signed(bytes);
+    metadata.into_builder().set_data_page_offset(offset).build()
+}
+
+fn signed(number: usize) -> i64 {
+    i64::try_from(number).unwrap_or(i64::MAX)
+}
+
+/// The pages that the crate makes of a column, from where they are taken without a file.
+#[derive(Clone, Debug, Default)]
+struct Pages(Arc<Mutex<Vec<Bytes>>>);
+
+impl Pages {
+    /// Appends the pages of a column to the row group, and returns what the footer has of it.
+    fn encode(
+        &self,
+        mut writer: ArrowColumnWriter,
+        field: &Field,
+        arrays: &[&ArrayRef],
+        group: &mut Vec<u8>,
+    ) -> Result<ColumnChunkMetaData, ParquetError> {
+        for array in arrays {
+            for leaf in compute_leaves(field, array)? {
+                writer.write(&leaf)?;
+            }
+        }
+        let chunk = writer.close()?;
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).drain(..).for_each(|page| group.extend(page));
+        Ok(chunk.close().metadata.clone())
+    }
+}
+
+impl PageStoreFactory for Pages {
+    fn create(&self, _: &PageStoreArgs<'_>) -> Result<Box<dyn PageStore>, ParquetError> {
+        Ok(Box::new(self.clone()))
+    }
+}
+
+impl PageStore for Pages {
+    fn put(&mut self, page: Bytes) -> Result<PageKey, ParquetError> {
+        let mut pages = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        pages.push(page);
+        Ok(PageKey::new(pages.len() as u64 - 1))
+    }
+
+    fn take(&mut self, _: PageKey) -> Result<Bytes, ParquetError> {
+        Err(ParquetError::General("pages are taken by `Pages::encode`".to_owned()))
+    }
+}
+
+/// Joins row groups to a file.
+pub struct Writer {
+    file: SerializedFileWriter<io::Sink>,
+    schema: SchemaDescPtr,
+    /// Number of bytes so far.
+    size: usize,
+    groups: Vec<RowGroupMetaData>,
+}
 
 impl Writer {
     pub fn new(schema: &SchemaRef) -> Result<Self, ArrowError> {
-        Ok(Self(file(schema)?))
+        let file = file(schema)?;
+        let schema = SchemaDescriptor::new(file.schema_descr().root_schema_ptr()).into();
+        Ok(Self { file, schema, size: MAGIC.len(), groups: vec![] })
     }
 
     pub fn append(&mut self, group: RowGroup) -> Result<Vec<u8>, ArrowError> {
-        let mut writer = self.0.next_row_group()?;
-        for column in group.0 {
-            match column {
-                Column::Floats(pages) => writer.append_column(&pages.0, pages.1)?,
-                Column::Other(chunk) => chunk.append_to_row_group(&mut writer)?,
-            }
-        }
-        writer.close()?;
-        self.taken()
+        let columns =
+            group.columns.into_iter().map(|column| moved(column, self.size)).collect::<Result<Vec<_>, _>>()?;
+        let metadata = RowGroupMetaData::builder(self.schema.clone())
+            .set_num_rows(signed(group.rows))
+            .set_total_byte_size(columns.iter().map(ColumnChunkMetaData::uncompressed_size).sum())
+            .set_column_metadata(columns)
+            .set_file_offset(signed(self.size))
+            .build()?;
+        self.groups.push(metadata);
+        self.size += group.bytes.len();
+        Ok(group.bytes)
     }
 
+    /// The footer.
     pub fn finish(&mut self) -> Result<Vec<u8>, ArrowError> {
-        self.0.finish()?;
-        let mut end = self.taken()?;
-        declare_type_order(&mut end, self.0.schema_descr().num_columns());
+        let properties = self.file.properties();
+        let groups = std::mem::take(&mut self.groups);
+        let metadata = FileMetaData::new(
+            properties.writer_version().as_num(),
+            groups.iter().map(RowGroupMetaData::num_rows).sum(),
+            Some(properties.created_by().to_owned()),
+            properties.key_value_metadata().cloned(),
+            self.schema.clone(),
+            None,
+        );
+        let mut end = vec![];
+        ParquetMetaDataWriter::new(&mut end, &ParquetMetaData::new(metadata, groups)).finish()?;
+        declare_type_order(&mut end, self.schema.num_columns());
         Ok(end)
-    }
-
-    /// What was written since the last call.
-    pub fn taken(&mut self) -> Result<Vec<u8>, ArrowError> {
-        self.0.flush()?;
-        Ok(std::mem::take(self.0.inner_mut()))
     }
 }
 
@@ -119,12 +196,13 @@ fn declare_type_order(end: &mut [u8], columns: usize) {
     }
 }
 
-fn file(schema: &SchemaRef) -> Result<SerializedFileWriter<Vec<u8>>, ArrowError> {
+/// A file with the settings of the columns.
+fn file(schema: &SchemaRef) -> Result<SerializedFileWriter<io::Sink>, ArrowError> {
     let mut properties = properties(schema)?;
     // The types and metadata of Arrow that Parquet does not have.
     add_encoded_arrow_schema_to_metadata(schema, &mut properties);
     let columns = ArrowSchemaConverter::new().convert(schema)?;
-    Ok(SerializedFileWriter::new(vec![], columns.root_schema_ptr(), Arc::new(properties))?)
+    Ok(SerializedFileWriter::new(io::sink(), columns.root_schema_ptr(), Arc::new(properties))?)
 }
 
 /// Settings that suit sensor data: no dictionaries, floats split into their bytes, integers as differences.
@@ -140,7 +218,8 @@ fn properties(schema: &SchemaRef) -> Result<WriterProperties, ArrowError> {
         let path = ColumnPath::new(vec![field.name().clone()]);
         let encoding = match field.data_type() {
             DataType::Float32 | DataType::Float64 => Encoding::BYTE_STREAM_SPLIT,
-            DataType::Int32 | DataType::Int64 | DataType::UInt32 | DataType::UInt64 => Encoding::DELTA_BINARY_PACKED,
+            other if other.is_integer() => Encoding::DELTA_BINARY_PACKED,
+            DataType::Timestamp(..) => Encoding::DELTA_BINARY_PACKED,
             _ => Encoding::PLAIN,
         };
         properties = properties.set_column_encoding(path.clone(), encoding);
