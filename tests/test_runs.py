@@ -392,8 +392,9 @@ def runs_in_parts(data: bytes, block: int) -> tuple[Runs, list[PartRuns]]:
         dirty(300),
         b"".join(mtdata2(counter(i), fine(9 * i), bid=1 + i // 90) for i in range(300)),
         b"".join(mtdata2(counter(i)) for i in range(90)) + frame(0x3E) + gnssins(50),
+        b"".join(mtdata2(counter(i), fine(9 * i), bid=(1, 0xFF)[i % 3 > 0]) for i in range(300)),
     ],
-    ids=["walk", "field", "with position", "dirty", "two devices", "restart"],
+    ids=["walk", "field", "with position", "dirty", "two devices", "restart", "two BIDs"],
 )
 def test_a_part_of_one_run_adds_the_same(
     data: bytes, block: int, monkeypatch: pytest.MonkeyPatch
@@ -406,3 +407,27 @@ def test_a_part_of_one_run_adds_the_same(
         assert one.run.tolist() == other.run.tolist()
         assert one.lost.tolist() == other.lost.tolist()
         assert one.present == other.present
+
+
+@pytest.mark.parametrize("bids", [[], [1], [0xFF, 1], [1, 0xFF, 1], [3, 1, 3, 0xFF, 2], [9] * 40])
+def test_devices_of_a_part(bids: list[int]) -> None:
+    """A device has the BID of its first sample; FF and 1 are one. Longer runs take the fast path."""
+    for times in (1, 7):
+        sent = [bid for bid in bids for _ in range(times)]
+        part = xbus.read_log(b"".join(mtdata2(counter(0), bid=bid) for bid in sent)).core
+        first = {1 if bid == 0xFF else bid: bid for bid in reversed(sent)}
+        counts = {bid: [1 if bid == 0xFF else bid for bid in sent].count(bid) for bid in first}
+        order = dict.fromkeys(1 if bid == 0xFF else bid for bid in sent)
+        assert part.devices == [(first[device], counts[device]) for device in order]
+
+
+@pytest.mark.parametrize("ticks", [[], [5], [5, 5, 9], [9, 5, 7], [None], [None, 5], [5, None, 9]])
+def test_span_of_the_times_of_a_part(ticks: list[int | None]) -> None:
+    samples = [counter(i) + (b"" if tick is None else fine(tick)) for i, tick in enumerate(ticks)]
+    part = xbus.read_log(b"".join(mtdata2(packets) for packets in samples)).core
+    known = part.time[~np.isnan(part.time)]
+    earliest, latest, count, is_ascending = part.time_span
+    assert count == len(known)
+    assert is_ascending == (len(known) == len(ticks) and bool((np.diff(known) >= 0).all()))
+    expected = [known.min(), known.max()] if count else [math.nan, math.nan]
+    np.testing.assert_array_equal([earliest, latest], expected)

@@ -662,6 +662,12 @@ class Part:
     def time(self) -> npt.NDArray[np.float64]:
         """Seconds on the device clock, unwrapped, ``(n,)``; NaN for samples without a time stamp."""
     @property
+    def time_span(self) -> tuple[float, float, int, bool]:
+        """The earliest and the latest time, how many samples have one, and whether all have and they ascend.
+
+        The times are NaN if no sample has one.
+        """
+    @property
     def gaps(self) -> GapArrays:
         """The places where samples are missing, by the packet counters."""
     @property
@@ -685,6 +691,9 @@ class Part:
     @property
     def bid(self) -> npt.NDArray[np.uint8]:
         """Bus identifier of each sample, ``(n,)``."""
+    @property
+    def devices(self) -> list[tuple[int, int]]:
+        """The BID of the first sample of each device, and its number of samples, in the order of these."""
 
 @final
 class DamageArrays:

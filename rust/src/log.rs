@@ -33,7 +33,7 @@ use track::Track;
 
 pub use parallel::{Blocks, Input};
 pub use shape::Shape;
-pub use timed::{TimedPart, Times};
+pub use timed::{Span, TimedPart, Times};
 
 /// Quantities to keep, each in one coordinate system or in any.
 pub type Wanted = Vec<(&'static Quantity, Option<Coordinates>)>;
@@ -279,12 +279,36 @@ impl Part {
     /// For each sample the bus identifier of its frame.
     #[must_use]
     pub fn bids(&self) -> Vec<u8> {
+        self.bid_of_each().collect()
+    }
+
+    fn bid_of_each(&self) -> impl Iterator<Item = u8> {
         let mut singles = self.singles.iter();
-        let bid = |&layout: &u8| match layout {
+        self.layout.iter().map(move |layout| match layout {
             0 => singles.next().map_or(0, |single| single.bid),
-            _ => self.layouts[usize::from(layout) - 1].bid,
-        };
-        self.layout.iter().map(bid).collect()
+            _ => self.layouts[usize::from(*layout) - 1].bid,
+        })
+    }
+
+    /// The devices that sent samples, in the order of their first samples: the bus identifier of the first sample, and the
+    /// number of samples.
+    #[must_use]
+    pub fn devices(&self) -> Vec<(u8, usize)> {
+        let mut sent = self.sent_bids().map(device_of);
+        let Some(device) = sent.next() else { return vec![] };
+        if sent.all(|other| other == device) {
+            return self.bid_of_each().next().map(|bid| (bid, self.len())).into_iter().collect();
+        }
+        let mut devices: Vec<(u8, usize)> = vec![];
+        let mut places = [None; 256];
+        for bid in self.bid_of_each() {
+            let place = *places[usize::from(device_of(bid))].get_or_insert_with(|| {
+                devices.push((bid, 0));
+                devices.len() - 1
+            });
+            devices[place].1 += 1;
+        }
+        devices
     }
 
     /// The bus identifiers that occur, some more than once.

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from xbus.describe.log_summary import TrackerSummary
 from xbus.formatting import device_name
 from xbus.log.log import Log
 from xbus.log.runs import Runs
 from xbus.log.stats import Stats
 from xbus.log.trackers import count_losses, frames_of
 from xbus.protocol.undecoded import Undecoded
+
+if TYPE_CHECKING:
+    from xbus.describe.log_summary import TrackerSummary
 
 __all__ = ["DecodedTotals"]
 
@@ -81,6 +84,8 @@ class DecodedTotals:
     @property
     def trackers(self) -> dict[int, TrackerSummary]:
         """The Awinda trackers by device identifier, in the order in which they appear."""
+        from xbus.describe.log_summary import TrackerSummary  # few logs have trackers
+
         return {
             device_id: TrackerSummary(device_name(device_id), len(frame), *count_losses(frame))
             for device_id, frames in self._frames.items()

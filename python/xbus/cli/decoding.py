@@ -192,7 +192,6 @@ class Decoding:
         from xbus.cli.decoded_totals import DecodedTotals
         from xbus.export.format import ExportError
         from xbus.export.replacing import ForeignFilesError
-        from xbus.log.dataset import DatasetError
 
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
@@ -229,7 +228,7 @@ class Decoding:
                     reading=lambda: reading(names),
                     read=add,
                 )
-            except (ExportError, DatasetError) as error:
+            except ExportError as error:
                 raise Failure(f"{names}: {error}") from error
             except ForeignFilesError as error:
                 raise foreign_files(out, error) from error
@@ -237,7 +236,6 @@ class Decoding:
 
     def _write_of(self, out: str, file_format: Format | None) -> Callable[..., dict[str, int]]:
         """Returns the function that writes parts."""
-        from xbus.log.dataset import write_dataset
         from xbus.log.part_file import export_parts, write_parts
 
         if file_format is not None:
@@ -245,6 +243,8 @@ class Decoding:
         how: dict[str, Any] = {"key": self._key, "raw": self._raw}
         if (dataset := self._dataset) is None:
             return functools.partial(write_parts, file_format=FORMATS[suffix_of(out)], **how)
+        from xbus.log.dataset import write_dataset
+
         return functools.partial(
             write_dataset,
             file_format=FORMATS[dataset.suffix],

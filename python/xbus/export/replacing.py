@@ -35,7 +35,6 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
     The file is written beside ``path`` and removed after an error, so neither a full disk nor Ctrl-C leaves
     half a file. If ``path`` is not a regular file (``/dev/stdout``, a pipe), it is written directly.
     """
-    import secrets
     from pathlib import Path  # imported late: it takes longer than the rest of xbus
 
     target = Path(path)
@@ -45,7 +44,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Any]:
         return
     # Follows links, and keeps the permissions of an existing file.
     target = target.resolve()
-    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    part = target.with_name(f".{target.name}.{os.urandom(4).hex()}.part")
     try:
         with part.open("xb") as out:
             yield out
@@ -63,14 +62,13 @@ def replacing_all(paths: Sequence[str]) -> Iterator[list[Any]]:
 
     A single path may be no regular file, as in `replacing`.
     """
-    import secrets
     from pathlib import Path
 
     if len(paths) == 1:
         with replacing(paths[0]) as out:
             yield [out]
         return
-    mark = secrets.token_hex(4)
+    mark = os.urandom(4).hex()
     targets = [Path(path).resolve() for path in paths]
     parts, olds = (
         [target.with_name(f".{target.name}.{mark}.{end}") for target in targets]
@@ -113,13 +111,12 @@ def replacing_folder(path: str | os.PathLike[str]) -> Iterator[str]:
         ForeignFilesError: ``path`` is a folder without the mark, or with other files.
         OSError: A folder cannot be made, or ``path`` is a file.
     """
-    import secrets
     import shutil
     from pathlib import Path  # imported late: it takes longer than the rest of xbus
 
     target = Path(path).resolve()
     check_replaceable(target)
-    mark = secrets.token_hex(4)
+    mark = os.urandom(4).hex()
     part, old = (target.with_name(f".{target.name}.{mark}.{end}") for end in ("part", "old"))
     part.mkdir()
     try:
@@ -173,14 +170,13 @@ def new_folder(path: str | os.PathLike[str]) -> Iterator[tuple[Path, str]]:
     Raises:
         FileExistsError: There is something at ``path`` already, which is not replaced.
     """
-    import secrets
     import shutil
     from pathlib import Path
 
     target = Path(path).absolute()
     if os.path.lexists(target):
         raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
-    part = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    part = target.with_name(f".{target.name}.{os.urandom(4).hex()}.part")
     try:
         part.mkdir()
         yield part, target.name

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.export.format import ExportError
 from xbus.export.replacing import replacing_folder
 from xbus.log.hours import HOUR_SOURCES, Hours, find_hours
 from xbus.log.in_order import in_order
@@ -29,7 +30,7 @@ __all__ = ["DatasetError", "write_dataset"]
 MOST_FILES = 10_000
 
 
-class DatasetError(ValueError):
+class DatasetError(ExportError):
     """A log cannot be written as a dataset."""
 
 

@@ -11,9 +11,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
 from xbus import _core
 from xbus.errors import XbusError
 from xbus.files import file_version, is_plain, is_url, local_name
@@ -343,15 +340,12 @@ class _FirstPass:
             if self._bid is None or device_of(device.bid) == device_of(self._bid)
         )
 
-    def _count(self, bids: npt.NDArray[np.uint8]) -> None:
-        """Adds the samples of a part, of which these are the BIDs."""
-        if not len(bids):
-            return
-        found, first, counts = np.unique(device_of(bids), return_index=True, return_counts=True)
+    def _count(self, part: _core.Part) -> None:
+        """Adds the samples of a part."""
         known = {device_of(bid): bid for bid in self._samples}
-        for place in np.argsort(first).tolist():
-            bid = known.get(int(found[place]), int(bids[first[place]]))
-            self._samples[bid] = self._samples.get(bid, 0) + int(counts[place])
+        for first, samples in part.devices:
+            bid = known.get(device_of(first), first)
+            self._samples[bid] = self._samples.get(bid, 0) + samples
 
     @property
     def shape(self) -> _core.Shape:
@@ -383,7 +377,7 @@ class _FirstPass:
             core = reader.take()
             log = Log(core, identities=self._identities)
             self._shape.add(core)
-            self._count(core.bid)
+            self._count(core)
             own = core
             if self._bid is not None:
                 own = core.of_device(self._bid, samples)
@@ -391,7 +385,8 @@ class _FirstPass:
             data = _Bytes.of(source, start, end) if is_bytes else source
             arrived = arrivals and arrivals.between(start, end)
             begin = _Begin(data, not more, state, self._identities, clocks, arrived)
-            yield start, end, samples, len(own), *_time_range(own), begin
+            earliest, latest, _, is_ascending = own.time_span
+            yield start, end, samples, len(own), earliest, latest, is_ascending, begin
             samples += len(own)
             self._identities = log._identities
             if arrivals is not None:
@@ -399,18 +394,6 @@ class _FirstPass:
         self.has_host_times = bool(clocks)
         if self._bid is not None and not samples:
             raise MissingDeviceError(self._bid, self._samples)
-
-
-def _time_range(part: _core.Part) -> tuple[float, float, bool]:
-    """Returns the earliest and the latest time of a part, and whether all are known and ascend."""
-    time = part.time
-    is_ascending = bool((time[1:] >= time[:-1]).all())  # False beside a NaN
-    if is_ascending and len(time) > 1:
-        return float(time[0]), float(time[-1]), True
-    known = time[~np.isnan(time)]
-    if not len(known):
-        return math.nan, math.nan, not len(time)
-    return float(known.min()), float(known.max()), is_ascending
 
 
 @dataclass(frozen=True)

@@ -73,12 +73,13 @@ class Runs:
 
     def add(self, part: _core.Part) -> PartRuns:
         """Adds the next part of the log, and returns the runs that its samples belong to."""
-        size, bids = len(part), part.bid
-        if size and _is_one_run(part, bids):
-            return self._add_one_run(part, bids[:1])
+        size = len(part)
+        if _is_one_run(part):
+            return self._add_one_run(part, part.devices[0][0])
         run, lost = np.zeros(size, np.int64), np.zeros(size, np.int64)
         if not size:
             return PartRuns(run, lost, tuple(self._present.values()))
+        bids = part.bid
         devices = device_of(bids)
         lost[part.gaps.sample - part.first] = part.gaps.lost
         begins = np.zeros(size, np.bool_)
@@ -97,11 +98,15 @@ class Runs:
         self._count(part, run, lost)
         return PartRuns(run, lost, tuple(self._present.values()))
 
-    def _add_one_run(self, part: _core.Part, bid: npt.NDArray[np.uint8]) -> PartRuns:
-        """Adds a part whose samples belong to one run. The result is that of `add`, with less work."""
-        device = int(device_of(bid)[0])
+    def _add_one_run(self, part: _core.Part, bid: int) -> PartRuns:
+        """Adds a part whose samples belong to one run, the first one with this BID.
+
+        The result is that of `add`, with less work.
+        """
+        device = device_of(bid)
         if device not in self._present:
-            self._append(bid, device_of(bid), np.zeros(1, np.intp))
+            bids = np.array([bid], np.uint8)
+            self._append(bids, device_of(bids), np.zeros(1, np.intp))
             self._present[device] = self._size - 1
         number, size = self._present[device], len(part)
         row = self._rows[number]
@@ -113,10 +118,14 @@ class Runs:
         row["first"] = part.first if row["first"] < 0 else row["first"]
         row["last"], row["lost"] = part.first + size - 1, lost[-1]
         row["samples"] += size
-        steady, time = steady_time(part), part.time
-        is_steady = np.isfinite(steady)
-        _extend_one(row["steady"], steady[is_steady])
-        _extend_one(row["receiver"], time[np.isfinite(time) & ~is_steady])
+        if any(column.name in RECEIVER for column in part.columns):
+            steady, time = steady_time(part), part.time
+            is_steady = np.isfinite(steady)
+            _extend_one(row["steady"], *_span_of(steady[is_steady]))
+            _extend_one(row["receiver"], *_span_of(time[np.isfinite(time) & ~is_steady]))
+        else:
+            earliest, latest, known, _ = part.time_span
+            _extend_one(row["steady"], earliest, latest, known)
         return PartRuns(np.full(size, number, np.int64), lost, tuple(self._present.values()))
 
     def _append(
@@ -133,7 +142,7 @@ class Runs:
             self._rows = rows
         new = self._rows[self._size : size]
         own = bids[first]
-        for device in np.unique(devices[first]).tolist():
+        for device in set(devices[first].tolist()):
             is_own = devices[first] == device
             known = self._present.get(device)
             own[is_own] = own[is_own][0] if known is None else self._rows["bid"][known]
@@ -198,8 +207,7 @@ class Runs:
     def of_devices(self) -> dict[int, npt.NDArray[np.intp]]:
         """Returns the numbers of the runs of each device, by its BID, in the order of their first samples."""
         bids = self.rows["bid"]
-        found, first = np.unique(bids, return_index=True)
-        return {bid: np.flatnonzero(bids == bid) for bid in found[np.argsort(first)].tolist()}
+        return {bid: np.flatnonzero(bids == bid) for bid in dict.fromkeys(bids.tolist())}
 
     def recorded(self, numbers: npt.NDArray[np.intp]) -> float:
         """Returns the sum of the durations of runs that have one; NaN if none has."""
@@ -222,17 +230,23 @@ class Runs:
         return read_only(table)
 
 
-def _is_one_run(part: _core.Part, bids: npt.NDArray[np.uint8]) -> bool:
+def _is_one_run(part: _core.Part) -> bool:
     """Returns whether all samples of a part belong to one run."""
-    return not len(part.restarts.sample) and bool((bids == bids[0]).all())
+    return not len(part.restarts.sample) and len(part.devices) == 1
 
 
-def _extend_one(span: Any, stamps: npt.NDArray[np.float64]) -> None:
+def _span_of(stamps: npt.NDArray[np.float64]) -> tuple[float, float, int]:
+    """Returns the earliest and the latest time stamp, NaN without any, and their number."""
+    if not len(stamps):
+        return math.nan, math.nan, 0
+    return float(stamps.min()), float(stamps.max()), len(stamps)
+
+
+def _extend_one(span: Any, earliest: float, latest: float, stamps: int) -> None:
     """Adds time stamps to one span."""
-    if len(stamps):
-        span["start"] = np.fmin(span["start"], stamps.min())
-        span["end"] = np.fmax(span["end"], stamps.max())
-        span["stamps"] += len(stamps)
+    span["start"] = np.fmin(span["start"], earliest)
+    span["end"] = np.fmax(span["end"], latest)
+    span["stamps"] += stamps
 
 
 def _extend(

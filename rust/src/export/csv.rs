@@ -126,7 +126,30 @@ impl Values<'_> {
 }
 
 fn integer(text: &mut Vec<u8>, value: impl itoa::Integer) {
-    text.extend_from_slice(itoa::Buffer::new().format(value).as_bytes());
+    append(text, itoa::Buffer::new().format(value).as_bytes());
+}
+
+/// Appends a few bytes. A copy whose length is not known until then is a call, which takes as long as half of a number.
+#[inline(always)]
+fn append(text: &mut Vec<u8>, bytes: &[u8]) {
+    match bytes.len() {
+        2..4 => append_ends::<2>(text, bytes),
+        4..8 => append_ends::<4>(text, bytes),
+        8..16 => append_ends::<8>(text, bytes),
+        16..=32 => append_ends::<16>(text, bytes),
+        _ => text.extend_from_slice(bytes),
+    }
+}
+
+/// Appends the first and the last `N` bytes, which overlap: there are at least `N`, and at most twice as many.
+#[inline(always)]
+fn append_ends<const N: usize>(text: &mut Vec<u8>, bytes: &[u8]) {
+    if let (Some(first), Some(last)) = (bytes.first_chunk::<N>(), bytes.last_chunk::<N>()) {
+        let end = text.len() + bytes.len();
+        text.extend_from_slice(first);
+        text.truncate(end - N);
+        text.extend_from_slice(last);
+    }
 }
 
 /// What `float` has to know of `f32` and `f64`.
@@ -151,7 +174,7 @@ fn float<F: Float>(text: &mut Vec<u8>, value: F, plain: std::ops::Range<F>) {
     let mut buffer = zmij::Buffer::new();
     let shortest = buffer.format(value);
     if plain.contains(&value.magnitude()) {
-        text.extend_from_slice(shortest.strip_suffix(".0").unwrap_or(shortest).as_bytes());
+        append(text, shortest.strip_suffix(".0").unwrap_or(shortest).as_bytes());
     } else {
         unusual(text, shortest);
     }

@@ -21,7 +21,6 @@ use parquet::file::metadata::{
 use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{ColumnPath, SchemaDescPtr, SchemaDescriptor};
-use zstd::bulk::Compressor;
 
 /// Columns by which queries select rows, beside points in time. Only these have statistics: the range of an
 /// acceleration over a row group does not let a query skip any.
@@ -59,23 +58,32 @@ impl Encoder {
         let size = batches.iter().map(RecordBatch::get_array_memory_size).sum();
         let rows = batches.iter().map(RecordBatch::num_rows).sum();
         let mut group = RowGroup { rows, bytes: Vec::with_capacity(size), columns: vec![] };
-        let mut compressor = Compressor::new(LEVEL)?;
-        let pages = Pages::default();
-        let writers = ArrowRowGroupWriterFactory::new(&self.file, self.schema.clone())
-            .with_page_store_factory(Arc::new(pages.clone()))
-            .create_column_writers(0)?;
-        for (index, writer) in writers.into_iter().enumerate() {
-            let (field, descr) = (self.schema.field(index), self.file.schema_descr().column(index));
+        let mut scratch = numbers::Scratch::new()?;
+        let (pages, mut writers) = (Pages::default(), vec![]);
+        for (index, field) in self.schema.fields().iter().enumerate() {
+            let descr = self.file.schema_descr().column(index);
             let arrays: Vec<_> = batches.iter().map(|batch| batch.column(index)).collect();
             let start = group.bytes.len();
-            let numbers = numbers::encode(&descr, &arrays, is_selecting(field), &mut group.bytes, &mut compressor)?;
-            let metadata = match numbers {
-                Some(metadata) => metadata,
-                None => pages.encode(writer, field, &arrays, &mut group.bytes)?,
+            let numbers = numbers::encode(&descr, &arrays, is_selecting(field), &mut group.bytes, &mut scratch)?;
+            let metadata = if let Some(metadata) = numbers {
+                metadata
+            } else {
+                if writers.is_empty() {
+                    writers = self.writers(&pages)?;
+                }
+                let writer = writers[index].take().expect("each column is encoded once");
+                pages.encode(writer, field, &arrays, &mut group.bytes)?
             };
             group.columns.push(moved(metadata, start)?);
         }
         Ok(group)
+    }
+
+    /// The crate's writers of the columns. Each has a compressor, which takes time and memory to make.
+    fn writers(&self, pages: &Pages) -> Result<Vec<Option<ArrowColumnWriter>>, ParquetError> {
+        let factory = ArrowRowGroupWriterFactory::new(&self.file, self.schema.clone());
+        let writers = factory.with_page_store_factory(Arc::new(pages.clone())).create_column_writers(0)?;
+        Ok(writers.into_iter().map(Some).collect())
     }
 }
 

@@ -22,11 +22,42 @@ pub struct Times {
 }
 
 impl Times {
+    /// The times from the earliest to the latest.
+    #[must_use]
+    pub fn span(&self) -> Span {
+        let time = &self.time;
+        if let (Some(&earliest), Some(&latest)) = (time.first(), time.last())
+            && time.windows(2).fold(!earliest.is_nan(), |ascends, pair| ascends & (pair[0] <= pair[1]))
+        {
+            return Span { earliest, latest, known: time.len(), is_ascending: true };
+        }
+        let known = || time.iter().copied().filter(|time| !time.is_nan());
+        Span {
+            earliest: known().reduce(f64::min).unwrap_or(f64::NAN),
+            latest: known().reduce(f64::max).unwrap_or(f64::NAN),
+            known: known().count(),
+            is_ascending: time.is_empty(),
+        }
+    }
+
     /// Losses according to the counters.
     #[must_use]
     pub fn losses(&self) -> Losses {
         Losses::of(&self.gaps)
     }
+}
+
+/// The times of the samples of a part, in short.
+#[derive(Clone, Copy, Debug)]
+pub struct Span {
+    /// The earliest time in seconds, NaN if none is known.
+    pub earliest: f64,
+    /// The latest time.
+    pub latest: f64,
+    /// Number of samples whose time is known.
+    pub known: usize,
+    /// Whether all samples have a time, and none an earlier one than the sample before.
+    pub is_ascending: bool,
 }
 
 /// A part of a log, and the clocks at its beginning.

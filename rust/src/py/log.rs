@@ -246,6 +246,13 @@ impl Part {
     }
 
     #[getter]
+    fn time_span(&self, py: Python<'_>) -> PyResult<(f64, f64, usize, bool)> {
+        let times = self.times(py)?;
+        let span = detached(py, || times.span())?;
+        Ok((span.earliest, span.latest, span.known, span.is_ascending))
+    }
+
+    #[getter]
     fn packet_counter<'py>(slf: &Bound<'py, Self>) -> PyResult<Array<'py, i64>> {
         Ok(lend(&slf.get().times(slf.py())?.counter, slf))
     }
@@ -290,6 +297,11 @@ impl Part {
         let columns: Vec<_> = part.columns.iter().collect();
         let stamps = detached(py, || utc::nanoseconds_of_samples(part, &columns))?;
         Ok(stamps.map(|stamps| hand_over(py, stamps)))
+    }
+
+    #[getter]
+    fn devices(&self, py: Python<'_>) -> PyResult<Vec<(u8, usize)>> {
+        detached(py, || self.0.part.devices())
     }
 
     #[getter]

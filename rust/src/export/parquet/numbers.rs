@@ -3,6 +3,8 @@
 //! The pages are those that the crate makes with the same settings, in less than half of the time: no list of the rows that
 //! have a value, no buffers that grow, and loops that the compiler vectorises.
 
+use std::io;
+
 use arrow_array::cast::AsArray;
 use arrow_array::types::{
     ArrowPrimitiveType, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampNanosecondType,
@@ -22,6 +24,18 @@ use zstd::bulk::Compressor;
 use super::delta::{self, Integer};
 use super::{LEVEL, PAGE_SIZE, signed};
 
+/// What all columns of a row group use, one after the other.
+pub struct Scratch {
+    compressor: Compressor<'static>,
+    page: Vec<u8>,
+}
+
+impl Scratch {
+    pub fn new() -> io::Result<Self> {
+        Ok(Self { compressor: Compressor::new(LEVEL)?, page: vec![] })
+    }
+}
+
 /// Appends the pages of a column that consists of these arrays to a row group, and returns what the footer has of it, with
 /// offsets that count from the column's first byte. Returns `None` if these are no numbers or have nulls, or for
 /// statistics that must be made of NaN.
@@ -30,13 +44,13 @@ pub fn encode(
     arrays: &[&ArrayRef],
     has_statistics: bool,
     group: &mut Vec<u8>,
-    compressor: &mut Compressor<'_>,
+    scratch: &mut Scratch,
 ) -> Result<Option<ColumnChunkMetaData>> {
     let Some(first) = arrays.first() else { return Ok(None) };
     if arrays.iter().any(|array| array.data_type() != first.data_type() || array.null_count() > 0) {
         return Ok(None);
     }
-    let mut chunk = Chunk { column, group, compressor, statistics: None };
+    let mut chunk = Chunk { column, group, scratch, statistics: None };
     if has_statistics {
         chunk.statistics = match first.data_type() {
             DataType::Float64 => range_of_floats(&parts::<Float64Type>(arrays)),
@@ -74,47 +88,52 @@ fn parts<'a, T: ArrowPrimitiveType>(arrays: &[&'a ArrayRef]) -> Vec<&'a [T::Nati
 }
 
 /// A column of a row group.
-struct Chunk<'a, 'b> {
+struct Chunk<'a> {
     column: &'a ColumnDescPtr,
     group: &'a mut Vec<u8>,
-    compressor: &'a mut Compressor<'b>,
+    scratch: &'a mut Scratch,
     statistics: Option<Statistics>,
 }
 
-impl Chunk<'_, '_> {
+impl Chunk<'_> {
     /// `byte_of` is one byte of a value, the lowest first.
     fn floats<T: Copy>(self, parts: &[&[T]], byte_of: impl Fn(T, usize) -> u8) -> Result<ColumnChunkMetaData> {
-        self.pages(parts, Encoding::BYTE_STREAM_SPLIT, |slices, rows, page| split(slices, rows, &byte_of, page))
+        self.pages(parts, Encoding::BYTE_STREAM_SPLIT, |slices, rows, start, page| {
+            page.resize(start + rows * size_of::<T>(), 0);
+            split(slices, rows, &byte_of, &mut page[start..]);
+        })
     }
 
     fn integers<T: Copy, I: Integer>(self, parts: &[&[T]], stored: impl Fn(T) -> I) -> Result<ColumnChunkMetaData> {
         let mut values = vec![];
-        self.pages(parts, Encoding::DELTA_BINARY_PACKED, |slices, _, page| {
+        self.pages(parts, Encoding::DELTA_BINARY_PACKED, |slices, _, start, page| {
+            page.truncate(start);
             values.clear();
             slices.for_each(|slice| values.extend(slice.iter().map(|value| stored(*value))));
             delta::append(&values, page);
         })
     }
 
-    /// `append` appends the rows of a page.
+    /// `write` writes the rows of a page from a byte on. What the page has there is from the page before: to fill it with
+    /// zeros again takes time.
     fn pages<'a, T>(
         self,
         parts: &'a [&'a [T]],
         encoding: Encoding,
-        mut append: impl FnMut(&mut dyn Iterator<Item = &'a [T]>, usize, &mut Vec<u8>),
+        mut write: impl FnMut(&mut dyn Iterator<Item = &'a [T]>, usize, usize, &mut Vec<u8>),
     ) -> Result<ColumnChunkMetaData> {
         let rows: usize = parts.iter().map(|part| part.len()).sum();
         let mut sink = TrackedWrite::new(self.group);
-        let (mut page, mut compressed_size, mut size) = (vec![], 0, 0);
+        let Scratch { compressor, page } = self.scratch;
+        let (mut compressed_size, mut size) = (0, 0);
         for (first, end) in pages_of(rows, PAGE_SIZE / size_of::<T>()) {
-            page.clear();
-            if self.column.max_def_level() > 0 {
-                no_nulls(end - first, &mut page);
-            }
-            append(&mut slices(parts, first, end), end - first, &mut page);
+            let levels = if self.column.max_def_level() > 0 { no_nulls(end - first) } else { vec![] };
+            page.resize(page.len().max(levels.len()), 0);
+            page[..levels.len()].copy_from_slice(&levels);
+            write(&mut slices(parts, first, end), end - first, levels.len(), page);
             #[allow(clippy::cast_possible_truncation)] // values of a page
             let data = Page::DataPage {
-                buf: self.compressor.compress(&page)?.into(),
+                buf: compressor.compress(page)?.into(),
                 num_values: (end - first) as u32,
                 encoding,
                 def_level_encoding: Encoding::RLE,
@@ -144,19 +163,20 @@ impl Chunk<'_, '_> {
 fn range_of_floats(parts: &[&[f64]]) -> Option<Statistics> {
     // The order of these integers is that of the floats: the other bits of a negative one count backwards.
     let key = |bits: i64| bits ^ ((bits >> 63) & i64::MAX);
-    let keys = || parts.iter().copied().flatten().map(|value| key(value.to_bits().cast_signed()));
+    let ordered = |value: &f64| key(value.to_bits().cast_signed());
     let float = |at: i64| f64::from_bits(key(at).cast_unsigned());
     let is_nan = parts.iter().any(|part| part.iter().fold(false, |any, value| any | value.is_nan()));
-    let (least, greatest) = (keys().min().map(float), keys().max().map(float));
+    let least = parts.iter().filter_map(|part| part.iter().map(ordered).min()).min().map(float);
+    let greatest = parts.iter().filter_map(|part| part.iter().map(ordered).max()).max().map(float);
     let statistics = ValueStatistics::new(least, greatest, None, Some(0), false).with_nan_count(Some(0));
     (!is_nan).then(|| statistics.with_backwards_compatible_min_max(true).into())
 }
 
 /// The least and the greatest value.
 fn range_of_integers(parts: &[&[i64]]) -> Statistics {
-    let values = || parts.iter().copied().flatten().copied();
-    let statistics = ValueStatistics::new(values().min(), values().max(), None, Some(0), false);
-    statistics.with_backwards_compatible_min_max(true).into()
+    let least = parts.iter().filter_map(|part| part.iter().min()).min().copied();
+    let greatest = parts.iter().filter_map(|part| part.iter().max()).max().copied();
+    ValueStatistics::new(least, greatest, None, Some(0), false).with_backwards_compatible_min_max(true).into()
 }
 
 /// Where each page begins and ends.
@@ -175,13 +195,14 @@ fn slices<'a, T>(parts: &'a [&'a [T]], first: usize, end: usize) -> impl Iterato
     })
 }
 
-/// Appends the definition levels of a page of a nullable column without nulls: a run of ones, and the size of it before.
-fn no_nulls(rows: usize, page: &mut Vec<u8>) {
+/// The definition levels of a page of a nullable column without nulls: a run of ones, and the size of it before.
+fn no_nulls(rows: usize) -> Vec<u8> {
     let mut run = vec![];
     delta::varint(&mut run, (rows as u64) << 1);
     run.push(1);
-    page.extend([run.len().to_le_bytes()[0], 0, 0, 0]);
-    page.extend(run);
+    let mut levels = vec![run.len().to_le_bytes()[0], 0, 0, 0];
+    levels.extend(run);
+    levels
 }
 
 /// `BYTE_STREAM_SPLIT`: the first byte of every value, then the second one of every value, and so on.
@@ -189,13 +210,10 @@ fn split<'a, T: Copy + 'a>(
     slices: impl Iterator<Item = &'a [T]>,
     rows: usize,
     byte_of: impl Fn(T, usize) -> u8,
-    page: &mut Vec<u8>,
+    streams: &mut [u8],
 ) {
     /// Values that stay in the first-level cache until all of their bytes are copied.
     const BLOCK: usize = 1 << 10;
-    let start = page.len();
-    page.resize(start + rows * size_of::<T>(), 0);
-    let streams = &mut page[start..];
     let mut at = 0;
     for block in slices.flat_map(|slice| slice.chunks(BLOCK)) {
         for byte in 0..size_of::<T>() {
