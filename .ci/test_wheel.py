@@ -22,18 +22,13 @@ ROOT = Path(__file__).resolve().parents[1]
 FILES = ("tests", "docs", "pyproject.toml", "Cargo.toml", "README.md", "CONTRIBUTING.md")
 TOOLS = ("pytest>=8", "pytest-timeout>=2.3", "hypothesis>=6.100")
 TESTS = (
-    "bounded",
     "codec",
     "column",
     "cutting",
-    "device",
     "doctor",
     "log",
     "products",
-    "protocol",
-    "session",
     "settings",
-    "sim_device",
     "sim_framing",
     "strings",
 )

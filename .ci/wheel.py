@@ -52,7 +52,7 @@ def check(wheel: Path) -> None:
     for entry in entries:
         folder, _, name = entry.filename.rpartition("/")
         kind = "extension module" if entry.filename in core else Path(name).suffix or name
-        sizes[kind if folder.startswith("xbus") else "metadata and other files"] += (
+        sizes[kind if folder.split("/")[0] == "xbus" else "metadata, licences, manual page"] += (
             entry.compress_size
         )
     for kind, compressed in sizes.most_common():
