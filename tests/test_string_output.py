@@ -87,7 +87,7 @@ def test_every_pair_gives_a_rate_that_can_be_requested() -> None:
 @pytest.mark.parametrize(
     ("frequency", "problem"),
     [
-        (0, "strings have a rate from 0.0015 to 512 Hz, not 0 Hz"),
+        (0, "the rate must be from 0.0015 to 512 Hz, not 0 Hz"),
         (-1, "not -1 Hz"),
         (513, "0.0015 to 512 Hz, not 513 Hz"),
         (0.001, "not 0.001 Hz"),

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import os
-from collections.abc import AsyncIterator, Iterable, Iterator, Sequence
+from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from itertools import count
 from types import TracebackType
@@ -25,6 +26,7 @@ from xbus.device.can_output import (
 from xbus.device.channel import Channel, Trace
 from xbus.device.commands import Commands
 from xbus.device.events import Notice, Reply
+from xbus.device.mtdata_output import check_mtdata_fits, mtdata_outputs, plan_mtdata
 from xbus.device.output_configuration import (
     OutputConfiguration,
     check_outputs_fit,
@@ -37,11 +39,17 @@ from xbus.device.session import Session
 from xbus.device.settings import Applied, Settings, apply_plan, plan_settings, read_settings
 from xbus.device.stats import LiveStats, live_stats
 from xbus.device.string_output import check_strings_fit, plan_strings
-from xbus.errors import DeviceError, XbusTimeout
+from xbus.errors import DecodeError, DeviceError, XbusTimeout
 from xbus.log.identity import Identity
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.keys import Key
-from xbus.protocol.products import DEFAULT_BAUDRATE, Support, product_of_code, support
+from xbus.protocol.products import (
+    DEFAULT_BAUDRATE,
+    Support,
+    legacy_product,
+    product_of_code,
+    support,
+)
 from xbus.protocol.tables import Product
 from xbus.protocol.values import (
     CanConfig,
@@ -276,14 +284,25 @@ class Device:
         if self.session.support is not None or self.state != State.CONFIG:
             return
         # The channel keeps the answers.
-        self.commands.req_did()
+        device_id = self.commands.req_did()
         for request in (self.commands.req_product_code, self.commands.req_fw_rev):
             with contextlib.suppress(DeviceError):
                 request()
         with contextlib.suppress(DeviceError):
             self.hardware_version = self.commands.req_hardware_version()
-        if self.product_code is not None and (product := product_of_code(self.product_code)):
+        product = product_of_code(self.product_code or "")
+        if product is None and self._lacks_mtdata2():
+            product = legacy_product(device_id, self.product_code)
+        if product is not None:
             self.session.identify(support(product, self.hardware_version))
+
+    def _lacks_mtdata2(self) -> bool:
+        """Returns whether the device does not know output configurations: it sends MTData."""
+        try:
+            self.commands.req_output_configuration()
+        except DeviceError as error:
+            return error.code == ErrorCode.MESSAGE
+        return False
 
     def go_to_config(self) -> None:
         """GoToConfig (0x30): enters Config State, or confirms it.
@@ -390,6 +409,10 @@ class Device:
 
         Strings, which would replace the outputs, are switched off first.
 
+        Legacy devices, which send MTData, get OutputMode, OutputSettings and a rate instead. They send all
+        quantities at one rate, in one precision, and orientation and velocity in one of NWU (the default) and
+        NED.
+
         Args:
             output_configuration: Rates in Hz by quantity, such as
                 ``{"acceleration": 400, ("quaternion", "NED", "Fp1632"): 100}``, with None for the highest
@@ -400,12 +423,19 @@ class Device:
             The outputs in effect, as the device acknowledges them; also in `output_configuration`.
 
         Raises:
-            ValueError: More than 32 outputs, a rate that the product does not have, or more data than the
-                baud rate carries.
+            DecodeError: A legacy device sends messages of another length than its settings give.
+            ValueError: More than 32 outputs, a rate that the product does not have, more data than the baud
+                rate carries, or a choice that MTData cannot hold.
         """
+        if not isinstance(output_configuration, Mapping):
+            output_configuration = tuple(output_configuration)
         outputs = parse_output_configuration(output_configuration)
         self.session.check_state("SetOutputConfiguration")
         self._identify()
+        if self.support is not None and self.support.is_legacy:
+            return self._set_mtdata(
+                output_configuration, self.support, check_baudrate=check_baudrate
+            )
         if (known := self.session.support) is not None:
             self.session.validate("SetOutputConfiguration", outputs)
             if check_baudrate and (rate := line_rate(self.link)) is not None:
@@ -413,6 +443,30 @@ class Device:
             if known.string_types and self._enabled_strings():
                 self.set_strings(())
         self.output_configuration = tuple(self.command("SetOutputConfiguration", outputs).value)
+        return self.output_configuration
+
+    def _set_mtdata(
+        self, configuration: OutputConfiguration, known: Support, *, check_baudrate: bool
+    ) -> tuple[Output, ...]:
+        """Sets OutputMode, OutputSettings and the rate of a legacy device."""
+        plan = plan_mtdata(configuration, known)
+        for name, value in plan.messages:
+            self.session.validate(name, value)
+        if check_baudrate and (rate := line_rate(self.link)) is not None:
+            check_mtdata_fits(plan, known, rate)
+        for name, value in plan.messages:
+            self.command(name, value)
+        # Firmware may not have all of the bits.
+        mode, settings = self.commands.req_output_mode(), self.commands.req_output_settings()
+        plan = replace(plan, mode=mode, settings=settings)
+        if (length := self.commands.req_data_length()) != plan.size:
+            raise DecodeError(
+                f"the device sends {length} bytes of MTData, and output mode {mode:04X} and settings"
+                f" {int(settings):08X} give {plan.size}: samples cannot be decoded",
+                0,
+                command="ReqDataLength",
+            )
+        self.output_configuration = mtdata_outputs(plan)
         return self.output_configuration
 
     def set_can_output_configuration(

@@ -79,7 +79,7 @@ def period_and_skip_factor(frequency: float) -> tuple[int, int]:
     ticks = PERIOD_TICKS / frequency if frequency > 0 else 0.0
     if not PERIODS[0] <= ticks <= PERIODS[-1] * ON_DEMAND:
         least, most = PERIOD_TICKS / PERIODS[-1] / ON_DEMAND, PERIOD_TICKS // PERIODS[0]
-        raise ValueError(f"strings have a rate from {least:.4f} to {most} Hz, not {frequency:g} Hz")
+        raise ValueError(f"the rate must be from {least:.4f} to {most} Hz, not {frequency:g} Hz")
     exact, below = round(ticks), int(ticks)
     # A rate given with a few digits, such as 100.964, means the exact one.
     if abs(ticks - exact) <= 1e-6 * ticks and (found := _factors(exact)) is not None:

@@ -300,7 +300,11 @@ CAN_QUANTITIES = {row["name"]: _quantity(row) for row in _core.can_quantities()}
 MTDATA_QUANTITIES = {row["name"]: _quantity(row) for row in _core.mtdata_quantities()}
 #: The quantities that a log can have.
 COLUMN_QUANTITIES = QUANTITIES | CAN_QUANTITIES | MTDATA_QUANTITIES
-_BY_ID = {quantity.id: quantity for quantity in QUANTITIES.values()}
+_BY_ID = {
+    quantity.id: quantity
+    for table in (QUANTITIES, MTDATA_QUANTITIES)
+    for quantity in table.values()
+}
 #: Quantities of the GNSS receiver, whose samples come late, and without a fix with an arbitrary time.
 RECEIVER = tuple(name for name, row in QUANTITIES.items() if row.clock == "receiver")
 #: Quantities whose samples come later than they were taken.
