@@ -1474,7 +1474,7 @@ def test_configuration_of_the_100_series() -> None:
     assert log.configuration == xbus.Configuration(
         device_id=0x037003F8, product_code=None, sampling_period=1152, output_skip_factor=1,
         date="20261122", time="09295950", devices=1, filter_profile=39, firmware=xbus.Firmware(1, 8, 2),
-        output_mode=1, output_settings=0, filter_type="I", filter_version=(5, 1),
+        output_mode=1, output_settings=0, filter_type="I", filter_version=(5, 1), data_length=0x0480,
     )  # fmt: skip
     assert (log.device_id, log.product_code, log.firmware) == (
         0x037003F8,
