@@ -27,6 +27,8 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from reference_mtdata import GPS_PVT, MTDATA, Outputs
+
 # ---------------------------------------------------------------------------------------------
 # Tables
 # ---------------------------------------------------------------------------------------------
@@ -62,7 +64,7 @@ LENGTHS: dict[int, Collection[int]] = {
     0x25: (2,),  # SelftestResults
     0x2D: range(0, 121, 12),  # SyncSettingsAck
     0x31: (0,),  # GotoConfigAck
-    0x32: (),  # MTData
+    0x32: range(1, 2049),  # MTData
     0x3E: (0,),  # WakeUp
     0x41: (0,),  # ResetAck
     0x42: range(1, 9),  # Error
@@ -790,20 +792,68 @@ class Reference:
     stats: dict[str, int] = field(default_factory=dict)
 
 
+#: Identifiers of the quantities, by name.
+IDS = {name: base for base, (name, *_) in (*REALS.items(), *NUMBERS.items(), *STRUCTS.items())}
+IDS |= {"device_id": DEVICE_ID_PACKET, "frame_range": 0x1080, "baro_pressure": 0x3010}
+IDS |= {"gyro_temperature": 0x0400, "gps_pvt_data": 0x0410, "time_sync": 0x0420}
+IDS |= {"gyro_bias": 0x0430, "aiding": 0x0440}
+
+
+def mtdata_rows(outputs: Outputs, frame: Frame) -> list[tuple[int, tuple[Key, Any] | bytes]] | None:
+    """The rows of an MTData message; None if it does not fit its settings."""
+    items = outputs.items(frame.bid, frame.payload)
+    if items is None:
+        return None
+    rows: list[tuple[int, tuple[Key, Any] | bytes]] = []
+    for name, data, kind in items:
+        data_id = IDS[name]
+        if kind == "P":
+            rows.append((data_id, ((name, None), 2 * int.from_bytes(data, "big"))))
+        elif kind == "R":
+            precision = outputs.precision(frame.bid)
+            width = WIDTHS[precision]
+            reals = tuple(
+                number(data[at : at + width], precision) for at in range(0, len(data), width)
+            )
+            system = (4 if outputs.is_ned(frame.bid) else 8) if data_id in ROTATES else 0
+            key = name, COORDINATES[system] if system else None
+            value = reals[0] if len(reals) == 1 else reals
+            rows.append((data_id | precision | system, (key, value)))
+        elif name == "gps_pvt_data":
+            numbers = struct.unpack(">" + GPS_PVT[1], data)
+            rows.append(
+                (data_id, ((name, None), dict(zip(GPS_PVT[2].split(), numbers, strict=True))))
+            )
+        elif name in ("time_sync", "aiding"):
+            rows.append((data_id, ((name, None), data[0])))
+        else:
+            packet = read(data_id, data)
+            assert packet is not None
+            rows.append((data_id, packet))
+    return rows
+
+
 def decode(data: bytes, limit: int = LONGEST, named: int = 0) -> Reference:
     """Decodes a whole log."""
     frames, strings, damage, checksum_errors = find(data, limit, named)
     log = Reference(frames, strings, damage)
     devices: dict[int, Device] = {}
-    malformed = lost = gaps = 0
+    outputs = Outputs()
+    malformed = unfit = lost = gaps = 0
 
     for frame in frames:
         # A stand-alone device answers to 1 and to FF (section 5.1, "BID or Address").
         device = devices.setdefault(1 if frame.bid == 0xFF else frame.bid, Device())
-        tiles = packets(frame.payload) if frame.mid == MTDATA2 else None
+        rows: list[tuple[int, tuple[Key, Any] | bytes]] | None = None
+        if frame.mid == MTDATA2 and (tiles := packets(frame.payload)) is not None:
+            rows = [(data_id, read(data_id, raw) or raw) for data_id, raw in tiles]
+        elif frame.mid == MTDATA:
+            rows = mtdata_rows(outputs, frame)
 
-        if tiles is None:
+        if rows is None:
             malformed += frame.mid == MTDATA2
+            unfit += frame.mid == MTDATA
+            outputs.learn(frame.bid, frame.mid, frame.payload)
             log.messages.append(
                 Message(frame.mid, frame.bid, frame.payload, frame.offset, len(log.samples))
             )
@@ -815,10 +865,9 @@ def decode(data: bytes, limit: int = LONGEST, named: int = 0) -> Reference:
         sample = len(log.samples)
         log.samples.append((frame.offset, frame.bid))
         stamps: dict[str, Any] = {}  # the last of every quantity
-        for data_id, raw in tiles:
-            packet = read(data_id, raw)
-            if packet is None:
-                log.unknown.setdefault(data_id, []).append((sample, raw))
+        for data_id, packet in rows:
+            if isinstance(packet, bytes):
+                log.unknown.setdefault(data_id, []).append((sample, packet))
                 continue
             (name, coordinates), values = packet
             log.columns.setdefault((name, coordinates), []).append(Row(sample, data_id, values))
@@ -838,6 +887,7 @@ def decode(data: bytes, limit: int = LONGEST, named: int = 0) -> Reference:
         "samples": len(log.samples),
         "messages": len(log.messages),
         "malformed": malformed,
+        "unfit": unfit,
         "strings": len(strings),
         "skipped_bytes": sum(stretch.length for stretch in damage),
         "checksum_errors": checksum_errors,
@@ -875,9 +925,11 @@ def array(log: Reference, key: Key) -> NDArray[Any]:
         return np.array([tuple(row.values())[:5] for row in rows], dtype)
     if name == "frame_range":
         return np.array(rows, struct_dtype("HH", "first last"))
-    for struct_name, layout, fields in STRUCTS.values():
+    for struct_name, layout, fields in (*STRUCTS.values(), GPS_PVT):
         if name == struct_name:
             return np.array([tuple(row.values()) for row in rows], struct_dtype(layout, fields))
+    if name in ("time_sync", "aiding"):
+        return np.array(rows, "u1")
     for number_name, layout in NUMBERS.values():
         if name == number_name and layout[0] != "f":
             return np.array(rows, DTYPES[layout[0]])

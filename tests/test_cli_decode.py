@@ -463,6 +463,7 @@ def test_summary_as_json() -> None:
         "skipped_bytes": 1816,
         "damage": 12,
         "malformed": 0,
+        "unfit": 0,
         "undecoded": [],
     }
     Path("still.mtb").write_bytes(encode_sample({"temperature": 20.0}))

@@ -324,7 +324,7 @@ def test_a_recording_of_legacy_output(tmp_path: Path, monkeypatch: pytest.Monkey
     assert f"MTData {count}" in shown
     words = " ".join(shown.split())
     assert f"undecoded {count} messages MTData (0x32), " in words
-    assert ": the legacy output, which xbus records but does not decode" in words
+    assert ": no OutputMode and OutputSettings for 10 bytes" in words
 
 
 def test_the_monitor_names_legacy_output() -> None:

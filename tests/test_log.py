@@ -1057,7 +1057,7 @@ def test_messages() -> None:
     with pytest.raises(IndexError):
         log.messages[4]
     assert log.stats == xbus.Stats(
-        bytes=len(data), frames=6, samples=2, messages=4, malformed=1, strings=0,
+        bytes=len(data), frames=6, samples=2, messages=4, malformed=1, unfit=0, strings=0,
         skipped_bytes=0, checksum_errors=0, lost_samples=0, gaps=0,
     )  # fmt: skip
     assert repr(log.messages).startswith("<Messages 4: ")

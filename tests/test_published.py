@@ -704,7 +704,8 @@ def test_in_step() -> None:
         (frame(0x91, bytes(254)), False),
         (frame(0x30), False),  # a host's
         (frame(0x3F), False),  # a host's, though it is an acknowledgement
-        (frame(0x32, bytes(54)), False),  # no length is known
+        (frame(0x32, bytes(54)), True),  # of any settings
+        (frame(0x32), False),
         (frame(0x3E, bid=1), True),
         (frame(0x3E, bid=31), True),
         (frame(0x3E, bid=0), False),

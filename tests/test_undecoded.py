@@ -24,7 +24,7 @@ LEGACY = encode_frame(MessageId.MTData, bytes(50)) * 40
 UNKNOWN = mtdata2(packet(0xC820, bytes(70))) * 30
 SAMPLES = encode_sample({"temperature": 20.0, "packet_counter": 1})
 TEXTS = {
-    LEGACY: "40 messages MTData (0x32), 2.0 kB: the legacy output",
+    LEGACY: "40 messages MTData (0x32), 2.0 kB: no OutputMode and OutputSettings for 50 bytes",
     UNKNOWN: "30 packets 0xC820, 2.1 kB: xbus knows no layout",
 }
 ONE, OTHER = 0x00B42D4B, 0x00B42D4C

@@ -39,10 +39,13 @@ from xbus.describe.table_text import (
 from xbus.describe.text import value_text
 from xbus.device.commands import Commands
 from xbus.protocol import EVERY, HardwareVersion, OptionFlag, Output, StringType
+from xbus.protocol.mtdata import MTDATA_ITEMS, MtDataItem
 from xbus.protocol.products import Support, support
 from xbus.protocol.strings import STRING_FIELDS
 from xbus.protocol.tables import (
+    COLUMN_QUANTITIES,
     MESSAGES,
+    MTDATA_QUANTITIES,
     PRODUCTS,
     QUANTITIES,
     RESULT_CODES,
@@ -114,6 +117,44 @@ def quantities() -> list[nodes.Node]:
     return [table(header, rows)]
 
 
+def mtdata_items() -> list[nodes.Node]:
+    """Returns the items of MTData, in the order of the wire."""
+
+    def condition(item: MtDataItem) -> str:
+        bits = [bit for bit in range(32) if item.mask >> bit & 1]
+        return ", ".join(f"bit {bit} = {item.value >> bit & 1}" for bit in bits)
+
+    rows = (
+        (
+            code(f"{item.mode:04X}" if item.mode else ""),
+            condition(item),
+            code(item.quantity),
+            f"U2, {item.step} {COLUMN_QUANTITIES[item.quantity].unit}"
+            if item.step
+            else describe_layout(COLUMN_QUANTITIES[item.quantity]),
+        )
+        for item in MTDATA_ITEMS
+    )
+    return [table(("OutputMode", "OutputSettings", "quantity", "carries"), rows)]
+
+
+def mtdata_quantities() -> list[nodes.Node]:
+    """Returns the quantities that only MTData has."""
+    rows = (
+        (
+            code(row.name),
+            describe_layout(row),
+            code(" ".join(row.components)),
+            row.unit,
+            row.axes or "",
+            row.source,
+        )
+        for row in MTDATA_QUANTITIES.values()
+    )
+    header = ("name", "carries", "components", "unit", "axes", "source")
+    return [table(header, rows)]
+
+
 def formats() -> list[nodes.Node]:
     def size(precision: Precision) -> int:
         header = 3  # identifier and size
@@ -128,7 +169,7 @@ def formats() -> list[nodes.Node]:
 
 def fields() -> list[nodes.Node]:
     out: list[nodes.Node] = []
-    for quantity in QUANTITIES.values():
+    for quantity in (*QUANTITIES.values(), *MTDATA_QUANTITIES.values()):
         for title, list_ in (
             (quantity.name, quantity.fields),
             (f"{quantity.name}, each entry", quantity.entry),
@@ -470,6 +511,8 @@ class Protocol(SphinxDirective):
         item.__name__: item
         for item in (
             quantities,
+            mtdata_items,
+            mtdata_quantities,
             formats,
             fields,
             messages,

@@ -8,6 +8,7 @@
 
 pub mod checks;
 pub mod logs;
+pub mod mtdata;
 pub mod scans;
 pub mod seeds;
 pub mod stamps;

@@ -8,11 +8,13 @@ use xbus::device;
 use xbus::error::Fault;
 use xbus::frame::Frame;
 use xbus::log::{Options, Part, Reader, Stats, Strings, Times};
-use xbus::packet::{Coordinates, Form, Packet, Precision, packets};
+use xbus::mtdata::stamps as stamps_of;
+use xbus::packet::{Coordinates, Form, Packet, Precision, Reading, packets};
 use xbus::scan::{Damage, Window};
 use xbus::table::{self, Field, Kind, Quantity, Wire};
 use xbus::value::{Number, numbers};
 
+use super::mtdata::InForce;
 use super::scans::Scan;
 use super::streams::Random;
 
@@ -184,6 +186,7 @@ impl Log {
         sum.samples += more.samples;
         sum.messages += more.messages;
         sum.malformed += more.malformed;
+        sum.unfit += more.unfit;
         sum.strings += more.strings;
         sum.skipped_bytes += more.skipped_bytes;
         sum.checksum_errors += more.checksum_errors;
@@ -363,14 +366,20 @@ pub struct ByHand {
     /// The faults at which a strict reader stops, in order.
     pub faults: Vec<Fault>,
     clocks: Clocks,
+    mtdata: InForce,
     places: HashMap<String, usize>,
 }
 
 impl ByHand {
     /// Reads the frames of `scan` in `bytes`.
     pub fn read(bytes: &[u8], scan: &Scan) -> Self {
-        let mut this =
-            Self { log: Log::default(), faults: vec![], clocks: Clocks::default(), places: HashMap::default() };
+        let mut this = Self {
+            log: Log::default(),
+            faults: vec![],
+            clocks: Clocks::default(),
+            mtdata: InForce::default(),
+            places: HashMap::default(),
+        };
         let mut damage = scan.damage.iter().peekable();
         let fault = |damage: &Damage| Fault::Damage { offset: damage.offset, reason: damage.reason };
         for &(offset, length) in &scan.frames {
@@ -396,6 +405,7 @@ impl ByHand {
             messages: this.log.messages.len() as u64,
             strings: scan.strings.len() as u64,
             malformed: this.log.messages.iter().filter(|message| message.mid == table::MTDATA2).count() as u64,
+            unfit: this.log.messages.iter().filter(|message| message.mid == table::MTDATA).count() as u64,
             skipped_bytes: scan.damage.iter().map(|damage| damage.length).sum(),
             checksum_errors: scan.checksum_errors,
         };
@@ -403,10 +413,18 @@ impl ByHand {
     }
 
     fn frame(&mut self, frame: Frame<'_>, offset: u64) {
+        if frame.mid == table::MTDATA {
+            return self.mtdata(frame, offset);
+        }
         let tiles: Result<Vec<_>, _> = packets(frame.payload).collect();
         match tiles {
             Ok(packets) if frame.mid == table::MTDATA2 && !packets.is_empty() => {
-                self.sample(frame, &packets, offset);
+                if let Some(packet) = packets.iter().find(|packet| !packet.is_sound()) {
+                    self.faults.push(Fault::Size { offset, id: packet.id, size: packet.data.len() });
+                }
+                let packets: Vec<_> = packets.iter().map(|packet| (*packet, packet.reading())).collect();
+                let stamps = self.sample(frame.bid, &packets, offset);
+                assert_eq!(Stamps::read(frame.payload), stamps, "a live sample has the stamps of a logged one");
             }
             tiles => {
                 if frame.mid == table::MTDATA2 {
@@ -417,44 +435,66 @@ impl ByHand {
         }
     }
 
+    fn mtdata(&mut self, frame: Frame<'_>, offset: u64) {
+        let (length, layout) = (frame.payload.len(), self.mtdata.layout(frame.bid));
+        let expected = layout.as_ref().map(|(size, _)| *size);
+        let Some((_, samples)) = layout.filter(|_| expected == Some(length) && length > 0) else {
+            self.faults.push(Fault::Unfit { offset, length, expected });
+            return self.message(frame, offset);
+        };
+        for (bid, items) in samples {
+            let packets: Vec<_> = items.iter().map(|item| (item.packet(frame.payload), Some(item.reading))).collect();
+            let stamps = self.sample(bid, &packets, offset);
+            let alone = stamps_of(frame.payload, &items);
+            assert_eq!(Stamps::read(&alone), stamps, "a dumped sample has the stamps of a logged one");
+        }
+    }
+
     fn message(&mut self, frame: Frame<'_>, offset: u64) {
         let Frame { bid, mid, payload } = frame;
-        if let Some(ticks) = device::wrap_of_message(mid, payload) {
-            self.clocks.of(bid).change(Change::Wrap(ticks));
-        }
-        if [0x11, 0x41, 0x3E].contains(&mid) {
-            self.clocks.of(bid).change(Change::Restart);
+        self.mtdata.learn(bid, mid, payload);
+        let devices = if bid == 0xFF && self.mtdata.trackers > 0 { 1..=self.mtdata.trackers } else { bid..=bid };
+        for device in devices {
+            if let Some(ticks) = device::wrap_of_message(mid, payload) {
+                self.clocks.of(device).change(Change::Wrap(ticks));
+            }
+            if [0x11, 0x41, 0x3E].contains(&mid) {
+                self.clocks.of(device).change(Change::Restart);
+            }
         }
         let sample = self.log.offsets.len() as u64;
         self.log.messages.push(Message { mid, bid, offset, sample, payload: payload.to_vec() });
     }
 
-    fn sample(&mut self, frame: Frame<'_>, packets: &[Packet<'_>], offset: u64) {
+    fn sample(&mut self, bid: u8, packets: &[(Packet<'_>, Option<Reading>)], offset: u64) -> Stamps {
         let (mut stamps, mut triggers) = (Stamps::default(), [None; 3]);
-        if let Some(packet) = packets.iter().find(|packet| !packet.is_sound()) {
-            self.faults.push(Fault::Size { offset, id: packet.id, size: packet.data.len() });
-        }
-        for packet in packets {
-            self.packet(packet, &mut stamps, &mut triggers);
+        for (packet, reading) in packets {
+            self.packet(packet, *reading, &mut stamps, &mut triggers);
         }
         stamps.trigger = triggers.into_iter().flatten().next_back(); // of several lines the highest counts
-        assert_eq!(Stamps::read(frame.payload), stamps, "a live sample has the stamps of a logged one");
-        let moment = self.clocks.of(frame.bid).sample(stamps);
+        let moment = self.clocks.of(bid).sample(stamps);
         let sample = self.log.offsets.len() as u64;
         if moment.lost > 0 {
-            self.log.gaps.push(Gap { sample, lost: moment.lost, bid: frame.bid });
+            self.log.gaps.push(Gap { sample, lost: moment.lost, bid });
         }
         if moment.restarted {
-            self.log.restarts.push(Restart { sample, bid: frame.bid });
+            self.log.restarts.push(Restart { sample, bid });
         }
         self.log.offsets.push(offset.cast_signed());
-        self.log.bids.push(frame.bid);
+        self.log.bids.push(bid);
         self.log.times.push(Bits(moment.seconds.to_bits()));
         self.log.counters.push(moment.counter);
+        stamps
     }
 
-    fn packet(&mut self, packet: &Packet<'_>, stamps: &mut Stamps, triggers: &mut [Option<u32>; 3]) {
-        let Some(reading) = packet.reading() else {
+    fn packet(
+        &mut self,
+        packet: &Packet<'_>,
+        reading: Option<Reading>,
+        stamps: &mut Stamps,
+        triggers: &mut [Option<u32>; 3],
+    ) {
+        let Some(reading) = reading else {
             let row = packet.data.iter().map(|byte| Bits((*byte).into())).collect();
             self.row(unknown(packet.id), packet.id, "raw", row);
             return;

@@ -4,6 +4,8 @@ use xbus::frame::{EXTENDED, Frame, MASTER, PREAMBLE, sum};
 use xbus::packet::{Coordinates, PACKET_HEADER, Precision, record_size};
 use xbus::table::{self, Direction, End, Kind, MESSAGES, QUANTITIES, Quantity};
 
+use super::mtdata;
+
 /// A small random number generator (xorshift), the same on every machine.
 #[derive(Clone, Debug)]
 pub struct Random(u64);
@@ -49,7 +51,7 @@ impl Random {
     }
 
     /// The data of a packet: mostly random, sometimes all zeros or ones.
-    fn data(&mut self, length: usize) -> Vec<u8> {
+    pub fn data(&mut self, length: usize) -> Vec<u8> {
         match self.below(8) {
             0 => vec![0; length],
             1 => vec![0xFF; length],
@@ -160,7 +162,13 @@ pub fn stream(recipe: &[u8], longest: usize, random: &mut Random) -> Vec<u8> {
     let mut layouts: Vec<Layout> = vec![];
     let mut stream = vec![];
     while !recipe.is_empty() && stream.len() < longest {
-        match recipe.byte() % 21 {
+        let step = recipe.byte();
+        if step >= 252 {
+            // MTData, with and without the settings that it needs.
+            stream.extend(mtdata::stream(&mut recipe, random));
+            continue;
+        }
+        match step % 21 {
             // A new layout, and the first message that has it.
             0..=3 => {
                 let layout: Layout = (0..recipe.below(8)).map(|_| shape(&mut recipe)).collect();

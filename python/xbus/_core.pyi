@@ -33,7 +33,9 @@ __all__ = [
     "HostClock",
     "MessageArrays",
     "MessageFile",
+    "MtDataOutputs",
     "MtDataPlace",
+    "MtDataSample",
     "Packet",
     "Part",
     "Reader",
@@ -82,6 +84,7 @@ __all__ = [
     "result_codes",
     "status_flags",
     "strings",
+    "tracker_ids",
 ]
 
 __version__: str
@@ -213,6 +216,42 @@ class MtDataPlace:
     @property
     def size(self) -> int:
         """Its bytes."""
+
+def tracker_ids(payload: bytes) -> list[int]:
+    """Returns the identifiers of the trackers that a Configuration lists, by BID from 1 on.
+
+    Empty if it is not the Configuration of an Xbus Master that sends MTData.
+    """
+
+@final
+class MtDataOutputs:
+    """The settings of MTData in force in a stream of messages, with the rules of a log."""
+
+    def __new__(cls, legacy: list[tuple[int, int]]) -> MtDataOutputs:
+        """Starts with the settings of the caller: see `xbus.log.legacy.legacy_outputs`."""
+    def message(self, bid: int, mid: int, payload: bytes) -> bool:
+        """Takes note of a message other than MTData. Returns whether it changes the settings in force."""
+    def devices_of(self, bid: int) -> list[int]:
+        """Returns the BIDs that messages of this BID are about: an Xbus Master speaks for its trackers."""
+    def samples(self, bid: int, payload: bytes) -> list[MtDataSample] | None:
+        """Returns the samples of an MTData message; None if it does not fit the settings in force.
+
+        There is one, or with an Xbus Master one of each tracker.
+        """
+
+@final
+class MtDataSample:
+    """A sample of an MTData message."""
+
+    @property
+    def bid(self) -> int:
+        """Bus identifier of the device."""
+    @property
+    def packets(self) -> list[Packet]:
+        """Its items, as the packets that they would be in MTData2."""
+    @property
+    def stamps(self) -> bytes:
+        """An MTData2 payload with those of them from which `SampleClock.sample` takes the time."""
 
 def mtdata_packets(payload: bytes, mode: int, settings: int) -> list[Packet]:
     """Returns the items of an MTData payload, as the packets that they would be in MTData2.
@@ -485,6 +524,7 @@ class Reader:
         threads: int = 1,
         values: bool = True,
         fast: bool = True,
+        legacy: list[tuple[int, int]] = ...,
         state: bytes | None = None,
     ) -> Reader:
         """Opens a log.
@@ -501,6 +541,7 @@ class Reader:
             threads: Number of threads for arrays and files.
             values: Keep values. Otherwise only rows are counted, which is enough for `Shape.add`.
             fast: Use the fast path. False is for tests.
+            legacy: Settings of MTData that the caller knows: see `xbus.log.legacy.legacy_outputs`.
             state: `state` of another reader, which goes on from there; None for the start. A file object
                 stands there already.
 

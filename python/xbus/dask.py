@@ -22,6 +22,7 @@ from xbus import _core
 from xbus.export import tables
 from xbus.extras import require
 from xbus.files import is_url, local_name
+from xbus.log.legacy import Legacy, legacy_outputs
 from xbus.log.part_tables import PartTables
 from xbus.log.parts import PART, LogPart, joined_parts, split_log
 from xbus.protocol.values import StringType
@@ -55,6 +56,7 @@ def read_logs(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
     allow_restart: bool = False,
     raw: bool = False,
     storage_options: Mapping[str, Any] | None = None,
@@ -79,6 +81,7 @@ def read_logs(
         bid: As in `read_log`.
         rate: As in `read_log`.
         strings: As in `read_log`.
+        legacy: As in `read_log`.
         allow_restart: As in `read_log`.
         raw: Fields of structs as integers, as on the wire, instead of in their units.
         storage_options: Options of the file system of URLs, as for `fsspec.open`.
@@ -104,6 +107,7 @@ def read_logs(
         "bid": bid,
         "rate": rate,
         "strings": string_types(strings),
+        "legacy": legacy_outputs(legacy),
         "allow_restart": allow_restart,
         "threads": 1,
     }

@@ -1,5 +1,6 @@
 //! What a log says about the device that wrote it: identifiers, product codes and the Configuration message.
 
+use crate::mtdata::Output;
 use crate::table::{self, Series};
 
 /// Where `SampleTimeFine` of the device with this identifier wraps, if its family is known.
@@ -138,6 +139,82 @@ impl Configuration {
     }
 }
 
+/// The devices of a Configuration, with what they send as `MTData`. Devices with 8-byte identifiers have none of it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct MtDataDevices {
+    master: u32,
+    /// The devices, in the order of their bus identifiers.
+    pub devices: Vec<MtDataDevice>,
+}
+
+/// A device of a Configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MtDataDevice {
+    /// Device identifier.
+    pub device_id: u32,
+    /// Bytes of an `MTData` payload; 0 if the device sends `MTData2`.
+    pub data_length: u16,
+    /// `OutputMode` and `OutputSettings`.
+    pub output: Output,
+}
+
+/// Most devices that have a bus identifier.
+const MAX_DEVICES: usize = 31;
+
+impl MtDataDevices {
+    /// Reads the payload; `None` if it has no device, or those of another kind.
+    #[must_use]
+    pub fn read(payload: &[u8]) -> Option<Self> {
+        if payload.len() < field::END {
+            return None;
+        }
+        let master = u32_at(payload, field::DEVICE_ID)?;
+        if master >> 31 == 1 || master == 0 {
+            return None;
+        }
+        let count = usize::from(u16_at(payload, field::DEVICES)?).min(MAX_DEVICES);
+        let device = |entry: &[u8]| {
+            let at = |field: usize| field - field::FIRST_DEVICE_ID;
+            Some(MtDataDevice {
+                device_id: u32_at(entry, 0)?,
+                data_length: u16_at(entry, at(field::DATA_LENGTH))?,
+                output: Output {
+                    mode: u16_at(entry, at(field::OUTPUT_MODE))?,
+                    settings: u32_at(entry, at(field::OUTPUT_SETTINGS))?,
+                },
+            })
+        };
+        let entries = payload[field::FIRST_DEVICE_ID..].chunks_exact(field::END - field::FIRST_DEVICE_ID);
+        let devices: Vec<_> = entries.take(count).map_while(device).collect();
+        (!devices.is_empty()).then_some(Self { master, devices })
+    }
+
+    /// Whether they are the trackers of an Xbus Master, which sends for all of them.
+    #[must_use]
+    pub fn is_xbus_master(&self) -> bool {
+        self.devices.len() > 1 || self.master >> 20 & 0xF == 1
+    }
+
+    /// Whether they send `MTData`. Otherwise what the message says about it is from before.
+    #[must_use]
+    pub fn send_mtdata(&self) -> bool {
+        self.devices.iter().any(|device| device.data_length > 0)
+    }
+
+    /// Whether they are the trackers of an Xbus Master, which sends their `MTData`.
+    #[must_use]
+    pub fn are_trackers(&self) -> bool {
+        self.send_mtdata() && self.is_xbus_master()
+    }
+
+    /// Number of devices.
+    #[must_use]
+    #[allow(clippy::cast_possible_truncation)] // at most MAX_DEVICES
+    pub fn count(&self) -> u8 {
+        self.devices.len() as u8
+    }
+}
+
 /// Where the fields of a Configuration begin.
 mod field {
     use crate::table::{CONFIGURATION_FIELDS, offset, size};
@@ -155,6 +232,7 @@ mod field {
     pub const PRODUCT_CODE: usize = of("product_code");
     pub const HOST: usize = of("host");
     pub const DEVICES: usize = of("devices");
+    pub const FIRST_DEVICE_ID: usize = of("first_device_id");
     pub const DATA_LENGTH: usize = of("data_length");
     pub const OUTPUT_MODE: usize = of("output_mode");
     pub const OUTPUT_SETTINGS: usize = of("output_settings");

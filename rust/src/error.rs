@@ -23,6 +23,15 @@ pub enum Fault {
         /// Data identifier of the packet that runs past the end, if there is one.
         id: Option<u16>,
     },
+    /// An MTData message whose length does not fit the settings in force, or whose settings are not known.
+    Unfit {
+        /// Where its frame begins in the input.
+        offset: u64,
+        /// Bytes of its payload.
+        length: usize,
+        /// Bytes that the settings in force give, if they are known.
+        expected: Option<usize>,
+    },
     /// A packet whose size does not fit its data identifier.
     Size {
         /// Where its frame begins in the input.
@@ -39,7 +48,10 @@ impl Fault {
     #[must_use]
     pub const fn offset(&self) -> u64 {
         match *self {
-            Self::Damage { offset, .. } | Self::Malformed { offset, .. } | Self::Size { offset, .. } => offset,
+            Self::Damage { offset, .. }
+            | Self::Malformed { offset, .. }
+            | Self::Unfit { offset, .. }
+            | Self::Size { offset, .. } => offset,
         }
     }
 
@@ -47,7 +59,7 @@ impl Fault {
     #[must_use]
     pub const fn data_id(&self) -> Option<u16> {
         match *self {
-            Self::Damage { .. } => None,
+            Self::Damage { .. } | Self::Unfit { .. } => None,
             Self::Malformed { id, .. } => id,
             Self::Size { id, .. } => Some(id),
         }
@@ -65,6 +77,16 @@ impl fmt::Display for Fault {
             }
             Self::Malformed { offset, id: None } => {
                 write!(f, "MTData2 at byte {offset}: its packets do not fill the message")
+            }
+            Self::Unfit { offset, length, expected: Some(expected) } => {
+                write!(f, "MTData at byte {offset}: it has {length} bytes, and with the settings in force {expected}")
+            }
+            Self::Unfit { offset, length, expected: None } => {
+                write!(
+                    f,
+                    "MTData at byte {offset} with {length} bytes: OutputMode and OutputSettings are not known; pass them \
+                     as legacy"
+                )
             }
             Self::Size { offset, id, size } => {
                 write!(

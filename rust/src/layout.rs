@@ -27,8 +27,8 @@
 //!
 //! - *Fast is plain.* A recognized frame is one that the scanner accepts as plausible, and its columns get exactly what the
 //!   plain path would give them. Only intact, plausible MTData2 frames in standard form, whose packets all have sound sizes,
-//!   are learned; so equal fixed bytes and a good sum imply the rest. Fuzz targets and property tests
-//!   compare both.
+//!   and MTData frames that fit the settings in force are learned; so equal fixed bytes and a good sum imply the rest. When
+//!   the settings change, no layout is in use any more. Fuzz targets and property tests compare both.
 //! - *The answer does not depend on history.* What is not recognized, for whatever reason (not learned yet, caps reached,
 //!   cut by the end of the window), goes through the plain path with the same result. All caps concern speed only.
 //! - *A layout feeds a column at most once* (one that would feed it twice is never learned), *and the layouts in use agree on
@@ -77,6 +77,7 @@ use crate::column::{Column, Packets, Progress};
 use crate::frame::{self, Frame, HEADER_SIZE, PREAMBLE, field};
 use crate::packet::{Form, PACKET_HEADER, packets};
 use crate::simd::widest;
+use crate::table::MTDATA2;
 
 /// Frames in a batch: enough for long loops, few enough for the frames to stay in the second-level cache.
 const BATCH: usize = 1024;
@@ -138,7 +139,7 @@ pub struct Layout {
 }
 
 impl Layout {
-    /// The layout of a frame in standard form whose packets fill it.
+    /// The layout of a frame in standard form: of MTData2, filled by its packets, or of MTData, which has none.
     fn of(bytes: &[u8], slots: &[Slot]) -> Self {
         let mut blocks = vec![Block::default(); bytes.len().div_ceil(BLOCK)];
         let mut fix = |from: usize, length: usize| {
@@ -148,7 +149,9 @@ impl Layout {
             }
         };
         fix(0, HEADER_SIZE);
-        for packet in packets(Frame::of(bytes).payload).flatten() {
+        let frame = Frame::of(bytes);
+        let payload = if frame.mid == MTDATA2 { frame.payload } else { &[] };
+        for packet in packets(payload).flatten() {
             let at = HEADER_SIZE + packet.at;
             fix(at, PACKET_HEADER);
             if let Some(Form::List(head, _)) = packet.reading().map(|reading| reading.form) {
@@ -208,9 +211,14 @@ struct Candidate {
 
 impl Candidate {
     fn is(&self, bytes: &[u8], slots: &[Slot]) -> bool {
-        let key = |slot: &Slot| (slot.id, slot.offset);
-        self.frame_length == bytes.len() && self.slots.iter().map(key).eq(slots.iter().map(key))
+        self.frame_length == bytes.len() && are_same(&self.slots, slots)
     }
+}
+
+/// Whether two layouts of the same length have the same packets.
+fn are_same(own: &[Slot], others: &[Slot]) -> bool {
+    let key = |slot: &Slot| (slot.id, slot.offset);
+    own.iter().map(key).eq(others.iter().map(key))
 }
 
 /// All layouts that have been learned.
@@ -291,8 +299,22 @@ impl Layouts {
         self.known
     }
 
+    /// Takes all layouts out of use, because frames that look the same may have other contents from now on.
+    pub fn stop_using_all(&mut self) {
+        self.candidates.clear();
+        self.families.clear();
+        self.by_length.clear();
+        self.feeds.clear();
+    }
+
+    /// The number of a layout, if it is known.
+    fn number_of(&self, layout: &Layout) -> Option<usize> {
+        let is_same = |known: &Layout| known.blocks == layout.blocks && are_same(&known.slots, &layout.slots);
+        self.known.iter().position(is_same)
+    }
+
     /// Counts a sighting of the layout of a frame, and learns the layout if that is enough. The frame must be an intact,
-    /// plausible MTData2 frame in standard form.
+    /// plausible frame in standard form.
     pub fn learn(&mut self, bytes: &[u8], slots: &[Slot]) {
         let is_second = |(at, slot): (usize, &Slot)| slots[..at].iter().any(|before| before.column == slot.column);
         if slots.iter().enumerate().any(is_second) {
@@ -321,7 +343,7 @@ impl Layouts {
             return;
         }
         let layout = Layout::of(bytes, slots);
-        let number = self.known.iter().position(|known| known.blocks == layout.blocks).unwrap_or(self.known.len());
+        let number = self.number_of(&layout).unwrap_or(self.known.len());
         if number == MAX_LAYOUTS {
             return;
         }
@@ -335,7 +357,7 @@ impl Layouts {
     /// The number of a layout that another part has learned. `columns` are the places here of that part's columns. `None` if
     /// there are too many layouts.
     pub fn adopt(&mut self, layout: &Layout, columns: &[usize]) -> Option<u8> {
-        let number = self.known.iter().position(|known| known.blocks == layout.blocks).unwrap_or(self.known.len());
+        let number = self.number_of(layout).unwrap_or(self.known.len());
         if number == MAX_LAYOUTS {
             return None;
         }
@@ -546,7 +568,6 @@ fn prefetch(bytes: &[u8], at: usize) {
 mod tests {
     use super::*;
     use crate::column::Values;
-    use crate::table::MTDATA2;
 
     /// The loops compiled for every processor, against those compiled for AVX2, if this processor has it.
     #[test]

@@ -20,11 +20,12 @@ use rustc_hash::FxHashMap;
 use crate::clock::Change;
 use crate::column::{Column, Packets, Pieces, Progress};
 use crate::error::{Fault, ReadError};
-use crate::frame::{Frame, HEADER_SIZE, Header, MAX_PAYLOAD, device_of};
+use crate::frame::{EXTENDED, Frame, Header, MAX_PAYLOAD, device_of, field};
 use crate::huge_pages;
 use crate::input::Stream;
 use crate::layout::{Batch, Layout, Layouts, Slot};
-use crate::packet::{Coordinates, PACKET_HEADER, packets};
+use crate::mtdata::{MessageLayout, Outputs};
+use crate::packet::{Coordinates, PACKET_HEADER, Packet, Reading, packets};
 use crate::scan::{Damage, Scanner, Seam, Step, Window, is_bid};
 use crate::table::{self, Quantity};
 
@@ -104,12 +105,14 @@ pub struct Stats {
     pub bytes: u64,
     /// Accepted frames.
     pub frames: u64,
-    /// MTData2 messages.
+    /// Samples: MTData2 messages, and MTData messages, of which one has a sample of each tracker of an Xbus Master.
     pub samples: u64,
     /// Other messages, including malformed ones.
     pub messages: u64,
     /// MTData2 messages that are empty or that their packets do not fill.
     pub malformed: u64,
+    /// MTData messages whose length does not fit the settings in force, or whose settings are not known.
+    pub unfit: u64,
     /// String outputs.
     pub strings: u64,
     /// Bytes that belong to neither frame nor string.
@@ -150,6 +153,8 @@ pub struct Part {
     /// Samples of known layout that do not begin where the sample before ends, and where they begin.
     jumps: Vec<(u64, u64)>,
     singles: Vec<Single>,
+    /// Number of samples that have a frame in common with the sample before.
+    sharing: u64,
     changes: Vec<(u64, u8, Change)>,
     /// What it knows of its log; `None` for a part that is a log by itself.
     whole: Option<Whole>,
@@ -351,6 +356,9 @@ pub struct Reader {
     batch: Batch,
     columns: Vec<Column>,
     places: FxHashMap<Key, usize>,
+    /// The settings of `MTData` in force, and the layouts that follow from them, by bus identifier.
+    outputs: Outputs,
+    mtdata: FxHashMap<u8, Option<Arc<MessageLayout>>>,
     /// The packets of the current sample. A field, so that its memory is used again.
     slots: Vec<Slot>,
     part: Part,
@@ -365,13 +373,15 @@ pub struct Reader {
 }
 
 /// A place between two parts of a log, at which a reader can start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Place {
     /// What the scanner remembers.
     pub seam: Seam,
     /// Index of the next sample.
     pub sample: u64,
+    /// The settings of `MTData` in force.
+    pub outputs: Outputs,
 }
 
 /// What each column has one of: a quantity in a coordinate system, or an identifier that the tables do not explain.
@@ -400,7 +410,7 @@ impl Reader {
     /// A reader that goes on from a place in the input: see [`Self::new`].
     #[must_use]
     pub fn resume(options: Options, place: Place, part_bytes: u64) -> Self {
-        let Place { seam, sample } = place;
+        let Place { seam, sample, outputs } = place;
         let mut scanner = seam.scanner(options.limit);
         scanner.expect(options.strings);
         Self {
@@ -410,6 +420,8 @@ impl Reader {
             batch: Batch::default(),
             columns: vec![],
             places: FxHashMap::default(),
+            outputs,
+            mtdata: FxHashMap::default(),
             slots: vec![],
             part: Part { first: sample, ..Part::default() },
             began: seam.at,
@@ -423,7 +435,7 @@ impl Reader {
     /// The present place, if another reader can go on from here: not while bytes are being refused.
     #[must_use]
     pub fn place(&self) -> Option<Place> {
-        self.scanner.seam().map(|seam| Place { seam, sample: self.next_sample() })
+        self.scanner.seam().map(|seam| Place { seam, sample: self.next_sample(), outputs: self.outputs.clone() })
     }
 
     /// Position in the input. The bytes before it are not needed any more.
@@ -591,6 +603,9 @@ impl Reader {
     /// Decodes one frame on the plain path.
     fn frame(&mut self, bytes: &[u8], offset: u64) -> Result<(), Fault> {
         let frame = Frame::of(bytes);
+        if frame.mid == table::MTDATA {
+            return self.mtdata(bytes, frame, offset);
+        }
         if frame.mid != table::MTDATA2 {
             self.message(frame, offset);
             return Ok(());
@@ -604,24 +619,71 @@ impl Reader {
             }
             return Ok(());
         }
-        self.sample(bytes, frame, offset)
-    }
-
-    fn sample(&mut self, bytes: &[u8], frame: Frame<'_>, offset: u64) -> Result<(), Fault> {
-        let sample = self.next_sample();
-        let header = bytes.len() - frame.payload.len() - 1;
-        let mut slots = std::mem::take(&mut self.slots);
         let mut fault = Ok(());
         let mut is_sound = true;
-        let progress = self.progress(offset);
-        for packet in packets(frame.payload).flatten() {
+        let packets = packets(frame.payload).flatten().map(|packet| {
             let reading = packet.reading();
             if reading.is_none() && !packet.is_sound() {
                 is_sound = false;
-                if self.options.strict && fault.is_ok() {
+                if fault.is_ok() {
                     fault = Err(Fault::Size { offset, id: packet.id, size: packet.data.len() });
                 }
             }
+            (packet, PACKET_HEADER, reading)
+        });
+        let slots = self.sample(bytes, frame, offset, packets);
+        if is_sound {
+            self.learn(bytes, &slots);
+        }
+        self.slots = slots;
+        if self.options.strict { fault } else { Ok(()) }
+    }
+
+    /// Decodes an MTData message.
+    fn mtdata(&mut self, bytes: &[u8], frame: Frame<'_>, offset: u64) -> Result<(), Fault> {
+        let outputs = &self.outputs;
+        let layout = self.mtdata.entry(frame.bid).or_insert_with(|| outputs.layout(frame.bid)).clone();
+        let expected = layout.as_ref().map(|layout| layout.size);
+        let length = frame.payload.len();
+        let Some(layout) = layout.filter(|layout| layout.fits(frame.payload)) else {
+            self.part.stats.unfit += 1;
+            self.message(frame, offset);
+            return if self.options.strict { Err(Fault::Unfit { offset, length, expected }) } else { Ok(()) };
+        };
+        for (bid, items) in &layout.samples {
+            let packets = items.iter().map(|item| (item.packet(frame.payload), 0, Some(item.reading)));
+            let slots = self.sample(bytes, Frame { bid: *bid, ..frame }, offset, packets);
+            if layout.samples.len() == 1 {
+                self.learn(bytes, &slots);
+            }
+            self.slots = slots;
+        }
+        self.part.sharing += layout.samples.len() as u64 - 1;
+        Ok(())
+    }
+
+    /// Lets the fast path learn the layout of a sound sample.
+    fn learn(&mut self, bytes: &[u8], slots: &[Slot]) {
+        if self.options.fast && bytes[field::LEN] != EXTENDED && is_bid(bytes[field::BID]) {
+            self.layouts.learn(bytes, slots);
+        }
+    }
+
+    /// Adds a sample with these packets. With each of them come the bytes of its header, and how to read it. Returns where
+    /// the packets are, in memory that is to be used again.
+    fn sample<'a>(
+        &mut self,
+        bytes: &[u8],
+        frame: Frame<'a>,
+        offset: u64,
+        packets: impl Iterator<Item = (Packet<'a>, usize, Option<Reading>)>,
+    ) -> Vec<Slot> {
+        let sample = self.next_sample();
+        let header = bytes.len() - frame.payload.len() - 1;
+        let mut slots = std::mem::take(&mut self.slots);
+        slots.clear();
+        let progress = self.progress(offset);
+        for (packet, packet_header, reading) in packets {
             let key = match &reading {
                 Some(reading) if !self.is_wanted(reading.quantity, reading.coordinates) => continue,
                 Some(reading) => Key::Known(reading.quantity.id, reading.coordinates),
@@ -635,10 +697,10 @@ impl Reader {
                 columns.len() - 1
             });
             let form = reading.as_ref().map(|reading| reading.form);
-            slots.push(Slot { column, offset: header + packet.at + PACKET_HEADER, id: packet.id, form });
+            slots.push(Slot { column, offset: header + packet.at + packet_header, id: packet.id, form });
             let column = &mut self.columns[column];
             column.admit(packet.id, reading.as_ref(), progress);
-            let start = packet.at + PACKET_HEADER;
+            let start = packet.at + packet_header;
             column.gather(form, Packets { bytes: frame.payload, starts: &[start], shift: 0 }, progress);
             huge_pages::push(&mut column.single, sample);
         }
@@ -646,12 +708,7 @@ impl Reader {
         #[allow(clippy::cast_possible_truncation)] // at most 65535 and a header
         huge_pages::push(&mut self.part.singles, Single { offset, length: bytes.len() as u32, bid: frame.bid });
         self.end = u64::MAX;
-        if self.options.fast && is_sound && header == HEADER_SIZE && is_bid(frame.bid) {
-            self.layouts.learn(bytes, &slots);
-        }
-        slots.clear();
-        self.slots = slots;
-        fault
+        slots
     }
 
     fn is_wanted(&self, quantity: &Quantity, coordinates: Option<Coordinates>) -> bool {
@@ -666,8 +723,14 @@ impl Reader {
         huge_pages::push(&mut messages.offset, offset);
         huge_pages::push(&mut messages.sample, sample);
         messages.payload.push(frame.payload);
+        if self.outputs.learn(frame) {
+            self.mtdata.clear();
+            self.layouts.stop_using_all();
+        }
         if let Some(change) = Change::of(frame.mid, frame.payload) {
-            huge_pages::push(&mut self.part.changes, (sample, frame.bid, change));
+            for bid in self.outputs.devices_of(frame.bid) {
+                huge_pages::push(&mut self.part.changes, (sample, bid, change));
+            }
         }
     }
 
@@ -689,7 +752,7 @@ impl Reader {
         part.stats.samples = part.layout.len() as u64;
         part.stats.messages = part.messages.mid.len() as u64;
         part.stats.strings = part.strings.place.len() as u64;
-        part.stats.frames = part.stats.samples + part.stats.messages;
+        part.stats.frames = part.stats.samples - part.sharing + part.stats.messages;
         part.stats.checksum_errors = self.scanner.checksum_errors - self.checksum_errors;
         self.checksum_errors = self.scanner.checksum_errors;
         self.began = self.at();

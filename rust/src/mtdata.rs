@@ -1,7 +1,10 @@
 //! An `MTData` payload: items without identifiers, one after another, in the layout that `OutputMode` and `OutputSettings`
 //! decide.
 //!
-//! [`Output`] is the layout of one device; [`crate::table::MTDATA_ITEMS`] declares the items.
+//! [`Output`] is the layout of one device, and [`Outputs`] what is in force in a stream; [`crate::table::MTDATA_ITEMS`]
+//! declares the items.
+
+mod outputs;
 
 use std::fmt;
 
@@ -10,6 +13,8 @@ use crate::frame::Frame;
 use crate::packet::{Coordinates, Form, Packet, Precision, Reading, record_size};
 use crate::table::{Kind, MTDATA, MTDATA_ITEMS, MtDataItem, Wire, output_mode, output_settings};
 use crate::value::{Number, write_data};
+
+pub use outputs::{MessageLayout, Outputs};
 
 /// What a device sends as `MTData`: its `OutputMode` and `OutputSettings`.
 ///
@@ -138,6 +143,20 @@ impl Item {
     pub fn packet<'a>(&self, payload: &'a [u8]) -> Packet<'a> {
         Packet { id: self.id, at: self.at, data: &payload[self.at..self.at + self.size] }
     }
+}
+
+/// The items of a sample from which clocks and counters are known, as an MTData2 payload.
+#[must_use]
+pub fn stamps(payload: &[u8], items: &[Item]) -> Vec<u8> {
+    let mut stamps = vec![];
+    for item in items.iter().filter(|item| item.reading.quantity.clock.is_some()) {
+        let packet = item.packet(payload);
+        stamps.extend(packet.id.to_be_bytes());
+        #[allow(clippy::cast_possible_truncation)] // a counter or a time
+        stamps.push(packet.data.len() as u8);
+        stamps.extend(packet.data);
+    }
+    stamps
 }
 
 /// The frames of `count` messages, joined, and where each frame ends. `numbers` has for each item of [`Output::items`] the

@@ -96,6 +96,7 @@ class CutRecording:
                     self.source,
                     rate=self._inputs.rate,
                     strings=self._inputs.strings,
+                    legacy=self._inputs.legacy,
                     times_fault=self._times_fault,
                 )
                 found = stack.enter_context(copy)

@@ -74,6 +74,8 @@ class CanOptions:
             return False
         if inputs.strings:
             raise click.UsageError("--string does not apply to CAN captures")
+        if inputs.legacy:
+            raise click.UsageError("--legacy does not apply to CAN captures")
         return True
 
     def read(

@@ -41,7 +41,7 @@ class DecodedTotals:
         self.times_fault = times_fault
         self._damaged = 0
         self.runs = Runs()
-        self._undecoded: dict[tuple[str, int], Undecoded] = {}
+        self._undecoded: dict[tuple[str, int, str], Undecoded] = {}
         self._frames: dict[int, list[npt.NDArray[np.int64]]] = {}
 
     def add(self, part: Log) -> None:
@@ -53,8 +53,8 @@ class DecodedTotals:
         self._damaged += len(part.damage)
         self.runs.add(part.core)
         for item in part.undecoded:
-            earlier = self._undecoded.get(item[:2])
-            self._undecoded[item[:2]] = item if earlier is None else earlier.plus(item)
+            earlier = self._undecoded.get(item.key)
+            self._undecoded[item.key] = item if earlier is None else earlier.plus(item)
         for device_id, frame in frames_of(part.get("awinda_snapshot")).items():
             self._frames.setdefault(device_id, []).append(frame)
 

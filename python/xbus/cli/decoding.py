@@ -512,5 +512,6 @@ class Decoding:
             "skipped_bytes": stats.skipped_bytes,
             "damage": len(log.damage),
             "malformed": stats.malformed,
+            "unfit": stats.unfit,
             "undecoded": [item.to_dict() for item in log.undecoded],
         }

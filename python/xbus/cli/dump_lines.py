@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 from xbus import _core
 from xbus.cli.rate_use import RateUse
 from xbus.describe.text import describe_message, describe_packet, message_dict, packet_dict
 from xbus.log.source import LONGEST
 from xbus.protocol.ids import DataId, MessageId
+from xbus.protocol.mtdata import remedy_of_size
 from xbus.protocol.tables import device_of
 from xbus.wire.codec import Damage, ScannedItem, Scanner, encode_frame, named_item
 from xbus.wire.message import Message
@@ -23,6 +24,24 @@ __all__ = ["DumpFormatter"]
 KEPT = 2 * (LONGEST + 7)
 
 
+#: What is wrong with an MTData2 message that is no sample.
+MALFORMED = "malformed: the packets do not fill the message"
+
+
+class _Sample(NamedTuple):
+    """The sample of a message.
+
+    Attributes:
+        packets: Its packets, as `_core.packets`.
+        stamps: An MTData2 payload with those that a clock needs.
+        problem: What is wrong with the message, or None.
+    """
+
+    packets: list[_core.Packet]
+    stamps: bytes
+    problem: str | None
+
+
 class DumpFormatter:
     """Converts bytes to lines.
 
@@ -31,6 +50,7 @@ class DumpFormatter:
         bid: Only the messages of this device, without strings and damage, which name no device; None for all.
         rate: Rate of the packet counter, as in `read_log`.
         strings: String types to parse, as in `read_log`.
+        legacy: Settings of MTData, as in `read_log`.
         with_hex: Whether each line ends with the bytes of the frame or string.
         as_json: Whether lines are JSON objects instead of text.
 
@@ -49,11 +69,13 @@ class DumpFormatter:
         bid: int | None = None,
         rate: float | None = None,
         strings: Iterable[str] = (),
+        legacy: Sequence[tuple[int, int]] = (),
         with_hex: bool,
         as_json: bool,
     ) -> None:
         # The same limit as in `read_log`, with the same result.
         self._scanner = Scanner(LONGEST, strings=strings)
+        self._outputs = _core.MtDataOutputs(list(legacy))
         self._clock = _core.SampleClock(rate)
         self._device_clock = None if rate is None else _core.SampleClock()
         self._wanted = frozenset(wanted)
@@ -96,12 +118,30 @@ class DumpFormatter:
                 if self._has_all:
                     lines.append(_string(item, with_hex=self._hex, as_json=self._json))
                 continue
-            time = self._time(item)
-            self.devices.add(device_of(item.bid))
-            if self._is_wanted(item):
-                frame = self._frame(item) if self._hex else None
-                lines.append(_json(item, time, frame) if self._json else _text(item, time, frame))
+            for message, sample in self._samples(item):
+                time = self._time(message, sample)
+                self.devices.add(device_of(message.bid))
+                if self._is_wanted(message):
+                    frame = self._frame(item) if self._hex else None
+                    line = _json if self._json else _text
+                    lines.append(line(message, sample, time, frame))
         return lines
+
+    def _samples(self, message: Message) -> Iterator[tuple[Message, _Sample | None]]:
+        """Yields a message with its sample or None; of several trackers, with the BID and sample of each."""
+        if message.mid == MessageId.MTData2:
+            packets, is_whole = _core.packets(message.payload), _core.is_sample(message.payload)
+            yield message, _Sample(packets, message.payload, None if is_whole else MALFORMED)
+        elif message.mid == MessageId.MTData:
+            found = self._outputs.samples(message.bid, message.payload)
+            if found is None:
+                problem = remedy_of_size(len(message.payload))
+                yield message, _Sample([], b"", problem)
+            for sample in found or ():
+                yield message._replace(bid=sample.bid), _Sample(sample.packets, sample.stamps, None)
+        else:
+            self._outputs.message(message.bid, message.mid, message.payload)
+            yield message, None
 
     @property
     def _has_all(self) -> bool:
@@ -112,24 +152,23 @@ class DumpFormatter:
             return False
         return not self._wanted or message.mid in self._wanted or message.name in self._wanted
 
-    def _time(self, message: Message) -> float | None:
+    def _time(self, message: Message, sample: _Sample | None) -> float | None:
         """Returns the time of a sample, as `Log.time`; None if it has none, and for other messages."""
-        if message.mid == MessageId.MTData2:
-            seconds, _ = self._clock.sample(message.bid, message.payload)
+        if sample is not None:
+            seconds, _ = self._clock.sample(message.bid, sample.stamps)
             if self._device_clock is not None:
-                stamp, _ = self._device_clock.sample(message.bid, message.payload)
-                self._count(message, seconds, stamp)
+                stamp, _ = self._device_clock.sample(message.bid, sample.stamps)
+                self._count(sample, seconds, stamp)
             return None if math.isnan(seconds) else seconds
         # It may name the device, or start a new run.
         for clock in filter(None, (self._clock, self._device_clock)):
-            clock.message(message.bid, message.mid, message.payload)
+            for bid in self._outputs.devices_of(message.bid):
+                clock.message(bid, message.mid, message.payload)
         return None
 
-    def _count(self, message: Message, seconds: float, stamp: float) -> None:
+    def _count(self, sample: _Sample, seconds: float, stamp: float) -> None:
         """Counts a sample: its time, and the same without the rate."""
-        is_counted = any(
-            packet.data_id == DataId.PacketCounter for packet in _core.packets(message.payload)
-        )
+        is_counted = any(packet.data_id == DataId.PacketCounter for packet in sample.packets)
         self.rate_use.has_counter |= is_counted
         self.rate_use.untimed += is_counted and math.isnan(seconds)
         self.rate_use.derived += math.isnan(stamp) and not math.isnan(seconds)
@@ -157,13 +196,11 @@ def _string(string: String, *, with_hex: bool, as_json: bool) -> str:
     return f"{line}  | {string.data.hex(' ').upper()}" if with_hex else line
 
 
-def _text(message: Message, time: float | None, frame: bytes | None) -> str:
+def _text(message: Message, sample: _Sample | None, time: float | None, frame: bytes | None) -> str:
     stamp = "" if time is None else f"{time:.4f}"
-    if message.mid == MessageId.MTData2:
-        parts = [describe_packet(packet) for packet in _core.packets(message.payload)]
-        if not _core.is_sample(message.payload):
-            parts.append("malformed: the packets do not fill the message")
-        text = "; ".join(parts)
+    if sample is not None:
+        parts = [describe_packet(packet) for packet in sample.packets]
+        text = "; ".join([*parts, *([sample.problem] if sample.problem else [])])
     else:
         text = describe_message(message)
     if message.bid != 0xFF:
@@ -172,14 +209,13 @@ def _text(message: Message, time: float | None, frame: bytes | None) -> str:
     return line if frame is None else f"{line}  | {frame.hex(' ').upper()}"
 
 
-def _json(message: Message, time: float | None, frame: bytes | None) -> str:
+def _json(message: Message, sample: _Sample | None, time: float | None, frame: bytes | None) -> str:
     facts: dict[str, Any] = {"offset": message.offset}
-    if message.mid == MessageId.MTData2:
-        packets = _core.packets(message.payload)
+    if sample is not None:
         facts |= {"bid": message.bid, "mid": message.mid, "name": message.name}
         facts["time_s"] = time
-        facts["malformed"] = not _core.is_sample(message.payload)
-        facts["packets"] = [packet_dict(packet) for packet in packets]
+        facts["malformed"] = sample.problem is not None
+        facts["packets"] = [packet_dict(packet) for packet in sample.packets]
     else:
         facts |= message_dict(message)
     if frame is not None:

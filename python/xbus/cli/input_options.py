@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 import click
 
 from xbus.cli.failure import Failure
-from xbus.cli.inputs import Input, label, strings_option
+from xbus.cli.inputs import Input, label, legacy_option, strings_option
 from xbus.cli.number_type import NumberRange
 from xbus.cli.rate_use import RateUse
 from xbus.cli.recordings import (
@@ -41,6 +41,7 @@ OPTIONS = (
         is_flag=True,
         help="The input is text with the bytes in hex, as copied from MT Manager, a terminal or xxd.",
     ),
+    legacy_option,
     strings_option,
     click.option(
         "--rate",
@@ -63,6 +64,7 @@ class LogOptions(TypedDict):
     bid: int | None
     rate: float | None
     strings: Sequence[str]
+    legacy: Sequence[tuple[int, int]]
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,7 @@ class InputOptions:
         bid: The only device to read, or None.
         rate: Rate of the packet counter in Hz, or None.
         strings: String types to parse, as in `read_log`.
+        legacy: Settings of MTData, as in `read_log`.
         is_hex: Whether the files are text with the bytes in hex.
         allow_restart: As in `read_log`.
     """
@@ -82,13 +85,19 @@ class InputOptions:
     bid: int | None
     rate: float | None
     strings: tuple[str, ...]
+    legacy: Sequence[tuple[int, int]]
     is_hex: bool
     allow_restart: bool
 
     @property
     def for_log(self) -> LogOptions:
         """The options for `read_log` and `iter_log`."""
-        return {"bid": self.bid, "rate": self.rate, "strings": self.strings}
+        return {
+            "bid": self.bid,
+            "rate": self.rate,
+            "strings": self.strings,
+            "legacy": self.legacy,
+        }
 
     def recordings(self) -> list[Recording]:
         """Returns the recordings, as `several_recordings`."""
@@ -153,11 +162,12 @@ def _with_inputs(metavar: str, command: Callable[..., None]) -> Callable[..., No
         bid: int | None,
         rate: float | None,
         strings: tuple[str, ...],
+        legacy: Sequence[tuple[int, int]],
         is_hex: bool,
         allow_restart: bool,
         **options: Any,
     ) -> None:
-        inputs = InputOptions(names, bid, rate, strings, is_hex, allow_restart)
+        inputs = InputOptions(names, bid, rate, strings, legacy, is_hex, allow_restart)
         command(inputs=inputs, **options)
 
     decorated: Callable[..., None] = with_inputs

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import os
+import re
 import select
 import stat
 import sys
@@ -37,6 +38,7 @@ __all__ = [
     "Input",
     "is_recording",
     "label",
+    "legacy_option",
     "no_frame",
     "reading_task",
     "strings_option",
@@ -96,6 +98,37 @@ strings_option = click.option(
     callback=_strings,
     metavar="NAME",
     help="Also parse this string type. Needed only for EM1000, which has no checksum and no terminator.",
+)
+
+
+def _legacy(
+    ctx: click.Context,  # noqa: ARG001 - click's signature
+    param: click.Parameter,  # noqa: ARG001
+    values: tuple[str, ...],
+) -> list[tuple[int, int]]:
+    from xbus.log.legacy import legacy_outputs
+
+    pairs = []
+    for value in values:
+        if not (found := re.fullmatch(r"([0-9A-Fa-f]{1,4}):([0-9A-Fa-f]{1,8})", value)):
+            raise click.BadParameter(
+                f"{value!r} is not OutputMode:OutputSettings in hex, such as 0006:00000001"
+            )
+        pairs.append((int(found[1], 16), int(found[2], 16)))
+    try:
+        return legacy_outputs(pairs)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+#: The option for the settings of a log with MTData that does not have them.
+legacy_option = click.option(
+    "--legacy",
+    multiple=True,
+    callback=_legacy,
+    metavar="MODE:SETTINGS",
+    help="OutputMode and OutputSettings, in hex, of the MTData of an older device, if the log does not have "
+    "them. Repeat it for each tracker of an Xbus Master.",
 )
 
 

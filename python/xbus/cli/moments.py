@@ -55,7 +55,9 @@ class Content:
         from xbus.log.read import cut_parts
 
         options = self._inputs
-        for part in cut_parts(source, rate=options.rate, strings=options.strings, bid=bid):
+        for part in cut_parts(
+            source, rate=options.rate, strings=options.strings, legacy=options.legacy, bid=bid
+        ):
             self._found += part.stats.frames + part.stats.strings
             yield part
 

@@ -69,7 +69,12 @@ def stored(source: Input, files: Sequence[str]) -> Iterator[Stored]:
 
 @contextmanager
 def stored_cut(
-    cut: CutSource, *, rate: float | None, strings: Sequence[str], times_fault: str | None
+    cut: CutSource,
+    *,
+    rate: float | None,
+    strings: Sequence[str],
+    legacy: Sequence[tuple[int, int]],
+    times_fault: str | None,
 ) -> Iterator[Stored]:
     """Yields a recording between two times, which is copied to a temporary file that is deleted in the end.
 
@@ -77,6 +82,7 @@ def stored_cut(
         cut: The bytes between the times.
         rate: As in `read_log`.
         strings: As in `read_log`.
+        legacy: As in `read_log`.
         times_fault: As for `Stored`.
 
     Raises:
@@ -88,7 +94,7 @@ def stored_cut(
     with _temporary_folder() as folder:
         path = os.path.join(folder, "cut.mtb")  # noqa: PTH118 - pathlib is slow to import
         try:
-            copy = copy_cut(cut, path, rate=rate, strings=strings)
+            copy = copy_cut(cut, path, rate=rate, strings=strings, legacy=legacy)
         except OSError as error:
             raise _no_copy(os.path.dirname(folder), error) from error  # noqa: PTH120
         yield Stored(path, copy.size, copy.split, times_fault)

@@ -303,7 +303,7 @@ class LogSummary:
         self.events = FirstRows(EVENT)
         self.kinds: dict[tuple[int, bytes], EventKind] = {}
         self.unknown: dict[int, list[int]] = {}
-        self._undecoded: dict[tuple[str, int], Undecoded] = {}
+        self._undecoded: dict[tuple[str, int, str], Undecoded] = {}
         self.frames: dict[int, list[npt.NDArray[np.int64]]] = {}
         self.utc: tuple[np.datetime64, np.datetime64] | None = None
         self.utc_rows = self.utc_valid = 0
@@ -409,8 +409,8 @@ class LogSummary:
         for device_id, frame in frames_of(part.get("awinda_snapshot")).items():
             self.frames.setdefault(device_id, []).append(frame)
         for item in part.undecoded:
-            earlier = self._undecoded.get(item[:2])
-            self._undecoded[item[:2]] = item if earlier is None else earlier.plus(item)
+            earlier = self._undecoded.get(item.key)
+            self._undecoded[item.key] = item if earlier is None else earlier.plus(item)
         for data_id, packets in part.unknown.items():
             count = self.unknown.setdefault(data_id, [0, 0])
             count[0] += len(packets)
@@ -512,6 +512,7 @@ class LogSummary:
             "checksum_errors": stats.checksum_errors,
             "damage": JsonRows(self._damage_rows),
             "malformed": stats.malformed,
+            "unfit": stats.unfit,
             "messages": dict(self.messages),
             "strings": dict(sorted(self.strings.items())),
             "events": JsonRows(self._event_rows),

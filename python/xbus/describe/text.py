@@ -18,7 +18,7 @@ from xbus.log.identity import Identity
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.messages import LAYOUTS
-from xbus.protocol.tables import QUANTITIES, Field, Quantity
+from xbus.protocol.tables import COLUMN_QUANTITIES, QUANTITIES, Field, Quantity
 from xbus.protocol.values import Output
 from xbus.wire.message import Message
 from xbus.wire.result_code import printable, read_result_code
@@ -158,7 +158,7 @@ def _writer(
     name: str, precision: str | None, coordinates: str | None
 ) -> Callable[[Sequence[Any]], str]:
     """Returns a function that formats the numbers of packets of one kind."""
-    row = QUANTITIES[name]
+    row = COLUMN_QUANTITIES[name]
     formats = [form for form in (coordinates, precision) if form not in (None, "ENU", "Float32")]
     label = f"{name} ({', '.join(map(str, formats))})" if formats else name
     unit = f" {row.unit}" if row.unit else ""
@@ -221,7 +221,7 @@ def packet_dict(packet: _core.Packet) -> dict[str, Any]:
     head: dict[str, Any] = {"data_id": f"0x{packet.data_id:04X}", "name": packet.name}
     if packet.name is None:
         return {**head, "data": bytes(numbers).hex().upper()}
-    row = QUANTITIES[packet.name]
+    row = COLUMN_QUANTITIES[packet.name]
     values = [finite(number) for number in numbers]
     names = row.components or tuple(field.name for field in row.fields)
     named: Any = dict(zip(names, values, strict=False)) if names else values[0]

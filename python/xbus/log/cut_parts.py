@@ -12,6 +12,7 @@ import numpy as np
 from xbus import _core
 from xbus.log.arrivals import HostTimes
 from xbus.log.cut_source import CutSource
+from xbus.log.legacy import Legacy
 from xbus.log.parts import LogPart, split_log
 from xbus.log.read import CUT_BLOCK, iter_log
 from xbus.protocol.values import StringType
@@ -74,6 +75,7 @@ def copy_cut(
     *,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
 ) -> CutCopy:
     """Copies the bytes of a cut to a file, and its host times to files beside it.
 
@@ -82,6 +84,7 @@ def copy_cut(
         path: Path of the file.
         rate: As in `read_log`.
         strings: As in `read_log`.
+        legacy: As in `read_log`.
 
     Raises:
         OSError: A file cannot be written, or the recording cannot be read.
@@ -94,7 +97,9 @@ def copy_cut(
         open(_of_strings(path), "wb") as of_strings,  # noqa: PTH123
     ):
         cut.copy_to(copy)
-        for part in iter_log(cut, block_bytes=CUT_BLOCK, quantities=(), rate=rate, strings=strings):
+        for part in iter_log(
+            cut, block_bytes=CUT_BLOCK, quantities=(), rate=rate, strings=strings, legacy=legacy
+        ):
             has_host_times |= part._host_times.known is not None
             part.host_time.tofile(of_samples)
             found = np.empty(len(part.strings), STRING)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.log.arrivals import Arrivals
-from xbus.log.identity import HEAD_MESSAGES
+from xbus.log.identity import HEAD_MESSAGES, SETTINGS_MESSAGES
 from xbus.log.log import Log, MissingDeviceError
 from xbus.log.messages import Messages
 from xbus.log.pacing import ReplayPace
@@ -100,6 +100,8 @@ class _Head:
     def __init__(self, bid: int | None = None) -> None:
         self._bid = bid
         self._frames: dict[tuple[bool, int, int], bytes] = {}
+        #: Requests for settings of MTData that no reply has acknowledged.
+        self._requested: dict[tuple[int, int], bytes] = {}
 
     def add(self, messages: Messages, rows: npt.NDArray[np.intp], start: int, end: float) -> None:
         """Adds messages between two offsets.
@@ -115,7 +117,31 @@ class _Head:
             message = messages[row]
             frame = encode_frame(message.mid, message.payload, bid=message.bid)
             is_other = message.mid != MessageId.Configuration
+            if message.mid in SETTINGS_MESSAGES:
+                self._add_settings(message, frame)
+                continue
+            if not is_other and _has_mtdata(message.payload):
+                self._frames = {
+                    key: kept
+                    for key, kept in self._frames.items()
+                    if key[1] not in SETTINGS_MESSAGES
+                }
             self._frames[is_other, message.mid, message.bid] = frame
+
+    def _add_settings(self, message: Message, frame: bytes) -> None:
+        """Adds a reply with OutputMode or OutputSettings, or an acknowledged request."""
+        mid, bid = message.mid, message.bid
+        if mid in (MessageId.SetOutputMode, MessageId.SetOutputSettings):
+            self._requested[mid, bid] = frame
+            return
+        requested = self._requested.pop((mid - 1, bid), None)
+        if message.payload:
+            self._frames.pop((True, mid - 1, bid), None)
+        elif requested is not None:
+            self._frames[True, mid - 1, bid] = requested
+        else:
+            return
+        self._frames[True, mid, bid] = frame
 
     def frames(self, devices: Iterable[int]) -> bytes:
         """Returns the frames.
@@ -128,6 +154,11 @@ class _Head:
             for (_, _, bid), frame in sorted(self._frames.items())
             if self._bid is None or device_of(bid) == self._bid or set(devices) <= {self._bid}
         )
+
+
+def _has_mtdata(configuration: bytes) -> bool:
+    """Returns whether a Configuration has settings of MTData in force: the length of a device is not 0."""
+    return any(configuration[102::20]) or any(configuration[103::20])
 
 
 def _head_rows(messages: Messages) -> npt.NDArray[np.intp]:
@@ -324,13 +355,15 @@ def device_heads(parts: Iterable[Log]) -> dict[int, bytes]:
     Args:
         parts: The parts of the whole recording.
     """
+    # Settings of MTData count from where they are.
+    mids = [mid for mid in HEAD_MESSAGES if mid not in SETTINGS_MESSAGES]
     first: dict[int, int] = {}
     messages: dict[tuple[int, int], Message] = {}
     for part in parts:
         devices, rows = np.unique(device_of(part.bid), return_index=True)
         for device, row in zip(devices.tolist(), rows.tolist(), strict=True):
             first.setdefault(device, part.first_sample + row)
-        for message in part.messages.with_mids(*HEAD_MESSAGES):
+        for message in part.messages.with_mids(*mids):
             messages.setdefault((message.mid, message.bid), message)
     heads = {}
     for device, sample in first.items():

@@ -8,12 +8,13 @@ from dataclasses import dataclass, replace
 from xbus import _core
 from xbus.protocol.configuration import Configuration, Firmware
 from xbus.protocol.ids import MessageId
-from xbus.protocol.tables import device_of
+from xbus.protocol.tables import MASTER, device_of
 from xbus.wire.message import Message
 
 __all__ = [
     "HEAD_MESSAGES",
     "IDENTITY_MESSAGES",
+    "SETTINGS_MESSAGES",
     "Identity",
     "device_id_of",
     "identities_of",
@@ -27,8 +28,20 @@ IDENTITY_MESSAGES = (
     MessageId.FirmwareRev,
     MessageId.ProductCode,
 )
+#: The messages with the settings of MTData, beside the Configuration.
+SETTINGS_MESSAGES = (
+    MessageId.SetOutputMode,
+    MessageId.SetOutputModeAck,
+    MessageId.SetOutputSettings,
+    MessageId.SetOutputSettingsAck,
+)
 #: The messages at the start of a recording: they say what the device is and how it was set.
-HEAD_MESSAGES = (*IDENTITY_MESSAGES, MessageId.ReqStringOutputTypeAck, MessageId.EmtsData)
+HEAD_MESSAGES = (
+    *IDENTITY_MESSAGES,
+    *SETTINGS_MESSAGES,
+    MessageId.ReqStringOutputTypeAck,
+    MessageId.EmtsData,
+)
 
 
 @dataclass(frozen=True)
@@ -76,6 +89,9 @@ def identities_of(
     """
     identities = dict(earlier or {})
     for message in messages:
+        if trackers := _trackers(message):
+            identities |= trackers
+            continue
         device = device_of(message.bid)
         identities[device] = identities.get(device, Identity()).updated([message])
     return identities
@@ -106,6 +122,15 @@ def identity_of(
 def device_id_of(message: Message) -> int | None:
     """Returns the device identifier in one of `IDENTITY_MESSAGES`, if it has one."""
     return _identity_of(message).device_id
+
+
+def _trackers(message: Message) -> dict[int, Identity]:
+    """Returns the identity of each tracker, by BID, if this is the Configuration of an Xbus Master."""
+    if message.name != "Configuration" or message.bid != MASTER:
+        return {}
+    read = Configuration.read(message.payload)
+    ids = enumerate(_core.tracker_ids(message.payload), 1)
+    return {bid: Identity(device_id=device_id, configuration=read) for bid, device_id in ids}
 
 
 def _identity_of(message: Message) -> Identity:

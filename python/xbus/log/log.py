@@ -30,6 +30,7 @@ from xbus.log.strings import Strings
 from xbus.log.table_file import write_table
 from xbus.log.trackers import Tracker, trackers_of
 from xbus.protocol.configuration import Configuration, Firmware
+from xbus.protocol.ids import MessageId
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey
 from xbus.protocol.tables import COLUMN_QUANTITIES, MASTER, UTC_SOURCES, UTC_VALID, device_of
 from xbus.protocol.undecoded import Undecoded, describe_undecoded, output_mids
@@ -320,21 +321,24 @@ class Log(ByQuantity[Column], Exports):
     def undecoded(self) -> tuple[Undecoded, ...]:
         """Output that is kept verbatim and not decoded: how much, and why.
 
-        These are messages with the legacy output (MTData), messages that the manual does not list, and the
-        packets in `unknown`.
+        These are MTData messages that do not fit their settings, messages that the manual does not list, and
+        the packets in `unknown`.
 
         >>> import xbus
-        >>> log = xbus.read_log(xbus.encode_frame(xbus.MessageId.MTData, bytes(40)))
+        >>> log = xbus.read_log(xbus.encode_frame(0x08, bytes(40)))
         >>> print(*log.undecoded)
-        1 message MTData (0x32), 40 bytes: the legacy output, which xbus records but does not decode
+        1 message 0x08, 40 bytes: which the manual does not list
         """
         mids, lengths = self.messages.mid, self.messages.length
-        messages = [
-            Undecoded.messages(
-                mid, int(np.count_nonzero(mids == mid)), int(lengths[mids == mid].sum())
-            )
-            for mid in output_mids(np.unique(mids).tolist())
-        ]
+        messages: list[Undecoded] = []
+        for mid in output_mids(np.unique(mids).tolist()):
+            sizes = lengths[mids == mid]
+            if mid == MessageId.MTData:
+                found, counts = np.unique(sizes, return_counts=True)
+                pairs = zip(found.tolist(), counts.tolist(), strict=True)
+                messages += [Undecoded.mtdata(length, count) for length, count in pairs]
+            else:
+                messages.append(Undecoded.messages(mid, len(sizes), int(sizes.sum())))
         packets = [Undecoded.packets(key, len(raw), raw.size) for key, raw in self.unknown.items()]
         return *messages, *packets
 

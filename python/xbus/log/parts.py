@@ -17,6 +17,7 @@ from xbus.files import file_version, is_plain, is_url, local_name
 from xbus.log.arrivals import Arrivals, HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
+from xbus.log.legacy import Legacy
 from xbus.log.log import Log, LogDevice, MissingDeviceError, log_devices
 from xbus.log.pieces import KnownPieces, pieces_of
 from xbus.log.read import STEP, reader_of, thread_count
@@ -212,6 +213,7 @@ def split_log(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
     allow_restart: bool = False,
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
@@ -231,6 +233,7 @@ def split_log(
         bid: As in `read_log`.
         rate: As in `read_log`.
         strings: As in `read_log`.
+        legacy: As in `read_log`.
         allow_restart: As in `read_log`.
         threads: As in `read_log`.
         progress: Called with the number of bytes that are read so far, after each part.
@@ -274,6 +277,7 @@ def split_log(
         strict=False,
         quantities=None,
         strings=mask_of(strings),
+        legacy=legacy,
         part_bytes=block_bytes,
         rate=rate,
         threads=thread_count(threads),

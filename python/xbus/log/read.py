@@ -14,6 +14,7 @@ from xbus.log.cut_source import CutSource
 from xbus.log.cutting import NEEDED
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
+from xbus.log.legacy import Legacy, legacy_outputs
 from xbus.log.log import Log, MissingDeviceError
 from xbus.log.moments import Between, seconds_of
 from xbus.log.pieces import Pieces, pieces_of
@@ -51,6 +52,7 @@ def read_log(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
     between: Between | None = None,
     allow_restart: bool = False,
     threads: int | None = None,
@@ -76,6 +78,11 @@ def read_log(
             stamp get the time ``packet_counter / rate``. Devices that send time stamps keep theirs.
         strings: String types without checksum and terminator to parse too: ``["EM1000"]``. All other types
             are always parsed; so is EM1000 if a StringOutputType message in the log enables it.
+        legacy: OutputMode and OutputSettings of MTData, the output of older devices, whose messages do not
+            say what they contain: ``(0x0006, 0x00000001)``. Needed only for a log that does not have them:
+            they are read from Configuration, from replies, and from requests that the device acknowledged.
+            What the log says takes precedence from there on. A list of pairs holds those of the trackers of
+            an Xbus Master.
         between: Read only the samples from the first moment on, up to but without the second. A moment is
             a number of seconds since the first sample, or UTC as a datetime or as text
             (``"2026-11-22T09:30:00"``); None stands for the start or the end. The log is that of the bytes
@@ -93,10 +100,10 @@ def read_log(
         ImportError: The extra for a URL or a compressed file is not installed.
         MissingDeviceError: The log has no samples of the device ``bid``.
         OSError: The file cannot be read.
-        TypeError: The source, or a key, is of the wrong type.
-        ValueError: A quantity or string type that does not exist, a rate that is not a positive number,
-            fewer threads than one, pieces of different recordings, or bytes or a file object with compressed
-            data.
+        TypeError: The source, a key, or ``legacy`` is of the wrong type.
+        ValueError: A quantity or string type that does not exist, settings of an unknown layout, a rate that
+            is not a positive number, fewer threads than one, pieces of different recordings, or bytes or a
+            file object with compressed data.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -107,13 +114,14 @@ def read_log(
     """
     keep, kinds = quantity_filter(quantities), string_types(strings)
     source = with_storage_options(source, storage_options)
-    source = _one_source(source, between, rate, bid, kinds, allow_restart=allow_restart)
+    source = _one_source(source, between, rate, bid, kinds, legacy, allow_restart=allow_restart)
     threads = thread_count(threads)
     reader = reader_of(
         source,
         strict=strict,
         quantities=keep,
         strings=mask_of(kinds),
+        legacy=legacy,
         rate=rate,
         threads=threads,
     )
@@ -134,6 +142,7 @@ def iter_log(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
     between: Between | None = None,
     allow_restart: bool = False,
     storage_options: Mapping[str, Any] | None = None,
@@ -152,6 +161,7 @@ def iter_log(
             if all are.
         rate: As in `read_log`.
         strings: As in `read_log`.
+        legacy: As in `read_log`.
         between: As in `read_log`.
         allow_restart: As in `read_log`.
         storage_options: As in `read_log`.
@@ -168,12 +178,13 @@ def iter_log(
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
     keep, kinds = quantity_filter(quantities), string_types(strings)
     source = with_storage_options(source, storage_options)
-    source = _one_source(source, between, rate, bid, kinds, allow_restart=allow_restart)
+    source = _one_source(source, between, rate, bid, kinds, legacy, allow_restart=allow_restart)
     reader = reader_of(
         source,
         strict=strict,
         quantities=keep,
         strings=mask_of(kinds),
+        legacy=legacy,
         part_bytes=block_bytes,
         rate=rate,
     )
@@ -229,6 +240,7 @@ def _one_source(
     rate: float | None,
     bid: int | None,
     strings: Sequence[StringType],
+    legacy: Legacy | None,
     *,
     allow_restart: bool,
 ) -> Source:
@@ -250,7 +262,7 @@ def _one_source(
         if is_given and not hasattr(file, "seek"):
             raise ValueError("a stream cannot be cut by UTC, because it is read once; use seconds")
         start = file.tell() if is_given else 0
-        yield from cut_parts(file, rate=rate, bid=bid, strings=strings)
+        yield from cut_parts(file, rate=rate, bid=bid, strings=strings, legacy=legacy)
         if is_given:
             file.seek(start)
         else:
@@ -260,7 +272,7 @@ def _one_source(
     file = opened()
     return CutSource(
         file,
-        lambda tee: cut_parts(tee, rate=rate, strings=strings),
+        lambda tee: cut_parts(tee, rate=rate, strings=strings, legacy=legacy),
         start,
         end,
         bid=bid,
@@ -286,10 +298,17 @@ def cut_parts(
     rate: float | None = None,
     bid: int | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
 ) -> Iterator[Log]:
     """Returns the parts of a log that is cut; the arguments are those of `read_log`."""
     return iter_log(
-        source, block_bytes=CUT_BLOCK, quantities=NEEDED, rate=rate, bid=bid, strings=strings
+        source,
+        block_bytes=CUT_BLOCK,
+        quantities=NEEDED,
+        rate=rate,
+        bid=bid,
+        strings=strings,
+        legacy=legacy,
     )
 
 
@@ -299,6 +318,7 @@ def reader_of(
     strict: bool,
     quantities: QuantityFilter | None,
     strings: int,
+    legacy: Legacy | None = None,
     part_bytes: int | None = None,
     rate: float | None = None,
     threads: int = 1,
@@ -320,6 +340,7 @@ def reader_of(
         strict=strict,
         wanted=quantities,
         strings=strings,
+        legacy=legacy_outputs(legacy),
         part_bytes=size_hint(opened) if part_bytes is None else part_bytes,
         rate=rate,
         threads=threads,

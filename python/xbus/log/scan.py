@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from xbus import _core
 from xbus.extras import require
+from xbus.log.legacy import Legacy
 from xbus.log.part_tables import SCAN_BLOCK, PartTables, read_ahead
 from xbus.log.parts import LogPart, split_log
 from xbus.log.read import thread_count
@@ -39,6 +40,7 @@ def scan_log(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
     allow_restart: bool = False,
     raw: bool = False,
     threads: int | None = None,
@@ -57,6 +59,7 @@ def scan_log(
         bid: As in `read_log`.
         rate: As in `read_log`.
         strings: As in `read_log`.
+        legacy: As in `read_log`.
         allow_restart: As in `read_log`.
         raw: Fields of structs as integers, as on the wire, instead of in their units.
         threads: Number of threads that decode; None for one per processor.
@@ -81,6 +84,7 @@ def scan_log(
         bid=bid,
         rate=rate,
         strings=strings,
+        legacy=legacy,
         allow_restart=allow_restart,
         threads=threads,
         storage_options=storage_options,

@@ -14,9 +14,12 @@ class Stats:
     Attributes:
         bytes: Bytes of input.
         frames: Accepted frames.
-        samples: MTData2 messages.
+        samples: MTData2 messages, and MTData messages of older devices. One of an Xbus Master has a sample of
+            each tracker.
         messages: Other messages, malformed ones included.
         malformed: MTData2 messages whose packets do not fill them, and empty ones.
+        unfit: MTData messages whose length does not fit the settings in force, or whose settings are not
+            known: see ``legacy`` of `read_log`. They are in `Log.messages`.
         strings: String outputs.
         skipped_bytes: Bytes that belong to neither frame nor string.
         checksum_errors: Wrong checksums where a frame was expected.
@@ -29,6 +32,7 @@ class Stats:
     samples: int
     messages: int
     malformed: int
+    unfit: int
     strings: int
     skipped_bytes: int
     checksum_errors: int

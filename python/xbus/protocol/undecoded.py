@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from xbus.formatting import format_count, format_size
 from xbus.protocol.ids import MessageId
+from xbus.protocol.mtdata import remedy_of_size
 from xbus.protocol.tables import MESSAGES
 
 __all__ = [
@@ -54,6 +55,11 @@ class Undecoded(NamedTuple):
         return cls("message", mid, number, size, _reason(mid))
 
     @classmethod
+    def mtdata(cls, length: int, number: int) -> Undecoded:
+        """Returns MTData messages with a payload of this length, which does not fit their settings."""
+        return cls("message", MessageId.MTData, number, number * length, remedy_of_size(length))
+
+    @classmethod
     def packets(cls, data_id: int, number: int, size: int) -> Undecoded:
         """Returns the packets with an identifier, or of a size, that the tables do not list."""
         reason = "xbus knows no layout for this identifier and size"
@@ -72,8 +78,13 @@ class Undecoded(NamedTuple):
             **dict(zip(self._fields[2:], self[2:], strict=True)),
         }
 
+    @property
+    def key(self) -> tuple[str, int, str]:
+        """What two have in common that `plus` adds."""
+        return self.kind, self.id, self.reason
+
     def plus(self, other: Undecoded) -> Undecoded:
-        """Returns the sum of two with the same identifier."""
+        """Returns the sum of two with the same `key`."""
         return self._replace(number=self.number + other.number, size=self.size + other.size)
 
     def __str__(self) -> str:
@@ -90,7 +101,7 @@ def describe_undecoded(items: Iterable[Undecoded]) -> str:
 def output_mids(mids: Iterable[int]) -> list[int]:
     """Returns the messages among these that a device sends as output, and that are no samples.
 
-    These are the legacy MTData, and messages that the manual does not list.
+    These are MTData that does not fit its settings, and messages that the manual does not list.
 
     Args:
         mids: Message identifiers.

@@ -9,6 +9,7 @@ import numpy as np
 
 from xbus.export.replacing import replacing
 from xbus.extras import require
+from xbus.log.legacy import Legacy
 from xbus.log.log import Log
 from xbus.log.read import iter_log
 from xbus.log.source import Source
@@ -32,6 +33,7 @@ def write_report(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
     spectrum: bool = False,
     spectrogram: bool = False,
     base_map: bool = False,
@@ -47,6 +49,7 @@ def write_report(
         bid: As in `xbus.read_log`.
         rate: As in `xbus.read_log`.
         strings: As in `xbus.read_log`.
+        legacy: As in `xbus.read_log`.
         spectrum: Whether the page has the spectrum of acceleration and rate of turn.
         spectrogram: Whether it has their spectrum over time.
         base_map: Whether it has a map below the track. A browser loads the map from basemaps.cartocdn.com;
@@ -71,7 +74,7 @@ def write_report(
         if isinstance(source, str | os.PathLike):
             title = os.path.basename(os.fspath(source))  # noqa: PTH119 - pathlib is slow to import
     options = Options(spectrum, spectrogram, base_map)
-    data = gather(source, bid=bid, rate=rate, strings=strings, options=options)
+    data = gather(source, bid=bid, rate=rate, strings=strings, legacy=legacy, options=options)
     write_page([(title, data)], path, title=title, plotly=plotly)
 
 
@@ -94,6 +97,7 @@ def gather(
     bid: int | None = None,
     rate: float | None = None,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
     options: Options = NOTHING_MORE,
 ) -> ReportData:
     """Reads a log and returns the content of its report.
@@ -103,9 +107,10 @@ def gather(
         bid: As in `xbus.read_log`.
         rate: As in `xbus.read_log`.
         strings: As in `xbus.read_log`.
+        legacy: As in `xbus.read_log`.
         options: What the report has on request.
     """
-    parts = iter_log(source, block_bytes=BLOCK, bid=bid, rate=rate, strings=strings)
+    parts = iter_log(source, block_bytes=BLOCK, bid=bid, rate=rate, strings=strings, legacy=legacy)
     return gather_parts(parts, options)
 
 

@@ -31,12 +31,14 @@ impl TimedPart {
         let sent = messages.payload.ends.iter().scan(0, |from, &end| Some(end - std::mem::replace(from, end)));
         // The extended length has two more bytes.
         let sizes = sent.map(|size| (HEADER_SIZE + 1) as u64 + size + if size < EXTENDED_FROM as u64 { 0 } else { 2 });
+        let count = |mid| messages.mid.iter().map(|own| u64::from(*own == mid)).sum();
         let stats = Stats {
             bytes: singles.iter().map(|single| u64::from(single.length)).sum::<u64>() + sizes.sum::<u64>(),
             frames: (singles.len() + messages.mid.len()) as u64,
             samples: singles.len() as u64,
             messages: messages.mid.len() as u64,
-            malformed: messages.mid.iter().map(|mid| u64::from(*mid == table::MTDATA2)).sum(),
+            malformed: count(table::MTDATA2),
+            unfit: count(table::MTDATA),
             ..Stats::default()
         };
         let columns = part.columns.iter().map(|column| column_of(part, column, own, index));

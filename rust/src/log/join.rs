@@ -5,6 +5,7 @@ use std::sync::Arc;
 use super::{Key, Part, Reader, Single};
 use crate::column::{Column, Subject};
 use crate::huge_pages;
+use crate::mtdata::Outputs;
 use crate::scan::Scanner;
 
 impl Reader {
@@ -42,10 +43,21 @@ impl Reader {
         own.damage.extend(part.damage);
         own.stats.skipped_bytes += part.stats.skipped_bytes;
         own.stats.malformed += part.stats.malformed;
+        own.stats.unfit += part.stats.unfit;
+        own.sharing += part.sharing;
 
         self.scanner.go_on_from(scanner);
         self.finished = finished;
         self.end = u64::MAX;
+    }
+
+    /// Goes on with these settings of `MTData`.
+    pub(super) fn go_on_with(&mut self, outputs: Outputs) {
+        if outputs != self.outputs {
+            self.outputs = outputs;
+            self.mtdata.clear();
+            self.layouts.stop_using_all();
+        }
     }
 
     /// The place of the column for the same packets; a new one if there is none yet.

@@ -36,6 +36,7 @@ use super::{Options, Part, Place, Reader};
 use crate::error::ReadError;
 use crate::frame::MAX_PAYLOAD;
 use crate::input::{ReadAt, ReadFrom, Stream};
+use crate::mtdata::Outputs;
 use crate::scan::{Scanner, Seam, Step, Window};
 
 /// An input that several threads can read at several positions.
@@ -139,10 +140,12 @@ impl Cursor<'_> {
 /// A block that a thread has decoded.
 struct Decoded {
     seam: Seam,
+    /// The settings of `MTData` that were taken to be in force at its beginning.
+    outputs: Outputs,
     /// Where it should end.
     until: u64,
     /// What was read; `None` after an error, which the reader finds again.
-    read: Option<(Part, Scanner, bool)>,
+    read: Option<(Part, Scanner, Outputs, bool)>,
 }
 
 /// What the threads share.
@@ -155,6 +158,8 @@ struct Work<'a> {
     /// The seam of each block; `None` for a block without one.
     seams: Vec<OnceLock<Option<Seam>>>,
     next: AtomicUsize,
+    /// The settings of `MTData` in force where the blocks are joined. Most often they are those of the blocks that follow.
+    outputs: Mutex<Outputs>,
     queue: Mutex<Queue>,
     moved: Condvar,
     joint: Mutex<Joint<'a>>,
@@ -201,6 +206,7 @@ impl Reader {
             until,
             seams,
             next: AtomicUsize::new(0),
+            outputs: self.outputs.clone().into(),
             queue: Mutex::default(),
             moved: Condvar::new(),
             joint: Joint { reader: self, result: Ok(()) }.into(),
@@ -272,32 +278,45 @@ impl Work<'_> {
 
     /// Appends a block whose seam is that of the reader. The reader reads any other block itself.
     fn append(&self, reader: &mut Reader, decoded: Decoded) -> Result<(), ReadError> {
-        let Decoded { seam, until, read } = decoded;
+        let Decoded { seam, outputs, until, read } = decoded;
         if reader.is_finished() || reader.at() >= until {
             return Ok(());
         }
-        match read {
-            Some((part, scanner, finished)) if reader.scanner.seam() == Some(seam) => {
+        let result = match read {
+            Some((part, scanner, after, finished))
+                if reader.scanner.seam() == Some(seam) && reader.outputs == outputs =>
+            {
                 reader.append(part, &scanner, finished);
+                reader.go_on_with(after);
                 Ok(())
             }
             _ => self.input.from(reader.at()).read(reader, until),
+        };
+        if reader.outputs != outputs {
+            self.outputs().clone_from(&reader.outputs);
         }
+        result
+    }
+
+    fn outputs(&self) -> MutexGuard<'_, Outputs> {
+        self.outputs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn decode(&self, block: usize, cursor: &mut Cursor<'_>) -> Decoded {
         let Some(seam) = self.seam(block) else {
-            return Decoded { seam: Seam::default(), until: 0, read: None }; // the blocks before reach further
+            // The blocks before reach further.
+            return Decoded { seam: Seam::default(), outputs: Outputs::default(), until: 0, read: None };
         };
         let until = self.end_of(block, seam);
-        let place = Place { seam, sample: 0 };
+        let outputs = self.outputs().clone();
+        let place = Place { seam, sample: 0, outputs: outputs.clone() };
         let mut reader = Reader::resume(self.options.clone(), place, until.saturating_sub(seam.at));
         cursor.go_to(seam.at);
         let read = cursor.read(&mut reader, until).ok().map(|()| {
             let part = reader.take_untrimmed();
-            (part, reader.scanner, reader.finished)
+            (part, reader.scanner, reader.outputs, reader.finished)
         });
-        Decoded { seam, until, read }
+        Decoded { seam, outputs, until, read }
     }
 
     /// Where a block ends: at the next seam, or where the work ends.

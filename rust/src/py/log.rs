@@ -14,6 +14,7 @@ use super::source::Source;
 use crate::catch::expect_memory;
 use crate::clock::Clocks;
 use crate::log::{self, Blocks, Input, Options, Place, TimedPart, Times, Wanted};
+use crate::mtdata::{Output, Outputs};
 use crate::{state, utc};
 
 /// Reads a log.
@@ -30,7 +31,7 @@ pub struct Reader {
 #[pymethods]
 impl Reader {
     #[new]
-    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, values=true, fast=true, state=None))]
+    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, values=true, fast=true, legacy=vec![], state=None))]
     #[allow(clippy::too_many_arguments)] // by keyword
     fn new(
         source: &Bound<'_, PyAny>,
@@ -43,12 +44,15 @@ impl Reader {
         threads: usize,
         values: bool,
         fast: bool,
+        legacy: Vec<(u16, u32)>,
         state: Option<&[u8]>,
     ) -> PyResult<Self> {
         let options = Options { limit, strict, strings, wanted, values, fast };
-        let (place, clocks) = match state {
-            Some(state) => state::from_bytes(state)?,
-            None => (Place::default(), Clocks::new(rate)),
+        let (place, clocks) = if let Some(state) = state {
+            state::from_bytes(state)?
+        } else {
+            let given = legacy.into_iter().map(|(mode, settings)| Output { mode, settings }).collect();
+            (Place { outputs: Outputs::given(given), ..Place::default() }, Clocks::new(rate))
         };
         let (source, total) = Source::open(source, place.seam.at, threads)?;
         let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
@@ -196,6 +200,7 @@ impl Part {
             ("samples", stats.samples),
             ("messages", stats.messages),
             ("malformed", stats.malformed),
+            ("unfit", stats.unfit),
             ("strings", stats.strings),
             ("skipped_bytes", stats.skipped_bytes),
             ("checksum_errors", stats.checksum_errors),

@@ -51,7 +51,9 @@ mod _core {
     #[pymodule_export]
     use super::message_file::MessageFile;
     #[pymodule_export]
-    use super::mtdata::{MtDataPlace, encode_mtdata, mtdata_layout, mtdata_packets};
+    use super::mtdata::{
+        MtDataOutputs, MtDataPlace, MtDataSample, encode_mtdata, mtdata_layout, mtdata_packets, tracker_ids,
+    };
     #[pymodule_export]
     use super::tables::{
         can_messages, can_quantities, damage_reasons, legacy_products, messages, mtdata_items, mtdata_quantities,

@@ -3,9 +3,12 @@
 use numpy::PyUntypedArray;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 
 use super::codec::{EncodedFrames, Packet, numbers_of, rows_of};
-use crate::mtdata::{self, Item, Output};
+use crate::device::MtDataDevices;
+use crate::frame::Frame;
+use crate::mtdata::{self, Item, Output, Outputs};
 use crate::packet::{Coordinates, Precision};
 
 /// Where an item is in a payload.
@@ -31,6 +34,55 @@ impl MtDataPlace {
             size: *size,
         }
     }
+}
+
+/// The settings in force in a stream of messages.
+#[pyclass(module = "xbus._core")]
+pub struct MtDataOutputs(Outputs);
+
+/// A sample of an `MTData` message.
+#[pyclass(module = "xbus._core", frozen, get_all)]
+pub struct MtDataSample {
+    bid: u8,
+    packets: Vec<Py<Packet>>,
+    stamps: Py<PyBytes>,
+}
+
+impl MtDataSample {
+    fn of(py: Python<'_>, payload: &[u8], bid: u8, items: &[Item]) -> PyResult<Self> {
+        let packet = |item: &Item| Py::new(py, Packet::of(py, &item.packet(payload), Some(item.reading))?);
+        let packets = items.iter().map(packet).collect::<PyResult<_>>()?;
+        Ok(Self { bid, packets, stamps: PyBytes::new(py, &mtdata::stamps(payload, items)).unbind() })
+    }
+}
+
+#[pymethods]
+impl MtDataOutputs {
+    #[new]
+    fn new(legacy: Vec<(u16, u32)>) -> Self {
+        Self(Outputs::given(legacy.into_iter().map(|(mode, settings)| Output { mode, settings }).collect()))
+    }
+
+    fn message(&mut self, bid: u8, mid: u8, payload: &[u8]) -> bool {
+        self.0.learn(Frame { bid, mid, payload })
+    }
+
+    fn devices_of(&self, bid: u8) -> Vec<u8> {
+        self.0.devices_of(bid).collect()
+    }
+
+    fn samples(&self, py: Python<'_>, bid: u8, payload: &[u8]) -> PyResult<Option<Vec<MtDataSample>>> {
+        let Some(layout) = self.0.layout(bid).filter(|layout| layout.fits(payload)) else { return Ok(None) };
+        let samples = layout.samples.iter().map(|(bid, items)| MtDataSample::of(py, payload, *bid, items));
+        samples.collect::<PyResult<_>>().map(Some)
+    }
+}
+
+/// The identifiers of the trackers of an Xbus Master, by its Configuration.
+#[pyfunction]
+pub fn tracker_ids(payload: &[u8]) -> Vec<u32> {
+    let devices = MtDataDevices::read(payload).filter(MtDataDevices::are_trackers);
+    devices.iter().flat_map(|devices| &devices.devices).map(|device| device.device_id).collect()
 }
 
 #[pyfunction]

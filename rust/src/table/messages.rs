@@ -22,6 +22,14 @@ const LONGEST_SENT: usize = 2048;
 
 /// MID of the output data of older devices.
 pub const MTDATA: u8 = mid("MTData");
+/// MID of `SetOutputMode`, which also requests it.
+pub const SET_OUTPUT_MODE: u8 = mid("SetOutputMode");
+/// MID of the replies to it: the mode, or nothing if it was set.
+pub const OUTPUT_MODE_ACK: u8 = mid("ReqOutputModeAck");
+/// MID of `SetOutputSettings`, which also requests them.
+pub const SET_OUTPUT_SETTINGS: u8 = mid("SetOutputSettings");
+/// MID of the replies to it: the settings, or nothing if they were set.
+pub const OUTPUT_SETTINGS_ACK: u8 = mid("ReqOutputSettingsAck");
 /// MID of the output data.
 pub const MTDATA2: u8 = mid("MTData2");
 /// MID of the device id.
@@ -117,7 +125,7 @@ pub const MESSAGES: &[Message] = &[
     ack(0x2D, "SetSyncSettingsAck",          EMPTY),
     req(0x30, "GoToConfig").valid(ANY).legacy(LEGACY),
     ack(0x31, "GoToConfigAck",               EMPTY).valid(ANY).legacy(LEGACY),
-    ack(0x32, "MTData",                      opaque("output data in the fixed layout of OutputMode and OutputSettings"))
+    ack(0x32, "MTData",                      bytes("output data in the layout of OutputMode and OutputSettings", 1, LONGEST_SENT))
         .valid(MEASUREMENT).on(NONE).status("obsolete").legacy(SENDERS),
     req(0x34, "ReqData").valid(MEASUREMENT).unanswered().legacy(LEGACY),  // answered by a sample or a string
     ack(0x36, "MTData2",                     opaque("packets: U2 data identifier, U1 size, data")).valid(MEASUREMENT),

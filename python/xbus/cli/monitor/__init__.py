@@ -17,7 +17,7 @@ from xbus.cli.connection import (
     speed_option,
 )
 from xbus.cli.failure import stop_requested
-from xbus.cli.inputs import is_recording, label, strings_option
+from xbus.cli.inputs import is_recording, label, legacy_option, strings_option
 from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_json, print_line
 from xbus.errors import Disconnected
@@ -43,6 +43,7 @@ __all__ = ["monitor"]
     help="Print the state after S seconds and exit, for scripts.",
 )
 @strings_option
+@legacy_option
 @click.option("--json", "as_json", is_flag=True, help="With --once: print JSON.")
 def monitor(
     source: str,
@@ -52,6 +53,7 @@ def monitor(
     speed: float | None,
     once: float | None,
     strings: tuple[str, ...],
+    legacy: Sequence[tuple[int, int]],
     as_json: bool,
 ) -> None:
     """Shows live data from a device on a full screen.
@@ -77,10 +79,12 @@ def monitor(
         raise click.UsageError(f"{label(source)} is a recording and has no --baudrate")
     if is_file and listen:
         raise click.UsageError(f"{label(source)} is a recording; --listen is for a port")
+    if not is_file and legacy:
+        raise click.UsageError("--legacy is for a recording; a device is asked for its settings")
     if not is_file and speed is not None:
         raise click.UsageError("--speed is for a recording; a device sends at its own rate")
     if is_file:
-        _monitor_file(source, bid, speed or 1.0, strings, once, as_json=as_json)
+        _monitor_file(source, bid, speed or 1.0, strings, legacy, once, as_json=as_json)
     else:
         _monitor_port(source, bid, baudrate, strings, once, listen=listen, as_json=as_json)
 
@@ -90,13 +94,14 @@ def _monitor_file(
     bid: int | None,
     speed: float,
     strings: Sequence[str],
+    legacy: Sequence[tuple[int, int]],
     once: float | None,
     *,
     as_json: bool,
 ) -> None:
     from xbus.cli.monitor.replay_source import ReplaySource
 
-    source = ReplaySource(file, speed, strings, bid)
+    source = ReplaySource(file, speed, strings, bid, legacy)
     model = source.model()
     if once is None:
         _watch(source, model)

@@ -34,6 +34,7 @@ class ReplaySource:
         speed: Replay speed; 2 is twice as fast as recorded.
         strings: As in `read_log`.
         bid: The only device to show, or None.
+        legacy: As in `read_log`.
 
     Raises:
         Failure: The file cannot be read, or contains no frame, or no sample of the device.
@@ -45,8 +46,10 @@ class ReplaySource:
         speed: float = 1.0,
         strings: Sequence[str] = (),
         bid: int | None = None,
+        legacy: Sequence[tuple[int, int]] = (),
     ) -> None:
-        self._file, self._speed, self._strings, self._bid = file, speed, strings, bid
+        self._file, self._speed, self._bid = file, speed, bid
+        self._strings, self._legacy = strings, legacy
         self._size, block_bytes = self._measure()
         self._parts = self._read(block_bytes)
         self._pace = ReplayPace()
@@ -110,22 +113,28 @@ class ReplaySource:
         """Returns the size of the file and the approximate size of a part, in bytes."""
         with self._reading():
             size = os.stat(self._file).st_size  # noqa: PTH116 - the name as the user wrote it
-            parts = iter_log(self._file, block_bytes=HEAD_BYTES, strings=self._strings)
+            parts = self._parts_of(HEAD_BYTES)
             if not any(part.stats.frames + part.stats.strings for part in parts):
                 raise no_frame([self._file], size)
             if self._bid is not None:
                 # Reads up to the first sample of the device; raises if there is none.
-                parts = iter_log(self._file, block_bytes=HEAD_BYTES, bid=self._bid)
-                any(map(len, parts))
-            head = next(iter_log(self._file, block_bytes=HEAD_BYTES))
+                any(map(len, self._parts_of(HEAD_BYTES, self._bid)))
+            head = next(self._parts_of(HEAD_BYTES))
         seconds = head.duration if head.duration > 0 else max(1, len(head)) / UNSTAMPED_RATE
         return size, max(MIN_PART_BYTES, int(head.stats.bytes / max(seconds, STEP) * STEP))
 
     def _read(self, block_bytes: int) -> Iterator[Log]:
         with self._reading():
-            yield from iter_log(
-                self._file, block_bytes=block_bytes, strings=self._strings, bid=self._bid
-            )
+            yield from self._parts_of(block_bytes, self._bid)
+
+    def _parts_of(self, block_bytes: int, bid: int | None = None) -> Iterator[Log]:
+        return iter_log(
+            self._file,
+            block_bytes=block_bytes,
+            strings=self._strings,
+            legacy=self._legacy,
+            bid=bid,
+        )
 
     @contextmanager
     def _reading(self) -> Iterator[None]:
