@@ -317,7 +317,7 @@ def test_results_are_those_of_a_serial_line(
         ]
     for found, log in others:
         assert found == answers
-        assert list(log) == list(first)
+        assert set(log) == set(first)  # which of several messages is the first depends on the time
         assert len(log.damage) == 0
         for name in set(first):
             count = min(len(log[name]), len(first[name]))

@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 from xbus import _core
 from xbus.errors import BusError, DecodeError
 from xbus.mtssp.bus import Bus
-from xbus.mtssp.codec import PREFIX, PipeStatus, ProtocolInfo, problem_of, reduce
+from xbus.mtssp.codec import PREFIX, PipeStatus, problem_of, reduce
 from xbus.protocol.ids import MessageId
 from xbus.protocol.mtssp import MAX_INPUT, OPCODES, PIPE_OVERFLOW, DataReady, Opcode
 
@@ -77,15 +77,6 @@ class Host:
         self._insist(self._configure)
         return self._insist(self._status)
 
-    def protocol_info(self) -> ProtocolInfo:
-        """Returns version and data-ready configuration of the module.
-
-        Raises:
-            BusError: It does not answer within a second.
-        """
-        data = self._insist(partial(self._read, Opcode.PROTOCOL_INFO))
-        return self._parse(ProtocolInfo.parse, data)
-
     def receive(self) -> bool:
         """Reads a message of each pipe that has one, and returns whether there was any.
 
@@ -148,11 +139,9 @@ class Host:
             self._write(Opcode.CONFIGURE_PROTOCOL, bytes([self._data_ready]))
 
     def _status(self) -> PipeStatus:
-        return self._parse(PipeStatus.parse, self._read(Opcode.PIPE_STATUS))
-
-    def _parse(self, parse: Callable[[bytes], T], data: bytes) -> T:
+        data = self._read(Opcode.PIPE_STATUS)
         try:
-            return parse(data)
+            return PipeStatus.parse(data)
         except DecodeError as error:
             raise BusError(errno.EIO, f"{error}; {self.bus.advice}") from error
 
