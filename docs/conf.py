@@ -28,7 +28,7 @@ autodoc_member_order = "bysource"
 autodoc_type_aliases = {name: name for name in ("Source", "Key", "OutputConfiguration")}
 python_use_unqualified_type_names = True
 myst_enable_extensions = ["deflist"]
-myst_heading_anchors = 2
+myst_heading_anchors = 3
 
 html_theme = "furo"
 html_title = f"xbus {release}"
