@@ -188,8 +188,12 @@ impl Writer {
 /// How many rows of a table with this schema a chunk has, so that its size in memory is bounded.
 #[must_use]
 pub fn chunk_rows(format: Format, schema: &Schema) -> usize {
-    let size = |data_type: &DataType| data_type.primitive_width().unwrap_or(16);
-    let row: usize = schema.fields().iter().map(|field| size(field.data_type())).sum();
     let bytes = if format == Format::Csv { CSV_BYTES } else { CHUNK_BYTES };
-    (bytes / row.max(1)).clamp(1, CHUNK_ROWS)
+    (bytes / row_size(schema).max(1)).clamp(1, CHUNK_ROWS)
+}
+
+/// Bytes of a row in memory, about.
+fn row_size(schema: &Schema) -> usize {
+    let size = |data_type: &DataType| data_type.primitive_width().unwrap_or(16);
+    schema.fields().iter().map(|field| size(field.data_type())).sum()
 }

@@ -133,6 +133,7 @@ fn integer(text: &mut Vec<u8>, value: impl itoa::Integer) {
 #[inline(always)]
 fn append(text: &mut Vec<u8>, bytes: &[u8]) {
     match bytes.len() {
+        1 => text.push(bytes[0]),
         2..4 => append_ends::<2>(text, bytes),
         4..8 => append_ends::<4>(text, bytes),
         8..16 => append_ends::<8>(text, bytes),

@@ -22,6 +22,8 @@ use parquet::file::properties::{EnabledStatistics, WriterProperties};
 use parquet::file::writer::SerializedFileWriter;
 use parquet::schema::types::{ColumnPath, SchemaDescPtr, SchemaDescriptor};
 
+use super::row_size;
+
 /// Columns by which queries select rows, beside points in time. Only these have statistics: the range of an
 /// acceleration over a row group does not let a query skip any.
 const SELECTING: [&str; 3] = ["sample", "time", "host_time"];
@@ -55,9 +57,9 @@ impl Encoder {
 
     /// Encodes one column after the other, so that little more than the result is in memory.
     pub fn encode(&self, batches: &[RecordBatch]) -> Result<RowGroup, ArrowError> {
-        let size = batches.iter().map(RecordBatch::get_array_memory_size).sum();
-        let rows = batches.iter().map(RecordBatch::num_rows).sum();
-        let mut group = RowGroup { rows, bytes: Vec::with_capacity(size), columns: vec![] };
+        let rows: usize = batches.iter().map(RecordBatch::num_rows).sum();
+        let bytes = Vec::with_capacity(rows * row_size(&self.schema));
+        let mut group = RowGroup { rows, bytes, columns: vec![] };
         let mut scratch = numbers::Scratch::new()?;
         let (pages, mut writers) = (Pages::default(), vec![]);
         for (index, field) in self.schema.fields().iter().enumerate() {
