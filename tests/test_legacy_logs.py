@@ -70,12 +70,12 @@ def replies(output: tuple[int, int], *, bid: int = 0xFF) -> bytes:
     return b"".join(encode_frame(mid, payload, bid=bid) for mid, payload in frames)
 
 
-def expected(data: bytes, output: tuple[int, int]) -> Iterator[dict[str, Any]]:
+def expected(data: bytes, output: tuple[int, int]) -> Iterator[dict[Any, Any]]:
     """The values of each message."""
     scanner = xbus.Scanner()
     for message in [*scanner.feed(data), *scanner.close()]:
         if isinstance(message, xbus.Message) and message.mid == MessageId.MTData:
-            yield dict(decode_mtdata(message.payload, *output))
+            yield dict(decode_mtdata(message.payload, *output).items())
 
 
 def check(log: xbus.Log, data: bytes, output: tuple[int, int]) -> None:
@@ -265,9 +265,13 @@ def content(*logs: xbus.Log) -> dict[str, Any]:
                 column.values.astype(column.values.dtype).tolist(),
                 strict=True,
             )
-        for name, array in {
-            "offset": log.offset, "counter": log.packet_counter, "bid": log.bid, "mids": log.messages.mid,
-        }.items():  # fmt: skip
+        arrays: dict[str, Any] = {
+            "offset": log.offset,
+            "counter": log.packet_counter,
+            "bid": log.bid,
+            "mids": log.messages.mid,
+        }
+        for name, array in arrays.items():
             found.setdefault(name, []).extend(array.tolist())
         found.setdefault("time", []).extend(np.nan_to_num(log.time, nan=-1).tolist())
         for name, count in vars(log.stats).items():
