@@ -89,7 +89,7 @@ def test_devices_are_listed_and_identified(studio: Any) -> None:
     studio.open("")
     for product in ("MTi-680G", "MTi-630", "MTi-3"):
         card = studio.page.locator(f".xbus-device-sim-{product}")
-        assert f"{product}-" in card.inner_text()
+        assert card.inner_text().startswith(f"{product} ")
         assert "firmware" in card.inner_text()
 
 
@@ -173,7 +173,7 @@ def test_a_paused_plot_stands_still_and_goes_on(studio: Any) -> None:
 def test_recording_goes_on_without_a_page(studio: Any, browser: Any) -> None:
     page = studio.page
     studio.open("record/sim-MTi-630")
-    page.get_by_role("checkbox", name=re.compile("MTi-3-")).click()
+    page.get_by_role("checkbox", name=re.compile("^MTi-3 ")).click()
     page.get_by_label("note", exact=True).fill("on the bench")
     page.get_by_role("button", name="Record", exact=True).last.click()
     page.get_by_role("button", name="Stop").wait_for()
@@ -267,6 +267,41 @@ def test_recordings_are_described_replayed_and_exported(studio: Any) -> None:
     card.get_by_role("button", name="Replay").click()
     page.locator(".xbus-chart canvas").first.wait_for()
     assert "/live/replay" in page.url
+
+
+def test_files_and_notes_of_others_are_text(studio: Any) -> None:
+    evil = "<img src=x onerror=document.title='evil'>"
+    path = studio.folder / f"{evil}.mtb"
+    path.write_bytes(b"no frame" * 100)
+    note = json.dumps({"time": "2026-11-29T15:04:05+00:00", "text": evil})
+    path.with_name(path.name + ".notes").write_text(f"{note}\n")
+    (studio.folder / "gone.mtb").symlink_to(studio.folder / "nowhere")
+    studio.open("recordings")
+    card = studio.page.locator(".xbus-card", has_text=evil)
+    card.locator(".xbus-fault").wait_for()
+    assert card.inner_text().count(evil) >= 2
+    assert card.locator("img").count() == 0
+    assert studio.page.title() == "xbus studio"
+    path.unlink()
+    (studio.folder / "gone.mtb").unlink()
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "..%5Csecret.html",
+        "%00.html",
+        "a" * 1000 + ".html",
+        "walk.mtb",
+        "folder.html",
+    ],
+)
+def test_only_reports_of_the_folder_are_served(studio: Any, name: Any) -> None:
+    (studio.folder.parent / "secret.html").write_text("secret")
+    (studio.folder / "folder.html").mkdir(exist_ok=True)
+    answer = studio.page.request.get(f"{studio.url}recordings/file/{name}")
+    assert answer.status == 404
+    assert "secret" not in answer.text().replace("secret.html", "")
 
 
 def test_messages_are_sent_and_listed(studio: Any) -> None:

@@ -39,7 +39,7 @@ def decoded(message: Any) -> Any:
 
 
 def talk(hub: Any, *steps: Any) -> Any:
-    """Runs the feed; each step is a text of the page, or a number of messages to wait for and a function."""
+    """Runs the feed; each step is what the page sends, or a number of messages to wait for and a function."""
     received, closed = [], []
 
     async def run() -> None:
@@ -54,8 +54,9 @@ def talk(hub: Any, *steps: Any) -> Any:
         task = asyncio.create_task(feed(socket, hub))
         assert (await outbox.get())["type"] == "websocket.accept"
         for step in steps:
-            if isinstance(step, str):
-                await inbox.put({"type": "websocket.receive", "text": step})
+            if not isinstance(step, tuple):
+                kind = "text" if isinstance(step, str) else "bytes"
+                await inbox.put({"type": "websocket.receive", kind: step})
                 continue
             count, then = step
             for _ in range(count):
@@ -160,13 +161,17 @@ def test_a_device_that_is_not_open_sends_nothing() -> None:
         show(begin=0, end=1e9),
         show(begin=10, end=1),
         show(id="x"),
+        show(step="é" * 200),
+        show(step="\ud800"),
+        b"\x00\xff",
         "[" * 100_000,
     ],
 )
 def test_a_wrong_request_closes_the_feed(text: Any) -> None:
     _, closed = talk(FakeHub(), text, (1, nothing))
-    assert closed[0][0] == 1007
-    assert closed[0][1]
+    ((code, reason),) = closed
+    assert code == 1007
+    assert 0 < len(reason.encode()) <= 123
 
 
 def test_a_page_has_a_limited_number_of_curves() -> None:

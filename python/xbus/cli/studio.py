@@ -77,10 +77,7 @@ def studio(
             def started() -> None:
                 click.echo(f"studio: {url}")
                 if token is not None:
-                    click.echo(
-                        f"xbus: every computer that reaches {host} can use the page with this token",
-                        err=True,
-                    )
+                    click.echo(f"xbus: {_reach(host)}", err=True)
                 if not no_browser:
                     webbrowser.open(url)
 
@@ -89,7 +86,19 @@ def studio(
     except OSError as error:
         raise cannot(f"listen on {host} port {tcp_port}", error) from error
     finally:
-        hub.close_all()
+        problems = hub.close_all()
+    if problems:
+        raise Failure("; ".join(problems))
+
+
+def _reach(host: str) -> str:
+    """Returns the sentence about an address that other computers reach."""
+    if host in ("0.0.0.0", "::"):  # noqa: S104 - compared only
+        return (
+            "every computer that reaches this one can use the page with this token; there, write the"
+            f" address of this computer in place of {host}"
+        )
+    return f"every computer that reaches {host} can use the page with this token"
 
 
 def _open(hub: Hub, sources: tuple[str, ...], *, demo: bool) -> None:

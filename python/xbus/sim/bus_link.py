@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from typing import Any
 from urllib.parse import parse_qsl
 
 from xbus.errors import BusError
@@ -72,12 +73,14 @@ def host_bus(bus: SimI2c | SimSpi) -> Bus:
     return SpiBus(bus, name=f"{name}spi")
 
 
-def bus_of(name: str) -> SimI2c | SimSpi | None:
+def bus_of(name: str, *, live: bool = False, **defaults: Any) -> SimI2c | SimSpi | None:
     """Returns the bus of the virtual device that a port name describes; None without the option ``bus``.
 
     Args:
         name: ``sim:PRODUCT?bus=i2c`` or ``bus=spi``, with other options as for `device_of`; ``fault`` is one
             of `BusFaults`.
+        live: As for `SimI2c`.
+        **defaults: Arguments of `SimulatedDevice` that the options replace.
 
     Raises:
         ValueError: No such product, bus, option or fault, or a product without these buses.
@@ -96,4 +99,5 @@ def bus_of(name: str) -> SimI2c | SimSpi | None:
     faults = BusFaults.parse(
         (value for option, value in pairs if option == "fault"), options.get("seed", 0)
     )
-    return BUSES[kinds[0]](SimulatedDevice(product, **options), faults=faults)
+    device = SimulatedDevice(product, **(defaults | options))
+    return BUSES[kinds[0]](device, faults=faults, live=live)

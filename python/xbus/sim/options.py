@@ -115,12 +115,13 @@ firmware, noise, seed, strict_outputs, time_to_fix, trajectory, utc
     return found
 
 
-def device_of(name: str) -> SimulatedDevice:
+def device_of(name: str, **defaults: Any) -> SimulatedDevice:
     """Returns the virtual device that a port name describes.
 
     Args:
         name: ``sim:PRODUCT``, or ``sim:PRODUCT?NAME=VALUE&...`` with names from `OPTIONS`. As in any URL,
             ``%26`` is an ampersand and ``+`` a space.
+        **defaults: Arguments of `SimulatedDevice` that the options replace.
 
     Raises:
         ValueError: No such product or option, or a value that is not valid.
@@ -129,4 +130,5 @@ def device_of(name: str) -> SimulatedDevice:
     2147488308
     """
     product, _, query = name.removeprefix("sim:").partition("?")
-    return SimulatedDevice(product, **parse_options(parse_qsl(query, keep_blank_values=True)))
+    options = parse_options(parse_qsl(query, keep_blank_values=True))
+    return SimulatedDevice(product, **(defaults | options))

@@ -22,6 +22,7 @@ import contextlib
 import json
 import math
 import struct
+from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,6 +37,8 @@ __all__ = ["encode_curve", "feed"]
 PERIOD = 0.05
 #: Curves of a page, and columns of pixels of a curve, at most.
 MAX_CURVES, MAX_COLUMNS = 64, 8192
+#: Bytes of the reason for closing a WebSocket, at most (RFC 6455, section 5.5).
+MAX_REASON = 123
 _HEAD = struct.Struct("<4I")
 
 
@@ -89,14 +92,28 @@ async def feed(socket: WebSocket, hub: Hub) -> None:
 
     sender = asyncio.create_task(send())
     try:
-        async for text in socket.iter_text():
+        async for text in _texts(socket):
             _update(shown, text)
     except ValueError as error:
-        await socket.close(1007, str(error)[:120])
+        # The text may quote what the page sent.
+        reason = str(error).encode("ascii", "backslashreplace")[:MAX_REASON].decode()
+        await socket.close(1007, reason)
     finally:
         sender.cancel()
         with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
             await sender  # the page closed while a message was on its way
+
+
+async def _texts(socket: WebSocket) -> AsyncIterator[str]:
+    """Yields what a page sends, until it closes.
+
+    Raises:
+        ValueError: It sends bytes.
+    """
+    while (message := await socket.receive())["type"] != "websocket.disconnect":
+        if (text := message.get("text")) is None:
+            raise ValueError("a message must be text")
+        yield text
 
 
 def _message(hub: Hub, curve: _Shown) -> bytes | None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Container
+from itertools import count
 from pathlib import Path
 
 from xbus.describe.failures import port_failure
@@ -64,20 +66,34 @@ class Hub:
             with self._lock:
                 self._opening.discard(source)
         with self._lock:
+            station.key = _unused(station.key, {each.key for each in self._stations.values()})
             self._stations[source] = station
         return station
 
-    def close(self, source: str) -> None:
-        """Closes a device; a recording is ended in order."""
+    def close(self, source: str) -> str | None:
+        """Closes a device; a recording is ended in order.
+
+        Returns:
+            The sentence about a recording that ended early, or None.
+        """
         with self._lock:
             station = self._stations.pop(source, None)
-        if station is not None:
-            station.close()
+        recording = None if station is None else station.close()
+        return None if recording is None else recording.problem
 
-    def close_all(self) -> None:
-        """Closes all devices."""
-        for source in self.stations:
-            self.close(source)
+    def close_all(self) -> list[str]:
+        """Closes all devices, and returns the sentences about recordings that ended early."""
+        return [problem for source in self.stations if (problem := self.close(source))]
+
+
+def _unused(key: str, used: Container[str]) -> str:
+    """Returns a key that no other device has: names that differ in a few characters give the same one."""
+    key = key or "device"
+    return next(
+        name
+        for number in count(1)
+        if (name := key if number == 1 else f"{key}-{number}") not in used
+    )
 
 
 def virtual_sources() -> list[str]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
+import os
 import shutil
 import time
 from datetime import UTC, datetime
@@ -66,6 +68,11 @@ class StudioRecording:
         return self._recording.error
 
     @property
+    def problem(self) -> str | None:
+        """The sentence about an early end, or None."""
+        return None if self.error is None else f"{self.path.name} ended early: {self.error}"
+
+    @property
     def is_active(self) -> bool:
         """Whether it is running."""
         return self._ended is None and self._recording.is_active
@@ -74,7 +81,10 @@ class StudioRecording:
     def seconds_left(self) -> float | None:
         """Seconds until the disk is full at the present rate; None if that is not known yet."""
         rate = self.bytes / self.seconds if self.seconds > 1 else 0
-        return shutil.disk_usage(self.path.parent).free / rate if rate else None
+        try:
+            return shutil.disk_usage(self.path.parent).free / rate if rate else None
+        except OSError:  # the folder is gone
+            return None
 
     def add_note(self, text: str) -> Note:
         """Appends a note to the side file, at once.
@@ -84,9 +94,13 @@ class StudioRecording:
         """
         note = Note(time.time(), text)
         stamp = datetime.fromtimestamp(note.time, UTC).isoformat(timespec="milliseconds")
-        line = json.dumps({"time": stamp, "text": text}, ensure_ascii=False)
-        with self.path.with_name(self.path.name + NOTES).open("a", encoding="utf-8") as file:
-            file.write(line + "\n")
+        line = json.dumps({"time": stamp, "text": text}, ensure_ascii=False) + "\n"
+        data = line.encode("utf-8", "replace")
+        with self.path.with_name(self.path.name + NOTES).open("ab", buffering=0) as file:
+            end = file.tell()
+            if file.write(data) != len(data):  # the disk is full
+                file.truncate(end)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), file.name)
         self.notes.append(note)
         return note
 
@@ -106,11 +120,11 @@ def read_notes(path: Path) -> list[Note]:
         return []
     notes = []
     for line in lines:
-        with contextlib.suppress(ValueError, TypeError, KeyError):
+        with contextlib.suppress(ValueError, TypeError, KeyError, OverflowError, RecursionError):
             entry = json.loads(line)
-            notes.append(
-                Note(datetime.fromisoformat(entry["time"]).timestamp(), str(entry["text"]))
-            )
+            seconds = datetime.fromisoformat(entry["time"]).timestamp()
+            datetime.fromtimestamp(seconds)  # pages show local time, which ends with the year 9999
+            notes.append(Note(seconds, str(entry["text"])))
     return notes
 
 

@@ -141,7 +141,7 @@ def frame(session: Session) -> Iterator[None]:
 
     refresh()
     ui.timer(0.5, refresh)
-    with ui.element("main").classes("xbus-page"):
+    with ui.element("div").classes("xbus-page"):
         yield
 
 
@@ -160,8 +160,9 @@ def health(station: Station) -> str:
     facts += [
         (row.label, row.parts) for row in status_rows(model, UNICODE) if row.label != "heading"
     ]
-    if station.recording is not None:
-        facts.append(("recording", [(f"{station.recording.seconds:.0f} s", BAD)]))
+    if (recording := station.recording) is not None:
+        text = f"{recording.seconds:.0f} s" if recording.error is None else "ended early"
+        facts.append(("recording", [(text, BAD)]))
     return "".join(_fact(label, parts) for label, parts in facts)
 
 

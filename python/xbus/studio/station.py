@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import sys
 import threading
 import time
 from dataclasses import dataclass, field, fields
@@ -18,7 +19,9 @@ from xbus.protocol.products import product_of_code
 from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import State
 from xbus.rtk import Caster
-from xbus.sim import Replay, SimulatedDevice, serving
+from xbus.sim import Replay, SimI2c, SimSpi, SimulatedDevice, serving
+from xbus.sim.bus_link import bus_of
+from xbus.sim.options import device_of
 from xbus.studio.exchange import Exchange
 from xbus.studio.history import History
 from xbus.studio.recording import StudioRecording, new_file
@@ -59,7 +62,8 @@ class Station:
     meanwhile.
 
     Args:
-        source: A port as `xbus.connect` takes it, or ``sim:PRODUCT`` for a virtual device.
+        source: A port as `xbus.connect` takes it, or ``sim:PRODUCT`` for a virtual device,
+            with options as there.
         baudrate: Bits per second; None to try the usual rates.
 
     Raises:
@@ -73,9 +77,16 @@ class Station:
         self.key = re.sub(r"[^A-Za-z0-9]+", "-", source).strip("-")
         self._resources = contextlib.ExitStack()
         with self._resources:
-            port = source
-            if (virtual := _virtual(source)) is not None:
-                port = self._resources.enter_context(serving(virtual))
+            port: str | SimI2c | SimSpi
+            match _virtual(source):
+                case None:
+                    port = source
+                case SimulatedDevice() as virtual:
+                    # Windows has no pseudo-terminals.
+                    tcp = sys.platform == "win32"
+                    port = self._resources.enter_context(serving(virtual, tcp=tcp))
+                case bus:
+                    port = bus
             self.exchange = Exchange()
             self.device: Device = self._resources.enter_context(connect(port, baudrate))
             self.device.trace(self.exchange)
@@ -89,6 +100,7 @@ class Station:
             self.recording: StudioRecording | None = None
             self.corrections: Corrections | None = None
             self._forwarding = contextlib.ExitStack()
+            self._changing_corrections = threading.Lock()
             self._stop = threading.Event()
             self._thread = threading.Thread(
                 target=self._run, name=f"xbus studio {source}", daemon=True
@@ -117,8 +129,9 @@ class Station:
     def _run(self) -> None:
         while not self._stop.is_set():
             self._source.advance(self.model)
-            if self.corrections is not None:
-                for text, is_bad in self.corrections.news():
+            corrections = self.corrections  # another thread may end them meanwhile
+            if corrections is not None:
+                for text, is_bad in corrections.news():
                     self.model.add_event(text, is_bad=is_bad)
 
     def measure(self) -> None:
@@ -167,7 +180,6 @@ class Station:
             XbusError: The caster or the device refuses.
         """
         require("pygnssutils", "rtk", "to get corrections from a caster")
-        self.stop_corrections()
         fix = self.model.fix
         caster = Caster(
             url,
@@ -178,11 +190,17 @@ class Station:
             position=lambda: fix.position,
         )
         corrections = Corrections(caster, fix, persistent=True)
-        self._forwarding.enter_context(corrections.forwarding(self.device))
-        self.corrections = corrections
+        with self._changing_corrections:
+            self._end_corrections()
+            self._forwarding.enter_context(corrections.forwarding(self.device))
+            self.corrections = corrections
 
     def stop_corrections(self) -> None:
         """Ends the corrections, if there are any."""
+        with self._changing_corrections:
+            self._end_corrections()
+
+    def _end_corrections(self) -> None:
         self.corrections = None
         self._forwarding.close()
 
@@ -224,28 +242,35 @@ class Station:
             recording.stop()
         return recording
 
-    def close(self) -> None:
-        """Stops the recording, restores the initial state of the device and closes the port."""
+    def close(self) -> StudioRecording | None:
+        """Stops the recording, restores the initial state of the device and closes the port.
+
+        Returns:
+            The recording; None if there was none.
+        """
         self._stop.set()
         self.stop_corrections()
-        self.stop_recording()
+        recording = self.stop_recording()
         self._source.close(self.model)
         self._resources.close()
         self._thread.join()
+        return recording
 
 
-def _virtual(source: str) -> SimulatedDevice | None:
-    """Returns the virtual device of a name; None if the name is that of a port.
+def _virtual(source: str) -> SimulatedDevice | SimI2c | SimSpi | None:
+    """Returns the virtual device of a name, or its bus; None if the name is that of a port.
 
     Raises:
         OSError: The recording cannot be read.
-        ValueError: There is no such product.
+        ValueError: There is no such product, bus or option, or nothing to replay.
     """
     if source.startswith(SIMULATED):
-        return SimulatedDevice(source.removeprefix(SIMULATED), noise=1)
+        return bus_of(source, live=True, noise=1) or device_of(source, noise=1)
     if not source.startswith(REPLAY):
         return None
     replay = Replay(source.removeprefix(REPLAY))
+    if not len(replay):
+        raise ValueError("the recording has no frame of a device")
     code = replay.identity.product_code
     product = None if code is None else product_of_code(code)
     return SimulatedDevice(product or "MTi-630", replay=replay)

@@ -9,7 +9,7 @@ from typing import Any
 
 from nicegui import events, ui
 
-from xbus.device import Applied, ApplyError, Settings
+from xbus.device import Applied, Settings
 from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import EVERY, OptionFlag
@@ -338,11 +338,7 @@ class _Editor:
             f"xbus config apply {self._station.source} mti.toml",
             'device.apply(xbus.Settings.from_toml(open("mti.toml").read()))',
         )
-        try:
-            applied = await self._session.attempt(apply)
-        except ApplyError as error:
-            ui.notify(str(error), type="negative", multi_line=True, timeout=0, close_button=True)
-            applied = None
+        applied = await self._session.attempt(apply)
         if applied is not None:
             rounded = (
                 f"; the device took other values: {'; '.join(map(str, applied.rounded))}"

@@ -139,7 +139,8 @@ async def _open(session: Session, source: str) -> None:
 
 
 async def _close(session: Session, station: Station) -> None:
-    await session.attempt(session.hub.close, station.source)
+    if problem := await session.attempt(session.hub.close, station.source):
+        ui.notify(problem, type="negative", multi_line=True, timeout=0, close_button=True)
     _open_devices.refresh()
 
 

@@ -52,12 +52,8 @@ def record_page(session: Session) -> None:
         if recording := active():
             for station in recording:
                 done = await session.attempt(station.stop_recording)
-                if done is not None and done.error:
-                    ui.notify(
-                        f"{done.path.name} ended early: {done.error}",
-                        type="negative",
-                        timeout=10_000,
-                    )
+                if done is not None and done.problem:
+                    ui.notify(done.problem, type="negative", timeout=10_000)
         else:
             for station in stations:
                 if chosen[station.source].value:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import html
 import itertools
+import os
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -56,9 +58,7 @@ def recordings_page(session: Session) -> None:
 
 @ui.refreshable
 def _list(session: Session) -> None:
-    files = sorted(
-        session.hub.folder.glob("*.mtb"), key=lambda path: path.stat().st_mtime, reverse=True
-    )
+    files = _files(session.hub.folder)
     if not files:
         ui.label("There is no recording yet.").classes("xbus-quiet")
     if len(files) > MAX_FILES:
@@ -66,16 +66,27 @@ def _list(session: Session) -> None:
             "xbus-quiet text-sm"
         )
     gate = asyncio.Semaphore(JOBS)
-    for path in itertools.islice(files, MAX_FILES):
-        _recording(session, path, gate)
+    for path, state in itertools.islice(files, MAX_FILES):
+        _recording(session, path, state, gate)
 
 
-def _recording(session: Session, path: Path, gate: asyncio.Semaphore) -> None:
+def _files(folder: Path) -> list[tuple[Path, os.stat_result]]:
+    """Returns the recordings of a folder, the latest first; a file that disappears meanwhile is left out."""
+    found = []
+    for path in folder.glob("*.mtb"):
+        with contextlib.suppress(OSError):
+            found.append((path, path.stat()))
+    return sorted(found, key=lambda each: each[1].st_mtime, reverse=True)
+
+
+def _recording(
+    session: Session, path: Path, state: os.stat_result, gate: asyncio.Semaphore
+) -> None:
     with ui.element("div").classes("xbus-card w-full mb-2"):
         with ui.row().classes("items-center w-full"):
             ui.label(path.name).classes("font-semibold")
-            when = datetime.fromtimestamp(path.stat().st_mtime)
-            ui.label(f"{format_size(path.stat().st_size)}, {when:%Y-%m-%d %H:%M}").classes(
+            when = datetime.fromtimestamp(state.st_mtime)
+            ui.label(f"{format_size(state.st_size)}, {when:%Y-%m-%d %H:%M}").classes(
                 "xbus-quiet text-sm"
             )
             ui.space()

@@ -1,0 +1,164 @@
+"""The devices that the studio has open, their recordings and notes, without a browser."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("nicegui", reason="the extra studio is not installed")
+
+import xbus
+from xbus.studio.hub import Hub, HubError
+from xbus.studio.pages.recordings import _files
+from xbus.studio.recording import NOTES, read_notes
+from xbus.studio.shell import health
+
+resource = pytest.importorskip("resource", reason="not on Windows")
+
+
+@pytest.fixture
+def hub(tmp_path: Any) -> Any:
+    hub = Hub(tmp_path)
+    yield hub
+    hub.close_all()
+
+
+@pytest.fixture
+def small_files() -> Any:
+    """A function that limits the size of files, which ends recordings as a full disk does."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    yield lambda size: resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    signal.signal(signal.SIGXFSZ, handler)
+
+
+def wait_until(condition: Any) -> None:
+    pause = threading.Event()
+    for _ in range(3000):
+        if condition():
+            return
+        pause.wait(0.01)
+    raise AssertionError("it has not happened within 30 s")
+
+
+@pytest.mark.parametrize("bus", ["i2c", "spi"])
+def test_a_virtual_device_has_the_options_of_its_name(hub: Any, bus: Any) -> None:
+    station = hub.open(f"sim:MTi-3?bus={bus}&device_id=03801234")
+    assert station.device.device_id == 0x03801234
+    assert not station.device.link.is_line
+    station.show_all()
+    wait_until(lambda: "acceleration" in station.history.series)
+    recording = station.start_recording(hub.folder)
+    wait_until(lambda: recording.samples > 20)
+    assert hub.close(station.source) is None
+    log = xbus.read_log(recording.path)
+    assert log.stats.lost_samples == log.stats.skipped_bytes == 0
+    assert len(log) == recording.samples
+
+
+@pytest.mark.parametrize(
+    ("source", "reason"),
+    [
+        ("sim:MTi-9", "no product is called 'MTi-9'"),
+        ("sim:MTi-3?bus=can", "bus must be i2c or spi"),
+        ("sim:MTi-630?bus=i2c", "neither I²C nor SPI"),
+        ("sim:MTi-3?colour=red", "no option colour"),
+        ("replay:/nowhere.mtb", "No such file"),
+        (f"replay:{os.devnull}", "no frame of a device"),
+    ],
+)
+def test_a_virtual_device_that_does_not_exist(hub: Any, source: Any, reason: Any) -> None:
+    with pytest.raises(HubError, match=reason):
+        hub.open(source)
+    assert hub.stations == {}
+
+
+def test_devices_with_similar_names_have_different_keys(hub: Any, tmp_path: Any) -> None:
+    sources = []
+    for name in ("歩.mtb", "走.mtb", "a 1.mtb", "a-1.mtb"):
+        path = tmp_path / name
+        path.write_bytes(Path("tests/captures/walk.mtb").read_bytes())
+        sources.append(f"replay:{path}")
+    assert len({hub.open(source).key for source in sources}) == len(sources)
+
+
+def test_a_recording_that_ends_early_is_told_when_the_device_is_closed(
+    hub: Any, small_files: Any
+) -> None:
+    station = hub.open("sim:MTi-630")
+    station.show_all()
+    recording = station.start_recording(hub.folder)
+    small_files(20_000)
+    wait_until(lambda: recording.error is not None)
+    assert "ended early" in health(station)
+    (problem,) = hub.close_all()
+    assert problem.startswith(f"{recording.path.name} ended early: ")
+    log = xbus.read_log(recording.path)
+    assert len(log) == recording.samples > 0
+    assert log.stats.skipped_bytes == 0
+
+
+def test_a_note_is_written_whole_or_not_at_all(hub: Any, small_files: Any) -> None:
+    station = hub.open("sim:MTi-630")
+    recording = station.start_recording(hub.folder, "one")
+    small_files(recording.path.with_name(recording.path.name + NOTES).stat().st_size + 10)
+    with pytest.raises(OSError, match=os.strerror(errno.ENOSPC)):
+        recording.add_note("two, which is longer than the space that is left")
+    small_files(resource.RLIM_INFINITY)
+    recording.add_note("three")
+    assert [note.text for note in read_notes(recording.path)] == ["one", "three"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "no JSON",
+        "null",
+        "[1]",
+        "{}",
+        '{"time": "yesterday", "text": "x"}',
+        '{"time": "0001-01-01T00:00:00", "text": "x"}',
+        '{"time": "9999-12-31T23:59:59-23:00", "text": "x"}',
+        "[" * 100_000,
+    ],
+    ids=lambda line: line[:30],
+)
+def test_a_line_that_is_no_note_is_left_out(tmp_path: Any, line: Any) -> None:
+    good = json.dumps({"time": "2026-11-29T15:04:05.123+00:00", "text": "a knock"})
+    (tmp_path / f"walk.mtb{NOTES}").write_text(f"{line}\n{good}\n", encoding="utf-8")
+    assert [note.text for note in read_notes(tmp_path / "walk.mtb")] == ["a knock"]
+
+
+def test_a_link_to_a_recording_that_is_gone_is_left_out(tmp_path: Any) -> None:
+    (tmp_path / "gone.mtb").symlink_to(tmp_path / "nowhere")
+    (tmp_path / "walk.mtb").write_bytes(b"")
+    assert [path.name for path, _ in _files(tmp_path)] == ["walk.mtb"]
+
+
+def test_two_pages_start_and_end_corrections(hub: Any) -> None:
+    station = hub.open("sim:MTi-680G")
+    station.measure()
+
+    def forwarding() -> int:
+        return sum(thread.name == "xbus-rtk" for thread in threading.enumerate())
+
+    # Nothing listens there; the corrections wait and try again.
+    threads = [
+        threading.Thread(target=station.start_corrections, args=("127.0.0.1:1", "NEAR"))
+        for _ in range(4)
+    ]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    wait_until(lambda: forwarding() == 1)
+    station.stop_corrections()
+    wait_until(lambda: forwarding() == 0)
