@@ -55,6 +55,21 @@ def test_options_of_captures(args: list[str], out: str, rows: int) -> None:
     assert len(table) == rows
 
 
+def test_a_capture_as_a_folder_and_the_device_of_a_part(tmp_path: Path) -> None:
+    """Parts are read from a temporary file: with one device, and one that starts late."""
+    late = [frame for n in range(400) for frame in group(n, 0x34)]
+    late += [(0x100 + key, data) for key, data in late[-60:]]
+    write(Path("late.log"), late)
+    ids = ["--ids", "0", "--ids", "0x100"]
+    assert run("decode", "late.log", *ids, "-o", "late/", "-q").exit_code == 0
+    log = xbus.read_can("late.log", [0, 0x100])
+    assert pl.read_parquet("late/*.parquet")["bid"].to_list() == log.bid.tolist()
+    assert run("decode", "late.log", *ids, "--bid", "2", "-o", "two.csv", "-q").exit_code == 0
+    np.testing.assert_array_equal(pl.read_csv("two.csv")["time"], log.device(2).time)
+    failed = run("decode", "late.log", *ids, "--bid", "3", "-o", "three.csv")
+    assert "no samples of device 3" in sentence(failed)
+
+
 def test_several_captures_and_npz() -> None:
     result = run("decode", "drive.blf", "odd.blf", "--out-dir", "out", "--suffix", ".npz")
     assert (result.exit_code, len(list(Path("out").iterdir()))) == (0, 2)
@@ -87,7 +102,7 @@ def test_findings_are_shown() -> None:
         (["decode", "drive.blf", "-o", "o.csv", "--bid", "7"], "drive.blf: no samples of device 7"),
         (["decode", "drive.blf", "-o", "o.csv", "--quantity", "temperature"], "no temperature in drive.blf"),
         (["decode", "odd.blf", "-o", "o.gpx"], "odd.blf: a GPX file needs lat_lon"),
-        (["decode", "drive.blf", "-o", "o/"], "written as one file, not as a folder"),
+        (["decode", "drive.blf", "-o", "o.csv", "--between", "0", "1"], "to which --between does not apply"),
         (["decode", "drive.blf", "-o", "o.csv", "--channel", "9"], "the capture has no channel 9; it has 0"),
         (["cut", "drive.blf", "--from", "1", "-o", "o.mtb"], "a CAN capture; xbus info, decode and report"),
         (["can", "dbc", "-o", "/dev/full"], "cannot write /dev/full"),

@@ -669,6 +669,12 @@ class Part:
             ValueError: Another version of xbus saved the state, or it is damaged.
         """
     def __reduce__(self) -> tuple[type[Part], tuple[bytes]]: ...
+    def shaped(self, shape: Shape) -> Part:
+        """Returns the part with the columns of its log: those that it lacks have no rows.
+
+        Raises:
+            ValueError: The part has a column that the log does not have.
+        """
     def of_device(self, bid: int, first: int, shape: Shape | None = None) -> Part:
         """Returns the samples and messages of one device.
 

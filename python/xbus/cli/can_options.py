@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from xbus.cli.progress import ShowsProgress
 
 if TYPE_CHECKING:
     from xbus.can.ids import DeviceIds
+    from xbus.can.stored import StoredCapture
     from xbus.log.log import Log
 
 __all__ = ["CanOptions", "can_options", "ids_option"]
@@ -92,26 +94,76 @@ class CanOptions:
             Failure: The capture cannot be read, or has no samples.
         """
         from xbus.can import read_can
-        from xbus.errors import DecodeError
 
         [name] = files
         progress.update(reading_task(name))
-        try:
-            whole = read_can(name, self.ids, channel=self.channel, rate=inputs.rate, strict=strict)
-            findings = whole.traffic.findings
-            if not len(whole):
-                seen = "; ".join(findings) or "the capture has no frames"
-                raise Failure(f"{label(name)} has no samples of an MTi: {seen}")
-            log = whole if inputs.bid is None else whole.device(inputs.bid)
-        except OSError as error:
-            raise cannot(f"read {label(name)}", error) from error
-        except DecodeError as error:
-            raise Failure(
-                f"{label(name)}: {error}; without --strict, such frames are skipped"
-            ) from error
-        except ValueError as error:
-            raise Failure(f"{label(name)}: {error}") from error
-        return log, findings
+        with _reading(name):
+            log = read_can(name, self.ids, channel=self.channel, rate=inputs.rate, strict=strict)
+            self._check_samples(name, len(log), log.traffic.findings)
+            return (log if inputs.bid is None else log.device(inputs.bid)), log.traffic.findings
+
+    def parts(
+        self, inputs: InputOptions, files: Sequence[str], progress: ShowsProgress, found: list[str]
+    ) -> Iterator[Log]:
+        """Yields the parts of a capture of any size, and adds what is unusual to `found` in the end.
+
+        Raises:
+            Failure: The capture cannot be read, or has no samples.
+        """
+        with self.stored(inputs, files, progress) as capture:
+            found.extend(capture.findings)
+            for part in capture.parts:
+                yield part.read()
+
+    @contextlib.contextmanager
+    def stored(
+        self,
+        inputs: InputOptions,
+        files: Sequence[str],
+        progress: ShowsProgress,
+        *,
+        strict: bool = False,
+    ) -> Iterator[StoredCapture]:
+        """Yields the parts of a capture of any size, which are in a temporary file meanwhile.
+
+        Raises:
+            Failure: The capture cannot be read, or has no samples.
+        """
+        from xbus.can import iter_can
+        from xbus.can.stored import StoredCapture
+
+        [name] = files
+        task = reading_task(name)
+        progress.update(task)
+        with _reading(name):
+            logs = iter_can(name, self.ids, channel=self.channel, rate=inputs.rate, strict=strict)
+            capture = StoredCapture(logs, bid=inputs.bid)
+        with capture:
+            self._check_samples(name, sum(part.samples for part in capture.parts), capture.findings)
+            yield capture
+
+    @staticmethod
+    def _check_samples(name: str, samples: int, findings: Sequence[str]) -> None:
+        if not samples:
+            seen = "; ".join(findings) or "the capture has no frames"
+            raise Failure(f"{label(name)} has no samples of an MTi: {seen}")
+
+
+@contextlib.contextmanager
+def _reading(name: str) -> Iterator[None]:
+    """Converts the errors of a capture that cannot be read to a Failure."""
+    from xbus.errors import DecodeError
+
+    try:
+        yield
+    except OSError as error:
+        raise cannot(f"read {label(name)}", error) from error
+    except DecodeError as error:
+        raise Failure(
+            f"{label(name)}: {error}; without --strict, such frames are skipped"
+        ) from error
+    except ValueError as error:
+        raise Failure(f"{label(name)}: {error}") from error
 
 
 def can_options(command: Callable[..., None]) -> Callable[..., None]:

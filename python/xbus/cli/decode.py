@@ -213,10 +213,10 @@ def decode(
     --partition-size, each recording becomes such a folder.
 
     IN can also be a CAN capture of an MTi-600: .asc, .blf, .trc, .mf4, .log of candump, or .csv of
-    python-can. A sample is then a group of frames, and the capture must fit into memory.
+    python-can. A sample is then a group of frames.
 
-    Tables are written part by part: a log may be larger than memory. Standard input, URLs, compressed files
-    and what is --between two moments are first copied to a temporary file (TMPDIR).
+    Tables are written part by part: a log may be larger than memory. Standard input, URLs, compressed files,
+    CAN captures and what is --between two moments are first copied to a temporary file (TMPDIR).
 
     An .npz file contains an array NAME for each quantity, with NAME.sample and NAME.time; fields of structs
     are in their units. An existing OUT is replaced, and a failed run leaves no partial file. A folder is

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from xbus.export.format import Format
     from xbus.log.log import Log
     from xbus.log.moments import Between
-    from xbus.log.parts import LogPart
+    from xbus.log.parts import LogPart, Part
     from xbus.log.table_file import FileFormat
     from xbus.log.trackers import Tracker
     from xbus.protocol.keys import EntryKey
@@ -334,8 +334,6 @@ class Decoding:
         return self._result(log, tracker, self._write(log, table, out, progress))
 
     def _decode_capture(self, job: Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
-        from xbus.export.format import ExportError, export
-
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
         names = ", ".join(map(label, files))
@@ -343,29 +341,59 @@ class Decoding:
             raise Failure(
                 f"{names} is a CAN capture, which has neither strings nor Awinda trackers"
             )
-        if self._dataset is not None:
-            raise Failure(
-                f"{names} is a CAN capture, which is written as one file, not as a folder"
-            )
         if self._between is not None:
             raise Failure(f"{names} is a CAN capture, to which --between does not apply")
+        if not self._needs_whole_log(out):
+            return self._decode_capture_by_parts(job, progress, names)
         log, findings = self._can.read(self._inputs, files, progress, strict=self._strict)
         with self._inputs.checked_rate(job.recording) as use:
             use.add(log)
         self._check_keys(log, names)
-        file_format = self._options.format_of(self._options.suffix(out))
-        if file_format is not None:
-            try:
-                with writing(out):
-                    counts = export(file_format, log, [log], out)
-            except ExportError as error:
-                raise Failure(f"{names}: {error}") from error
-        else:
-            table = self._table(log, names, is_npz=suffix_of(out) == ".npz")
-            if self._rate is not None:
-                table = resampled(log, self._keys, self._rate, self._max_gap, names)
-            counts = self._write(log, table, out, progress)
+        table = self._table(log, names, is_npz=suffix_of(out) == ".npz")
+        if self._rate is not None:
+            table = resampled(log, self._keys, self._rate, self._max_gap, names)
+        counts = self._write(log, table, out, progress)
         text, values = self._result(log, None, counts)
+        return "\n".join([text, *findings]), values | {"findings": list(findings)}
+
+    def _decode_capture_by_parts(
+        self, job: Job, progress: ShowsProgress, names: str
+    ) -> tuple[str, dict[str, Any]]:
+        from xbus.cli.decoded_totals import DecodedTotals
+        from xbus.export.format import ExportError
+        from xbus.export.replacing import ForeignFilesError
+        from xbus.log.dataset import DatasetError
+
+        files, out = job.recording.files, job.out
+        assert out is not None  # noqa: S101 - see `decode`
+        file_format = self._options.format_of(self._options.suffix(out))
+        totals = DecodedTotals()
+        with (
+            self._can.stored(self._inputs, files, progress, strict=self._strict) as capture,
+            self._inputs.checked_rate(job.recording) as use,
+            writing(out),
+        ):
+            self._check_keys(capture.parts[0].empty(quantities=self._quantities), names)
+
+            def add(part: Part, log: Log) -> None:  # noqa: ARG001 - as `write_parts` calls it
+                totals.add(log)
+                use.add(log)
+
+            write = self._write_of(out, None if self._dataset else file_format)
+            try:
+                counts = write(
+                    capture.parts,
+                    out,
+                    quantities=self._quantities,
+                    threads=self._threads,
+                    read=add,
+                )
+            except (ExportError, DatasetError) as error:
+                raise Failure(f"{names}: {error}") from error
+            except ForeignFilesError as error:
+                raise foreign_files(out, error) from error
+        text, values = self._result(totals, None, counts)
+        findings = capture.findings
         return "\n".join([text, *findings]), values | {"findings": list(findings)}
 
     @property

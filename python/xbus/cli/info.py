@@ -59,8 +59,9 @@ def info(
         findings: tuple[str, ...] = ()
         with inputs.checked_rate(job.recording) as use:
             if can.check(inputs, files):
-                log, findings = can.read(inputs, files, progress)
-                summary = LogSummary(use.watch([log]))
+                found: list[str] = []
+                summary = LogSummary(use.watch(can.parts(inputs, files, progress, found)))
+                findings = tuple(found)
             else:
                 with inputs.opened(files, progress) as source:
                     parts = iter_log(source, block_bytes=BLOCK, **inputs.for_log)

@@ -154,9 +154,11 @@ def record(
     recording continues. Both work together.
 
     PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device, which
-    runs faster than real time without --monitor.
+    runs faster than real time without --monitor. can:INTERFACE:CHANNEL is a CAN bus with MTi-600 devices,
+    such as can:socketcan:can0, which is recorded as .blf, .asc, .log, .trc, .csv or .mf4.
     """
-    _check_options(listen=listen, with_monitor=with_monitor)
+    is_can = port.startswith("can:")
+    _check_options(listen=listen, is_can=is_can, with_monitor=with_monitor)
     corrections = None
     if caster["caster"] is not None:
         corrections = new_corrections(**caster, persistent=True)
@@ -200,7 +202,7 @@ def record(
         click.echo(job.finish(), err=True)
 
 
-def _check_options(*, listen: bool, with_monitor: bool) -> None:
+def _check_options(*, listen: bool, is_can: bool, with_monitor: bool) -> None:
     """Checks that the options fit each other."""
     from xbus.cli.monitor.keyboard import has_terminal
 
@@ -210,11 +212,12 @@ def _check_options(*, listen: bool, with_monitor: bool) -> None:
         for param in ctx.command.params
         if ctx.get_parameter_source(str(param.name)) == ParameterSource.COMMANDLINE
     }
-    if listen:
+    if listen or is_can:
+        why = "CAN is read only" if is_can else "--listen sends nothing"
         for name in ("outputs", "config", "caster"):
             if name in given:
                 raise click.UsageError(
-                    f"{given[name]} sends messages to the device, and --listen sends nothing"
+                    f"{given[name]} sends messages to the device, and {why}"
                 )
     if "caster" not in given:
         for name in ("mountpoint", "user", "password", "gga", "ntrip"):

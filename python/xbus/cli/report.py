@@ -96,9 +96,8 @@ def report(
         files = recording.files
         with inputs.checked_rate(recording) as use:
             if can.check(inputs, files):
-                log, findings = can.read(inputs, files, progress)
-                recording.notes.extend(findings)
-                return gather_parts(use.watch([log]), options)
+                logs = can.parts(inputs, files, progress, recording.notes)
+                return gather_parts(use.watch(logs), options)
             with inputs.opened(files, progress) as source:
                 parts = use.watch(iter_log(source, block_bytes=BLOCK, **inputs.for_log))
                 data = gather_parts(parts, options)

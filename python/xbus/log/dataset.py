@@ -19,7 +19,7 @@ from xbus.log.hours import HOUR_SOURCES, Hours, find_hours
 from xbus.log.in_order import in_order
 from xbus.log.log import Log
 from xbus.log.part_tables import read_ahead
-from xbus.log.parts import LogPart
+from xbus.log.parts import Part
 from xbus.log.table_file import FileFormat, chunks
 from xbus.protocol.keys import EntryKey, Key
 from xbus.protocol.tables import UTC_SOURCES
@@ -35,7 +35,7 @@ class DatasetError(ExportError):
 
 
 def write_dataset(
-    parts: Sequence[LogPart],
+    parts: Sequence[Part],
     path: str | os.PathLike[str],
     file_format: FileFormat,
     *,
@@ -47,7 +47,7 @@ def write_dataset(
     raw: bool = False,
     threads: int = 1,
     reading: Callable[[], AbstractContextManager[None]] = nullcontext,
-    read: Callable[[LogPart, Log], None] | None = None,
+    read: Callable[[Part, Log], None] | None = None,
 ) -> dict[str, int]:
     """Writes the table of a log to the files of a folder, which appears whole or not at all.
 
@@ -85,7 +85,7 @@ def write_dataset(
         hours = _hours(parts, threads, reading)
         needed = None if quantities is None else [*quantities, *HOUR_SOURCES]
 
-    def decode(part: LogPart) -> tuple[LogPart, Log, list[_core.Batch]]:
+    def decode(part: Part) -> tuple[Part, Log, list[_core.Batch]]:
         with reading():
             log = part.read(quantities=needed)
         return part, log, list(log.arrow_stream(keys, raw=raw).batches())
@@ -120,7 +120,7 @@ def write_dataset(
 
 
 def _hours(
-    parts: Sequence[LogPart], threads: int, reading: Callable[[], AbstractContextManager[None]]
+    parts: Sequence[Part], threads: int, reading: Callable[[], AbstractContextManager[None]]
 ) -> Hours:
     """Returns the hours of a log.
 
@@ -131,7 +131,7 @@ def _hours(
     is_utc = any(name in shape for name in UTC_SOURCES)
     is_host = "host_time" in shape.arrow_stream([]).columns
 
-    def read(part: LogPart) -> Log:
+    def read(part: Part) -> Log:
         with reading():
             return part.read(quantities=HOUR_SOURCES)
 

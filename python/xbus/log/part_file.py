@@ -12,7 +12,7 @@ from xbus.export.replacing import replacing
 from xbus.log.in_order import in_order
 from xbus.log.log import Log
 from xbus.log.part_tables import read_ahead
-from xbus.log.parts import LogPart
+from xbus.log.parts import Part
 from xbus.log.table_file import FileFormat, write_batches
 from xbus.protocol.keys import EntryKey, Key
 
@@ -25,7 +25,7 @@ def chunk_rows(log: Log, key: EntryKey | None, *, raw: bool) -> int:
 
 
 def write_parts(
-    parts: Sequence[LogPart],
+    parts: Sequence[Part],
     path: str | os.PathLike[str],
     file_format: FileFormat,
     *,
@@ -34,7 +34,7 @@ def write_parts(
     raw: bool = False,
     threads: int = 1,
     reading: Callable[[], AbstractContextManager[None]] = nullcontext,
-    read: Callable[[LogPart, Log], None] | None = None,
+    read: Callable[[Part, Log], None] | None = None,
 ) -> dict[str, int]:
     """Writes the table of a log to a file, which appears whole or not at all.
 
@@ -64,7 +64,7 @@ def write_parts(
     empty = parts[0].empty(quantities=quantities).arrow_stream(key, raw=raw)
     file = _core.TableFile(file_format, empty)
 
-    def decode(part: LogPart) -> tuple[LogPart, Log, list[_core.Batch]]:
+    def decode(part: Part) -> tuple[Part, Log, list[_core.Batch]]:
         with reading():
             log = part.read(quantities=quantities)
         return part, log, list(log.arrow_stream(key, raw=raw).batches())
@@ -90,14 +90,14 @@ def _key_of(shape: Log, key: EntryKey) -> EntryKey:
 
 
 def export_parts(
-    parts: Sequence[LogPart],
+    parts: Sequence[Part],
     path: str | os.PathLike[str],
     file_format: Format,
     *,
     quantities: Sequence[Key] | None = None,
     threads: int = 1,
     reading: Callable[[], AbstractContextManager[None]] = nullcontext,
-    read: Callable[[LogPart, Log], None] | None = None,
+    read: Callable[[Part, Log], None] | None = None,
 ) -> dict[str, int]:
     """Writes a log in the format of other software, to a file that appears whole or not at all.
 
@@ -124,10 +124,10 @@ def export_parts(
     needed = file_format.quantities(shape)
     file_format.check(sum(part.samples for part in parts))
 
-    def logs(keys: Sequence[EntryKey] | None) -> Iterator[tuple[LogPart, Log]]:
+    def logs(keys: Sequence[EntryKey] | None) -> Iterator[tuple[Part, Log]]:
         names = quantities if keys is None else [_key_of(shape, key) for key in keys]
 
-        def decode(part: LogPart) -> tuple[LogPart, Log]:
+        def decode(part: Part) -> tuple[Part, Log]:
             with reading():
                 return part, part.read(quantities=names)
 

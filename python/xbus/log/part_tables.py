@@ -8,7 +8,7 @@ from typing import TypeVar
 from xbus import _core
 from xbus.log.in_order import in_order
 from xbus.log.log import Log
-from xbus.log.parts import LogPart
+from xbus.log.parts import LogPart, Part
 from xbus.protocol.tables import UTC_SOURCES
 
 __all__ = ["SCAN_BLOCK", "PartTables", "read_ahead"]
@@ -17,6 +17,7 @@ __all__ = ["SCAN_BLOCK", "PartTables", "read_ahead"]
 #: their number costs little, small enough that a few of them and their tables fit into little memory.
 SCAN_BLOCK = 16 << 20
 
+P = TypeVar("P", bound=Part)
 T = TypeVar("T")
 
 
@@ -79,7 +80,7 @@ def _quantities_of_columns(
     return needed
 
 
-def read_ahead(parts: Iterable[LogPart], read: Callable[[LogPart], T], threads: int) -> Iterator[T]:
+def read_ahead(parts: Iterable[P], read: Callable[[P], T], threads: int) -> Iterator[T]:
     """Yields what ``read`` returns for each part, in order, and has several threads work on the next ones."""
     if threads == 1:
         yield from map(read, parts)

@@ -9,7 +9,7 @@ import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 from xbus import _core
 from xbus.errors import XbusError
@@ -36,7 +36,7 @@ from xbus.protocol.values import StringType
 from xbus.remote import Version
 from xbus.wire.strings import mask_of
 
-__all__ = ["PART", "LogChangedError", "LogPart", "joined_parts", "split_log"]
+__all__ = ["PART", "LogChangedError", "LogPart", "Part", "joined_parts", "split_log"]
 
 #: Bytes after a part that decide how it ends: more than two of the longest frames.
 LOOKAHEAD = 1 << 18
@@ -48,6 +48,29 @@ CHANGED = "has changed since it was split; split it again"
 
 class LogChangedError(XbusError):
     """The input of a log changed while it was read, or since it was split."""
+
+
+class Part(Protocol):
+    """What can be written part by part: a `LogPart`, or a part of a capture.
+
+    Attributes:
+        end: Where the part ends in its input.
+        samples: Number of its samples.
+        earliest: The earliest `Log.time` of its samples in s, NaN if none has a time.
+    """
+
+    @property
+    def end(self) -> int: ...  # noqa: D102
+    @property
+    def samples(self) -> int: ...  # noqa: D102
+    @property
+    def earliest(self) -> float: ...  # noqa: D102
+
+    def read(self, *, quantities: Iterable[Key] | None = None) -> Log:
+        """Returns the part as a log with the columns of the whole log."""
+
+    def empty(self, *, quantities: Iterable[Key] | None = None) -> Log:
+        """Returns a log without samples, with the columns of the whole log."""
 
 
 @dataclass(frozen=True)

@@ -177,6 +177,10 @@ impl Part {
         detached(py, || Self::of(self.0.of_device(bid, first), shape))?
     }
 
+    fn shaped(&self, py: Python<'_>, shape: &Shape) -> PyResult<Self> {
+        detached(py, || Self::of(TimedPart::of(self.0.part.clone(), self.0.times().clone()), Some(shape)))?
+    }
+
     fn __len__(&self) -> usize {
         self.0.part.len()
     }
