@@ -10,7 +10,7 @@ import polars as pl
 import pytest
 
 import xbus
-from test_can import CODES, GOOD, arrays, group, read, write
+from test_can import CODES, GOOD, arrays, can, group, read, write
 from test_cli import WALK, run, sentence
 from xbus.can.dbc import dbc_text
 
@@ -142,3 +142,53 @@ def test_the_dbc_file() -> None:
     assert (result.exit_code, result.stderr) == (0, "mti600.dbc: 26 messages\n")
     assert Path("mti600.dbc").read_bytes().decode() == dbc_text().replace("\n", "\r\n")
     assert run("can", "dbc", "--ids", "0x100").stdout.rstrip() == dbc_text(0x100).rstrip()
+
+
+# A live bus
+
+
+@pytest.fixture
+def bus(monkeypatch: pytest.MonkeyPatch) -> str:
+    """A virtual bus on which frames come as soon as it is opened."""
+    channel = "cli-bus"
+    sender = can.Bus(interface="virtual", channel=channel)
+    original = can.Bus
+
+    def opened(*args: object, **options: object) -> can.BusABC:
+        found = original(*args, **options)
+        for key, data in SENT:
+            sender.send(can.Message(arbitration_id=key, data=data, is_extended_id=False))
+        return found
+
+    monkeypatch.setattr(can, "Bus", opened)
+    return f"can:virtual:{channel}"
+
+
+def test_a_bus_is_recorded(bus: str) -> None:
+    result = run("record", bus, "-o", "live.blf", "--duration", "0.3")
+    assert result.exit_code == 0
+    assert "samples" in result.stderr
+    assert len(xbus.read_can("live.blf")) <= 199
+
+
+def test_a_bus_is_monitored(bus: str) -> None:
+    result = run("monitor", bus, "--once", "0.3", "--json")
+    assert result.exit_code == 0
+    assert json.loads(result.stdout)["quantities"]
+
+
+@pytest.mark.parametrize(
+    ("args", "status", "text"),
+    [
+        (["record", "-o", "live.mtb"], 2, "a CAN bus is recorded as .asc, .blf"),
+        (["record", "-o", "live.blf", "--output", "acceleration"], 2, "and CAN is read only"),
+        (["config", "dump"], 1, "cannot be configured over it"),
+        (["reset"], 1, "cannot be configured over it"),
+        (["dump", "--follow"], 1, "has CAN frames and no bytes; xbus record"),
+    ],
+)
+def test_what_a_bus_cannot_do(bus: str, args: list[str], status: int, text: str) -> None:
+    command, *rest = args
+    where = [*args, bus] if command == "config" else [command, bus, *rest]
+    result = run(*where)
+    assert (result.exit_code, text in result.stderr) == (status, True), result.stderr

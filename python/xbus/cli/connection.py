@@ -107,8 +107,12 @@ def open_port(port: str, baudrate: int) -> Link:
         Failure: The port cannot be opened.
         UsageError: The name is not a port.
     """
-    from xbus.device.link import open_link
+    from xbus.device.link import CAN_SCHEME, open_link
 
+    if port.startswith(CAN_SCHEME):
+        raise Failure(
+            f"{port} has CAN frames and no bytes; xbus record {port} -o bus.log records them as text"
+        )
     with _opening(port):
         return open_link(port, baudrate)
 

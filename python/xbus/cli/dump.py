@@ -153,7 +153,7 @@ def _is_port(name: str) -> bool:
     from xbus.device.ports import BUS_SCHEMES
 
     buses = (f"{scheme}:" for scheme in BUS_SCHEMES)
-    if name.startswith(("sim:", *buses, *(f"{scheme}://" for scheme in PORT_SCHEMES))):
+    if name.startswith(("sim:", "can:", *buses, *(f"{scheme}://" for scheme in PORT_SCHEMES))):
         return True
     if os.name == "nt":
         return re.fullmatch(r"(\\\\\.\\)?COM\d+", name, re.IGNORECASE) is not None

@@ -173,6 +173,7 @@ def record(
         connect_device(port, baudrate, listen=listen) as device,
         _initial_state_restored(device, listen=listen),
     ):
+        listen = listen or is_can
         if config is not None and settings is not None:
             apply_settings(device, settings, config)
         with contextlib.nullcontext() if listen else _configured(device, outputs):
@@ -184,6 +185,8 @@ def record(
                 )
             except OSError as error:
                 raise cannot(f"write {label(error.filename or out)}", error) from error
+            except ValueError as error:  # the suffix of a capture of CAN
+                raise click.UsageError(str(error)) from error
             # No samples arrive in Config State; these counts are not part of the recording.
             before = device.stats
         if not listen:
@@ -216,9 +219,7 @@ def _check_options(*, listen: bool, is_can: bool, with_monitor: bool) -> None:
         why = "CAN is read only" if is_can else "--listen sends nothing"
         for name in ("outputs", "config", "caster"):
             if name in given:
-                raise click.UsageError(
-                    f"{given[name]} sends messages to the device, and {why}"
-                )
+                raise click.UsageError(f"{given[name]} sends messages to the device, and {why}")
     if "caster" not in given:
         for name in ("mountpoint", "user", "password", "gga", "ntrip"):
             if name in given:
