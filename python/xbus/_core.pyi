@@ -231,6 +231,8 @@ class MtDataOutputs:
         """Starts with the settings of the caller: see `xbus.log.legacy.legacy_outputs`."""
     def message(self, bid: int, mid: int, payload: bytes) -> bool:
         """Takes note of a message other than MTData. Returns whether it changes the settings in force."""
+    def output(self, bid: int) -> tuple[int, int] | None:
+        """Returns OutputMode and OutputSettings of a device, if both are known."""
     def devices_of(self, bid: int) -> list[int]:
         """Returns the BIDs that messages of this BID are about: an Xbus Master speaks for its trackers."""
     def samples(self, bid: int, payload: bytes) -> list[MtDataSample] | None:
@@ -958,6 +960,10 @@ class Acquisition:
         Raises:
             ValueError: The arrays do not fit together.
         """
+    def give_outputs(self, legacy: list[tuple[int, int]]) -> None:
+        """Decodes MTData with settings of the caller until the stream has others: see `MtDataOutputs`."""
+    def note_request(self, bid: int, mid: int, payload: bytes) -> None:
+        """Takes note of a request before it is sent: its acknowledgement may change the layout of MTData."""
     def resume(self) -> None:
         """Continues after the end with what is pushed, in the same lanes, counts and recording.
 
@@ -1177,7 +1183,10 @@ class ReceivedSample:
         """Bus identifier."""
     @property
     def payload(self) -> bytes:
-        """Its packets."""
+        """Its packets, or items of MTData."""
+    @property
+    def output(self) -> tuple[int, int] | None:
+        """OutputMode and OutputSettings of MTData; None for MTData2."""
     @property
     def time(self) -> float:
         """Seconds on the device clock, unwrapped; NaN without a time stamp."""

@@ -24,7 +24,7 @@ use crate::frame::{EXTENDED, Frame, Header, MAX_PAYLOAD, device_of, field};
 use crate::huge_pages;
 use crate::input::Stream;
 use crate::layout::{Batch, Layout, Layouts, Slot};
-use crate::mtdata::{MessageLayout, Outputs};
+use crate::mtdata::{MessageLayout, Output, Outputs};
 use crate::packet::{Coordinates, PACKET_HEADER, Packet, Reading, packets};
 use crate::scan::{Damage, Scanner, Seam, Step, Window, is_bid};
 use crate::table::{self, Quantity};
@@ -536,6 +536,20 @@ impl Reader {
         self.gather(window);
         self.scanner.pass(frames.len() as u64);
         Ok(())
+    }
+
+    /// The settings of `MTData` in force of a device.
+    #[must_use]
+    pub fn output(&self, bid: u8) -> Option<Output> {
+        self.outputs.of(bid)
+    }
+
+    /// Decodes the next `MTData` of a device with these settings.
+    pub fn use_output(&mut self, bid: u8, output: Output) {
+        if self.outputs.set(bid, output) {
+            self.mtdata.clear();
+            self.layouts.stop_using_all();
+        }
     }
 
     /// Adds a string that a scanner has accepted already.

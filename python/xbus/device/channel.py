@@ -34,6 +34,8 @@ from xbus.wire.link import Link, line_rate
 
 __all__ = ["Channel", "Trace"]
 
+#: The commands whose acknowledgement changes the layout of MTData.
+MTDATA_SETTINGS = ("SetOutputMode", "SetOutputSettings")
 #: Seconds to wait for the answer to a command, as the vendor's software has them.
 TIMEOUTS = {
     "SetBaudrate": 1.0,
@@ -85,6 +87,7 @@ class Channel:
         notices: The latest 100 messages that answer no command.
         identity: What the device has sent about itself.
         heard: The last frame of each message about the device, by MID.
+        meets_unknown_mtdata: Whether MTData has arrived whose settings are not known: see `learn_mtdata`.
         outdated: Number of samples and strings removed unread because new settings took effect.
         trace: Follows the messages, or None.
         connection: Opens, checks and closes the link.
@@ -102,6 +105,7 @@ class Channel:
         self.identity = Identity()
         self.heard: dict[int, bytes] = {}
         self.outdated = 0
+        self.meets_unknown_mtdata = self._has_asked_for_mtdata = False
         self.trace: Trace | None = None
         self.notices: deque[Notice] = deque(maxlen=100)
         if link.trouble is not None:
@@ -199,6 +203,8 @@ class Channel:
         if isinstance(event, Notice):
             if event.mid != MessageId.MTData:  # an output, which would replace all notices
                 self.notices.append(event)
+            elif not (self.is_listening or self._has_asked_for_mtdata):
+                self.meets_unknown_mtdata = True
         elif isinstance(event, Reply | Refusal):
             self._answers.append(event)
 
@@ -373,10 +379,25 @@ class Channel:
     def command(self, name: str, value: Any) -> Reply:
         """Sends a command and waits for its answer: see `Device.command`."""
         with self._commanding:  # one command at a time, so that answers are not mixed up
+            support = self.session.support
+            if support is not None and name in support.legacy_messages:
+                self._find_legacy_mode()
             reply = self._command(name, value)
             if name.startswith("Set") or name == "RestoreFactoryDef":
                 self._has_new_settings = True
             return reply
+
+    def _find_legacy_mode(self) -> None:
+        """Finds out whether a device of the 10- or 100-series sends MTData: it has no other output then."""
+        if not self.session.is_in_legacy_mode and self.session.state == State.CONFIG:
+            self._command("ReqOutputConfiguration", None)
+
+    def learn_mtdata(self) -> None:
+        """Asks for the settings of MTData; a measuring device enters Config State for a moment."""
+        self.meets_unknown_mtdata, self._has_asked_for_mtdata = False, True
+        with self.configuring(), contextlib.suppress(DeviceError, StateError):
+            self.command("ReqOutputMode", None)
+            self.command("ReqOutputSettings", None)
 
     def _command(self, name: str, value: Any) -> Reply:
         self.session.refuse(name)
@@ -390,6 +411,9 @@ class Channel:
         timeout, tries = self._timeout_and_tries(name)
         for _ in range(tries):
             frame = self.session.request(name, value)
+            if name in MTDATA_SETTINGS:
+                payload = self.session.validate(name, value)
+                self.link.acquisition.note_request(self.session.bid, MESSAGES[name].mid, payload)
             try:
                 self.send(frame, name)
                 if MESSAGES[name].reply is None:

@@ -10,6 +10,7 @@ import serial
 from xbus.device.device import Device
 from xbus.device.link import CAN_SCHEME, check_bid, open_can, open_link
 from xbus.device.ports import find_ports
+from xbus.log.legacy import Legacy, legacy_outputs
 from xbus.protocol.products import DEFAULT_BAUDRATE
 from xbus.protocol.values import StringType
 from xbus.wire.strings import mask_of
@@ -38,6 +39,7 @@ def connect(
     reconnect: bool = False,
     queue_seconds: float = 60.0,
     strings: Iterable[StringType | str] = (),
+    legacy: Legacy | None = None,
 ) -> Device:
     """Opens the port of a device, and finds out its state without changing it.
 
@@ -68,6 +70,8 @@ def connect(
         strings: Strings that only their length distinguishes from noise, to be found from the start:
             ``["EM1000"]``. All others are always found; so is EM1000 after the device was asked for its
             strings.
+        legacy: OutputMode and OutputSettings of MTData, the output of legacy devices, as for `read_log`.
+            Needed only with `listen`: otherwise the device is asked when its first sample is read.
 
     Returns:
         The open device, which is also a context manager that closes the port.
@@ -87,6 +91,7 @@ def connect(
         raise ValueError(
             f"queue_seconds must be from 0 to {MAX_QUEUE_SECONDS}, not {queue_seconds}"
         )
+    outputs = legacy_outputs(legacy)
     bound, mask = int(queue_seconds * MAX_BYTES_PER_SECOND), mask_of(strings)
     port = _only_port() if port is None else port
     if isinstance(port, str) and port.startswith(CAN_SCHEME):
@@ -101,9 +106,12 @@ def connect(
     rates: tuple[int | None, ...]
     rates = BAUDRATES if link.is_line else (link.baudrate,)
     if listen and (baudrate or not link.is_line):
+        link.acquisition.give_outputs(outputs)
         return device
     try:
         device.find_baudrate((baudrate,) if baudrate else rates, restart=True)
+        if outputs:
+            link.acquisition.give_outputs(outputs)
     except BaseException:
         device.close()
         raise

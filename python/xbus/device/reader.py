@@ -81,6 +81,7 @@ class Reader:
             return (
                 acquisition.waiting.samples >= count
                 or channel.sends_no_data
+                or channel.meets_unknown_mtdata
                 or (count > 1 and acquisition.waiting.dropped_samples > dropped)
             )
 
@@ -88,7 +89,10 @@ class Reader:
             arrived = max(began, acquisition.waiting.last_sample or began)
             left = max(0.0, arrived + timeout - channel.link.clock())
             if channel.wait_for(is_over, left, samples=count, cancel=cancel):
-                break
+                if not channel.meets_unknown_mtdata or acquisition.waiting.samples >= count:
+                    break
+                channel.learn_mtdata()
+                continue
             if cancel is not None and cancel.is_set:
                 return
             if (acquisition.waiting.last_sample or began) <= arrived:
@@ -122,13 +126,19 @@ class Reader:
             return bool(waiting.strings or (samples and waiting.samples))
 
         channel = self._channel
-        if not channel.wait_for(
-            lambda: has_data() or channel.sends_no_data,
-            timeout,
-            samples=1 if samples else None,
-            strings=True,
-            cancel=cancel,
-        ):
+
+        def is_over() -> bool:
+            return has_data() or channel.sends_no_data or (samples and channel.meets_unknown_mtdata)
+
+        def wait() -> bool:
+            need = 1 if samples else None
+            return channel.wait_for(is_over, timeout, samples=need, strings=True, cancel=cancel)
+
+        is_in_time = wait()
+        if samples and channel.meets_unknown_mtdata and not has_data():
+            channel.learn_mtdata()
+            is_in_time = wait()
+        if not is_in_time:
             if cancel is None or not cancel.is_set:
                 self._refuse_silence("data" if samples else "string", timeout)
         elif not has_data():

@@ -1,4 +1,4 @@
-"""A sample that has just arrived: one MTData2 message, decoded on access."""
+"""A sample that has just arrived: one MTData2 or MTData message, decoded on access."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ import numpy as np
 from xbus import _core
 from xbus.protocol.ids import MessageId
 from xbus.protocol.keys import ByQuantity, EntryKey, Key, KeyIndex, QuantityKey, key_of
-from xbus.protocol.tables import QUANTITIES, Quantity
+from xbus.protocol.tables import COLUMN_QUANTITIES, QUANTITIES, Quantity
 from xbus.wire.codec import encode_frame
+from xbus.wire.mtdata import decode_mtdata, mtdata_layout
 from xbus.wire.struct import struct_of
 
 __all__ = ["Sample"]
 
 
 class Sample(Mapping[EntryKey, Any]):
-    """One MTData2 message: a mapping from quantity to value, in the order of its packets.
+    """One MTData2 or MTData message: a mapping from quantity to value, in the order of the message.
 
     Keys are those of a `Log`. A value is that of a row of the `Column`: a number for a scalar, an array
     ``(k,)`` for a vector, ``(3, 3)`` for the rotation matrix, a `Struct` for a struct. If a packet occurs
@@ -32,6 +33,7 @@ class Sample(Mapping[EntryKey, Any]):
     Attributes:
         payload: The bytes of the message.
         bid: Bus identifier.
+        output: OutputMode and OutputSettings of MTData, the output of legacy devices; None for MTData2.
         offset: Byte offset at which its frame begins, counted from when the port was opened.
         time: Seconds on the device clock, unwrapped: the same as `Log.time` of the same bytes. NaN without a
             time stamp, or outside a session.
@@ -55,12 +57,20 @@ class Sample(Mapping[EntryKey, Any]):
         "host_time",
         "leads",
         "offset",
+        "output",
         "payload",
         "time",
     )
 
-    def __init__(self, payload: bytes, bid: int = 0xFF, offset: int = 0) -> None:
+    def __init__(
+        self,
+        payload: bytes,
+        bid: int = 0xFF,
+        offset: int = 0,
+        output: tuple[int, int] | None = None,
+    ) -> None:
         self.payload = payload
+        self.output = output
         self.bid = bid
         self.offset = offset
         self.time = self.host_time = math.nan
@@ -75,6 +85,7 @@ class Sample(Mapping[EntryKey, Any]):
         sample.payload, sample.bid, sample.offset = received.payload, received.bid, received.offset
         sample.time, sample.leads = received.time, received.leads
         sample.arrival, sample.host_time = received.arrival, received.host_time
+        sample.output = received.output
         sample._known_layout = None
         return sample
 
@@ -82,12 +93,23 @@ class Sample(Mapping[EntryKey, Any]):
     def _layout(self) -> _Layout:
         """Where the quantities are in the payload, found once."""
         if self._known_layout is None:
-            self._known_layout = _layout_of(_core.packet_headers(self.payload))
+            self._known_layout = (
+                _layout_of(_core.packet_headers(self.payload))
+                if self.output is None
+                else _mtdata_layout_of(*self.output)
+            )
         return self._known_layout
+
+    @cached_property
+    def _mtdata(self) -> ByQuantity[Any] | None:
+        """The values of MTData; None for MTData2."""
+        return None if self.output is None else decode_mtdata(self.payload, *self.output)
 
     @cached_property
     def unknown(self) -> dict[int, bytes]:
         """Packets that the tables do not explain, by data identifier."""
+        if self.output is not None:
+            return {}
         return {
             packet.data_id: packet.numbers
             for packet in _core.packets(self.payload)
@@ -97,10 +119,13 @@ class Sample(Mapping[EntryKey, Any]):
     @property
     def frame(self) -> bytes:
         """The frame of the message: `read_log` reads concatenated frames as a log."""
-        return encode_frame(MessageId.MTData2, self.payload, bid=self.bid)
+        mid = MessageId.MTData2 if self.output is None else MessageId.MTData
+        return encode_frame(mid, self.payload, bid=self.bid)
 
     def __getitem__(self, key: Key) -> Any:
         place = self._place(key)
+        if self._mtdata is not None:
+            return self._mtdata[place.row.name]
         numbers = _core.packet_numbers(place.data_id, self.payload[place.start : place.end])
         row = place.row
         if row.fields:
@@ -144,8 +169,9 @@ class Sample(Mapping[EntryKey, Any]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Sample):
             return NotImplemented
-        return (self.payload, self.bid, self.offset, self.arrival) == (
+        return (self.payload, self.output, self.bid, self.offset, self.arrival) == (
             other.payload,
+            other.output,
             other.bid,
             other.offset,
             other.arrival,
@@ -155,7 +181,7 @@ class Sample(Mapping[EntryKey, Any]):
 
     def __reduce__(self) -> tuple[Any, ...]:
         state = {name: getattr(self, name) for name in ("time", "leads", "arrival", "host_time")}
-        return Sample, (self.payload, self.bid, self.offset), (None, state)
+        return Sample, (self.payload, self.bid, self.offset, self.output), (None, state)
 
     def __repr__(self) -> str:
         return f"<Sample {', '.join(map(str, self)) or 'without known quantities'}>"
@@ -175,6 +201,19 @@ class _Layout(NamedTuple):
 
     keys: KeyIndex
     places: dict[EntryKey, _Place]
+
+
+@lru_cache(maxsize=64)
+def _mtdata_layout_of(mode: int, settings: int) -> _Layout:
+    """Returns the layout of an MTData message with these settings."""
+    # An item that occurs twice counts once, with its last value.
+    items = {item.data_id: item for item in mtdata_layout(mode, settings).items}.values()
+    keys = KeyIndex(QuantityKey(item.name, item.coordinates, item.precision) for item in items)
+    places = (
+        _Place(COLUMN_QUANTITIES[item.name], item.data_id, item.start, item.start + item.size)
+        for item in items
+    )
+    return _Layout(keys, dict(zip(keys.keys, places, strict=True)))
 
 
 @lru_cache(maxsize=1024)

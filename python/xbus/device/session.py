@@ -76,6 +76,7 @@ class Session:
         self.skipped = 0
         self._scanner = _core.Scanner(LONGEST_LIVE, strings)
         self._clock = _core.SampleClock()
+        self._mtdata = _core.MtDataOutputs([])
 
     # Commands
 
@@ -101,6 +102,7 @@ class Session:
         self._check_product(name)
         self.check_state(name)
         payload = self.validate(name, value)
+        self._mtdata.message(self.bid, row.mid, payload)
         if row.reply is not None:
             self.pending = name
         elif name == "WakeUpAck":
@@ -224,6 +226,13 @@ class Session:
             return sample
         if item.mid == MessageId.MTData:
             self.handle_data()
+            samples = self._mtdata.samples(item.bid, item.payload)
+            if samples is not None and len(samples) == 1:
+                output = self._mtdata.output(item.bid)
+                sample = Sample(item.payload, item.bid, item.offset, output)
+                sample.time, sample.leads = self._clock.sample(item.bid, samples[0].stamps)
+                return sample
+        self._mtdata.message(item.bid, item.mid, item.payload)
         self._clock.message(item.bid, item.mid, item.payload)
         return self._message(item.offset, item.bid, item.mid, item.payload)
 

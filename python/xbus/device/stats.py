@@ -25,7 +25,7 @@ class LiveStats:
     Attributes:
         bytes: Received bytes.
         frames: Frames in them.
-        samples: MTData2 messages.
+        samples: MTData2 messages, and MTData messages whose settings are known.
         messages: Other messages.
         message_counts: Number of these by message identifier.
         malformed: MTData2 messages whose packets do not fill them.

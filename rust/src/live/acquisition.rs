@@ -13,7 +13,9 @@ use super::recorder::{Recorder, Recording};
 use super::time::{self, monotonic};
 use super::{Counts, PIECE, lock};
 use crate::error::CanError;
+use crate::frame::Frame;
 use crate::log::can::{CanFrames, CanId, LiveFrames, LiveReader, Verdict};
+use crate::mtdata::Output;
 
 /// Default for the most bytes of samples that wait: 60 seconds at 4 Mbaud.
 pub const QUEUE: usize = 24_000_000;
@@ -264,6 +266,21 @@ impl Acquisition {
     pub fn expect(&self, strings: u32) {
         if let Some(mut state) = self.state() {
             state.intake.expect(strings);
+        }
+    }
+
+    /// Decodes `MTData` with settings that the caller knows, until the stream has others: see
+    /// [`Outputs::give`](crate::mtdata::Outputs::give).
+    pub fn give_outputs(&self, given: Vec<Output>) {
+        if let Some(mut state) = self.state() {
+            state.intake.give(given);
+        }
+    }
+
+    /// Takes note of a request before it is sent: see [`Outputs::learn`](crate::mtdata::Outputs::learn).
+    pub fn note_request(&self, request: Frame<'_>) {
+        if let Some(mut state) = self.state() {
+            state.intake.note_request(request);
         }
     }
 

@@ -90,16 +90,31 @@ impl BlockDecoder {
 }
 
 fn read_frames(reader: &mut Reader, frames: &[u8], samples: &[Sample], strings: &[Text]) -> Part {
-    let read = |reader: &mut Reader, frames| reader.read_accepted(frames).expect("only strict readers fail");
     let (mut rest, mut done) = (frames, 0);
     for text in strings {
         let before = samples.partition_point(|sample| sample.offset < text.offset);
-        let size = samples[done..before].iter().map(|sample| sample.length as usize).sum();
-        let (head, tail) = rest.split_at(size);
-        read(reader, head);
+        rest = read_samples(reader, rest, &samples[done..before]);
         reader.read_accepted_string(text.place, &text.bytes);
-        (rest, done) = (tail, before);
+        done = before;
     }
-    read(reader, rest);
+    read_samples(reader, rest, &samples[done..]);
     reader.take()
+}
+
+/// Reads the frames of these samples, each with its settings of `MTData`, and returns the frames after them.
+fn read_samples<'a>(reader: &mut Reader, frames: &'a [u8], samples: &[Sample]) -> &'a [u8] {
+    let read = |reader: &mut Reader, frames| reader.read_accepted(frames).expect("only strict readers fail");
+    let (mut from, mut end) = (0, 0);
+    for sample in samples {
+        if let Some(output) = sample.output
+            && reader.output(sample.bid) != Some(output)
+        {
+            read(reader, &frames[from..end]);
+            reader.use_output(sample.bid, output);
+            from = end;
+        }
+        end += sample.length as usize;
+    }
+    read(reader, &frames[from..end]);
+    &frames[end..]
 }

@@ -5,7 +5,6 @@ use std::collections::BTreeMap;
 use crate::clock::Losses;
 use crate::frame::Frame;
 use crate::log::can::{self, CanEvent};
-use crate::packet::packets;
 use crate::scan::Damage;
 use crate::table;
 
@@ -17,7 +16,7 @@ pub struct Counts {
     pub bytes: u64,
     /// Accepted frames.
     pub frames: u64,
-    /// MTData2 messages.
+    /// MTData2 messages, and MTData messages whose settings are known.
     pub samples: u64,
     /// Other messages, malformed ones included.
     pub messages: u64,
@@ -55,12 +54,12 @@ impl Counts {
         *self.strings.entry(name).or_default() += 1;
     }
 
-    /// Counts a sample, before which samples are missing.
-    pub(super) fn sample(&mut self, payload: &[u8], lost: u64) {
+    /// Counts a sample with packets of these identifiers, before which samples are missing.
+    pub(super) fn sample(&mut self, ids: impl Iterator<Item = u16>, lost: u64) {
         self.frames += 1;
         self.samples += 1;
-        for packet in packets(payload).flatten() {
-            *self.quantities.entry(packet.id & !0xF).or_default() += 1;
+        for id in ids {
+            *self.quantities.entry(id & !0xF).or_default() += 1;
         }
         self.losses.add(lost);
     }

@@ -1,6 +1,7 @@
 //! The scan of a live stream. Everything that is known about the stream is found here, once.
 
-use std::collections::{BTreeSet, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
 
 use super::lanes::{Event, Lanes, Sample, Text};
 use super::recorder::{Mark, Recorder};
@@ -9,7 +10,8 @@ use crate::clock::{Change, Clocks, Stamps};
 use crate::frame::{Frame, MASTER, device_of, field};
 use crate::input::PushBuffer;
 use crate::log::can::{CanEvent, CanSample};
-use crate::packet::is_well_formed;
+use crate::mtdata::{self, MessageLayout, Output, Outputs};
+use crate::packet::{is_well_formed, packets};
 use crate::scan::{Damage, Scanner, Step};
 use crate::table::{self, LONGEST_PAYLOAD};
 
@@ -24,6 +26,9 @@ pub struct Intake {
     pieces: VecDeque<Piece>,
     clocks: Clocks,
     counts: Counts,
+    /// The settings of `MTData` in force, and the layouts that follow from them, by bus identifier.
+    outputs: Outputs,
+    mtdata: BTreeMap<u8, Option<Arc<MessageLayout>>>,
     /// Where the messages begin that were handed out before they were decided: positions among the undecided bytes.
     early: BTreeSet<u64>,
     /// Frames and strings of the present piece, for the recorder.
@@ -41,6 +46,8 @@ impl Intake {
             pieces: VecDeque::new(),
             clocks: Clocks::new(rate),
             counts: Counts::default(),
+            outputs: Outputs::default(),
+            mtdata: BTreeMap::new(),
             early: BTreeSet::new(),
             marks: vec![],
         }
@@ -67,6 +74,23 @@ impl Intake {
     /// Looks also for these strings: see [`Scanner::expect`].
     pub fn expect(&mut self, strings: u32) {
         self.scanner.expect(strings);
+    }
+
+    /// Decodes `MTData` with settings that the caller knows: see [`Outputs::give`].
+    pub fn give(&mut self, given: Vec<Output>) {
+        self.outputs.give(given);
+        self.mtdata.clear();
+    }
+
+    /// Takes note of a request of the host, whose acknowledgement puts settings of `MTData` into force.
+    pub fn note_request(&mut self, request: Frame<'_>) {
+        self.learn(request);
+    }
+
+    fn learn(&mut self, frame: Frame<'_>) {
+        if self.outputs.learn(frame) {
+            self.mtdata.clear();
+        }
     }
 
     /// Adds a piece that arrives now.
@@ -137,16 +161,25 @@ impl Intake {
     fn frame(&mut self, offset: u64, bytes: &[u8], arrival: i64, lanes: &mut Lanes) -> bool {
         let frame = Frame::of(bytes);
         let is_wanted = self.is_wanted(frame.bid);
+        let layout = if frame.mid == table::MTDATA { self.mtdata_layout(frame) } else { None };
         let clock = self.clocks.of(frame.bid);
-        if frame.mid == table::MTDATA2 && is_well_formed(frame.payload) {
-            let stamps = Stamps::read(frame.payload);
+        let items = layout.as_ref().map(|layout| layout.samples[0].1.as_slice());
+        if items.is_some() || (frame.mid == table::MTDATA2 && is_well_formed(frame.payload)) {
+            let stamps = match items {
+                Some(items) => Stamps::read(&mtdata::stamps(frame.payload, items)),
+                None => Stamps::read(frame.payload),
+            };
             let moment = clock.sample(stamps);
-            self.counts.sample(frame.payload, moment.lost);
+            match items {
+                Some(items) => self.counts.sample(items.iter().map(|item| item.id), moment.lost),
+                None => self.counts.sample(packets(frame.payload).flatten().map(|packet| packet.id), moment.lost),
+            }
             if is_wanted {
                 #[allow(clippy::cast_possible_truncation)] // at most 65535 and a header
                 let length = bytes.len() as u32;
                 let (bid, leads) = (frame.bid, stamps.lead());
-                let sample = Sample { offset, length, bid, leads, arrival, moment, host_time: f64::NAN };
+                let output = if items.is_some() { self.outputs.of(bid) } else { None };
+                let sample = Sample { offset, length, bid, leads, output, arrival, moment, host_time: f64::NAN };
                 lanes.add_sample(sample, bytes);
             }
             return true;
@@ -154,11 +187,20 @@ impl Intake {
         if let Some(change) = Change::of(frame.mid, frame.payload) {
             clock.change(change);
         }
+        self.learn(frame);
         self.counts.message(frame);
         if is_wanted && !self.early.contains(&offset) {
             lanes.add_event(Event::Message { offset, bytes: bytes.into() });
         }
         false
+    }
+
+    /// The layout of an `MTData` message of one device; `None` if its settings are not known or do not fit, and for an Xbus
+    /// Master, which sends for several.
+    fn mtdata_layout(&mut self, frame: Frame<'_>) -> Option<Arc<MessageLayout>> {
+        let outputs = &self.outputs;
+        let layout = self.mtdata.entry(frame.bid).or_insert_with(|| outputs.layout(frame.bid)).clone()?;
+        (layout.samples.len() == 1 && layout.fits(frame.payload)).then_some(layout)
     }
 
     /// The messages in the undecided bytes, as if the stream ended with them. They are not handed out again. The bytes stay
@@ -175,7 +217,10 @@ impl Intake {
             };
             let (offset, bytes) = (undecided.offset + at as u64, &undecided.bytes[at..at + length]);
             let frame = Frame::of(bytes);
-            if frame.mid != table::MTDATA2 && self.is_wanted(frame.bid) && self.early.insert(offset) {
+            if ![table::MTDATA, table::MTDATA2].contains(&frame.mid)
+                && self.is_wanted(frame.bid)
+                && self.early.insert(offset)
+            {
                 found.push(Event::Message { offset, bytes: bytes.into() });
             }
         }
@@ -202,7 +247,8 @@ impl Intake {
             #[allow(clippy::cast_possible_truncation)] // each message once
             let length = frames.len() as u32;
             let leads = stamps.lead();
-            lanes.add_sample(Sample { offset, length, bid, leads, arrival, moment, host_time: f64::NAN }, frames);
+            let sample = Sample { offset, length, bid, leads, output: None, arrival, moment, host_time: f64::NAN };
+            lanes.add_sample(sample, frames);
         }
     }
 

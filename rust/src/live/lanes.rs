@@ -9,6 +9,7 @@ use super::{most_entries, time};
 use crate::clock::Moment;
 use crate::frame::{Frame, device_of};
 use crate::hostclock::HostClock;
+use crate::mtdata::Output;
 use crate::scan::{self, Damage};
 
 /// A sample, without its bytes.
@@ -22,6 +23,8 @@ pub struct Sample {
     pub bid: u8,
     /// Whether it arrived when it was measured: see [`Stamps::lead`](crate::clock::Stamps::lead).
     pub leads: bool,
+    /// The settings of `MTData`; `None` for `MTData2`.
+    pub output: Option<Output>,
     /// When its last byte arrived, in ns on the clock of the stream.
     pub arrival: i64,
     /// When it was measured, on the clock of the device, and what is missing before it.

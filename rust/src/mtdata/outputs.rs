@@ -52,6 +52,12 @@ impl Outputs {
         Self { given, trackers, ..Self::default() }
     }
 
+    /// Replaces the settings of the caller.
+    pub fn give(&mut self, given: Vec<Output>) {
+        let Self { given, trackers, .. } = Self::given(given);
+        (self.given, self.trackers) = (given, trackers.or(self.trackers));
+    }
+
     /// Takes note of a message. Returns whether it changes what is in force.
     pub fn learn(&mut self, frame: Frame<'_>) -> bool {
         let Frame { bid, mid, payload } = frame;
@@ -85,8 +91,15 @@ impl Outputs {
         first..=last
     }
 
+    /// Sets what is in force of a device. Returns whether that changes it.
+    pub fn set(&mut self, bid: u8, output: Output) -> bool {
+        let known = Known { mode: Some(output.mode), settings: Some(output.settings), ..Known::default() };
+        self.update(bid, |before| std::mem::replace(before, known).output() != known.output())
+    }
+
     /// The settings in force of a device.
-    fn of(&self, bid: u8) -> Option<Output> {
+    #[must_use]
+    pub fn of(&self, bid: u8) -> Option<Output> {
         let device = device_of(bid);
         let given = if self.given.len() > 1 { self.given.get(usize::from(device) - 1) } else { self.given.first() };
         let known = self.devices.iter().find(|(known, _)| *known == device).map(|(_, known)| *known);

@@ -20,6 +20,7 @@ use crate::frame::Frame;
 use crate::live::time::{in_seconds, nanoseconds};
 use crate::live::{self, Item, Need, QUEUE, Recording, Report, Stats, Text};
 use crate::log::Wanted;
+use crate::mtdata::Output;
 use crate::scan;
 
 // The signatures below show this number.
@@ -72,6 +73,8 @@ pub struct ReceivedSample {
     offset: u64,
     bid: u8,
     payload: Py<PyBytes>,
+    /// `OutputMode` and `OutputSettings` of `MTData`.
+    output: Option<(u16, u32)>,
     time: f64,
     leads: bool,
     arrival: f64,
@@ -186,6 +189,14 @@ impl Acquisition {
         Ok(pushed.map(|(verdicts, samples)| (hand_over(py, verdicts).unbind(), samples)))
     }
 
+    fn give_outputs(&self, legacy: Vec<(u16, u32)>) {
+        self.0.give_outputs(legacy.into_iter().map(|(mode, settings)| Output { mode, settings }).collect());
+    }
+
+    fn note_request(&self, bid: u8, mid: u8, payload: &[u8]) {
+        self.0.note_request(Frame { bid, mid, payload });
+    }
+
     fn resume(&self) -> PyResult<()> {
         self.0.resume().map_err(|error| os_error(&error, None))
     }
@@ -241,6 +252,7 @@ impl Acquisition {
             offset: sample.offset,
             bid: sample.bid,
             payload: PyBytes::new(py, payload).unbind(),
+            output: sample.output.map(|Output { mode, settings }| (mode, settings)),
             time: sample.moment.seconds,
             leads: sample.leads,
             arrival: in_seconds(sample.arrival),

@@ -67,6 +67,10 @@ impl MtDataOutputs {
         self.0.learn(Frame { bid, mid, payload })
     }
 
+    fn output(&self, bid: u8) -> Option<(u16, u32)> {
+        self.0.of(bid).map(|Output { mode, settings }| (mode, settings))
+    }
+
     fn devices_of(&self, bid: u8) -> Vec<u8> {
         self.0.devices_of(bid).collect()
     }
