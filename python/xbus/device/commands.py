@@ -228,7 +228,14 @@ class Commands:
         return int(self._ask("ReqDataLength"))
 
     def req_output_mode(self) -> v.OutputMode:
-        """ReqOutputMode (0xD0, legacy): the items of MTData."""
+        """ReqOutputMode (0xD0, legacy): the items of MTData.
+
+        >>> import xbus
+        >>> device = xbus.connect("sim:MTi")
+        >>> with device.configure():
+        ...     device.commands.req_output_mode()
+        <OutputMode.ORIENTATION: 4>
+        """
         return v.OutputMode(self._ask("ReqOutputMode"))
 
     def set_output_mode(self, mode: v.OutputMode | int) -> None:
@@ -244,7 +251,17 @@ class Commands:
         return found
 
     def set_output_settings(self, settings: v.OutputSettings | int) -> None:
-        """SetOutputSettings (0xD2, legacy): the form of the items of MTData."""
+        """SetOutputSettings (0xD2, legacy): the form of the items of MTData.
+
+        >>> import xbus
+        >>> from xbus.protocol import OutputMode, OutputSettings
+        >>> device = xbus.connect("sim:MTi")
+        >>> with device.configure():
+        ...     device.commands.set_output_mode(OutputMode.CALIBRATED)
+        ...     device.commands.set_output_settings(OutputSettings(magnetic_field=False))
+        >>> list(device.read_sample())
+        ['acceleration', 'rate_of_turn', 'packet_counter']
+        """
         self._set("SetOutputSettings", settings)
 
     def req_emts(self) -> bytes:
@@ -257,6 +274,14 @@ class Commands:
         """ReqData (0x34): asks for the latest sample, which then arrives like any other.
 
         Requires a SendLatest setting on the line SOFTWARE, or strings or MTData with skip factor 65535.
+
+        >>> import xbus
+        >>> device = xbus.connect("sim:MTi")
+        >>> with device.configure():
+        ...     device.commands.set_output_skip_factor(65535)
+        >>> device.commands.req_data()
+        >>> list(device.read_sample())
+        ['quaternion', 'packet_counter']
         """
         self._set("ReqData")
 

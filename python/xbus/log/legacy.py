@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from operator import index
+from typing import Any, SupportsIndex
 
 from xbus.wire.mtdata import mtdata_layout
 
 __all__ = ["Legacy", "legacy_outputs"]
 
 #: OutputMode and OutputSettings of a device; several pairs are those of the trackers of an Xbus Master.
-Legacy = tuple[int, int] | Sequence[tuple[int, int]]
+Legacy = tuple[SupportsIndex, SupportsIndex] | Sequence[tuple[SupportsIndex, SupportsIndex]]
 
 
 def legacy_outputs(legacy: Legacy | None) -> list[tuple[int, int]]:
@@ -33,13 +34,14 @@ def legacy_outputs(legacy: Legacy | None) -> list[tuple[int, int]]:
         )
     if len(pairs) > MOST_TRACKERS:
         raise ValueError(f"an Xbus Master has at most {MOST_TRACKERS} trackers, not {len(pairs)}")
+    pairs = [(index(mode), index(settings)) for mode, settings in pairs]
     for mode, settings in pairs:
         if not (0 <= mode <= 0xFFFF and 0 <= settings <= 0xFFFF_FFFF):
             raise ValueError(
                 f"OutputMode has 16 bits and OutputSettings 32: {mode:#x} and {settings:#x} do not fit"
             )
         mtdata_layout(mode, settings)
-    return [(int(mode), int(settings)) for mode, settings in pairs]
+    return pairs
 
 
 #: Most trackers of an Xbus Master: their bus identifiers are 1 to 31.
@@ -50,5 +52,5 @@ def _is_pair(value: object) -> bool:
     return (
         isinstance(value, tuple)
         and len(value) == 2
-        and all(isinstance(number, int) for number in value)
+        and all(hasattr(number, "__index__") for number in value)
     )

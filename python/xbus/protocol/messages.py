@@ -219,11 +219,11 @@ def _can(row: MessageRow) -> Layout:
 
 
 def _output_settings(row: MessageRow) -> Layout:
-    word = _word(row, v.OutputSettings)
+    word, number = _word(row, v.OutputSettings), record(row.forms, int)
 
     def encode(value: Any) -> bytes:
         # Other software has the settings as a number.
-        return word.encode(v.OutputSettings.from_word(value) if type(value) is int else value)
+        return (number if type(value) is int else word).encode(value)
 
     return replace(word, encode=encode)
 

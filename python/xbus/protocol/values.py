@@ -541,7 +541,7 @@ class OutputSettings:
             orientation=known(OrientationForm, word >> _ORIENTATION_BIT & 3),
             precision=Precision(word >> _PRECISION_BIT & 3),
             coordinates=Coordinates.NED if word >> _NED_BIT & 1 else Coordinates.NWU,
-            reserved=word & 0xFFFF_FFFF & ~_KNOWN_SETTINGS,
+            reserved=word & ~_KNOWN_SETTINGS,
         )
 
     @property

@@ -27,6 +27,8 @@ __all__ = [
     "LAT_LON_ALT",
     "OPTION_FLAGS",
     "OUTPUT_CONFIGURATION",
+    "OUTPUT_MODE",
+    "OUTPUT_SETTINGS",
     "PORT_CONFIG",
     "ROTATION",
     "STRING_OUTPUT_TYPE",
@@ -134,6 +136,11 @@ def _choice(kind: type[IntEnum]) -> Converter:
         lambda value: member_name(value) if isinstance(value, kind) else int(value),
         lambda found: _read_member(kind, found),
     )
+
+
+def _format(kind: type[IntEnum]) -> Converter:
+    """Returns the converter of precisions and coordinates, whose names are written as they are."""
+    return Converter(lambda value: str(value.name), lambda found: _read_member(kind, found))
 
 
 def _flags(kind: type[IntFlag]) -> Converter:
@@ -299,6 +306,25 @@ ROTATION = Converter(
 FILTER_PROFILE = Converter(lambda profile: profile, _read_profile)
 OPTION_FLAGS = _flags(v.OptionFlag)
 EXT_OUTPUT_MODE = _flags(v.ExtOutputMode)
+OUTPUT_MODE = _flags(v.OutputMode)
+OUTPUT_SETTINGS = _table(
+    v.OutputSettings,
+    packet_counter=BOOLEAN,
+    utc_time=BOOLEAN,
+    orientation=_choice(v.OrientationForm),
+    acceleration=BOOLEAN,
+    rate_of_turn=BOOLEAN,
+    magnetic_field=BOOLEAN,
+    status_word=BOOLEAN,
+    precision=_format(Precision),
+    analog_in1=BOOLEAN,
+    analog_in2=BOOLEAN,
+    gps=BOOLEAN,
+    gyro_temperature=BOOLEAN,
+    sample_time_fine=BOOLEAN,
+    coordinates=_format(Coordinates),
+    reserved=INTEGER,
+)
 GNSS_PLATFORM = _choice(v.GnssPlatform)
 STRING_OUTPUT_TYPE = _table(v.StringOutput, types=_flags(v.StringType), frequency=INTEGER)
 LAT_LON_ALT = _table(v.LatLonAlt, lat=FLOAT64, lon=FLOAT64, alt=FLOAT64)

@@ -33,6 +33,8 @@ class Settings:
         product: Name of the product.
         output_configuration: Outputs, with the rates in effect; also given as rates in Hz by quantity, as
             `Device.set_output_configuration` takes them.
+        output_mode: Items of MTData, which legacy devices send.
+        output_settings: Their form.
         filter_profile: Name, on the 600-series names joined by ``/``; a number if it has no name.
         option_flags: The flags that are set.
         rot_sensor: q0, q1, q2, q3.
@@ -65,6 +67,8 @@ class Settings:
 
     product: str | None = None
     output_configuration: tuple[v.Output, ...] | None = None
+    output_mode: v.OutputMode | None = None
+    output_settings: v.OutputSettings | None = None
     filter_profile: int | str | None = None
     option_flags: v.OptionFlag | None = None
     rot_sensor: tuple[float, float, float, float] | None = None
@@ -189,11 +193,13 @@ def _choices(product: str | None) -> Mapping[str, str]:
     try:
         known = support(find_product(product or ""))
     except ValueError:
-        return dict.fromkeys(("filter_profiles", "option_flags", "string_types"), "see the manual")
+        names = ("filter_profiles", "option_flags", "string_types", "output_modes")
+        return dict.fromkeys(names, "see the manual")
     return {
         "filter_profiles": ", ".join(profile.label for profile in known.filter_profiles),
         "option_flags": ", ".join(map(member_name, known.option_flags)),
         "string_types": ", ".join(map(member_name, known.string_types)),
+        "output_modes": ", ".join(map(member_name, known.output_modes)),
     }
 
 

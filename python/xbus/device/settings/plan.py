@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from xbus.device.checks import check
 from xbus.device.configurable import Configurable
 from xbus.device.filter_profile import filter_profile_command, filter_profile_label
+from xbus.device.mtdata_output import MtDataPlan, check_mtdata_fits
 from xbus.device.output_configuration import check_outputs_fit
 from xbus.device.settings.model import Change, Settings
 from xbus.device.settings.table import ROTATIONS, SETTINGS
@@ -27,6 +28,8 @@ LAST = ("option_flags", "port_config")
 #: Settings that determine how much the device sends, and how fast.
 AFFECTS_LINE = (
     "output_configuration",
+    "output_mode",
+    "output_settings",
     "string_output_type",
     "period",
     "output_skip_factor",
@@ -62,17 +65,20 @@ def read_settings(device: Configurable) -> Settings:
     values = {
         name: read_setting(device, name)
         for name in SETTINGS
-        if support is None or _is_readable(support, name)
+        if support is None or _is_readable(device, support, name)
     }
     if values.get("port_config") is not None:
         values["baudrate"] = None  # port_config has the rate of each port
     return Settings(product=product, **values)
 
 
-def _is_readable(support: Support, name: str) -> bool:
+def _is_readable(device: Configurable, support: Support, name: str) -> bool:
     if name == "filter_profile":
         return bool(support.filter_profiles)
-    return f"Req{SETTINGS[name].message}" in support.messages
+    request = f"Req{SETTINGS[name].message}"
+    # The output configuration, which is read first, shows whether the device is in legacy mode.
+    in_legacy_mode = device.session.is_in_legacy_mode and request in support.legacy_messages
+    return request in support.messages or in_legacy_mode
 
 
 def read_setting(device: Configurable, name: str) -> Any:
@@ -287,6 +293,11 @@ def _check_line(
             if after.period is not None and after.output_skip_factor is not None:
                 rate = frequency_of(after.period, after.output_skip_factor)
             check_strings_fit(StringPlan(strings, frequency=rate), support, baudrate)
+        elif after.output_mode and after.output_settings is not None:
+            name = "output_mode"
+            period, skip_factor = after.period or v.PERIODS[0], after.output_skip_factor or 0
+            plan = MtDataPlan(after.output_mode, after.output_settings, period, skip_factor)
+            check_mtdata_fits(plan, support, baudrate)
         elif after.output_configuration is not None:
             check_outputs_fit(after.output_configuration, support, baudrate)
     except ValueError as error:

@@ -37,6 +37,12 @@ SETTINGS: dict[str, Setting] = {
         converters.OUTPUT_CONFIGURATION,
         "Outputs, in the order of the message. frequency in Hz; without it, the highest, or every message",
     ),
+    "output_mode": Setting(
+        "OutputMode", converters.OUTPUT_MODE, "MTData: its items, of: {output_modes}"
+    ),
+    "output_settings": Setting(
+        "OutputSettings", converters.OUTPUT_SETTINGS, "MTData: the form of its items"
+    ),
     "filter_profile": Setting(
         "FilterProfile", converters.FILTER_PROFILE, "Filter profile, one of: {filter_profiles}"
     ),
@@ -64,7 +70,7 @@ SETTINGS: dict[str, Setting] = {
     "period": Setting(
         "Period",
         converters.INTEGER,
-        "Rate of strings: 115200 / period / (output_skip_factor + 1) Hz",
+        "Rate of strings and MTData: 115200 / period / (output_skip_factor + 1) Hz",
     ),
     "output_skip_factor": Setting("OutputSkipFactor", converters.INTEGER, ""),
     "lat_lon_alt": Setting(
@@ -94,7 +100,7 @@ SETTINGS: dict[str, Setting] = {
     "ext_output_mode": Setting(
         "ExtOutputMode",
         converters.EXT_OUTPUT_MODE,
-        "Extended output mode, of: alternative_uart, usb_low_latency",
+        "Extended output mode, of: alternative_uart, usb_low_latency; analog_euler_angles of an MTi or MTx",
     ),
     "transmit_delay": Setting(
         "TransmitDelay",
