@@ -29,6 +29,7 @@ class LiveStats:
         messages: Other messages.
         message_counts: Number of these by message identifier.
         malformed: MTData2 messages whose packets do not fill them.
+        unfit: MTData messages whose settings are not known or do not fit, and those of an Xbus Master.
         lost_samples: Samples missing by the packet counter.
         gaps: Places where samples are missing.
         checksum_errors: Candidates with a wrong checksum where a frame was expected.
@@ -59,6 +60,7 @@ class LiveStats:
     messages: int
     message_counts: dict[int, int]
     malformed: int
+    unfit: int
     lost_samples: int
     gaps: int
     checksum_errors: int

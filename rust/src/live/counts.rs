@@ -24,6 +24,8 @@ pub struct Counts {
     pub mids: BTreeMap<u8, u64>,
     /// MTData2 messages that are empty or that their packets do not fill.
     pub malformed: u64,
+    /// MTData messages whose settings are not known or do not fit, and those of an Xbus Master.
+    pub unfit: u64,
     /// String outputs by name; the name of those that the manual does not list is empty.
     pub strings: BTreeMap<&'static str, u64>,
     /// Packets by data identifier without format bits.
@@ -95,6 +97,7 @@ impl Counts {
         self.messages += 1;
         *self.mids.entry(frame.mid).or_default() += 1;
         self.malformed += u64::from(frame.mid == table::MTDATA2);
+        self.unfit += u64::from(frame.mid == table::MTDATA);
         match (frame.mid, frame.payload) {
             (table::ERROR, [code, ..]) => {
                 self.errors += 1;
