@@ -385,6 +385,8 @@ class Channel:
             reply = self._command(name, value)
             if name.startswith("Set") or name == "RestoreFactoryDef":
                 self._has_new_settings = True
+            if name == "GoToMeasurement":
+                self.meets_unknown_mtdata = False  # MTData of before
             return reply
 
     def _find_legacy_mode(self) -> None:
