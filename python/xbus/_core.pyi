@@ -68,6 +68,7 @@ __all__ = [
     "frame_size",
     "is_sample",
     "keep_freed_memory",
+    "legacy_products",
     "message_name",
     "messages",
     "mtdata_items",

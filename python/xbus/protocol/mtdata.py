@@ -80,7 +80,7 @@ def remedy_of_size(size: int) -> str:
     """Returns what to do with MTData of this length that does not fit the settings in force.
 
     >>> print(remedy_of_size(18))
-    no OutputMode and OutputSettings for 18 bytes; 0004:00000001 fits: --legacy MODE:SETTINGS
+    no OutputMode and OutputSettings for 18 bytes; 0004:00000001 or 0005:00000005 fits: --legacy MODE:SETTINGS
     """
     fitting = outputs_of_size(size)
     problem = f"no OutputMode and OutputSettings for {size} bytes"

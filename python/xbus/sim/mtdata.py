@@ -64,8 +64,8 @@ class MtDataStream:
     >>> stream = MtDataStream(OutputMode.TEMPERATURE, OutputSettings(), Fraction(100), sensors)
     >>> for time, frame in stream.take(0.02, status=0):
     ...     print(time, frame.hex(" ").upper())
-    0.01 FA FF 32 06 41 C8 00 D2 00 00 EE
-    0.02 FA FF 32 06 41 C8 01 A3 00 01 1B
+    0.01 FA FF 32 06 41 C8 00 69 00 00 57
+    0.02 FA FF 32 06 41 C8 00 D2 00 01 ED
     """
 
     def __init__(
