@@ -22,7 +22,7 @@ from test_cli import run, sentence
 from xbus import MessageId, _core, encode_frame
 from xbus.log.legacy import legacy_outputs
 from xbus.protocol.tables import COLUMN_QUANTITIES
-from xbus.wire.mtdata import decode_mtdata, mtdata_layout
+from xbus.wire.mtdata import decode_mtdata, encode_mtdata, mtdata_layout
 
 SENSORS = (0x0006, 0x0000_0001)
 EULER = (0x0004, 0x0000_0005)
@@ -353,6 +353,12 @@ def test_an_xbus_master() -> None:
         "FAFF322212343F8000000000000000000000000000003F0000003F0000003F0000003F000000AC"
     )
     outputs = [(0x0004, 0), (0x0004, 0)]
+    trackers = [[1.0, 0, 0, 0], [0.5] * 4]
+    payloads = [
+        encode_mtdata({"quaternion": q}, *output)[4:-1]
+        for q, output in zip(trackers, outputs, strict=True)
+    ]
+    assert encode_frame(MessageId.MTData, b"\x12\x34" + b"".join(payloads)) == frame
     for log in (
         xbus.read_log(frame * 3, legacy=outputs),
         xbus.read_log(configuration(*outputs, master=0x0110_0001) + frame * 3),

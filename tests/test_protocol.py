@@ -92,6 +92,10 @@ CONFIGURATION_710 = dataclasses.replace(
     CONFIGURATION_300, device_id=0x0770_10E6, filter_profile=4, firmware=Firmware(1, 4, 12),
     output_mode=0x36, output_settings=3, filter_type="7", filter_version=(4, 1),
 )  # fmt: skip
+CONFIGURATION_700 = dataclasses.replace(
+    CONFIGURATION_300, device_id=0x0770_045E, filter_profile=1, firmware=Firmware(1, 4, 5),
+    filter_type="7", filter_version=(3, 0),
+)  # fmt: skip
 CONFIGURATION_7 = dataclasses.replace(
     CONFIGURATION_300, device_id=0x0788_1322, sampling_period=0, date="20210828", time="10004300",
     filter_profile=13, firmware=Firmware(1, 14, 0), output_settings=0, filter_type=None,
@@ -208,6 +212,8 @@ VALUES: list[tuple[str, Any, str]] = [
      configuration_hex("0360048E 0240 0000", b"", b"", "0360048E 0000 0006 00000000", "0027 010401 49 0200")),
     ("Configuration", CONFIGURATION_710,
      configuration_hex("077010E6 0480 0000", b"", b"", "077010E6 0000 0036 00000003", "0004 01040C 37 0401")),
+    ("Configuration", CONFIGURATION_700,
+     configuration_hex("0770045E 0480 0000", b"", b"", "0770045E 0000 0000 00000001", "0001 010405 37 0300")),
     ("Configuration", CONFIGURATION_7,
      configuration_hex("07881322 0000 0000", b"2021082810004300", b"",
                        "07881322 0000 0000 00000000", "000D 010E00 00 0000")),
