@@ -90,6 +90,7 @@ async def served(sink: FoxgloveSink, log: xbus.Log, messages: LiveMessages) -> l
     sink.write(log)
     await client.receive(sink._sent - before)
     client.connection.close()
+    await client.receive()  # until the connection is closed
     return client.received
 
 

@@ -28,8 +28,11 @@ def _small_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 #: How to read the files whose bytes differ although their content does not: those of rerun have random
-#: identifiers, and a chunk for each part.
-READERS: dict[str, Callable[[Path], Any]] = {".rrd": lambda path: repr(rrd_rows(path))}
+#: identifiers, and a chunk for each part. The order of entities has no meaning, nor has that of rows with the
+#: same time.
+READERS: dict[str, Callable[[Path], Any]] = {
+    ".rrd": lambda path: {name: sorted(map(repr, rows)) for name, rows in rrd_rows(path).items()}
+}
 #: A file is in the files of a folder, or one.
 Content = dict[str, Any]
 

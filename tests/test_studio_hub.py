@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import signal
+import socket
 import threading
 from pathlib import Path
 from typing import Any
@@ -151,9 +152,11 @@ def test_two_pages_start_and_end_corrections(hub: Any) -> None:
         return sum(thread.name == "xbus-rtk" for thread in threading.enumerate())
 
     # Nothing listens there; the corrections wait and try again.
+    with socket.socket() as unused:
+        unused.bind(("127.0.0.1", 0))
+        caster = f"127.0.0.1:{unused.getsockname()[1]}"
     threads = [
-        threading.Thread(target=station.start_corrections, args=("127.0.0.1:1", "NEAR"))
-        for _ in range(4)
+        threading.Thread(target=station.start_corrections, args=(caster, "NEAR")) for _ in range(4)
     ]
     for thread in threads:
         thread.start()
