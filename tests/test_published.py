@@ -24,6 +24,7 @@ import streams
 import xbus
 from conftest import coarse, counter, differences, facts, facts_of, fine, shared, trigger
 from reference import DAY, Damage, Frame, Reference, array, number, same_bits
+from reference_mtdata import MTDATA
 from streams import frame, mtdata2, packet, real
 from xbus import _core
 
@@ -538,7 +539,7 @@ def test_capture(capture: str) -> None:
         "frames": 100,
         "samples": 100,
         **dict.fromkeys(
-            ["messages", "malformed", "strings", "skipped_bytes", "checksum_errors"], 0
+            ["messages", "malformed", "unfit", "strings", "skipped_bytes", "checksum_errors"], 0
         ),
         **dict.fromkeys(["lost_samples", "gaps"], 0),
     }
@@ -609,6 +610,7 @@ def test_lengths() -> None:
                 lengths.update(range(first, last + 1, step))
             else:
                 lengths.update(map(int, row["lengths"].split()))
+    expected[MTDATA] = set(range(1, 2049))  # the list has no lengths of it
     assert {mid: set(sizes) for mid, sizes in reference.LENGTHS.items()} == expected
 
 

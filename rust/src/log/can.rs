@@ -5,8 +5,8 @@
 //! recorded behind a gateway may be, a group begins with `SampleTime` or `GroupCounter`. Which of the two holds is
 //! counted in the first groups of each device.
 //!
-//! Captures and live frames take the same path: see [`groups`]. Nothing of this is in the scanner's terms: the offset of a
-//! sample is the index of its first frame, and a frame that is not decoded has a [`Verdict`].
+//! Captures and live frames take the same path: see the module `groups`. Nothing of this is in the scanner's terms: the
+//! offset of a sample is the index of its first frame, and a frame that is not decoded has a [`Verdict`].
 
 mod columns;
 mod groups;
