@@ -596,6 +596,33 @@ class Reset:
         pass
 
 
+def test_a_pin_is_read_during_transfers() -> None:
+    """One thread waits for DRDY, another one sends a command."""
+    bus, stop = SimI2c("MTi-3", live=True), threading.Event()
+    bus.device.advance(0.1)  # it has started
+    errors: list[BaseException] = []
+
+    def watch() -> None:
+        try:
+            while not stop.is_set():
+                bus.drdy  # noqa: B018 - reading it is the test
+        except BaseException as error:
+            errors.append(error)
+
+    threads = [threading.Thread(target=watch) for _ in range(3)]
+    for thread in threads:
+        thread.start()
+    try:
+        for _ in range(3000):
+            status = I2cMessage.read(0x6B, 4)
+            bus.i2c_rdwr(I2cMessage.write(0x6B, [0x04]), status)
+    finally:
+        stop.set()
+        for thread in threads:
+            thread.join()
+    assert errors == []
+
+
 def test_data_ready_replaces_polling() -> None:
     bus = SimI2c("MTi-3", live=True)
     pin = Pin(bus)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -57,6 +58,9 @@ class _SimBus:
     def __init__(self, module: Module) -> None:
         self._module = module
         self._is_open = True
+        # As in the driver of a bus, a transfer ends before the next one begins; a thread that reads the pin
+        # and one that sends a command use the same device.
+        self._using = threading.RLock()
 
     @property
     def device(self) -> SimulatedDevice:
@@ -80,11 +84,13 @@ class _SimBus:
     @property
     def drdy(self) -> bool:
         """Whether the pin DRDY is high."""
-        return self._module.drdy
+        with self._using:
+            return self._module.drdy
 
     def reset(self) -> None:
         """Pulls the pin nRST low for a moment: the device starts again."""
-        self.device.power_cycle()
+        with self._using:
+            self.device.power_cycle()
 
     def close(self) -> None:
         """Closes the bus; the device continues."""
@@ -169,6 +175,10 @@ class SimI2c(_SimBus):
         """
         if any(message.len > MAX_I2C_BYTES for message in messages):
             raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
+        with self._using:
+            self._transfer(messages)
+
+    def _transfer(self, messages: Sequence[Any]) -> None:
         fate = self._begin()
         if any(message.addr != self.address for message in messages):
             fate = Fate.NACK
@@ -244,7 +254,11 @@ class SimSpi(_SimBus):
         """
         if len(values) > MAX_SPI_BYTES:
             raise OverflowError(f"Argument list size exceeds {MAX_SPI_BYTES} bytes.")
-        sent, fate = bytes(values), self._begin()
+        with self._using:
+            return list(self._transfer(bytes(values)))
+
+    def _transfer(self, sent: bytes) -> bytes:
+        fate = self._begin()
         header = len(SPI_HEADER)
         understood = (
             (self.mode, self.bits_per_word, self.lsbfirst) == (SPI_MODE, 8, False)
@@ -262,4 +276,4 @@ class SimSpi(_SimBus):
             else:
                 received += self._reply(size, fate)
         self._module.spend(spi_bits(len(sent) - header) / self.max_speed_hz)
-        return list(received)
+        return received
