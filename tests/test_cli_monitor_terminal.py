@@ -305,7 +305,7 @@ def test_colours() -> None:
 
 def test_a_recording_is_replayed_to_its_end() -> None:
     with monitoring(FIELD, "--speed", "20") as (seen, _):
-        text = seen.wait_for("end of the recording")
+        text = seen.wait_for_whole("end of the recording")
         assert "r record" not in text
         assert "23 samples lost in 12 gaps" in text
         assert "Error 41" in text
