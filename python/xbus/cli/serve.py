@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import ipaddress
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
@@ -19,6 +18,7 @@ from xbus.cli.connection import (
 from xbus.cli.failure import cannot, stop_requested
 from xbus.cli.inputs import is_recording, label
 from xbus.formatting import format_count
+from xbus.network import is_loopback
 
 if TYPE_CHECKING:
     from xbus.cli.live_input import LiveInput
@@ -101,7 +101,7 @@ def serve(
     ):
         sink = FoxgloveSink(_messages(source, ros_style, bid), host, tcp_port, source)
         with contextlib.closing(sink), _recording(live, record) as recorded:
-            if not _is_loopback(host):
+            if not is_loopback(host):
                 click.echo(
                     f"xbus: every computer that reaches {host} can read the data; --host 127.0.0.1 serves "
                     "only this one",
@@ -153,10 +153,3 @@ def _recording(live: LiveInput, path: str | None) -> Iterator[list[str]]:
             raise cannot(f"write {label(path)}", error) from error
         samples = format_count(recording.samples, "sample")
         summary.append(f"{samples} recorded in {label(path)}")
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

@@ -60,7 +60,8 @@ def studio(
     from xbus.extras import require
 
     require("nicegui", "studio", "to show pages in a browser")
-    from xbus.studio.guard import is_loopback, new_token
+    from xbus.network import is_loopback, url_host
+    from xbus.studio.guard import new_token
     from xbus.studio.hub import Hub
     from xbus.studio.server import bind, serve
 
@@ -69,8 +70,7 @@ def studio(
     try:
         with contextlib.closing(bind(host, tcp_port)) as listener:
             _open(hub, sources, demo=demo)
-            name = f"[{host}]" if ":" in host else host
-            url = f"http://{name}:{listener.getsockname()[1]}/" + (
+            url = f"http://{url_host(host)}:{listener.getsockname()[1]}/" + (
                 f"?token={token}" if token else ""
             )
 

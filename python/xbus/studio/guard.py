@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hmac
-import ipaddress
 import secrets
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
@@ -14,7 +13,9 @@ from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-__all__ = ["Guard", "is_loopback", "new_token"]
+from xbus.network import is_loopback
+
+__all__ = ["Guard", "new_token"]
 
 #: Name of the cookie and of the parameter of the address.
 TOKEN = "token"  # noqa: S105 - a name
@@ -22,20 +23,8 @@ COOKIE = "xbus_studio"
 
 
 def new_token() -> str:
-    """Returns a token that nobody can guess."""
+    """Returns a random token of 192 bits."""
     return secrets.token_urlsafe(24)
-
-
-def is_loopback(host: str) -> bool:
-    """Returns whether only this computer reaches an address.
-
-    >>> is_loopback("localhost"), is_loopback("::1"), is_loopback("0.0.0.0")
-    (True, True, False)
-    """
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
 
 
 class Guard:
