@@ -70,9 +70,9 @@ def scripts() -> list[tuple[str, str]]:
         head = path.read_text("utf-8")[:1000]
         if "Copyright" not in head:  # ours
             continue
-        if not (said := SCRIPT_HEAD.search(head)):
+        if not (licence := SCRIPT_HEAD.search(head)):
             raise ValueError(f"{path} does not begin with its licence as SCRIPT_HEAD expects it")
-        holder, name, version = said.groups()
+        holder, name, version = licence.groups()
         found.append((f"{name} {version}", holder))
     return found
 

@@ -217,6 +217,12 @@ impl Column {
                 (Subject::Known(reading.quantity, reading.coordinates), values, width)
             }
         };
+        Self::empty(subject, id, values, width)
+    }
+
+    /// A column of this type without rows. `values` must be empty.
+    #[must_use]
+    pub const fn empty(subject: Subject, id: u16, values: Values, width: usize) -> Self {
         Self {
             subject,
             id,

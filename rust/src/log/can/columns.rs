@@ -67,18 +67,7 @@ fn column_of(message: &CanMessage, quantity: &'static Quantity) -> Column {
         (Kind::Real(_), Values::F64(_)) => Precision::Float64 as u16,
         _ => 0,
     };
-    Column {
-        subject: Subject::Known(quantity, coordinates_of(quantity)),
-        id: quantity.id | precision,
-        mixed_ids: false,
-        mixed_precisions: false,
-        values,
-        width,
-        entries: vec![],
-        rows: 0,
-        single: vec![],
-        counted: false,
-    }
+    Column::empty(Subject::Known(quantity, coordinates_of(quantity)), quantity.id | precision, values, width)
 }
 
 /// Whether a single has every value: integers of 16 bits, scaled by a power of two.
