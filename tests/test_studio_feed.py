@@ -34,7 +34,7 @@ class FakeHub:
 def decoded(message: Any) -> Any:
     number, n, k, final = struct.unpack("<4I", message[:16])
     time = np.frombuffer(message, "<f8", n, 16)
-    values = np.frombuffer(message, "<f4", n * k, 16 + 8 * n).reshape(k, n)
+    values = np.frombuffer(message, "<f8", n * k, 16 + 8 * n).reshape(k, n)
     return number, time, values, bool(final)
 
 
@@ -106,6 +106,15 @@ def test_messages_joined_are_the_curve() -> None:
     assert whole is not None
     assert time == pytest.approx(whole.time)
     assert values == pytest.approx(whole.values)
+
+
+def test_a_clock_that_is_set_back_begins_the_curve_again() -> None:
+    hub = FakeHub()
+    hub.measure(100, 110)
+    received, _ = talk(hub, show(span=5), (1, lambda: hub.measure(50, 60)), (1, nothing))
+    _, (_, time, values, _) = received
+    assert (time[0], time[-1]) == pytest.approx((55.0, 59.99), abs=0.011)
+    assert values[1] == pytest.approx(time)
 
 
 def test_a_part_of_the_past_is_answered_once() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import json
 import os
@@ -16,8 +17,10 @@ import pytest
 pytest.importorskip("nicegui", reason="the extra studio is not installed")
 
 import xbus
+from xbus.cli.export_formats import EXPORTS
+from xbus.studio.commands import describe
 from xbus.studio.hub import Hub, HubError
-from xbus.studio.pages.recordings import _files
+from xbus.studio.pages.recordings import FORMATS, _files, _summary
 from xbus.studio.recording import NOTES, read_notes
 from xbus.studio.shell import health
 
@@ -142,6 +145,23 @@ def test_a_link_to_a_recording_that_is_gone_is_left_out(tmp_path: Any) -> None:
     (tmp_path / "gone.mtb").symlink_to(tmp_path / "nowhere")
     (tmp_path / "walk.mtb").write_bytes(b"")
     assert [path.name for path, _ in _files(tmp_path)] == ["walk.mtb"]
+
+
+def test_the_summary_of_a_recording_claims_no_more_than_is_known(tmp_path: Any) -> None:
+    """Without a packet counter, losses are not detected."""
+    for name, extra in {"counted": {"packet_counter": 1}, "uncounted": {}}.items():
+        sample = xbus.encode_sample({"temperature": 20.0, **extra})
+        (tmp_path / f"{name}.mtb").write_bytes(sample)
+    texts = {
+        name: _summary(asyncio.run(describe(tmp_path / f"{name}.mtb")))
+        for name in ("counted", "uncounted")
+    }
+    assert "no samples lost" in texts["counted"]
+    assert "no packet counter to detect losses" in texts["uncounted"]
+
+
+def test_a_recording_can_be_exported_to_every_format() -> None:
+    assert set(FORMATS) == {".parquet", ".csv", *EXPORTS}
 
 
 def test_two_pages_start_and_end_corrections(hub: Any) -> None:

@@ -42,9 +42,15 @@ class Sink(Protocol):
 
 @dataclass
 class _SinkModel(Model):
-    """A model of the monitor that passes blocks and events on."""
+    """A model of the monitor that passes blocks and events on.
+
+    Attributes:
+        sink: Where they go.
+        has_counter: Whether there was a packet counter, without which losses are not detected.
+    """
 
     sink: Sink | None = field(default=None, repr=False)
+    has_counter: bool = False
 
     @classmethod
     def of(cls, model: Model, sink: Sink) -> _SinkModel:
@@ -53,6 +59,7 @@ class _SinkModel(Model):
     def add_block(self, block: Log, now: float) -> None:
         """Passes on samples."""
         self.now = now
+        self.has_counter = self.has_counter or "packet_counter" in block
         if self.sink is not None and (len(block) or block.strings):
             self.sink.write(block)
 
@@ -120,8 +127,9 @@ class LiveInput:
 
     def losses(self) -> str:
         """Returns what was lost before the samples were passed on."""
-        counts = self._model.counts
-        parts = [describe_losses(counts.lost_samples, counts.gaps, has_counter=True)]
+        model, counts = self._model, self._model.counts
+        has_counter = isinstance(model, _SinkModel) and model.has_counter
+        parts = [describe_losses(counts.lost_samples, counts.gaps, has_counter=has_counter)]
         if counts.dropped_samples:
             parts.append(f"{format_count(counts.dropped_samples, 'sample')} dropped unread")
         if counts.skipped_bytes:

@@ -17,6 +17,7 @@ __all__ = [
     "BAUD_CODES",
     "CAN_BAUD_CODES",
     "EVERY",
+    "SATELLITE_USED_BIT",
     "Alignment",
     "AlignmentRotation",
     "AvailableProfile",
@@ -33,6 +34,7 @@ __all__ = [
     "GnssPlatform",
     "GnssReceiver",
     "GnssReceiverSettings",
+    "GnssSystem",
     "HardwareVersion",
     "IccCommand",
     "IccReply",
@@ -813,6 +815,27 @@ class FilterProfile(NamedTuple):
 
     version: int
     profile: int
+
+
+class GnssSystem(IntEnum):
+    """Satellite systems in GnssSatInfo (Table 26)."""
+
+    GPS = 0
+    SBAS = 1
+    GALILEO = 2
+    BEIDOU = 3
+    IMES = 4
+    QZSS = 5
+    GLONASS = 6
+
+    @property
+    def label(self) -> str:
+        """Its name as it is usually written, such as ``Galileo``."""
+        return {"GALILEO": "Galileo", "BEIDOU": "BeiDou"}.get(self.name, self.name)
+
+
+#: The bit of the flags of a satellite that is used for navigation (Table 26).
+SATELLITE_USED_BIT = 3
 
 
 class GnssPlatform(IntEnum):

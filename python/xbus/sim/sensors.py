@@ -18,6 +18,7 @@ from xbus.geometry import earth, quaternion
 from xbus.geometry.earth import FloatArray
 from xbus.protocol.products import LEGACY
 from xbus.protocol.tables import QUANTITIES, UTC_VALID, Product
+from xbus.protocol.values import SATELLITE_USED_BIT, GnssSystem
 from xbus.sim.clock import SECOND
 from xbus.sim.motion import TO_ENU, Motion, Trajectory
 
@@ -64,13 +65,13 @@ PVT_COUNTS = {name: field.per_unit for name, field in PVT_FIELDS.items()}
 #: Values and flags of Table 25: a 3D fix; the fix is valid, corrections are applied, bit of the RTK status.
 FIX_3D = 3
 FIX_VALID, CORRECTIONS_BIT, RTK_BIT = 0x01, 1, 6
-#: Satellites in view by GNSS identifier (GPS, Galileo, GLONASS), each with the number of satellite numbers.
-SATELLITES = {0: (9, 32), 2: (6, 36), 6: (5, 24)}
+#: Satellites in view by system, each with the number of satellite numbers.
+SATELLITES = {GnssSystem.GPS: (9, 32), GnssSystem.GALILEO: (6, 36), GnssSystem.GLONASS: (5, 24)}
 #: Carrier-to-noise ratio in dBHz from which a satellite is used.
 USED_FROM = 28
 #: Signal quality and flag bits of a satellite (Table 26).
 SEARCHING, UNUSABLE, LOCKED = 1, 3, 7
-USED_BIT, HEALTHY_BIT, CORRECTED_BIT = 3, 4, 6
+HEALTHY_BIT, CORRECTED_BIT = 4, 6
 #: Fields of `gnss_sat_info` before its satellites.
 SAT_INFO_HEAD = [field.name for field in QUANTITIES["gnss_sat_info"].fields]
 #: A tick of the phases, in ns and per second: the resolution of SampleTimeFine.
@@ -452,7 +453,7 @@ class Sensors:
         system, number = self._constellation["system"], self._constellation["number"]
         is_received = strength > 0
         quality = np.where(used, LOCKED, np.where(is_received, UNUSABLE, SEARCHING))
-        flags = quality | used << USED_BIT | is_received << HEALTHY_BIT
+        flags = quality | used << SATELLITE_USED_BIT | is_received << HEALTHY_BIT
         if self.rtk:
             flags |= used << CORRECTED_BIT
         entries = np.broadcast_arrays(system, number, strength, flags)

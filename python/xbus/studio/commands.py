@@ -22,7 +22,7 @@ def command_line(*words: str) -> str:
 
 
 async def run_command(*words: str) -> str:
-    """Runs a command in a process of its own, and returns what it prints.
+    """Runs a command in another process, and returns what it prints.
 
     A page stays responsive, whatever the size of a recording, and a cancelled task ends the process.
 

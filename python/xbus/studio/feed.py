@@ -11,7 +11,7 @@ before the last sample, and then with what is new, 20 times per second. With ``b
 since 1970, it answers once.
 
 A message is about one curve, in little-endian numbers: ``id``, ``n``, ``k`` and ``final`` as U4, the times of
-``n`` points in seconds since 1970 as F8, and ``k`` rows of ``n`` values as F4, one row for each component.
+``n`` points in seconds since 1970 as F8, and ``k`` rows of ``n`` values as F8, one row for each component.
 NaN is a gap. A column of pixels is sent when it is complete, so that no later message changes it.
 """
 
@@ -68,11 +68,11 @@ def encode_curve(number: int, curve: Curve, *, final: bool) -> bytes:
     """Returns the message about a curve.
 
     >>> import numpy as np
-    >>> encode_curve(7, Curve(np.array([1.0]), np.array([[2.0]], np.float32)), final=True).hex()
-    '07000000010000000100000001000000000000000000f03f00000040'
+    >>> encode_curve(7, Curve(np.array([1.0]), np.array([[2.0]])), final=True).hex()
+    '07000000010000000100000001000000000000000000f03f0000000000000040'
     """
     head = _HEAD.pack(number, len(curve.time), len(curve.values), final)
-    time, values = curve.time.astype("<f8"), curve.values.astype("<f4")
+    time, values = curve.time.astype("<f8"), curve.values.astype("<f8")
     return head + time.tobytes() + values.tobytes()
 
 
@@ -124,7 +124,10 @@ def _message(hub: Hub, curve: _Shown) -> bytes | None:
     history, end = station.history, curve.end
     if end is None:
         end = history.end_of_columns(curve.name, curve.step)
-    begin = end - curve.span if curve.begin is None else curve.begin
+    # A series that began again, because the clock was set back, ends before what the page has.
+    begin = curve.begin
+    if begin is None or (curve.end is None and end < begin):
+        begin = end - curve.span
     if not begin < end < math.inf:
         return None
     points = history.curve(curve.name, begin, end, curve.step)

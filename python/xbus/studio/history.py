@@ -22,6 +22,8 @@ SPAN = 300.0
 MAX_ROWS = 600_000
 #: A curve has a gap where samples are this many times further apart than usual.
 GAP = 3.0
+#: Seconds by which a clock that was set back differs from one that is merely corrected.
+CLOCK_STEP = 1.0
 #: Points of a curve for each column of pixels: the first, the two extremes, the last.
 POINTS = 4
 
@@ -31,11 +33,11 @@ class Curve(NamedTuple):
 
     Attributes:
         time: Seconds since 1970, ``(n,)`` float64, ascending.
-        values: ``(k, n)`` float32, one row for each component; NaN in gaps.
+        values: ``(k, n)`` float64, one row for each component; NaN in gaps.
     """
 
     time: npt.NDArray[np.float64]
-    values: npt.NDArray[np.float32]
+    values: npt.NDArray[np.float64]
 
 
 def series_name(key: EntryKey) -> str:
@@ -56,7 +58,7 @@ class Series:
         self.name, self.unit, self.fields = name, unit, fields
         self._rows = rows
         self._time = np.empty(1024)
-        self._values = np.empty((1024, len(fields)), np.float32)
+        self._values = np.empty((1024, len(fields)), np.float64)
         self._begin = self._end = 0
 
     @property
@@ -65,7 +67,7 @@ class Series:
         return self._time[self._begin : self._end]
 
     @property
-    def values(self) -> npt.NDArray[np.float32]:
+    def values(self) -> npt.NDArray[np.float64]:
         """The numbers, ``(n, k)``."""
         return self._values[self._begin : self._end]
 
@@ -82,10 +84,17 @@ class Series:
         is_sparse = len(time) > 1 and (last - time[0]) / (len(time) - 1) >= step
         return last if is_sparse else float(np.floor(last / step)) * step
 
-    def add(self, time: npt.NDArray[np.float64], values: npt.NDArray[np.float32]) -> None:
-        """Adds rows. Rows that are not after the last one, and those without a time, are left out."""
+    def add(self, time: npt.NDArray[np.float64], values: npt.NDArray[np.float64]) -> None:
+        """Adds rows. Rows that are not after the last one, and those without a time, are left out.
+
+        If all are more than a second earlier, the clock was set back: the series begins again.
+        """
+        time = np.nan_to_num(time, nan=-np.inf)
         last = self._time[self._end - 1] if self._end > self._begin else -np.inf
-        ahead = np.maximum.accumulate(np.concatenate([[last], np.nan_to_num(time, nan=-np.inf)]))
+        if -np.inf < time.max(initial=-np.inf) < last - CLOCK_STEP:
+            self._begin = self._end = 0
+            last = -np.inf
+        ahead = np.maximum.accumulate(np.concatenate([[last], time]))
         keep = ahead[1:] > ahead[:-1]
         if not keep.all():
             time, values = time[keep], values[keep]
@@ -102,7 +111,7 @@ class Series:
     def _make_room(self, count: int) -> None:
         kept = self._end - self._begin
         size = max(1024, 2 * (kept + count))
-        time, values = np.empty(size), np.empty((size, len(self.fields)), np.float32)
+        time, values = np.empty(size), np.empty((size, len(self.fields)), np.float64)
         time[:kept], values[:kept] = self.time, self.values
         self._time, self._values = time, values
         self._begin, self._end = 0, kept
@@ -139,8 +148,7 @@ class History:
                 if not _is_numeric(column):
                     continue
                 rows = column.sample - block.first_sample
-                with np.errstate(over="ignore"):  # what float32 cannot hold is drawn as a gap
-                    numbers = np.asarray(column.scaled, np.float32).reshape(len(rows), -1)
+                numbers = np.asarray(column.scaled, np.float64).reshape(len(rows), -1)
                 if len(self._devices) == 1:
                     self._named(series_name(key), column).add(time[rows], numbers)
                     continue
@@ -152,7 +160,7 @@ class History:
     def add_row(
         self, name: str, unit: str, fields: tuple[str, ...], time: float, numbers: Iterable[float]
     ) -> None:
-        """Adds one row to a series of its own.
+        """Adds one row to a series that no quantity has.
 
         Args:
             name: Name of the series.
@@ -163,7 +171,7 @@ class History:
         """
         with self._lock:
             series = self._series.setdefault(name, Series(name, unit, fields))
-            series.add(np.array([time]), np.array([list(numbers)], np.float32))
+            series.add(np.array([time]), np.array([list(numbers)], np.float64))
 
     def _times(self, block: Log, now: float) -> npt.NDArray[np.float64]:
         """Returns the host time of each sample; the arrival of one without a time stamp is estimated."""
@@ -201,7 +209,7 @@ class History:
             if series is None:
                 return None
             first, last = np.searchsorted(series.time, [begin, end], side="right")
-            # The row before tells whether the curve begins with a gap.
+            # The row before shows whether the curve begins with a gap.
             context = max(int(first) - 1, 0)
             time = series.time[context:last].copy()
             values = series.values[context:last].copy()
@@ -215,7 +223,7 @@ def _is_numeric(column: Column) -> bool:
 
 def thin(
     time: npt.NDArray[np.float64],
-    values: npt.NDArray[np.float32],
+    values: npt.NDArray[np.float64],
     step: float,
     *,
     skip: int = 0,
@@ -226,14 +234,14 @@ def thin(
         time: Ascending times, ``(n,)``.
         values: ``(n, k)``.
         step: Time that a column of pixels covers. Columns begin at multiples of it.
-        skip: Rows at the beginning that are not drawn, but tell whether there is a gap before the first.
+        skip: Rows at the beginning that are not drawn, but show whether there is a gap before the first.
 
     A gap, where rows are further apart than three times the median, gets a point of NaN.
 
     >>> time = np.arange(8.0)
-    >>> values = np.array([[0, 5, -7, 1, 2, 2, 2, 2]], np.float32).T
+    >>> values = np.array([[0, 5, -7, 1, 2, 2, 2, 2]], np.float64).T
     >>> thin(time, values, 8.0).values
-    array([[ 0.,  5., -7.,  2.]], dtype=float32)
+    array([[ 0.,  5., -7.,  2.]])
     """
     rows = time[skip:]
     if len(rows) > POINTS and len(rows) > POINTS * (rows[-1] - rows[0]) / step:
@@ -256,8 +264,8 @@ def _gaps(time: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
 
 
 def _extremes(
-    time: npt.NDArray[np.float64], values: npt.NDArray[np.float32], step: float
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float32], npt.NDArray[np.intp]]:
+    time: npt.NDArray[np.float64], values: npt.NDArray[np.float64], step: float
+) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64], npt.NDArray[np.intp]]:
     """Returns times and values of the points, and the row at which the column of each point begins."""
     starts = np.flatnonzero(np.diff(np.floor(time / step), prepend=-np.inf))
     ends = np.append(starts[1:], len(time)) - 1

@@ -105,7 +105,7 @@ class StudioRecording:
         return note
 
     def stop(self) -> None:
-        """Writes what is left, and closes the file; `error` tells why it ended early."""
+        """Writes what is left, and closes the file; `error` says why it ended early."""
         if self._ended is None:
             with contextlib.suppress(OSError):
                 self._recording.stop()

@@ -49,7 +49,7 @@ class Draft:
         self.text, self.problem = self._draft.to_toml(), None
 
     def edit(self, text: str) -> None:
-        """Replaces the text; `problem` tells what is wrong with it."""
+        """Replaces the text; `problem` says what is wrong with it."""
         self.text = text
         try:
             self._draft, self.problem = Settings.from_toml(text), None

@@ -64,6 +64,14 @@ class Session:
         found = next((each for each in stations if each.key == self.key), None)
         return found or next(iter(stations), None)
 
+    def require_station(self) -> Station | None:
+        """Returns the selected device; without one, the page leads to the devices."""
+        station = self.station
+        if station is None:
+            ui.label("No device is open.")
+            ui.link("Open a device", "/")
+        return station
+
     def show_command(self, command: str, python: str) -> None:
         """Shows what does the same in a shell and in Python."""
         self._panel(command, python)

@@ -47,12 +47,12 @@ class _Watched(Model):
 
     def add_block(self, block: Log, now: float) -> None:
         """Updates the state, and keeps the samples."""
-        today = time.time()
-        self.history.add_block(block, today)
+        received = time.time()
+        self.history.add_block(block, received)
         super().add_block(block, now)
         if self.last_attitude is not None and self.last_attitude[1] == now:
             attitude = self.last_attitude[0]
-            self.history.add_row("attitude", "deg", attitude._fields, today, attitude)
+            self.history.add_row("attitude", "deg", attitude._fields, received, attitude)
 
 
 class Station:
@@ -96,7 +96,6 @@ class Station:
             model = self._source.model()
             watched = {each.name: getattr(model, each.name) for each in fields(model)}
             self.model = _Watched(**watched)
-            self.model.name = source
             self.recording: StudioRecording | None = None
             self.corrections: Corrections | None = None
             self._forwarding = contextlib.ExitStack()

@@ -53,10 +53,7 @@ PRESETS: dict[str, dict[str, int | None]] = {
 
 def configure_page(session: Session) -> None:
     """Edits the settings of the selected device."""
-    station = session.station
-    if station is None:
-        ui.label("No device is open.")
-        ui.link("Open a device", "/")
+    if (station := session.require_station()) is None:
         return
     session.show_command(
         f"xbus config dump {station.source} -o mti.toml",
@@ -211,7 +208,7 @@ class _Editor:
                         lambda: draft.set(filter_profile=event.value)
                     ),
                 ).props("dense debounce=600").classes("w-96").tooltip(
-                    f"one of {', '.join(labels)}; section 5.3.6"
+                    f"one of {', '.join(labels)}; section 5.3.7"
                 )
             if now.option_flags is not None:
                 ui.label("option flags (Table 8)").classes("xbus-quiet text-xs mt-2")

@@ -67,7 +67,7 @@ def _device(session: Session, station: Station) -> None:
             ui.button(
                 "Self test", icon="health_and_safety", on_click=lambda: _self_test(session, station)
             ).props("flat dense no-caps").tooltip(
-                "RunSelftest, section 5.4 of the manual: takes a second, and measuring stops meanwhile"
+                "RunSelftest, section 5.3.2 of the manual: takes up to 3 s, and measuring stops meanwhile"
             )
             ui.button("Close", icon="close", on_click=lambda: _close(session, station)).props(
                 "flat dense no-caps"

@@ -8,6 +8,7 @@ import time
 from nicegui import ui
 
 from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.values import SATELLITE_USED_BIT, GnssSystem
 from xbus.studio.components import Attitude3D, Chart, Horizon
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
@@ -23,22 +24,18 @@ FIRST = ("acceleration", "rate_of_turn", "magnetic_field", "euler_angles", "quat
 #: Number of plots that are drawn at first.
 PLOTS = 3
 SPANS = {5: "5 s", 10: "10 s", 30: "30 s", 60: "1 min", 300: "5 min"}
-#: Satellite systems by number (section 5.5.10), a colour for each, and the bit of a satellite that is used.
-SYSTEMS = {0: "GPS", 1: "SBAS", 2: "Galileo", 3: "BeiDou", 4: "IMES", 5: "QZSS", 6: "GLONASS"}
+#: Names of satellite systems by number, and a colour for each.
+SYSTEMS = {system.value: system.label for system in GnssSystem}
 COLORS = ("#0072B2", "#CC79A7", "#009E73", "#D55E00", "#999999", "#56B4E9", "#E69F00")
-USED = 0x08
 #: Width of the bar of a satellite, and height of the strongest signal, in pixels; a decibel is one.
 WIDTH, HEIGHT = 16, 64
-#: A value is stale after this many seconds, and replaced by dashes after more.
-STALE, GONE = 1.5, 3.0
+#: Age in seconds from which a value that has stopped is a dash.
+GONE = 3.0
 
 
 def live_page(session: Session) -> None:
     """Shows the selected device."""
-    station = session.station
-    if station is None:
-        ui.label("No device is open.")
-        ui.link("Open a device", "/")
+    if (station := session.require_station()) is None:
         return
     session.show_command(
         f"xbus monitor {station.source}",
@@ -237,7 +234,7 @@ def _signal(place: int, system: int, number: int, strength: int, flags: int) -> 
     return (
         f'<g transform="translate({WIDTH * place},0)"><title>{name}</title>'
         f'<rect x="2" width="{WIDTH - 4}" y="{HEIGHT - strength}" height="{strength}" '
-        f'fill="{_color(system)}" opacity="{1 if flags & USED else 0.35}"/>'
+        f'fill="{_color(system)}" opacity="{1 if flags >> SATELLITE_USED_BIT & 1 else 0.35}"/>'
         f'<text x="{WIDTH / 2}" y="{HEIGHT + 11}" text-anchor="middle" font-size="8" '
         f'fill="currentColor">{number}</text></g>'
     )

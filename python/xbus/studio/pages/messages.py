@@ -24,10 +24,7 @@ SHOWN = 200
 
 def messages_page(session: Session) -> None:
     """Shows the messages of the selected device."""
-    station = session.station
-    if station is None:
-        ui.label("No device is open.")
-        ui.link("Open a device", "/")
+    if (station := session.require_station()) is None:
         return
     session.show_command(f"xbus send {station.source} ReqDID", 'device.command("ReqDID")')
     _compose(session, station)

@@ -15,12 +15,10 @@ __all__ = ["record_page"]
 
 def record_page(session: Session) -> None:
     """Records the open devices."""
-    stations = list(session.hub.stations.values())
-    if not stations:
-        ui.label("No device is open.")
-        ui.link("Open a device", "/")
+    if session.require_station() is None:
         return
     hub = session.hub
+    stations = list(hub.stations.values())
     session.show_command(
         f"xbus record {stations[0].source} {hub.folder}/walk.mtb",
         'with device.record("walk.mtb"): ...',

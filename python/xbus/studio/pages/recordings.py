@@ -13,7 +13,7 @@ from typing import Any
 
 from nicegui import ui
 
-from xbus.formatting import format_size
+from xbus.formatting import describe_damage, describe_losses, format_size
 from xbus.studio.commands import CommandError, command_line, describe, run_command
 from xbus.studio.recording import read_notes
 from xbus.studio.shell import Session
@@ -129,18 +129,14 @@ def _summary(info: dict[str, Any]) -> str:
     names = ", ".join(
         (device["product_code"] or f"BID {device['bid']}").strip() for device in devices
     )
+    has_counter = any(row["name"] == "packet_counter" for row in info["quantities"])
+    losses = describe_losses(lost, len(info["gaps"]), has_counter=has_counter)
     facts = [
         (names or "no device", ""),
         (f"{info['duration_s'] or 0:,.1f} s", ""),
         (f"{info['samples']:,} samples", ""),
-        (
-            f"{lost:,} samples lost" if lost else "no samples lost",
-            "xbus-fault" if lost else "xbus-ok",
-        ),
-        (
-            f"{skipped:,} bytes damaged" if skipped else "no damage",
-            "xbus-fault" if skipped else "xbus-ok",
-        ),
+        (losses, "xbus-fault" if lost else "xbus-ok" if has_counter else "xbus-quiet"),
+        (describe_damage(skipped, len(info["damage"])), "xbus-fault" if skipped else "xbus-ok"),
     ]
     return " · ".join(f'<span class="{level}">{html.escape(text)}</span>' for text, level in facts)
 
@@ -171,7 +167,7 @@ async def _export(session: Session, path: Path, suffix: str) -> None:
 
 
 async def _run(session: Session, *words: str) -> bool:
-    """Runs a command, shows it, and tells how it ends."""
+    """Runs a command, and shows it and its failure; returns whether it succeeded."""
     session.show_command(
         command_line(*words), "log.to_parquet(path)" if words[0] == "decode" else ""
     )

@@ -16,10 +16,7 @@ __all__ = ["rtk_page"]
 
 def rtk_page(session: Session) -> None:
     """Forwards corrections to the selected device."""
-    station = session.station
-    if station is None:
-        ui.label("No device is open.")
-        ui.link("Open a device", "/")
+    if (station := session.require_station()) is None:
         return
     support = station.device.support
     if support is not None and "ForwardGnssData" not in support.messages:

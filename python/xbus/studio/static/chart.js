@@ -25,7 +25,6 @@ export default {
     this.build();
     if (this.view) this.freeze(...this.view);
     else this.show();
-    this.frames = 0;
     const frame = (now) => {
       this.request = requestAnimationFrame(frame);
       if (now - (this.drawn ?? 0) >= FRAME - 4 && !this.view) {
@@ -116,7 +115,6 @@ export default {
         this.plot.setData([this.time, ...this.values], false);
         this.plot.setScale("x", { min, max });
       });
-      this.frames++;
     },
     resize() {
       const width = this.$el.clientWidth;
@@ -166,7 +164,7 @@ export default {
               // The value at the cursor, or else the latest.
               value: (plot, v) => {
                 const shown = plot.cursor.idx == null ? chart.values[k][chart.values[k].length - 1] : v;
-                return shown == null ? "--" : shown.toPrecision(6);
+                return shown == null ? "--" : shown.toPrecision(8);
               },
             })),
           ],

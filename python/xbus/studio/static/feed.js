@@ -18,7 +18,7 @@ window.xbusFeed = (() => {
       const [id, n, k, final] = head;
       const time = new Float64Array(data, 16, n);
       const values = [];
-      for (let row = 0; row < k; row++) values.push(new Float32Array(data, 16 + 8 * n + 4 * n * row, n));
+      for (let row = 0; row < k; row++) values.push(new Float64Array(data, 16 + 8 * n * (row + 1), n));
       curves.get(id)?.receive({ time, values, final: final !== 0 });
     };
     socket.onclose = () => {
