@@ -117,6 +117,24 @@ def test_a_port_that_does_not_exist_is_one_sentence(studio: Any) -> None:
     ).wait_for()
 
 
+def test_a_closed_device_is_named_and_can_be_opened(studio: Any, browser: Any) -> None:
+    page = studio.page
+    studio.open("configure/sim-MTi-10")
+    page.get_by_text("sim:MTi-10 is not open.").wait_for()
+    page.get_by_role("button", name="Open sim:MTi-10").click()
+    page.get_by_text("as the device has it").wait_for()
+    # Another page closes it.
+    other = browser.new_page()
+    other.goto(studio.url)
+    other.locator(".xbus-device-sim-MTi-10").get_by_role("button", name="Close").click(
+        timeout=60_000
+    )
+    page.get_by_text("sim:MTi-10 is not open.").wait_for()
+    other.close()
+    studio.open("messages/dev-ttyNOWHERE")
+    page.get_by_text("dev-ttyNOWHERE is not open.").wait_for()
+
+
 def test_live_data_move(studio: Any) -> None:
     page = studio.page
     studio.open("live/sim-MTi-630")

@@ -94,6 +94,15 @@ def test_devices_with_similar_names_have_different_keys(hub: Any, tmp_path: Any)
     assert len({hub.open(source).key for source in sources}) == len(sources)
 
 
+def test_the_port_of_a_page_that_is_not_open(hub: Any) -> None:
+    assert hub.source_of("sim-MTi-630") == "sim:MTi-630"
+    source = "sim:MTi-630?seed=3"
+    key = hub.open(source).key
+    hub.close(source)
+    assert hub.source_of(key) == source
+    assert hub.source_of("dev-ttyNOWHERE") is None
+
+
 def test_a_recording_that_ends_early_is_told_when_the_device_is_closed(
     hub: Any, small_files: Any
 ) -> None:

@@ -8,9 +8,10 @@ from itertools import count
 from pathlib import Path
 
 from xbus.describe.failures import port_failure
+from xbus.device import find_ports
 from xbus.errors import XbusError
 from xbus.protocol.tables import PRODUCTS
-from xbus.studio.station import SIMULATED, Station
+from xbus.studio.station import SIMULATED, Station, key_of
 
 __all__ = ["Hub", "HubError", "virtual_sources"]
 
@@ -31,6 +32,8 @@ class Hub:
         self._lock = threading.Lock()
         self._stations: dict[str, Station] = {}
         self._opening: set[str] = set()
+        #: The names of all ports that were opened, by key.
+        self._sources: dict[str, str] = {}
 
     @property
     def stations(self) -> dict[str, Station]:
@@ -68,7 +71,16 @@ class Hub:
         with self._lock:
             station.key = _unused(station.key, {each.key for each in self._stations.values()})
             self._stations[source] = station
+            self._sources[station.key] = source
         return station
+
+    def source_of(self, key: str) -> str | None:
+        """Returns the name of the port with a key, open or not; None if this computer has none."""
+        with self._lock:
+            if key in self._sources:
+                return self._sources[key]
+        present = [*virtual_sources(), *(port.device for port in find_ports())]
+        return next((source for source in present if key_of(source) == key), None)
 
     def close(self, source: str) -> str | None:
         """Closes a device; a recording is ended in order.

@@ -56,21 +56,50 @@ class Session:
     key: str | None = None
     page: str = "devices"
     _panel: Callable[[str, str], None] = field(default=lambda _command, _python: None)
+    #: The device that the page is about, if there is one.
+    _shown: Station | None = None
 
     @property
     def station(self) -> Station | None:
-        """The selected device, or else the first one."""
+        """The selected device, or else the first one; None if it is not open."""
         stations = self.hub.stations.values()
-        found = next((each for each in stations if each.key == self.key), None)
-        return found or next(iter(stations), None)
+        if self.key is None:
+            return next(iter(stations), None)
+        return next((each for each in stations if each.key == self.key), None)
 
     def require_station(self) -> Station | None:
-        """Returns the selected device; without one, the page leads to the devices."""
-        station = self.station
-        if station is None:
-            ui.label("No device is open.")
-            ui.link("Open a device", "/")
+        """Returns the selected device; without one, the page offers to open it."""
+        self._shown = self.station
+        if self._shown is None:
+            source = None if self.key is None else self.hub.source_of(self.key)
+            with ui.element("div").classes("xbus-card w-full"):
+                if self.key is None:
+                    ui.label("No device is open.")
+                else:
+                    ui.label(f"{source or self.key} is not open.")
+                if source is not None:
+                    ui.button(f"Open {source}", on_click=lambda: self._open_and_show(source)).props(
+                        "no-caps"
+                    ).classes("my-2")
+                ui.link("All devices", "/")
+        return self._shown
+
+    async def open(self, source: str) -> Station | None:
+        """Opens a device, makes it measure and selects it. Returns None if it cannot be opened."""
+        waiting = ui.notification(f"opening {source}", spinner=True, timeout=None)
+        try:
+            station = await self.attempt(self.hub.open, source)
+            if station is not None:
+                self.key = station.key
+                await self.attempt(station.measure)
+        finally:
+            waiting.dismiss()
         return station
+
+    async def _open_and_show(self, source: str) -> None:
+        if (station := await self.open(source)) is not None:
+            ui.navigate.to(address(self.page, station.key))
+            ui.navigate.reload()
 
     def show_command(self, command: str, python: str) -> None:
         """Shows what does the same in a shell and in Python."""
@@ -146,6 +175,9 @@ def frame(session: Session) -> Iterator[None]:
                         "dense no-caps " + ("unelevated color=primary" if is_selected else "flat")
                     )
         strip.set_content("" if selected is None else health(selected))
+        if session._shown is not None and session._shown not in stations:
+            session._shown = None
+            ui.navigate.reload()  # another page has closed the device
 
     refresh()
     ui.timer(0.5, refresh)
@@ -211,7 +243,7 @@ def _fact(label: str, parts: list[tuple[str, str]]) -> str:
 
 def _go(session: Session, path: str) -> None:
     station = session.station
-    ui.navigate.to(address(path, None if station is None else station.key))
+    ui.navigate.to(address(path, session.key if station is None else station.key))
 
 
 def _select(session: Session, key: str) -> None:

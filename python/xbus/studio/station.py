@@ -29,7 +29,7 @@ from xbus.watch.corrections import Corrections
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
 
-__all__ = ["REPLAY", "SIMULATED", "Station"]
+__all__ = ["REPLAY", "SIMULATED", "Station", "key_of"]
 
 #: Prefix of the name of a virtual device.
 SIMULATED = "sim:"
@@ -74,7 +74,7 @@ class Station:
 
     def __init__(self, source: str, baudrate: int | None = None) -> None:
         self.source = source
-        self.key = re.sub(r"[^A-Za-z0-9]+", "-", source).strip("-")
+        self.key = key_of(source)
         self._resources = contextlib.ExitStack()
         with self._resources:
             port: str | SimI2c | SimSpi
@@ -254,6 +254,11 @@ class Station:
         self._resources.close()
         self._thread.join()
         return recording
+
+
+def key_of(source: str) -> str:
+    """Returns the name of a port for addresses of pages."""
+    return re.sub(r"[^A-Za-z0-9]+", "-", source).strip("-")
 
 
 def _virtual(source: str) -> SimulatedDevice | SimI2c | SimSpi | None:

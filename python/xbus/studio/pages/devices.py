@@ -126,14 +126,7 @@ async def _self_test(session: Session, station: Station) -> None:
 
 
 async def _open(session: Session, source: str) -> None:
-    waiting = ui.notification(f"opening {source}", spinner=True, timeout=None)
-    try:
-        station = await session.attempt(session.hub.open, source)
-    finally:
-        waiting.dismiss()
-    if station is not None:
-        session.key = station.key
-        await session.attempt(station.measure)
+    if await session.open(source) is not None:
         session.show_command(f"xbus identify {source}", f'device = xbus.connect("{source}")')
         _open_devices.refresh()
 
@@ -141,6 +134,8 @@ async def _open(session: Session, source: str) -> None:
 async def _close(session: Session, station: Station) -> None:
     if problem := await session.attempt(session.hub.close, station.source):
         ui.notify(problem, type="negative", multi_line=True, timeout=0, close_button=True)
+    if session.key == station.key:
+        session.key = None
     _open_devices.refresh()
 
 

@@ -15,9 +15,10 @@ __all__ = ["record_page"]
 
 def record_page(session: Session) -> None:
     """Records the open devices."""
-    if session.require_station() is None:
-        return
     hub = session.hub
+    if not hub.stations:
+        session.require_station()
+        return
     stations = list(hub.stations.values())
     session.show_command(
         f"xbus record {stations[0].source} {hub.folder}/walk.mtb",
