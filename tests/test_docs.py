@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import doctest
 import importlib
+import inspect
 import os
 import pkgutil
 import re
@@ -16,12 +17,15 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
+import click
 import pytest
 
 import doc_examples
 import xbus
 from doc_examples import BLOCK, blocks, commands
+from xbus.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 CAPTURES = "tests/captures"
@@ -50,6 +54,18 @@ def test_docstrings(module: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(ROOT)
     found = doctest.testmod(importlib.import_module(module))
     assert found.failed == 0
+
+
+def test_every_public_name_has_an_example() -> None:
+    names = [name for name in xbus.__all__ if name not in ("__version__", "report")]
+    values = {name: getattr(xbus, name) for name in names}
+    documented = {
+        name: value for name, value in values.items() if not isinstance(value, ModuleType)
+    }
+    assert len(documented) > 40
+    assert [
+        name for name, value in documented.items() if ">>> " not in (inspect.getdoc(value) or "")
+    ] == []
 
 
 @pytest.mark.parametrize("page", PAGES, ids=name)
@@ -166,3 +182,17 @@ def test_contributing_names_payloads_that_exist() -> None:
     assert {"record", "list", "text", "bytes", "opaque", "unconfirmed"} <= set(names)
     for name in set(names) - {"dump", "send", "_TYPES"}:
         assert re.search(rf"\b(fn|const) {name}\b", source), name
+
+
+def test_the_design_names_every_package() -> None:
+    text = (ROOT / "docs" / "design.md").read_text("utf-8")
+    packages = {path.parent.name for path in (ROOT / "python" / "xbus").glob("*/__init__.py")}
+    assert packages
+    assert {package for package in packages if f"`{package}/`" not in text} == set()
+
+
+def test_the_reference_has_every_command() -> None:
+    text = (ROOT / "docs" / "reference" / "command.md").read_text("utf-8")
+    context = click.Context(main)
+    found = re.findall(r"^## xbus (\w+)$", text, re.MULTILINE)
+    assert sorted(found) == sorted(main.list_commands(context))

@@ -17,7 +17,12 @@ __all__ = ["Coordinates", "DataId", "MessageId", "Precision"]
 
 
 class Precision(IntEnum):
-    """Number formats: the two low bits of a data identifier (Table 17)."""
+    """Number formats: the two low bits of a data identifier (Table 17).
+
+    >>> import xbus
+    >>> f"{xbus.DataId.LatLon | xbus.Precision.Fp1632:04X}", xbus.Precision.Fp1632.size
+    ('5042', 6)
+    """
 
     Float32 = 0
     Fp1220 = 1
@@ -31,23 +36,38 @@ class Precision(IntEnum):
 
 
 class Coordinates(IntEnum):
-    """Coordinate systems: bits 2 and 3 of a data identifier (Table 17)."""
+    """Coordinate systems: bits 2 and 3 of a data identifier (Table 17).
+
+    >>> import xbus
+    >>> xbus.read_log("tests/captures/walk.mtb")["quaternion"].coordinates == xbus.Coordinates.ENU.name
+    True
+    """
 
     ENU = 0x0
     NED = 0x4
     NWU = 0x8
 '''
 
+DATA_ID = '''    """Data identifiers, format bits zero (Table 16).
+
+    >>> import xbus
+    >>> f"{xbus.DataId.Quaternion:04X}", xbus.DataId.Quaternion in xbus.read_log("tests/captures/walk.mtb")
+    ('2010', True)
+    """'''
+MESSAGE_ID = '''    """Message identifiers (section 5.3). A request and its setting share one.
+
+    >>> import xbus
+    >>> xbus.encode_frame(xbus.MessageId.GoToConfig).hex(" ")
+    'fa ff 30 00 d1'
+    """'''
+
 
 def text() -> str:
     lines = [HEADER, "", "class DataId(IntEnum):"]
-    lines += ['    """Data identifiers, format bits zero (Table 16)."""', ""]
+    lines += [DATA_ID, ""]
     lines += [f"    {quantity.manual} = 0x{quantity.id:04X}" for quantity in QUANTITIES.values()]
     lines += ["", "", "class MessageId(IntEnum):"]
-    lines += [
-        '    """Message identifiers (section 5.3). A request and its setting share one."""',
-        "",
-    ]
+    lines += [MESSAGE_ID, ""]
     lines += [f"    {message.name} = 0x{message.mid:02X}" for message in MESSAGES.values()]
     return "\n".join(lines) + "\n"
 

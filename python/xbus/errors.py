@@ -25,7 +25,15 @@ __all__ = [
 
 
 class XbusError(Exception):
-    """Base class of the exceptions of xbus."""
+    """Base class of the exceptions of xbus.
+
+    >>> import xbus
+    >>> try:
+    ...     xbus.connect("sim:MTi-630?fault=unplug=0")
+    ... except xbus.XbusError as error:
+    ...     print(type(error).__name__)
+    Disconnected
+    """
 
 
 class DecodeError(XbusError, ValueError):
@@ -35,6 +43,13 @@ class DecodeError(XbusError, ValueError):
         offset: Byte offset in the input at which the damage or the invalid frame begins.
         data_id: Data identifier of the invalid packet, or None if the frame itself is invalid.
         command: Name of the command whose reply is invalid, or None in a log.
+
+    >>> import xbus
+    >>> try:
+    ...     xbus.read_log("tests/captures/field.mtb", strict=True)
+    ... except xbus.DecodeError as error:
+    ...     print(error.offset, error)
+    0 no frame at byte 0 (no preamble); read without strict to skip the damage
     """
 
     def __init__(
@@ -55,6 +70,14 @@ class StateError(XbusError, RuntimeError):
     Attributes:
         command: Name of the command.
         state: State of the device.
+
+    >>> import xbus
+    >>> device = xbus.connect("sim:MTi-630")
+    >>> try:
+    ...     device.commands.set_location_id(7)
+    ... except xbus.StateError as error:
+    ...     print(error.command, error.state)
+    SetLocationID measurement
     """
 
     def __init__(self, message: str, command: str, state: str) -> None:
@@ -72,6 +95,15 @@ class DeviceError(XbusError):
     Attributes:
         code: The error code, Table 5 of the manual.
         command: Name of the command that it answers, or None for an Error without a command.
+
+    >>> import xbus
+    >>> device = xbus.connect("sim:MTi-630")
+    >>> device.go_to_config()
+    >>> try:
+    ...     device.command("ResetOrientation", 1)
+    ... except xbus.DeviceError as error:
+    ...     print(error.command, error.code)
+    ResetOrientation 4
     """
 
     def __init__(self, message: str, code: int, command: str | None = None) -> None:
@@ -89,6 +121,13 @@ class XbusTimeout(XbusError, TimeoutError):  # noqa: N818 - the name is clear wi
     Attributes:
         command: Name of the command without an answer, or None while listening.
         waited: Seconds until the timeout.
+
+    >>> import xbus
+    >>> try:
+    ...     xbus.connect("sim:MTi-630?fault=stall=0:60")  # sends nothing for a minute
+    ... except xbus.XbusTimeout as error:
+    ...     print(error.waited > 1)
+    True
     """
 
     def __init__(self, message: str, command: str | None, waited: float) -> None:
@@ -105,6 +144,16 @@ class Disconnected(XbusError, ConnectionError):  # noqa: N818 - the name is clea
 
     Attributes:
         command: Name of the interrupted command, or None while listening.
+
+    >>> import xbus
+    >>> mti = xbus.SimulatedDevice("MTi-300")
+    >>> device = xbus.connect(mti)
+    >>> mti.unplug()
+    >>> try:
+    ...     device.go_to_config()
+    ... except xbus.Disconnected as error:
+    ...     print(error.command)
+    GoToConfig
     """
 
     def __init__(self, message: str, command: str | None = None) -> None:

@@ -149,6 +149,12 @@ def restore_communication(
     Raises:
         XbusTimeout: No device woke up.
         OSError: The port cannot be opened.
+
+    >>> import xbus
+    >>> mti = xbus.SimulatedDevice("MTi-300", baudrate=460800)
+    >>> mti.power_cycle()
+    >>> xbus.restore_communication(mti)
+    <Device sim:MTi-300 at 115200 baud, product not read yet, config>
     """
     device = Device(open_link(port, DEFAULT_BAUDRATE, bid=bid))
     try:

@@ -49,6 +49,9 @@ def find_ports() -> list[Port]:
     """Returns the serial ports of this machine, those with USB identifiers of Xsens first.
 
     A development kit or a converter of another make does not identify the device behind it.
+
+    >>> import xbus
+    >>> ports = [port.device for port in xbus.find_ports() if port.likely]  # ['/dev/ttyUSB0']
     """
     found = [
         Port(port.device, port.description, is_xsens(port.vid, port.pid), port.serial_number)

@@ -127,6 +127,11 @@ class LogPart:
         earliest: The earliest `Log.time` of its samples in s, NaN if none has a time.
         latest: The latest time, in s.
         is_ascending: Whether all samples have a time and none is earlier than the one before.
+
+    >>> import xbus
+    >>> parts = xbus.split_log("tests/captures/walk.mtb", block_bytes=60_000)
+    >>> [(part.first_sample, part.samples) for part in parts]
+    [(0, 369), (369, 370), (739, 301)]
     """
 
     start: int

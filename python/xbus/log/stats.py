@@ -25,6 +25,11 @@ class Stats:
         checksum_errors: Wrong checksums where a frame was expected.
         lost_samples: Samples that the packet counter skips.
         gaps: Places where samples are missing.
+
+    >>> import xbus
+    >>> stats = xbus.read_log("tests/captures/field.mtb").stats
+    >>> stats.samples, stats.lost_samples, stats.gaps, stats.skipped_bytes
+    (1016, 23, 12, 1816)
     """
 
     bytes: int

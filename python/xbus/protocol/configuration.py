@@ -11,7 +11,13 @@ __all__ = ["Configuration", "Firmware"]
 
 
 class Firmware(NamedTuple):
-    """A firmware revision (Table 4); build and scm are None if it comes from a Configuration."""
+    """A firmware revision (Table 4); build and scm are None if it comes from a Configuration.
+
+    >>> import xbus
+    >>> firmware = xbus.read_log("tests/captures/walk.mtb").configuration.firmware
+    >>> str(firmware), firmware >= (1, 8, 0)
+    ('1.12.0', True)
+    """
 
     major: int
     minor: int
@@ -42,6 +48,11 @@ class Configuration:
         filter_type: Letter of the kind of filter, or None.
         filter_version: Major and minor version of the filter.
         data_length: Bytes of the payload of MTData; 0 if the device does not send it.
+
+    >>> import xbus
+    >>> configuration = xbus.read_log("tests/captures/walk.mtb").configuration
+    >>> configuration.product_code, f"{configuration.device_id:08X}", configuration.date
+    ('MTi-680G-8A1G6', '8000A1B2', '20261122')
     """
 
     device_id: int

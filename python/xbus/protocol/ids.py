@@ -9,7 +9,12 @@ __all__ = ["Coordinates", "DataId", "MessageId", "Precision"]
 
 
 class Precision(IntEnum):
-    """Number formats: the two low bits of a data identifier (Table 17)."""
+    """Number formats: the two low bits of a data identifier (Table 17).
+
+    >>> import xbus
+    >>> f"{xbus.DataId.LatLon | xbus.Precision.Fp1632:04X}", xbus.Precision.Fp1632.size
+    ('5042', 6)
+    """
 
     Float32 = 0
     Fp1220 = 1
@@ -23,7 +28,12 @@ class Precision(IntEnum):
 
 
 class Coordinates(IntEnum):
-    """Coordinate systems: bits 2 and 3 of a data identifier (Table 17)."""
+    """Coordinate systems: bits 2 and 3 of a data identifier (Table 17).
+
+    >>> import xbus
+    >>> xbus.read_log("tests/captures/walk.mtb")["quaternion"].coordinates == xbus.Coordinates.ENU.name
+    True
+    """
 
     ENU = 0x0
     NED = 0x4
@@ -31,7 +41,12 @@ class Coordinates(IntEnum):
 
 
 class DataId(IntEnum):
-    """Data identifiers, format bits zero (Table 16)."""
+    """Data identifiers, format bits zero (Table 16).
+
+    >>> import xbus
+    >>> f"{xbus.DataId.Quaternion:04X}", xbus.DataId.Quaternion in xbus.read_log("tests/captures/walk.mtb")
+    ('2010', True)
+    """
 
     Temperature = 0x0810
     UtcTime = 0x1010
@@ -90,7 +105,12 @@ class DataId(IntEnum):
 
 
 class MessageId(IntEnum):
-    """Message identifiers (section 5.3). A request and its setting share one."""
+    """Message identifiers (section 5.3). A request and its setting share one.
+
+    >>> import xbus
+    >>> xbus.encode_frame(xbus.MessageId.GoToConfig).hex(" ")
+    'fa ff 30 00 d1'
+    """
 
     ReqDID = 0x00
     DeviceID = 0x01

@@ -386,7 +386,12 @@ ON_DEMAND = 0xFFFF
 
 
 class StringType(IntFlag):
-    """Strings that a device can send instead of MTData2 (section 5.3.5, ReqStringOutputType)."""
+    """Strings that a device can send instead of MTData2 (section 5.3.5, ReqStringOutputType).
+
+    >>> import xbus
+    >>> xbus.parse_string("$HEHDT,358.27,T*14").type
+    <StringType.HEHDT: 256>
+    """
 
     HCHDM = 1 << 0
     HCHDG = 1 << 1

@@ -17,6 +17,11 @@ class Message(NamedTuple):
         payload: Its data.
         offset: Byte offset in the input at which its frame begins.
         sample: Index of the next sample.
+
+    >>> import xbus
+    >>> [message] = xbus.read_log("tests/captures/field.mtb").messages.named("Error")
+    >>> message.mid, message.offset, message.payload
+    (66, 81068, b')')
     """
 
     mid: int

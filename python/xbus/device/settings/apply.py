@@ -22,6 +22,15 @@ class ApplyError(XbusError):
         not_applied: The settings that were still to come.
         before: All settings as they were. Apply these to go back.
         is_open: Whether it is unknown if the failed setting was applied.
+
+    >>> import xbus
+    >>> device = xbus.connect("sim:MTi-630")
+    >>> try:
+    ...     applied = device.apply(xbus.Settings(location_id=7))
+    ... except xbus.ApplyError as error:
+    ...     applied = device.apply(error.before)  # go back
+    >>> [change.name for change in applied.changes]
+    ['location_id']
     """
 
     def __init__(
