@@ -193,6 +193,25 @@ def test_every_quantity_has_its_plots() -> None:
     assert len(names) == len(set(names)) == report.tags.count("figure")
 
 
+def test_the_magnetic_field_is_judged() -> None:
+    angle = np.linspace(0, 1, 500)
+    around, up = 2 * np.pi * 37 * angle, np.pi * (angle - 0.5)
+    field = np.stack([np.cos(around) * np.cos(up), np.sin(around) * np.cos(up), np.sin(up)], axis=1)
+    field += [0.25, 0, 0]
+    data = b"".join(samples(500, magnetic_field=lambda row: field[row].tolist()))
+    report = page_of(data)
+    assert "Disturbed: the norm deviates by" in report.text
+    assert ["hard iron", "0.250, 0.000, 0.000 a.u."] in report.rows
+    assert [text for text in output(data) if text.startswith("magnetic_field is disturbed: ")]
+    drawn = report.figure("field magnetic_field")["data"]
+    assert len(drawn) == 6
+    recorded, corrected = (array(curve["x"]) for curve in drawn[:2])
+    assert recorded - corrected == pytest.approx(np.full(500, 0.25), abs=0.01)
+    # The walk goes straight on.
+    assert "Not enough motion to judge: the device was hardly turned" in page_of(WALK).text
+    assert not page_of(b"".join(samples(100, acceleration=[0, 0, 9.8]))).text.count("hard iron")
+
+
 def test_links_have_targets() -> None:
     for file in (WALK, FIELD):
         report = page_of(file)

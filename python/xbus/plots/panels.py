@@ -13,7 +13,7 @@ from xbus.export.valid import has_fix
 from xbus.plots.thin import FloatArray
 from xbus.protocol.tables import COLUMN_QUANTITIES
 
-__all__ = ["PlottedColumn", "Rows", "has_panels", "label", "panel_rows"]
+__all__ = ["MAGNETIC", "PlottedColumn", "Rows", "has_panels", "label", "panel_rows"]
 
 #: Plots of struct quantities: title, unit and fields. Other structs have no plot.
 STRUCT_PANELS: dict[str, list[tuple[str, str, tuple[str, ...]]]] = {

@@ -15,9 +15,21 @@ from xbus.log.read import iter_log
 from xbus.log.source import Source
 from xbus.protocol.values import StringType
 from xbus.report.data import Options, ReportData
+from xbus.report.field_quality import FieldQuality, Quality, magnetic_field_quality
 from xbus.report.page import page
 
-__all__ = ["BLOCK", "Options", "gather", "gather_parts", "plotly_js", "write_page", "write_report"]
+__all__ = [
+    "BLOCK",
+    "FieldQuality",
+    "Options",
+    "Quality",
+    "gather",
+    "gather_parts",
+    "magnetic_field_quality",
+    "plotly_js",
+    "write_page",
+    "write_report",
+]
 
 #: Bytes of input in memory at a time.
 BLOCK = 4 << 20

@@ -15,12 +15,13 @@ from xbus.export.valid import has_fix
 from xbus.log.axis import Axis
 from xbus.log.column import Column
 from xbus.log.log import Log, steady_time
-from xbus.plots.panels import panel_rows
+from xbus.plots.panels import MAGNETIC, panel_rows
 from xbus.plots.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.protocol.tables import COLUMN_QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
 from xbus.protocol.undecoded import output_mids
 from xbus.report.allan import Longest
 from xbus.report.clock import Clock, ClockPiece
+from xbus.report.field_quality import FieldRows
 from xbus.report.spectrum import Spectrum
 from xbus.report.track import SOURCES, Track
 
@@ -88,6 +89,7 @@ class Series:
         steps: Time between rows.
         longest: The longest stretch without a gap; None for quantities without an Allan deviation.
         spectrum: The spectrum, for the same quantities; None if it is not wanted.
+        field: The rows to judge a magnetic field by; None for other quantities.
     """
 
     def __init__(self, column: Column, options: Options) -> None:
@@ -99,6 +101,7 @@ class Series:
         self.longest = Longest(3) if column.name in NOISY else None
         has_spectrum = column.name in NOISY and (options.spectrum or options.spectrogram)
         self.spectrum = Spectrum() if has_spectrum else None
+        self.field = FieldRows() if column.name in MAGNETIC else None
         #: Number of the run of the last row; -1 before the first row.
         self._run = -1
 
@@ -139,6 +142,8 @@ class Series:
             self.longest.add(time, column.values, breaks)
         if self.spectrum is not None:
             self.spectrum.add(time, column.values, breaks)
+        if self.field is not None:
+            self.field.add(column.values)
         return breaks
 
 

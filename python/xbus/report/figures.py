@@ -14,10 +14,12 @@ from xbus.plots.thin import Bands, FloatArray
 from xbus.plots.traces import traces
 from xbus.report.allan import allan_deviation
 from xbus.report.data import Panel, ReportData, Series
+from xbus.report.field_quality import FieldQuality
 
 __all__ = [
     "Figure",
     "events",
+    "field",
     "flags",
     "noise",
     "panel",
@@ -33,6 +35,9 @@ Figure = dict[str, Any]
 
 #: Heights in pixels: a plot, a row of bands, and the margin around the rows.
 HEIGHT, ROW, MARGIN = 295, 26, 90
+#: Planes in which a magnetic field is drawn, by axis, and dots in each, at most about.
+PLANES = ((0, 1), (0, 2), (1, 2))
+MAX_DOTS = 1000
 #: Height of a band, and the smallest width of a mark, in pixels.
 BAND, MARK = 12, 2
 
@@ -322,6 +327,52 @@ def spectrogram(data: ReportData, series: Series) -> Figure:
     figure = _over_time(data, f"spectrogram {series.anchor}", [drawn], y, 340)
     figure["layout"]["margin"] = {"l": 70, "r": 15, "t": 60, "b": 60}
     return figure
+
+
+def field(series: Series, quality: FieldQuality) -> Figure:
+    """Returns a magnetic field in three planes, before and after its correction if there is one."""
+    clouds = [("as recorded", quality.points, COLOURS[1])]
+    if quality.ellipsoid is not None:
+        clouds.append(("corrected", quality.ellipsoid.corrected(quality.points), COLOURS[2]))
+    end = 1.05 * max(float(np.abs(points).max()) for _, points, _ in clouds)
+    axis = {"range": [-end, end], "nticks": 5, "constrain": "domain"}
+    traces: list[Figure] = []
+    layout: Figure = {"height": 360, "hovermode": False}
+    for at, (across, up) in enumerate(PLANES):
+        number = str(at + 1) if at else ""
+        for name, points, colour in clouds:
+            shown = points[:: max(1, len(points) // MAX_DOTS)].astype(np.float32)
+            trace = {
+                "type": "scatter",
+                "mode": "markers",
+                "x": shown[:, across],
+                "y": shown[:, up],
+                "xaxis": f"x{number}",
+                "yaxis": f"y{number}",
+                "name": name,
+                "legendgroup": name,
+                "showlegend": not at,
+                "marker": {"color": colour, "size": 3},
+            }
+            traces.append(trace)
+        left = at * 0.36
+        layout[f"xaxis{number}"] = {
+            "title": {"text": f"{'xyz'[up]} over {'xyz'[across]}, a.u."},
+            "domain": [left, left + 0.28],
+            **axis,
+        }
+        layout[f"yaxis{number}"] = {
+            "title": {"text": ""},
+            "anchor": f"x{number}",
+            "scaleanchor": f"x{number}",
+            **axis,
+        }
+    return {
+        "name": f"field {series.anchor}",
+        "is_over_time": False,
+        "data": traces,
+        "layout": layout,
+    }
 
 
 def noise(series: Series) -> tuple[Figure, list[tuple[FloatArray, FloatArray]]] | None:

@@ -9,6 +9,7 @@ from xbus.formatting import describe_damage, describe_losses, format_count
 from xbus.protocol.tables import COLUMN_QUANTITIES
 from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 from xbus.report.data import ReportData, Series
+from xbus.report.field_quality import Quality
 
 __all__ = ["Finding", "findings", "percent"]
 
@@ -32,7 +33,14 @@ class Finding(NamedTuple):
 
 def findings(data: ReportData) -> list[Finding]:
     """Returns all findings, the problems first."""
-    found = [*_losses(data), *_events(data), *_status(data), *_values(data), *_missing(data)]
+    found = [
+        *_losses(data),
+        *_events(data),
+        *_status(data),
+        *_values(data),
+        *_magnetic(data),
+        *_missing(data),
+    ]
     return sorted(found, key=lambda finding: not finding.is_bad)
 
 
@@ -142,6 +150,14 @@ def _values(data: ReportData) -> Iterator[Finding]:
                 yield Finding(
                     True, f"{values} of {series.label} NaN or infinite", data.anchor(series)
                 )
+
+
+def _magnetic(data: ReportData) -> Iterator[Finding]:
+    for series in data.series:
+        if series.field is not None:
+            quality = series.field.quality()
+            if quality.quality == Quality.DISTURBED:
+                yield Finding(False, f"{series.label} is {quality.verdict}", "magnetic")
 
 
 def _missing(data: ReportData) -> Iterator[Finding]:

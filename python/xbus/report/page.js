@@ -5,13 +5,15 @@
   const dark = matchMedia("(prefers-color-scheme: dark)");
   const isNarrow = (plot) => plot.clientWidth < 520;
 
-  const theme = (isDark) => {
+  const axesOf = (layout) => Object.keys(layout).filter((key) => /^[xy]axis[0-9]*$/.test(key));
+
+  const theme = (isDark, layout) => {
     const axis = { gridcolor: isDark ? "#333b45" : "#e3e7ec", zerolinecolor: isDark ? "#55606c" : "#b8c0c9", linecolor: isDark ? "#55606c" : "#b8c0c9" };
     const colours = { "modebar.bgcolor": "rgba(0,0,0,0)", "modebar.color": isDark ? "#77828e" : "#a2abb5", paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", "font.color": isDark ? "#e6e9ee" : "#1c2430" };
-    for (const name of ["xaxis", "yaxis"]) for (const key in axis) colours[`${name}.${key}`] = axis[key];
+    for (const name of axesOf(layout)) for (const key in axis) colours[`${name}.${key}`] = axis[key];
     return colours;
   };
-  const paint = (isDark, size) => plots.filter((plot) => plot.layout).forEach((plot) => Plotly.relayout(plot, { ...theme(isDark), ...size }));
+  const paint = (isDark, size) => plots.filter((plot) => plot.layout).forEach((plot) => Plotly.relayout(plot, { ...theme(isDark, plot.layout), ...size }));
 
   // Marks of a time axis: seconds, minutes and hours since the start, and UTC below where it is known.
   const STEPS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600, 7200, 10800, 21600, 43200, 86400];
@@ -82,13 +84,13 @@
     const whole = {
       margin: { l: isNarrow(plots[at]) ? 60 : 70, r: 15, t: 28, b: 60 }, hovermode: "closest", font: { size: 12 },
       legend: { orientation: "h", x: 0, xanchor: "left", y: 1.0, yanchor: "bottom" }, dragmode: "zoom",
-      ...layout, xaxis: axis(layout.xaxis), yaxis: axis(layout.yaxis),
+      ...layout, ...Object.fromEntries(axesOf(layout).map((key) => [key, axis(layout[key])])),
     };
     // The time axes of all plots are aligned.
     if (is_over_time && !isNarrow(plots[at])) { whole.yaxis.automargin = false; whole.margin.l = 150; }
     const config = { displaylogo: false, responsive: true, displayModeBar: isNarrow(plots[at]) ? false : "hover" };
     Plotly.newPlot(plots[at], data, whole, config)
-      .then((plot) => Plotly.relayout(plot, { ...theme(dark.matches), ...marks(plot, figures[at]) }))
+      .then((plot) => Plotly.relayout(plot, { ...theme(dark.matches, plot.layout), ...marks(plot, figures[at]) }))
       .then((plot) => {
         if (is_over_time) plot.on("plotly_relayout", (change) => follow(at, change));
         setTimeout(draw, 0, at + 1);

@@ -26,6 +26,7 @@ from xbus.report.blocks import (
 )
 from xbus.report.data import MAX_ROWS, ReportData, Series
 from xbus.report.findings import percent
+from xbus.report.magnetic import magnetic
 from xbus.report.noise import noise
 
 __all__ = ["sections"]
@@ -50,6 +51,7 @@ def sections(data: ReportData) -> list[Section]:
         ("status", "Status", _status(data) if data.status_rows else ()),
         ("track", "Track", _track(data)),
         ("plots", "Plots", _plots(data)),
+        ("magnetic", "Magnetic field", magnetic(data)),
         ("noise", "Noise", noise(data)),
         ("spectrum", "Spectrum", _spectrum(data)),
         ("values", "Values", _values(data)),
