@@ -547,6 +547,19 @@ def test_set_baudrate_follows_the_device(product: str) -> None:
     assert connect(sim).link.baudrate == 921_600
 
 
+@pytest.mark.parametrize("product", ["MTi-3", "MTi-300", "MTi-630", "MTi"])
+def test_factory_settings_at_the_factory_baud_rate(product: str) -> None:
+    sim = SimulatedDevice(product, baudrate=460_800)
+    device = connect(sim)
+    factory = connect(product_port := SimulatedDevice(product, baudrate=115_200)).settings()
+    with device.configure() as cfg:
+        cfg.commands.set_location_id(7)
+        cfg.restore_factory_settings()
+        assert (sim.baudrate, cfg.link.baudrate, cfg.state) == (115_200, 115_200, State.CONFIG)
+        assert cfg.settings() == factory
+    assert sim.state == State.MEASUREMENT == product_port.state
+
+
 def test_unsupported_baud_rates_are_rejected() -> None:
     device, sim = opened("MTi-300")
     with device.configure() as cfg:

@@ -8,6 +8,7 @@ import pytest
 
 import xbus
 from xbus.protocol.values import EVERY
+from xbus.studio.device_settings import DeviceSettings
 from xbus.studio.exchange import Exchange
 from xbus.studio.settings_draft import Draft
 
@@ -20,7 +21,12 @@ def device() -> Any:
 
 @pytest.fixture
 def draft(device: Any) -> Draft:
-    return Draft(device.settings(), device.support)
+    return draft_of(device)
+
+
+def draft_of(device: Any) -> Draft:
+    settings = DeviceSettings(device, Exchange(), check_baudrate=False)
+    return Draft(device.settings(), device.support, settings.plan)
 
 
 def test_a_draft_begins_as_the_device_has_it(draft: Draft) -> None:
@@ -37,7 +43,7 @@ def test_an_output_is_added_changed_and_removed(device: Any, draft: Draft) -> No
     draft.set_output("acceleration", 100, "Float32", None)
     draft.set_output("quaternion", None, None, None)
     device.apply(draft.settings)
-    taken = Draft(device.settings(), device.support)
+    taken = draft_of(device)
     assert taken.settings.output_configuration == draft.settings.output_configuration
     acceleration = taken.output("acceleration")
     assert acceleration is not None
@@ -50,7 +56,7 @@ def test_an_output_is_added_changed_and_removed(device: Any, draft: Draft) -> No
 
 def test_text_and_controls_are_one_draft(draft: Draft) -> None:
     draft.edit(draft.text.replace("location_id = 0", "location_id = 7"))
-    assert draft.problem is None
+    assert draft.problems == []
     assert draft.settings.location_id == 7
     draft.set(location_id=8)
     assert "location_id = 8" in draft.text
@@ -61,8 +67,8 @@ def test_text_and_controls_are_one_draft(draft: Draft) -> None:
 def test_wrong_text_keeps_the_last_valid_draft(draft: Draft) -> None:
     draft.set(location_id=7)
     draft.edit("location_id = 70000")
-    assert draft.problem is not None
-    assert draft.problem.startswith("line 1, location_id")
+    assert draft.problems_of("location_id") == draft.problems
+    assert draft.problems[0].startswith("line 1, location_id")
     assert draft.settings.location_id == 7
     with pytest.raises(ValueError, match="location_id"):
         draft.set(location_id=-1)
@@ -74,10 +80,10 @@ def test_the_load_of_the_line(draft: Draft) -> None:
     for name in ("acceleration", "rate_of_turn", "quaternion", "free_acceleration"):
         coordinates = "ENU" if name == "quaternion" else None
         draft.set_output(name, 400, "Float64", coordinates)
-    needed, capacity = draft.load(115_200)
+    needed, capacity = draft.line_load(115_200)
     assert capacity == 11_520 < needed
     assert "use at least" in (draft.overload(115_200) or "")
-    assert draft.load(None)[1] is None
+    assert draft.line_load(None)[1] is None
 
 
 def test_messages_are_kept_in_order(device: Any) -> None:

@@ -8,7 +8,7 @@ from xbus.device.configurable import Configurable
 from xbus.errors import XbusTimeout
 from xbus.protocol.values import PortProtocol, baud_code
 
-__all__ = ["change_baudrate"]
+__all__ = ["change_baudrate", "restart"]
 
 
 def change_baudrate(device: Configurable, baudrate: int) -> None:
@@ -19,7 +19,6 @@ def change_baudrate(device: Configurable, baudrate: int) -> None:
         )
     code = baud_code(baudrate)
     device.session.validate("SetBaudrate", code)
-    old = device.link.baudrate
     if device.support is not None and "SetPortConfig" in device.support.messages:
         device.commands.set_port_config(
             replace(port, baud_code=code) if port.protocol == PortProtocol.XBUS else port
@@ -27,12 +26,26 @@ def change_baudrate(device: Configurable, baudrate: int) -> None:
         )
     else:
         device.command("SetBaudrate", code)
+    restart(device, baudrate)
+
+
+def restart(device: Configurable, baudrate: int | None) -> None:
+    """Resets a device in Config State, and follows it to the baud rate that it has afterwards.
+
+    Args:
+        device: The device.
+        baudrate: The rate after the restart; None for a port that has none.
+    """
+    old = device.link.baudrate
     device.command("Reset")
-    device.link.baudrate = baudrate
+    if baudrate is not None:
+        device.link.baudrate = baudrate
     try:
         device.wake_up()
         device.commands.req_did()
     except XbusTimeout as timeout:
+        if baudrate is None or old is None or baudrate == old:
+            raise
         try:
             device.find_baudrate((old,))
             problem = f"the device did not change to {baudrate} baud: it still uses {old}"

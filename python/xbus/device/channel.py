@@ -13,7 +13,7 @@ from xbus import _core
 from xbus.describe.outputs import describe_outputs
 from xbus.device.connection import Connection, abandon_in_fork
 from xbus.device.events import Notice, Refusal, Reply
-from xbus.device.session import PROBE, Session
+from xbus.device.session import PROBE, Session, changes_settings
 from xbus.device.silence import nothing_heard
 from xbus.device.stats import live_stats
 from xbus.errors import (
@@ -383,7 +383,7 @@ class Channel:
             if support is not None and name in support.legacy_messages:
                 self._find_legacy_mode()
             reply = self._command(name, value)
-            if name.startswith("Set") or name == "RestoreFactoryDef":
+            if changes_settings(name):
                 self._has_new_settings = True
             if name == "GoToMeasurement":
                 self.meets_unknown_mtdata = False  # MTData of before

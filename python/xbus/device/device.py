@@ -14,7 +14,7 @@ from typing import Any
 
 from xbus.can.ids import DeviceIds
 from xbus.can.link import CanLink
-from xbus.device.baudrate import change_baudrate
+from xbus.device.baudrate import change_baudrate, restart
 from xbus.device.blocks import Blocks
 from xbus.device.can_output import (
     CanConfiguration,
@@ -367,6 +367,27 @@ class Device:
         self.session.check_state("SetBaudrate")
         self._identify()
         change_baudrate(self, baudrate)
+
+    def restore_factory_settings(self) -> None:
+        """Restores the factory defaults (RestoreFactoryDef, section 7.1), and restarts the device with them.
+
+        The baud rate becomes 115200, and the port follows. The device is in Config State afterwards. All
+        settings are lost: `settings` reads them before.
+
+        Raises:
+            XbusTimeout: The device did not come back; the message says what to do.
+
+        >>> import xbus
+        >>> device = xbus.connect("sim:MTi-630")
+        >>> with device.configure() as cfg:
+        ...     cfg.commands.set_location_id(7)
+        ...     cfg.restore_factory_settings()
+        ...     cfg.commands.req_location_id()
+        0
+        """
+        self.commands.restore_factory_def()
+        self.output_configuration = None
+        restart(self, None if self.link.baudrate is None else DEFAULT_BAUDRATE)
 
     def restore_communication(self, timeout: float = 30.0) -> None:
         """Recovers a device that answers at no baud rate, with the procedure of section 7.2.

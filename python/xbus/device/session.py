@@ -17,7 +17,7 @@ from xbus.protocol.values import DeviceErrorInfo, State
 from xbus.wire.codec import LONGEST_LIVE, ScannedItem, encode_frame, is_sample
 from xbus.wire.strings import String, type_at
 
-__all__ = ["Session"]
+__all__ = ["Session", "changes_settings"]
 
 #: The state of the device after a message from it. Samples still arrive between GoToConfig and its answer, so
 #: they indicate a state only if none is known.
@@ -33,6 +33,11 @@ VALID_IN_ANY_STATE = ("GoToConfig", "Reset")
 PROBE = "ReqDID"
 #: Codes of errors about the stream or the device as a whole, which answer no command (Table 5).
 UNSOLICITED_ERRORS = frozenset({30, 35, 36, 37, 41, 42, 43, 44, 45, 46, 47, 48, 54, 55})
+
+
+def changes_settings(command: str) -> bool:
+    """Returns whether a command may change what the device sends, or another setting."""
+    return command.startswith("Set") or command == "RestoreFactoryDef"
 
 
 class Session:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from xbus import _core
 from xbus.describe.text import describe_message
+from xbus.device.session import changes_settings
 from xbus.formatting import format_count
 from xbus.wire.codec import Damage, Scanner, encode_frame, named_item
 from xbus.wire.message import Message
@@ -44,12 +45,16 @@ class Exchange:
         self.entries: deque[Entry] = deque(maxlen=MAX_ENTRIES)
         #: Number of entries so far, those that are gone included.
         self.count = 0
+        #: Number of messages so far that may have changed a setting.
+        self.settings_sent = 0
 
     def sent(self, data: bytes) -> None:
         """Takes note of bytes that were sent."""
         scanner = Scanner()
         for item in [*scanner.feed(data), *scanner.close()]:
             self._add(item, is_sent=True)
+            if isinstance(item, Message) and changes_settings(item.name):
+                self.settings_sent += 1
 
     def received(self, item: _core.ScannedFrame | _core.ScannedDamage) -> None:
         """Takes note of a message or of damaged bytes."""

@@ -22,6 +22,7 @@ from xbus.rtk import Caster
 from xbus.sim import Replay, SimI2c, SimSpi, SimulatedDevice, serving
 from xbus.sim.bus_link import bus_of
 from xbus.sim.options import device_of
+from xbus.studio.device_settings import DeviceSettings
 from xbus.studio.exchange import Exchange
 from xbus.studio.history import History
 from xbus.studio.recording import StudioRecording, new_file
@@ -92,6 +93,9 @@ class Station:
             self.device.trace(self.exchange)
             with self.device.configure():
                 pass  # reads the identity
+            self.settings = DeviceSettings(
+                self.device, self.exchange, check_baudrate=not self.is_virtual
+            )
             self._source = DeviceSource(self.device, reconnect=True, restore=True, step=STEP)
             model = self._source.model()
             watched = {each.name: getattr(model, each.name) for each in fields(model)}

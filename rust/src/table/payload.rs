@@ -406,13 +406,13 @@ pub(super) const AMD: &[MessageField] = &[u2("setting")];
 pub(super) const SYNC_SETTING: &[MessageField] = &[
     u1("function").note("Table 11"),
     u1("line").note("Table 12"),
-    u1("polarity"),
+    u1("polarity").note("Tables 9 and 10"),
     u1("trigger_once"),
     u2("skip_first"),
     u2("skip_factor"),
     u2("pulse_width").unit("0.1 ms"),
     // Signed where a pulse goes out (Table 10), milliseconds for the period of a reference clock.
-    u2("offset").unit("0.1 ms"),
+    u2("offset").unit("0.1 ms").note("0 to 60000; of an output pulse -30000 to 30000"),
 ];
 
 /// Tables 13 and 14, the tail as devices fill it. Eight bytes of identifier, with the halves exchanged against the
@@ -468,7 +468,8 @@ pub(super) const PROFILE: &[MessageField] = &[u2("profile").note("Table 30")];
 pub(super) const PROFILE_IN_USE: &[MessageField] = &[u1("version"), u1("profile").note("Table 30")];
 /// Table 29.
 pub(super) const AVAILABLE_PROFILE: &[MessageField] = &[u1("type"), u1("version"), field("label", Content::Text(20))];
-pub(super) const PLACE: &[MessageField] = &[f8("lat").unit("deg"), f8("lon").unit("deg"), f8("alt").unit("m")];
+pub(super) const PLACE: &[MessageField] =
+    &[f8("lat").unit("deg").note("-90 to 90"), f8("lon").unit("deg").note("-180 to 180"), f8("alt").unit("m")];
 /// Of old firmware.
 pub(super) const PLACE_12: &[MessageField] = &[f4("lat").unit("deg"), f4("lon").unit("deg"), f4("alt").unit("m")];
 pub(super) const PLATFORM: &[MessageField] = &[u2("platform").note("Table 31")];

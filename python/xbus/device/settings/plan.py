@@ -102,18 +102,25 @@ def read_setting(device: Configurable, name: str) -> Any:
 
 
 def plan_settings(
-    device: Configurable, settings: Settings, *, check_baudrate: bool = True, force: bool = False
+    device: Configurable,
+    settings: Settings,
+    *,
+    before: Settings | None = None,
+    check_baudrate: bool = True,
+    force: bool = False,
 ) -> Plan:
-    """Returns what has to change on a device that is in Config State. Nothing is changed.
+    """Returns what has to change on a device. Nothing is changed.
 
     Args:
-        device: The device; all its settings are read.
+        device: The device.
         settings: The settings that it should have.
+        before: The settings that it has; None to read them, which needs Config State.
         check_baudrate: Whether the line must carry what the device would send.
         force: Whether to accept settings of another product, and to leave out those that the device cannot
             have.
     """
-    before = read_settings(device)
+    if before is None:
+        before = read_settings(device)
     other_product = list(_check_product(before, settings))
     problems: list[str] = [] if force else list(other_product)
     skipped: list[str] = []

@@ -1,0 +1,42 @@
+"""Configure: outputs and settings, the differences before anything is sent, and what the device took."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from xbus.studio.pages.configure.document import Document
+from xbus.studio.pages.configure.editor import draw_editor
+from xbus.studio.shell import Session
+
+__all__ = ["configure_page"]
+
+
+def configure_page(session: Session) -> None:
+    """Edits the settings of the selected device."""
+    if (station := session.require_station()) is None:
+        return
+    session.show_command(
+        f"xbus config dump {station.source} -o mti.toml",
+        "settings = device.settings(); device.apply(settings)",
+    )
+    body = ui.column().classes("w-full gap-3")
+
+    async def load() -> None:
+        reading = await session.attempt(station.settings.read)
+        support = station.device.support
+        body.clear()
+        with body:
+            if reading is None:
+                ui.label("The settings of the device cannot be read.").classes("xbus-fault")
+                ui.button("Try again", on_click=load).props("no-caps")
+            elif support is None:
+                ui.label(
+                    "The tables do not have this product, so that its settings cannot be checked."
+                )
+            else:
+                draw_editor(Document(session, station, reading, support))
+
+    with body, ui.row().classes("items-center"):
+        ui.spinner()
+        ui.label("reading the settings")
+    ui.timer(0, load, once=True)
