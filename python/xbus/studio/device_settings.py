@@ -134,6 +134,7 @@ class DeviceSettings:
             except XbusTimeout:
                 # Several ports have several rates, and which one this is cannot be asked.
                 self.device.find_baudrate([*rates, link.baudrate])
+                self.device.go_to_config()
             self._read()
 
     def _rates_after_restart(self) -> list[int]:
