@@ -18,10 +18,12 @@ pytest.importorskip("nicegui", reason="the extra studio is not installed")
 
 import xbus
 from xbus.cli.export_formats import EXPORTS
+from xbus.device.rotation import parse_rotation
 from xbus.studio.commands import describe
 from xbus.studio.hub import Hub, HubError
+from xbus.studio.pages.record import _rotation_problem, _table
 from xbus.studio.pages.recordings import FORMATS, _files, _summary
-from xbus.studio.recording import NOTES, read_notes
+from xbus.studio.recording import NOTES, ByteRate, read_notes
 from xbus.studio.shell import health
 
 resource = pytest.importorskip("resource", reason="not on Windows")
@@ -112,11 +114,43 @@ def test_a_recording_that_ends_early_is_told_when_the_device_is_closed(
     small_files(20_000)
     wait_until(lambda: recording.error is not None)
     assert "ended early" in health(station)
+    assert "ended early" in _table([station])
     (problem,) = hub.close_all()
     assert problem.startswith(f"{recording.path.name} ended early: ")
+    assert problem.endswith("what came before is kept; check the disk and record again")
     log = xbus.read_log(recording.path)
     assert len(log) == recording.samples > 0
     assert log.stats.skipped_bytes == 0
+
+
+def test_a_recording_with_a_time_limit_in_several_files(hub: Any) -> None:
+    station = hub.open("sim:MTi-630")
+    station.show_all()
+    recording = station.start_recording(hub.folder, duration=1.0, **parse_rotation("20kB"))
+    wait_until(lambda: station.recording is None)
+    assert station.last_recording is recording
+    assert recording.problem is None
+    assert 1 <= recording.seconds < 5
+    assert recording.files > 1
+    assert f"and {recording.files - 1} more file" in _table([station])
+    logs = [xbus.read_log(path) for path in sorted(hub.folder.glob("*.mtb"))]
+    assert len(logs) == recording.files
+    assert sum(map(len, logs)) == recording.samples
+    assert station.byte_rate.value > 1000
+
+
+@pytest.mark.parametrize("text", ["100", "0MB", "fast", "10 days"])
+def test_a_rotation_that_is_neither_size_nor_time(text: str) -> None:
+    assert _rotation_problem("30min") is _rotation_problem(" ") is _rotation_problem(None) is None
+    assert "is neither a size (100MB, 2GB) nor a time" in (_rotation_problem(text) or "")
+
+
+def test_the_rate_of_bytes() -> None:
+    rate = ByteRate()
+    assert rate.value == 0
+    for second in range(20):
+        rate.add(second, 1000 * second + 3000 * max(0, second - 10))
+    assert rate.value == 4000
 
 
 def test_a_note_is_written_whole_or_not_at_all(hub: Any, small_files: Any) -> None:

@@ -10,10 +10,6 @@ import click
 
 __all__ = ["parse_rotation", "parse_size"]
 
-#: Units of sizes and times.
-BYTES = {"kb": 10**3, "mb": 10**6, "gb": 10**9, "tb": 10**12}
-SECONDS = {"s": 1, "min": 60, "h": 3600}
-
 
 def parse_rotation(value: str) -> dict[str, Any]:
     """Returns the arguments of `Device.record` that rotate files.
@@ -21,15 +17,12 @@ def parse_rotation(value: str) -> dict[str, Any]:
     Raises:
         BadParameter: The text is neither a size nor a time.
     """
-    if found := re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]+)", value.lower()):
-        number, unit = float(found[1]), found[2]
-        if unit in BYTES and number > 0:
-            return {"rotate_bytes": math.ceil(number * BYTES[unit])}
-        if unit in SECONDS and number > 0:
-            return {"rotate_seconds": number * SECONDS[unit]}
-    raise click.BadParameter(
-        f"{value!r} is neither a size (100MB, 2GB) nor a time (90s, 30min, 1h)"
-    )
+    from xbus.device import rotation
+
+    try:
+        return rotation.parse_rotation(value)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from None
 
 
 def parse_size(value: str) -> int:
@@ -38,6 +31,8 @@ def parse_size(value: str) -> int:
     Raises:
         BadParameter: The text is no size.
     """
+    from xbus.device.rotation import BYTES
+
     found = re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([kmgt]b)?", value.lower())
     if found is None:
         raise click.BadParameter(f"{value!r} is no size, such as 500MB or 2GB")

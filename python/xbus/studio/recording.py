@@ -5,9 +5,11 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
+import math
 import os
 import shutil
 import time
+from collections import deque
 from datetime import UTC, datetime
 from itertools import count
 from pathlib import Path
@@ -15,10 +17,14 @@ from typing import NamedTuple
 
 from xbus.device.recording import Recording
 
-__all__ = ["NOTES", "Note", "StudioRecording", "new_file", "read_notes"]
+__all__ = ["NOTES", "ByteRate", "Note", "StudioRecording", "new_file", "read_notes"]
 
 #: Suffix of the side file with notes: one JSON object per line.
 NOTES = ".notes"
+#: Free bytes below which a disk is taken as full.
+ALMOST_FULL = 1_000_000
+#: Seconds over which `ByteRate` measures.
+RATE_SPAN = 5.0
 
 
 class Note(NamedTuple):
@@ -33,16 +39,49 @@ class Note(NamedTuple):
     text: str
 
 
+class ByteRate:
+    """Measures how many bytes arrive per second."""
+
+    def __init__(self) -> None:
+        self._counts: deque[tuple[float, int]] = deque()
+
+    def add(self, now: float, count: int) -> None:
+        """Takes note of the number of bytes so far.
+
+        Args:
+            now: The time, in seconds.
+            count: The number.
+        """
+        self._counts.append((now, count))
+        while now - self._counts[0][0] > RATE_SPAN:
+            self._counts.popleft()
+
+    @property
+    def value(self) -> float:
+        """Bytes per second; 0 if nothing was measured yet."""
+        counts = list(self._counts)
+        if len(counts) < 2:
+            return 0.0
+        (begin, before), (end, count) = counts[0], counts[-1]
+        return (count - before) / (end - begin) if end > begin else 0.0
+
+
 class StudioRecording:
     """A recording in progress.
+
+    Args:
+        path: The first file.
+        recording: The recording.
+        duration: Seconds after which it is over; None for no limit.
 
     Attributes:
         path: The first file.
         notes: The notes so far.
     """
 
-    def __init__(self, path: Path, recording: Recording) -> None:
+    def __init__(self, path: Path, recording: Recording, duration: float | None = None) -> None:
         self.path, self._recording = path, recording
+        self._duration = math.inf if duration is None else duration
         self.notes: list[Note] = []
         self._began = time.monotonic()
         self._ended: float | None = None
@@ -68,23 +107,34 @@ class StudioRecording:
         return self._recording.error
 
     @property
+    def files(self) -> int:
+        """Number of files so far."""
+        return len(self._recording.files)
+
+    @property
     def problem(self) -> str | None:
-        """The sentence about an early end, or None."""
-        return None if self.error is None else f"{self.path.name} ended early: {self.error}"
+        """The sentence about an early end, with the remedy, or None."""
+        if self.error is None:
+            return None
+        try:
+            is_full = shutil.disk_usage(self.path.parent).free < ALMOST_FULL
+        except OSError:  # the folder is gone
+            is_full = False
+        remedy = "free some space" if is_full else "check the disk"
+        name = self.path.name
+        return (
+            f"{name} ended early: {self.error}; what came before is kept; {remedy} and record again"
+        )
+
+    @property
+    def is_over(self) -> bool:
+        """Whether its time limit has passed."""
+        return self.seconds >= self._duration
 
     @property
     def is_active(self) -> bool:
         """Whether it is running."""
         return self._ended is None and self._recording.is_active
-
-    @property
-    def seconds_left(self) -> float | None:
-        """Seconds until the disk is full at the present rate; None if that is not known yet."""
-        rate = self.bytes / self.seconds if self.seconds > 1 else 0
-        try:
-            return shutil.disk_usage(self.path.parent).free / rate if rate else None
-        except OSError:  # the folder is gone
-            return None
 
     def add_note(self, text: str) -> Note:
         """Appends a note to the side file, at once.

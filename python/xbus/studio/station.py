@@ -25,7 +25,7 @@ from xbus.sim.options import device_of
 from xbus.studio.device_settings import DeviceSettings
 from xbus.studio.exchange import Exchange
 from xbus.studio.history import History
-from xbus.studio.recording import StudioRecording, new_file
+from xbus.studio.recording import ByteRate, StudioRecording, new_file
 from xbus.watch.corrections import Corrections
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
@@ -100,7 +100,9 @@ class Station:
             model = self._source.model()
             watched = {each.name: getattr(model, each.name) for each in fields(model)}
             self.model = _Watched(**watched)
+            self.byte_rate = ByteRate()
             self.recording: StudioRecording | None = None
+            self.last_recording: StudioRecording | None = None
             self.corrections: Corrections | None = None
             self._forwarding = contextlib.ExitStack()
             self._changing_corrections = threading.Lock()
@@ -132,6 +134,10 @@ class Station:
     def _run(self) -> None:
         while not self._stop.is_set():
             self._source.advance(self.model)
+            self.byte_rate.add(time.monotonic(), self.model.counts.bytes)
+            recording = self.recording
+            if recording is not None and recording.is_over:
+                self.stop_recording()
             corrections = self.corrections  # another thread may end them meanwhile
             if corrections is not None:
                 for text, is_bad in corrections.news():
@@ -207,12 +213,23 @@ class Station:
         self.corrections = None
         self._forwarding.close()
 
-    def start_recording(self, folder: Path, note: str = "") -> StudioRecording:
+    def start_recording(
+        self,
+        folder: Path,
+        note: str = "",
+        *,
+        duration: float | None = None,
+        rotate_bytes: int | None = None,
+        rotate_seconds: float | None = None,
+    ) -> StudioRecording:
         """Starts to record every byte to a new file in a folder.
 
         Args:
             folder: The folder; it is created if it does not exist.
             note: Text for the side file of notes; empty for none.
+            duration: Seconds after which the recording stops; None for no limit.
+            rotate_bytes: As for `Device.record`.
+            rotate_seconds: As for `Device.record`.
 
         Raises:
             OSError: The file cannot be written.
@@ -222,11 +239,13 @@ class Station:
         folder.mkdir(parents=True, exist_ok=True)
         path = new_file(folder, self.file_stem)
         try:
-            recording = self.device.record(path)
+            recording = self.device.record(
+                path, rotate_bytes=rotate_bytes, rotate_seconds=rotate_seconds
+            )
         except BaseException:
             path.unlink(missing_ok=True)
             raise
-        self.recording = StudioRecording(path, recording)
+        self.recording = StudioRecording(path, recording, duration)
         if note:
             self.recording.add_note(note)
         return self.recording
@@ -243,6 +262,7 @@ class Station:
         recording, self.recording = self.recording, None
         if recording is not None:
             recording.stop()
+            self.last_recording = recording
         return recording
 
     def close(self) -> StudioRecording | None:

@@ -1,12 +1,19 @@
-"""Record: one button for all devices, with disk space, notes and markers."""
+"""Record: one button for all devices, with rotation, time limit, disk space, notes and markers."""
 
 from __future__ import annotations
 
 import html
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
 from nicegui import ui
 
+from xbus.device.rotation import parse_rotation
 from xbus.formatting import format_count, format_size
+from xbus.studio.commands import command_line
+from xbus.studio.recording import StudioRecording
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
 
@@ -20,10 +27,6 @@ def record_page(session: Session) -> None:
         session.require_station()
         return
     stations = list(hub.stations.values())
-    session.show_command(
-        f"xbus record {stations[0].source} {hub.folder}/walk.mtb",
-        'with device.record("walk.mtb"): ...',
-    )
     with ui.element("div").classes("xbus-card w-full"):
         with ui.row().classes("items-center gap-4 w-full"):
             button = (
@@ -36,7 +39,19 @@ def record_page(session: Session) -> None:
                 for each in stations
             }
         note = ui.input("note", placeholder="what is recorded").classes("w-full").props("dense")
-        ui.label(f"Files go to {hub.folder.resolve()}").classes("xbus-quiet text-sm")
+        with ui.row().classes("items-start gap-4 w-full mt-2"):
+            limit = (
+                ui.number("stop after, s", min=0, step=1).classes("w-40").props("dense clearable")
+            )
+            limit.tooltip("the recording stops by itself; empty: when you stop it")
+            rotate = ui.input(
+                "new file after", placeholder="100MB, 2GB, 30min, 1h", validation=_rotation_problem
+            )
+            rotate.classes("w-64").props("dense clearable hide-bottom-space").tooltip(
+                "a size or a time, after which the recording continues in the next file; empty: one file"
+            )
+        ui.label(f"Files go to {hub.folder.resolve()}").classes("xbus-quiet text-sm mt-2")
+        space = ui.label().classes("text-sm")
     with ui.element("div").classes("xbus-card w-full mt-3"):
         table = ui.html("", sanitize=False).classes("w-full overflow-x-auto")
         with ui.row().classes("items-center w-full no-wrap mt-2"):
@@ -47,16 +62,34 @@ def record_page(session: Session) -> None:
     def active() -> list[Station]:
         return [each for each in hub.stations.values() if each.recording is not None]
 
+    def options() -> dict[str, Any]:
+        """Returns duration and rotation, as entered."""
+        rotation = (rotate.value or "").strip()
+        limits = {} if not limit.value else {"duration": float(limit.value)}
+        return limits | (parse_rotation(rotation) if rotation else {})
+
+    def show_command() -> None:
+        words = ["record", stations[0].source, "-o", str(hub.folder / "walk.mtb")]
+        words += ["--duration", f"{limit.value:g}"] if limit.value else []
+        words += ["--rotate", rotate.value.strip()] if (rotate.value or "").strip() else []
+        session.show_command(command_line(*words), 'with device.record("walk.mtb"): ...')
+
+    async def start() -> None:
+        def record(station: Station) -> StudioRecording:
+            return station.start_recording(hub.folder, note.value.strip(), **options())
+
+        for station in stations:
+            if chosen[station.source].value:
+                await session.attempt(record, station)
+
+    async def stop() -> None:
+        for station in active():
+            done = await session.attempt(station.stop_recording)
+            if done is not None and done.problem:
+                ui.notify(done.problem, type="negative", multi_line=True, timeout=10_000)
+
     async def toggle() -> None:
-        if recording := active():
-            for station in recording:
-                done = await session.attempt(station.stop_recording)
-                if done is not None and done.problem:
-                    ui.notify(done.problem, type="negative", timeout=10_000)
-        else:
-            for station in stations:
-                if chosen[station.source].value:
-                    await session.attempt(station.start_recording, hub.folder, note.value.strip())
+        await (stop() if active() else start())
         refresh()
 
     async def add_note() -> None:
@@ -71,46 +104,86 @@ def record_page(session: Session) -> None:
         button.props(f"icon={'stop' if is_recording else 'fiber_manual_record'}")
         button.props(f"color={'negative' if is_recording else 'primary'}")
         mark.set_enabled(is_recording)
-        table.set_content(_table(active()))
+        used = active() or [each for each in stations if chosen[each.source].value]
+        space.set_text(_space(hub.folder, sum(each.byte_rate.value for each in used)))
+        table.set_content(_table(list(hub.stations.values())))
 
     button.on_click(toggle)
     mark.on_click(add_note)
     text.on("keydown.enter", add_note)
+    for control in (limit, rotate):
+        control.on_value_change(show_command)
+    show_command()
     refresh()
     ui.timer(0.5, refresh)
 
 
-def _table(stations: list[Station]) -> str:
-    if not stations:
-        return '<span class="xbus-quiet">nothing is being recorded</span>'
-    names = ("device", "file", "time", "size", "samples", "disk is full in", "notes")
+def _rotation_problem(text: str | None) -> str | None:
+    """Returns what is wrong with a rotation, or None."""
+    try:
+        if text and text.strip():
+            parse_rotation(text.strip())
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def _space(folder: Path, rate: float) -> str:
+    """Returns the free space of a disk, and how long it lasts at a rate in bytes per second."""
+    try:
+        place = next(
+            each for each in (folder.resolve(), *folder.resolve().parents) if each.exists()
+        )
+        free = shutil.disk_usage(place).free
+    except OSError as error:
+        return f"{folder}: {error.strerror}"
+    text = f"{format_size(free)} free"
+    return (
+        f"{text}, enough for {_duration(free / rate)} at {format_size(int(rate))}/s"
+        if rate
+        else text
+    )
+
+
+def _table(stations: Sequence[Station]) -> str:
+    """Returns the recordings in progress and the last ones as HTML."""
+    names = ("device", "file", "time", "size", "samples", "notes", "")
     head = "<tr>" + "".join(f"<th>{name}</th>" for name in names) + "</tr>"
     rows = ""
     for station in stations:
-        recording = station.recording
-        if recording is None:
-            continue
-        left = recording.seconds_left
-        cells = [
-            station.title,
-            recording.path.name,
-            f"{recording.seconds:.0f} s",
-            format_size(recording.bytes),
-            f"{recording.samples:,}",
-            "not known yet" if left is None else _duration(left),
-            format_count(len(recording.notes), "note"),
-        ]
-        error = (
-            f'<td class="xbus-fault">ended early: {html.escape(recording.error)}</td>'
-            if recording.error
-            else ""
-        )
+        for recording, state in (
+            (station.recording, "recording"),
+            (station.last_recording, "done"),
+        ):
+            if recording is not None:
+                rows += _row(station, recording, state)
+    if not any(station.recording for station in stations):
         rows += (
-            "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + error + "</tr>"
+            f'<tr><td class="xbus-quiet" colspan="{len(names)}">nothing is being recorded</td></tr>'
         )
     return f'<table class="xbus-table">{head}{rows}</table>'
 
 
+def _row(station: Station, recording: StudioRecording, state: str) -> str:
+    file = recording.path.name
+    if recording.files > 1:
+        file += f" and {format_count(recording.files - 1, 'more file')}"
+    cells = [
+        station.title,
+        file,
+        f"{recording.seconds:.0f} s",
+        format_size(recording.bytes),
+        f"{recording.samples:,}",
+        format_count(len(recording.notes), "note"),
+    ]
+    problem = recording.problem
+    level = "xbus-fault" if problem else "xbus-ok" if state == "done" else ""
+    last = f'<td class="{level} whitespace-normal">{html.escape(problem or state)}</td>'
+    return "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + last + "</tr>"
+
+
 def _duration(seconds: float) -> str:
     hours = seconds / 3600
-    return f"{hours / 24:,.0f} days" if hours > 72 else f"{hours:,.1f} h"
+    if hours > 72:
+        return f"{hours / 24:,.0f} days"
+    return f"{hours:,.1f} h" if hours >= 1 else f"{seconds / 60:,.0f} min"
