@@ -20,11 +20,11 @@ import xbus
 from xbus.cli.export_formats import EXPORTS
 from xbus.device.rotation import parse_rotation
 from xbus.studio.commands import describe
+from xbus.studio.health import health
 from xbus.studio.hub import Hub, HubError
 from xbus.studio.pages.record import _rotation_problem, _table
 from xbus.studio.pages.recordings import FORMATS, _files, _summary
 from xbus.studio.recording import NOTES, ByteRate, read_notes
-from xbus.studio.shell import health
 
 resource = pytest.importorskip("resource", reason="not on Windows")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
@@ -102,6 +103,18 @@ class StatusFlag(NamedTuple):
         2
         """
         return word >> self.bit & ((1 << self.width) - 1)
+
+    @property
+    def values(self) -> dict[int, str]:
+        """The meaning of each value of a field of several bits; empty for one bit.
+
+        >>> STATUS_FLAGS["filter_mode"].values
+        {0: 'without GNSS', 1: 'coasting after its loss', 3: 'with GNSS'}
+        """
+        if self.width == 1:
+            return {}
+        meanings = re.findall(r"(\d) (.+?)(?=, \d |$)", self.meaning)
+        return {int(value): meaning for value, meaning in meanings}
 
 
 class Quantity(NamedTuple):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,10 +10,9 @@ from typing import Any, TypeVar
 from nicegui import run, ui
 
 from xbus.errors import XbusError
-from xbus.protocol.values import EVERY
+from xbus.studio.health import health
 from xbus.studio.hub import Hub, HubError
 from xbus.studio.station import Station
-from xbus.watch.rows import BAD, DIM, GOOD, UNICODE, WARNING, device_state, status_rows
 
 __all__ = ["PAGES", "Session", "failure_text", "frame"]
 
@@ -30,10 +28,6 @@ PAGES = (
     ("rtk", "RTK", "cell_tower"),
     ("messages", "Messages", "forum"),
 )
-#: Classes of the style sheet by style of a row.
-CLASSES = {GOOD: "xbus-ok", DIM: "xbus-quiet", WARNING: "xbus-caution", BAD: "xbus-fault"}
-#: Share by which a measured rate may differ from the configured one.
-TOLERANCE = 0.03
 HEAD = """
 <link rel="stylesheet" href="/static/uPlot.min.css">
 <link rel="stylesheet" href="/static/studio.css">
@@ -190,55 +184,6 @@ def address(page: str, key: str | None) -> str:
     if page == "devices":
         return "/"
     return f"/{page}" if key is None or page == "recordings" else f"/{page}/{key}"
-
-
-def health(station: Station) -> str:
-    """Returns the health of a device as HTML; all of its text is escaped."""
-    model = station.model
-    facts = [("state", [(device_state(model), BAD if model.is_lost else "")])]
-    facts.append(("rate", rates(station)))
-    facts += [
-        (row.label, row.parts) for row in status_rows(model, UNICODE) if row.label != "heading"
-    ]
-    if (recording := station.recording) is not None:
-        text = f"{recording.seconds:.0f} s" if recording.error is None else "ended early"
-        facts.append(("recording", [(text, BAD)]))
-    return "".join(_fact(label, parts) for label, parts in facts)
-
-
-def rates(station: Station) -> list[tuple[str, str]]:
-    """Returns the measured rate of the fastest output, and the outputs whose rate is not as configured."""
-    model = station.model
-    outputs = station.device.output_configuration or ()
-    configured = {each.quantity: each.frequency for each in outputs if 0 < each.frequency < EVERY}
-    measured: dict[str, float | None] = {}
-    for quantity in list(model.quantities.values()):
-        measured[quantity.name] = quantity.rate(model.now)
-    fastest = max(configured, key=lambda name: configured[name], default=None)
-    fastest = fastest or next(iter(measured), None)
-    if fastest is None:
-        return [("nothing received", WARNING)]
-    rate = measured.get(fastest, 0.0)
-    parts = [
-        (
-            "stopped" if rate == 0 else "measuring" if rate is None else f"{rate:.1f} Hz",
-            BAD if rate == 0 else "",
-        )
-    ]
-    for name, expected in configured.items():
-        actual = measured.get(name or "", 0.0)
-        if actual is not None and abs(actual - expected) > TOLERANCE * expected + 0.2:
-            parts.append((f"{name} {actual:.1f} of {expected} Hz", WARNING))
-    return parts
-
-
-def _fact(label: str, parts: list[tuple[str, str]]) -> str:
-    texts = " ".join(
-        f'<b class="{CLASSES.get(style, "")}">{html.escape(text)}</b>'
-        for text, style in parts
-        if text
-    )
-    return f'<span class="xbus-fact"><span class="xbus-quiet">{html.escape(label)}</span>{texts}</span>'
 
 
 def _go(session: Session, path: str) -> None:

@@ -6,24 +6,30 @@ import math
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from xbus.log.column import Column
 from xbus.log.log import Log
-from xbus.protocol.tables import RECEIVER, device_of
+from xbus.protocol.tables import RECEIVER, STATUS_FLAGS, device_of
 from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
 from xbus.watch.attitude import ORIENTATIONS, Attitude, attitude_of
 
-__all__ = ["Counts", "Model", "MonitorEvent", "QuantityState", "RecordingState"]
+__all__ = ["Clipped", "Counts", "Model", "MonitorEvent", "QuantityState", "RecordingState"]
 
 #: Time over which rates are measured, in seconds.
 RATE_SPAN = 5.0
 #: A quantity has stopped after this many periods without a packet, and at least this many seconds.
 STOPPED_PERIODS, STOPPED_SECONDS = 3.0, 1.5
+#: Flags of axes that are out of range, and the names of the axes.
+CLIP_FLAGS = {
+    name: name.removeprefix("clip_").replace("_", " ")
+    for name in STATUS_FLAGS
+    if name.startswith("clip_")
+}
 #: Number of events to keep.
 MAX_EVENTS = 100
 
@@ -146,6 +152,13 @@ class MonitorEvent:
     is_bad: bool = True
 
 
+class Clipped(NamedTuple):
+    """Samples of an axis that were out of range: their number, and when the last one arrived."""
+
+    samples: int
+    at: float
+
+
 @dataclass
 class Model:
     """The state of a stream.
@@ -164,6 +177,7 @@ class Model:
         last_attitude: The last attitude of the device, and its time; None if there is none.
         fix: The GNSS fix.
         counts: Totals.
+        clipped: The axes that were out of range, as ``"acc x"``; ``"a sensor"`` if it is not known which.
         devices: BIDs of the devices that sent samples; 1 stands for FF too.
         events: The latest events.
         recording: The current recording.
@@ -183,6 +197,7 @@ class Model:
     last_attitude: tuple[Attitude, float] | None = None
     fix: Fix = field(default_factory=Fix)
     counts: Counts = field(default_factory=Counts)
+    clipped: dict[str, Clipped] = field(default_factory=dict)
     devices: set[int] = field(default_factory=set)
     events: deque[MonitorEvent] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     recording: RecordingState | None = None
@@ -232,6 +247,7 @@ class Model:
         self._add_devices(block)
         self._add_strings(block, now)
         self._update_attitude(updated, now)
+        self._update_clipping(block, now)
         self.fix.update_from_block(block)
 
     def _add_devices(self, block: Log) -> None:
@@ -292,3 +308,19 @@ class Model:
             quantity = updated[name]
             attitude = attitude_of(name, quantity.coordinates, quantity.value)
             self.last_attitude = None if attitude is None else (attitude, now)
+
+    def _update_clipping(self, block: Log, now: float) -> None:
+        """Counts the samples of a block that are out of range: a short event must not pass unseen."""
+        if "status_word" not in block:
+            return
+        words = block["status_word"].values
+        axes = {
+            name: np.count_nonzero(STATUS_FLAGS[flag].of(words))
+            for flag, name in CLIP_FLAGS.items()
+        }
+        found = {name: int(count) for name, count in axes.items() if count}
+        if not found and (count := int(np.count_nonzero(STATUS_FLAGS["clipping"].of(words)))):
+            found["a sensor"] = count
+        for name, count in found.items():
+            before = self.clipped[name].samples if name in self.clipped else 0
+            self.clipped[name] = Clipped(before + count, now)

@@ -21,7 +21,9 @@ __all__ = [
     "ValueRow",
     "device_state",
     "format_elapsed",
+    "format_length",
     "glyphs_for",
+    "has_receiver",
     "printable",
     "status_rows",
     "value_rows",
@@ -89,7 +91,7 @@ def status_rows(model: Model, glyphs: Glyphs) -> list[StatusRow]:
     elif model.last_attitude is not None:
         age = model.now - model.last_attitude[1]
         rows.append(StatusRow("heading", [(f"no attitude for {age:.0f} s", WARNING)]))
-    if model.fix.type is not None and _has_receiver(model):
+    if model.fix.type is not None and has_receiver(model):
         rows.append(StatusRow("GNSS", _gnss(model)))
     if model.corrections is not None:
         rows.append(StatusRow("caster", [(model.corrections, PLAIN)]))
@@ -151,7 +153,7 @@ def _format_angle(degrees: float) -> str:
     return f"{abs(degrees):.1f}" if abs(degrees) < 99.95 else f"{abs(degrees):.0f}"
 
 
-def _has_receiver(model: Model) -> bool:
+def has_receiver(model: Model) -> bool:
     """Returns whether the device has a GNSS receiver; a status word without a fix does not prove one."""
     names = {name for name, _ in model.quantities}
     return model.fix.type != "none" or not names.isdisjoint(POSITION)
@@ -168,13 +170,14 @@ def _gnss(model: Model) -> list[Span]:
     if pvt is not None:
         parts.append((f"{pvt.value['numSV']} SV", PLAIN))
         accuracies = [(name, float(pvt.value[name])) for name in ("hAcc", "vAcc")]
-        parts += [(f"{name} {_format_length(metres)}", PLAIN) for name, metres in accuracies]
+        parts += [(f"{name} {format_length(metres)}", PLAIN) for name, metres in accuracies]
     elif model.current("status_word") is None:
         parts.append(("stopped", WARNING))
     return parts
 
 
-def _format_length(metres: float) -> str:
+def format_length(metres: float) -> str:
+    """Returns a length in m, or in mm if it is short."""
     if math.isnan(metres):
         return "unknown"
     return f"{1000 * metres:.0f} mm" if metres < 1 else f"{metres:.1f} m"
