@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import xbus
@@ -188,6 +189,185 @@ def test_a_paused_plot_stands_still_and_goes_on(studio: Any) -> None:
     page.wait_for_function(f"before => ({pixels})() !== before", arg=before)
 
 
+#: The history of the server, from its feed: every sample, because a column of pixels is short.
+HISTORY = """([source, name, begin, end]) => new Promise((resolve) => {
+  const step = (end - begin) / 8000;
+  const id = window.xbusFeed.show({ source, name, step, begin, end }, ({ time, values }) => {
+    window.xbusFeed.hide(id);
+    resolve([Array.from(time), values.map((row) => Array.from(row))]);
+  });
+})"""
+
+
+def cursor_times(page: Any) -> dict[str, float]:
+    """The cursors of the page, in seconds since 1970."""
+    found = page.locator("[data-cursor]")
+    return {
+        found.nth(at).get_attribute("data-cursor"): float(found.nth(at).get_attribute("data-time"))
+        for at in range(found.count())
+    }
+
+
+def cursor_rows(page: Any, name: str) -> list[list[str]]:
+    """The rows of a series in the table of the cursors."""
+    rows = page.locator(f"[data-series='{name}'] tr").all()[1:]
+    return [row.locator("td").all_inner_texts() for row in rows]
+
+
+def hover(page: Any, share: float, plot: int = 0) -> None:
+    """Moves the mouse over a plot, at a share of its width."""
+    box = page.locator(".xbus-chart .u-over").nth(plot).bounding_box()
+    page.mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2)
+
+
+def wait_for_data(page: Any) -> None:
+    page.locator(".xbus-chart .u-legend .u-value", has_text=re.compile("[0-9]")).first.wait_for()
+
+
+def test_statistics_between_two_cursors_are_those_of_numpy(studio: Any) -> None:
+    page = studio.page
+    studio.open("live/sim-MTi-630")
+    wait_for_data(page)
+    hover(page, 0.9)
+    page.keyboard.press("b")
+    hover(page, 0.6, plot=1)
+    page.keyboard.press("a")
+    page.get_by_role("button", name="Resume").wait_for()
+    page.locator("[data-cursor=A].xbus-active").wait_for()
+    times = cursor_times(page)
+    assert times["A"] < times["B"]
+    for name in ("acceleration", "rate_of_turn", "magnetic_field"):
+        page.locator(f"[data-series='{name}']").get_by_text("nothing lost").wait_for()
+        asked = ["sim:MTi-630", name, times["A"] - 1, times["B"]]
+        time, values = map(np.array, page.evaluate(HISTORY, asked))
+        at_a, at_b = (np.searchsorted(time, times[cursor], side="right") - 1 for cursor in "AB")
+        inside = (time >= times["A"]) & (time <= times["B"])
+        assert inside.sum() > 50
+        minutes = (time[inside] - times["A"]) / 60
+        for row, numbers in zip(cursor_rows(page, name), values, strict=True):
+            own = numbers[inside]
+            places = [numbers[at_a], numbers[at_b], own.mean(), own.min(), own.max()]
+            widths = [
+                numbers[at_b] - numbers[at_a],
+                own.std(),
+                np.ptp(own),
+                np.polyfit(minutes, own, 1)[0],
+            ]
+            _, a, b, change, number, mean, std, low, high, spread, slope = row
+            assert int(number) == len(own)
+            shown = [float(text) for text in (a, b, mean, low, high)]
+            assert shown == pytest.approx(places, abs=1e-3 * np.ptp(own))
+            shown = [float(text) for text in (change, std, spread, slope)]
+            assert shown == pytest.approx(widths, rel=1e-4, abs=1e-4 * np.ptp(own))
+
+
+def test_a_live_plot_has_the_detail_of_its_pixels(studio: Any) -> None:
+    page, asked = studio.page, {}
+
+    def remember(text: str) -> None:
+        if (shown := json.loads(text).get("show")) is not None:
+            asked[shown["name"]] = shown["span"] / shown["step"]
+
+    page.on(
+        "websocket",
+        lambda socket: socket.on("framesent", remember) if "/feed" in socket.url else None,
+    )
+    studio.open("live/sim-MTi-630")
+    wait_for_data(page)
+    page.locator(".xbus-chart").nth(2).wait_for()
+    width = page.locator(".xbus-chart .u-over").first.bounding_box()["width"]
+    for name in ("acceleration", "rate_of_turn", "magnetic_field"):
+        assert asked[name] == pytest.approx(width, rel=0.1)
+
+
+def test_cursors_move_by_keys_and_clicks(studio: Any) -> None:
+    page = studio.page
+    studio.open("live/sim-MTi-630")
+    wait_for_data(page)
+    # A click on a plot that moves sets none.
+    plot = page.locator(".xbus-chart .u-over").first
+    width = plot.bounding_box()["width"]
+    plot.click(position={"x": 100, "y": 50})
+    page.mouse.move(0, 0)
+    page.keyboard.press(" ")
+    page.get_by_role("button", name="Resume").wait_for()
+    assert page.locator("[data-cursor]").count() == 0
+    for cursor, x in {"A": 0.25 * width, "B": 0.75 * width}.items():
+        plot.click(position={"x": x, "y": 50})
+        page.locator(f"[data-cursor={cursor}]").wait_for()
+    before = cursor_times(page)
+    column = 10 / width
+    assert before["B"] - before["A"] == pytest.approx(5, abs=1.5 * column)
+
+    def press(key: str, cursor: str) -> float:
+        """How far a key moves a cursor, in columns of pixels."""
+        text = page.locator(f"[data-cursor={cursor}]")
+        old = text.get_attribute("data-time")
+        page.keyboard.press(key)
+        page.wait_for_function(
+            "([name, old]) => document.querySelector(`[data-cursor=${name}]`).dataset.time !== old",
+            arg=[cursor, old],
+        )
+        return float((cursor_times(page)[cursor] - float(old)) / column)
+
+    assert press("ArrowRight", "B") == pytest.approx(1, abs=0.02)
+    assert press("Shift+ArrowLeft", "B") == pytest.approx(-10, abs=0.02)
+    page.keyboard.press("+")
+    assert press("ArrowLeft", "B") == pytest.approx(-0.5, abs=0.02)
+    page.keyboard.press("-")
+    page.get_by_role("button", name="cursor A").click()
+    assert press("ArrowRight", "A") == pytest.approx(1, abs=0.02)
+    # The list of keys; Escape closes it first, and then it resumes.
+    page.keyboard.press("?")
+    page.get_by_role("dialog").get_by_text("move the cursor by a column of pixels").wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_role("dialog").wait_for(state="detached")
+    assert page.locator("[data-cursor]").count() == 2
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="Pause").wait_for()
+    page.locator("[data-cursor]").first.wait_for(state="detached")
+
+
+def test_every_control_of_the_page_live_has_a_visible_focus(studio: Any) -> None:
+    page = studio.page
+    studio.open("live/sim-MTi-630")
+    wait_for_data(page)
+    describe = """() => {
+      const part = document.activeElement;
+      const name = part.ariaLabel || part.innerText.replace(/\\s+/g, " ").trim();
+      return [name, getComputedStyle(part).boxShadow !== "none" || !!part.closest(".q-field--focused")];
+    }"""
+    reached = {}
+    for _ in range(40):
+        page.keyboard.press("Tab")
+        name, is_visible = page.evaluate(describe)
+        reached[name] = is_visible
+    controls = ["plots", "time", "pause Pause", "cursor A", "cursor B", "less time", "more time"]
+    controls += ["lock y", "keys of this page", "Horizon"]
+    assert {name: reached.get(name) for name in controls} == dict.fromkeys(controls, True)
+
+
+def test_a_map_without_tiles(studio: Any) -> None:
+    page = studio.page
+    studio.open("live/sim-MTi-680G")
+    place = page.locator(".xbus-map[aria-label^='52.24']")
+    place.wait_for()
+    label = place.get_attribute("aria-label")
+    assert re.fullmatch(
+        r"52\.24\d{5}° N, 6\.8\d{6}° E, position of the filter; accuracy by the receiver 1\.\d m",
+        label,
+    )
+    pixels = "() => document.querySelector('.xbus-map').toDataURL()"
+    before = page.evaluate(pixels)
+    page.wait_for_function(f"before => ({pixels})() !== before", arg=before)
+    strip = page.locator(".xbus-strip")
+    for text in ("all values are current", "valid with GNSS", "clipping none", "no RTK"):
+        assert text in strip.inner_text().replace("\n", " ")
+    studio.open("live/sim-MTi-630")
+    wait_for_data(page)
+    assert not page.locator(".xbus-map").is_visible()
+
+
 def test_recording_goes_on_without_a_page(studio: Any, browser: Any) -> None:
     page = studio.page
     studio.open("record/sim-MTi-630")
@@ -282,8 +462,14 @@ def test_recordings_are_described_replayed_and_exported(studio: Any) -> None:
     opened.value.get_by_text("walk.mtb").first.wait_for()
     opened.value.close()
     card.get_by_role("button", name="Replay").click()
-    page.locator(".xbus-chart canvas").first.wait_for()
+    wait_for_data(page)
     assert "/live/replay" in page.url
+    # A replay has the same cursors and map.
+    page.get_by_role("button", name="cursor A").click()
+    page.get_by_role("button", name="cursor B").click()
+    page.locator("[data-series=acceleration]").get_by_text("lost").wait_for()
+    assert cursor_times(page).keys() == {"A", "B"}
+    page.locator(".xbus-map[aria-label*='° N']").wait_for()
 
 
 def test_files_and_notes_of_others_are_text(studio: Any) -> None:

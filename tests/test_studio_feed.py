@@ -16,7 +16,7 @@ pytest.importorskip("nicegui", reason="the extra studio is not installed")
 from starlette.websockets import WebSocket
 
 from xbus.studio.feed import feed
-from xbus.studio.history import History
+from xbus.studio.history import History, Series
 
 
 class FakeHub:
@@ -27,8 +27,9 @@ class FakeHub:
         self.stations = {"sim:MTi-630": self}
 
     def measure(self, begin: Any, end: Any) -> None:
-        for at in np.arange(begin, end, 0.01).tolist():
-            self.history.add_row("acceleration", "m/s2", ("x", "y"), at, (math.sin(at), at))
+        time = np.arange(begin, end, 0.01)
+        series = Series("acceleration", "m/s2", ("x", "y"))
+        self.history.add_rows(series, time, np.column_stack([np.sin(time), time]))
 
 
 def decoded(message: Any) -> Any:

@@ -96,7 +96,8 @@ def test_rows_that_go_back_or_have_no_time_are_left_out() -> None:
 def test_numbers_keep_their_digits() -> None:
     """The seventh decimal of a latitude is a centimetre."""
     history = History()
-    history.add_row("lat_lon", "deg", ("lat", "lon"), 1.0, (52.2407219, 6.8370321))
+    series = Series("lat_lon", "deg", ("lat", "lon"))
+    history.add_rows(series, np.array([1.0]), np.array([[52.2407219, 6.8370321]]))
     curve = history.curve("lat_lon", 0.0, 2.0, 0.1)
     assert curve is not None
     assert curve.values.ravel().tolist() == [52.2407219, 6.8370321]

@@ -196,9 +196,7 @@ class Sentences:
         elif positions.position(part) is not None:  # a block of live samples may have none
             rows = positions.rows(part)
             talker = "GP" if positions.name == "gnss" else "IN"
-            points = rows.points
-            lat, lon = np.abs(points["lat"]) <= 90, np.abs(points["lon"]) <= 180
-            is_fixed = rows.is_fixed & lat & lon
+            points, is_fixed = rows.points, rows.is_fixed & rows.is_place
             columns = [_gga(points, is_fixed), _rmc(points, is_fixed)]
             columns = [[talker + text for text in column] for column in columns]
             degrees = self._heading_at(rows.sample, part, time, known)

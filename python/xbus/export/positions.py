@@ -84,6 +84,12 @@ class Rows:
     points: Points
     is_fixed: npt.NDArray[np.bool_]
 
+    @property
+    def is_place(self) -> npt.NDArray[np.bool_]:
+        """Whether latitude and longitude are those of a place on Earth."""
+        lat, lon = np.abs(self.points["lat"]), np.abs(self.points["lon"])
+        return np.asarray((lat <= 90) & (lon <= 180))
+
 
 class Positions(ABC):
     """Where positions come from."""

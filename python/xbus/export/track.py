@@ -203,11 +203,9 @@ class _TrackWriter:
         rows = self._positions.rows(part)
         bids = device_of(part.bid)
         devices = bids[rows.sample - part.first_sample]
-        place = np.isfinite(rows.points["lat"]) & np.isfinite(rows.points["lon"])
-        is_place = place & (np.abs(rows.points["lat"]) <= 90) & (np.abs(rows.points["lon"]) <= 180)
         self._count("unfixed position", ~rows.is_fixed)
-        self._count("invalid position", rows.is_fixed & ~is_place)
-        is_point = rows.is_fixed & is_place
+        self._count("invalid position", rows.is_fixed & ~rows.is_place)
+        is_point = rows.is_fixed & rows.is_place
         time = part.time[rows.sample - part.first_sample]
         for device, track in self._tracks.items():
             own = devices == device

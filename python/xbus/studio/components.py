@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from nicegui.element import Element
 
 from xbus.studio.history import Series
 
-__all__ = ["Attitude3D", "Chart", "Horizon"]
+__all__ = ["Attitude3D", "Chart", "CursorTable", "Horizon", "KeyPress", "Keys", "Map"]
 
 
 class Chart(Element, component="static/chart.js"):
@@ -23,10 +24,16 @@ class Chart(Element, component="static/chart.js"):
         series: The series.
         span: Seconds to show.
         on_zoom: Called with begin and end when the user chooses a part of the time.
+        on_place: Called with the time where the user clicks on a paused plot.
     """
 
     def __init__(
-        self, source: str, series: Series, span: float, on_zoom: Callable[[float, float], Any]
+        self,
+        source: str,
+        series: Series,
+        span: float,
+        on_zoom: Callable[[float, float], Any],
+        on_place: Callable[[float], Any],
     ) -> None:
         super().__init__()
         self.props["source"], self.props["name"], self.props["unit"] = (
@@ -36,12 +43,83 @@ class Chart(Element, component="static/chart.js"):
         )
         self.props["fields"], self.props["span"] = list(series.fields), span
         self.props["view"], self.props["locked"] = None, False
+        self.props["cursors"], self.props["active"] = {}, None
         self.on("zoom", lambda event: on_zoom(event.args["begin"], event.args["end"]))
+        self.on("place", lambda event: on_place(event.args["time"]))
 
     def show(self, **props: Any) -> None:
-        """Changes ``span``, ``view`` (begin and end, or None for live) or ``locked``."""
+        """Changes what is shown.
+
+        Args:
+            props: ``span``, ``view`` (begin and end, or None for live), ``locked``, ``cursors`` (times by
+                name) and ``active``, the cursor that moves.
+        """
         self.props.update(props)
         self.update()
+
+
+@dataclass(frozen=True)
+class KeyPress:
+    """A key that was pressed.
+
+    Attributes:
+        key: Its name, as in JavaScript; letters are small.
+        shift: Whether it was pressed with Shift.
+        time: Seconds since 1970 below the mouse; None if that is on no plot.
+        columns: Width of a plot in pixels.
+    """
+
+    key: str
+    shift: bool
+    time: float | None
+    columns: int
+
+
+class Keys(Element, component="static/keys.js"):
+    """Keys of a page; typing in a field is left alone.
+
+    Args:
+        keys: Their names, as in JavaScript; letters are small.
+        on_key: Called when one is pressed.
+    """
+
+    def __init__(self, keys: Iterable[str], on_key: Callable[[KeyPress], Any]) -> None:
+        super().__init__()
+        self.props["keys"] = list(keys)
+        self.on("key", lambda event: on_key(KeyPress(**event.args)))
+
+
+class CursorTable(Element, component="static/selection.js"):
+    """A table of what is at two cursors and between them."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.show(cursors=[], apart="", heads=[], groups=[])
+
+    def show(self, **props: Any) -> None:
+        """Changes ``cursors``, ``apart``, ``heads`` or ``groups``."""
+        self.props.update(props)
+        self.update()
+
+
+class Map(Element, component="static/map.js"):
+    """The track of a device, in metres east and north of its first position.
+
+    Args:
+        source: Port of the device.
+        name: Name of the series of the track.
+        span: Seconds to show.
+    """
+
+    def __init__(self, source: str, name: str, span: float) -> None:
+        super().__init__()
+        self.show(source=source, name=name, span=span, marks={}, label="no position")
+
+    def show(self, **props: Any) -> None:
+        """Changes ``span``, ``accuracy`` (m or None), ``stale``, ``marks`` (east and north) or ``label``."""
+        if any(self.props.get(name) != value for name, value in props.items()):
+            self.props.update(props)
+            self.update()
 
 
 class Horizon(Element, component="static/horizon.js"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,17 +10,28 @@ import numpy.typing as npt
 
 from xbus.log.column import Column
 from xbus.log.log import Log
+from xbus.plots.thin import thin as extreme_rows
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import QUANTITIES, device_of
+from xbus.studio.gaps import GAP, NEAR, find_gaps, lost_time, usual_period
+from xbus.studio.statistics import Statistics, difference, statistics_of
 
-__all__ = ["Curve", "History", "Series", "series_name", "thin"]
+__all__ = [
+    "SPAN",
+    "Curve",
+    "History",
+    "Reading",
+    "Selection",
+    "Series",
+    "series_name",
+    "thin",
+    "thin_path",
+]
 
 #: Seconds to keep.
 SPAN = 300.0
 #: Rows of a series to keep at most: `SPAN` at 2 kHz.
 MAX_ROWS = 600_000
-#: A curve has a gap where samples are this many times further apart than usual.
-GAP = 3.0
 #: Seconds by which a clock that was set back differs from one that is merely corrected.
 CLOCK_STEP = 1.0
 #: Points of a curve for each column of pixels: the first, the two extremes, the last.
@@ -40,6 +50,41 @@ class Curve(NamedTuple):
     values: npt.NDArray[np.float64]
 
 
+class Reading(NamedTuple):
+    """The last row at a cursor or before it.
+
+    Attributes:
+        time: Seconds since 1970 of the row.
+        values: ``(k,)``.
+        is_old: Whether the next row is overdue at the cursor.
+    """
+
+    time: float
+    values: npt.NDArray[np.float64]
+    is_old: bool
+
+
+class Selection(NamedTuple):
+    """What a series is at two cursors and between them.
+
+    Attributes:
+        series: The series.
+        first: Seconds since 1970 of the first row that is kept.
+        a, b: What it is at the cursors; None for a cursor without one, or before the first row.
+        change: From A to B, ``(k,)``; None without one of them.
+        statistics: Of the rows from one cursor to the other, both included; None without one of them.
+        lost: Seconds between the cursors without samples; NaN if they are too few to tell. None as above.
+    """
+
+    series: Series
+    first: float
+    a: Reading | None
+    b: Reading | None
+    change: npt.NDArray[np.float64] | None
+    statistics: Statistics | None
+    lost: float | None
+
+
 def series_name(key: EntryKey) -> str:
     """Returns the name of a series, such as ``acceleration`` or ``quaternion NED``."""
     return key if isinstance(key, str) else " ".join(key)
@@ -52,11 +97,24 @@ class Series:
         name: Name of the quantity, and its coordinates if it has any.
         unit: Unit of the numbers.
         fields: Names of the components; a scalar has one, its own name.
+        wraps: Whether the numbers are degrees that jump by a turn.
+        is_path: Whether the components belong together, as those of a position do.
     """
 
-    def __init__(self, name: str, unit: str, fields: tuple[str, ...], rows: int = MAX_ROWS) -> None:
+    def __init__(
+        self,
+        name: str,
+        unit: str,
+        fields: tuple[str, ...],
+        *,
+        rows: int = MAX_ROWS,
+        span: float = SPAN,
+        wraps: bool = False,
+        is_path: bool = False,
+    ) -> None:
         self.name, self.unit, self.fields = name, unit, fields
-        self._rows = rows
+        self.wraps, self.is_path = wraps, is_path
+        self._rows, self._span = rows, span
         self._time = np.empty(1024)
         self._values = np.empty((1024, len(fields)), np.float64)
         self._begin = self._end = 0
@@ -105,7 +163,7 @@ class Series:
         self._values[self._end : self._end + count] = values
         self._end += count
         if count:
-            old = int(np.searchsorted(self.time, time[-1] - SPAN))
+            old = int(np.searchsorted(self.time, time[-1] - self._span))
             self._begin = max(self._begin + old, self._end - self._rows)
 
     def _make_room(self, count: int) -> None:
@@ -132,12 +190,15 @@ class History:
         with self._lock:
             return dict(self._series)
 
-    def add_block(self, block: Log, now: float) -> None:
+    def add_block(self, block: Log, now: float) -> npt.NDArray[np.float64]:
         """Adds the samples of a block.
 
         Args:
             block: The block, with host times.
             now: When it was received, in seconds since 1970.
+
+        Returns:
+            The time of each sample, in seconds since 1970.
         """
         time = self._times(block, now)
         device = device_of(block.bid)
@@ -156,22 +217,20 @@ class History:
                     own = device[rows] == bid
                     name = f"{series_name(key)} of BID {bid}"
                     self._named(name, column).add(time[rows][own], numbers[own])
+        return time
 
-    def add_row(
-        self, name: str, unit: str, fields: tuple[str, ...], time: float, numbers: Iterable[float]
+    def add_rows(
+        self, series: Series, time: npt.NDArray[np.float64], numbers: npt.NDArray[np.float64]
     ) -> None:
-        """Adds one row to a series that no quantity has.
+        """Adds rows to a series that no quantity has.
 
         Args:
-            name: Name of the series.
-            unit: Unit of the numbers.
-            fields: Names of the numbers.
-            time: Seconds since 1970.
-            numbers: One for each field.
+            series: The series; it is known by its name from then on.
+            time: Seconds since 1970, ``(n,)``.
+            numbers: ``(n, k)``.
         """
         with self._lock:
-            series = self._series.setdefault(name, Series(name, unit, fields))
-            series.add(np.array([time]), np.array([list(numbers)], np.float64))
+            self._series.setdefault(series.name, series).add(time, numbers)
 
     def _times(self, block: Log, now: float) -> npt.NDArray[np.float64]:
         """Returns the host time of each sample; the arrival of one without a time stamp is estimated."""
@@ -186,7 +245,8 @@ class History:
         series = self._series.get(name)
         if series is None:
             fields = tuple(column.fields) or (column.name,)
-            series = self._series[name] = Series(name, column.unit, fields)
+            wraps = QUANTITIES[column.name].interpolation == "angle"
+            series = self._series[name] = Series(name, column.unit, fields, wraps=wraps)
         return series
 
     def end_of_columns(self, name: str, step: float) -> float:
@@ -209,11 +269,56 @@ class History:
             if series is None:
                 return None
             first, last = np.searchsorted(series.time, [begin, end], side="right")
-            # The row before shows whether the curve begins with a gap.
-            context = max(int(first) - 1, 0)
+            # The rows before show whether the curve begins with a gap.
+            context = max(int(first) - NEAR - 1, 0)
             time = series.time[context:last].copy()
             values = series.values[context:last].copy()
-        return thin(time, values, step, skip=int(first) - context)
+        draw = thin_path if series.is_path else thin
+        return draw(time, values, step, skip=int(first) - context)
+
+    def selection(self, name: str, a: float | None, b: float | None) -> Selection | None:
+        """Returns what a series is at two cursors, in seconds since 1970, and from one to the other.
+
+        It is computed from every sample that is kept.
+
+        Returns:
+            None if there is no such series, or nothing in it.
+        """
+        with self._lock:
+            series = self._series.get(name)
+            if series is None or not len(series.time):
+                return None
+            first = float(series.time[0])
+            before, after = (None if at is None else _reading(series, at) for at in (a, b))
+            if a is None or b is None:
+                return Selection(series, first, before, after, None, None, None)
+            begin, end = min(a, b), max(a, b)
+            low = int(np.searchsorted(series.time, begin, side="left"))
+            high = int(np.searchsorted(series.time, end, side="right"))
+            time, values = series.time[low:high].copy(), series.values[low:high].copy()
+            # Rows around it show what is usual.
+            around = series.time[max(low - 2 * NEAR, 0) : high + 2 * NEAR].copy()
+        return Selection(
+            series,
+            first,
+            before,
+            after,
+            None
+            if before is None or after is None
+            else difference(before.values, after.values, wraps=series.wraps),
+            statistics_of(time, values, wraps=series.wraps),
+            lost_time(around, begin, end),
+        )
+
+
+def _reading(series: Series, at: float) -> Reading | None:
+    """Returns the last row at a time or before it."""
+    row = int(np.searchsorted(series.time, at, side="right")) - 1
+    if row < 0:
+        return None
+    time = float(series.time[row])
+    usual = usual_period(series.time[: row + 1])
+    return Reading(time, series.values[row].copy(), at - time > GAP * usual)
 
 
 def _is_numeric(column: Column) -> bool:
@@ -236,7 +341,7 @@ def thin(
         step: Time that a column of pixels covers. Columns begin at multiples of it.
         skip: Rows at the beginning that are not drawn, but show whether there is a gap before the first.
 
-    A gap, where rows are further apart than three times the median, gets a point of NaN.
+    A gap, as `find_gaps` finds it, gets a point of NaN.
 
     >>> time = np.arange(8.0)
     >>> values = np.array([[0, 5, -7, 1, 2, 2, 2, 2]], np.float64).T
@@ -249,18 +354,44 @@ def thin(
     else:
         drawn, points, begins = rows, values[skip:].T, np.arange(len(rows))
     # A gap inside a column of pixels is not visible.
-    places = np.flatnonzero(np.isin(begins, _gaps(time) - skip, assume_unique=False))
+    places = np.flatnonzero(np.isin(begins, find_gaps(time).rows - skip))
     if drawn is not rows:
         places = places[::POINTS]
     return Curve(np.insert(drawn, places, drawn[places]), np.insert(points, places, np.nan, axis=1))
 
 
-def _gaps(time: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
-    """Returns the rows that come after a gap."""
-    periods = np.diff(time)
-    if len(periods) < 2:
-        return np.empty(0, np.intp)
-    return np.flatnonzero(periods > GAP * np.median(periods)) + 1
+def thin_path(
+    time: npt.NDArray[np.float64],
+    values: npt.NDArray[np.float64],
+    step: float,
+    *,
+    skip: int = 0,
+) -> Curve:
+    """Returns a path with few points, each of which is a row; see `thin` for the arguments.
+
+    Of each column of pixels, it has the extremes of each component. A row with NaN, and a gap, interrupt the
+    path.
+
+    >>> time = np.arange(6.0)
+    >>> values = np.array([[0, 1, 2, np.nan, 4, 5], [5, 4, 3, np.nan, 1, 0]], np.float64).T
+    >>> thin_path(time, values, 3.0).values
+    array([[ 0.,  2., nan,  4.,  5.],
+           [ 5.,  3., nan,  1.,  0.]])
+    """
+    known = np.asarray(np.isfinite(values).all(axis=1))
+    rows = skip + np.flatnonzero(known[skip:])
+    kept = [rows[extreme_rows(time[rows], axis[rows], step)] for axis in values.T]
+    # The row after a gap, and the first one of those with NaN.
+    gaps = find_gaps(time).rows
+    breaks = np.flatnonzero(~known & np.append(True, known)[:-1])
+    places = np.concatenate([*kept, breaks, gaps])
+    drawn = np.unique(places[places >= skip])
+    places = np.flatnonzero(np.isin(drawn, gaps))
+    points = values[drawn].T
+    return Curve(
+        np.insert(time[drawn], places, time[drawn][places]),
+        np.insert(points, places, np.nan, axis=1),
+    )
 
 
 def _extremes(

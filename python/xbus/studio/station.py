@@ -11,6 +11,9 @@ from dataclasses import dataclass, field, fields
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
+import numpy.typing as npt
+
 from xbus.device import Device, connect
 from xbus.extras import require
 from xbus.formatting import device_name
@@ -24,13 +27,14 @@ from xbus.sim.bus_link import bus_of
 from xbus.sim.options import device_of
 from xbus.studio.device_settings import DeviceSettings
 from xbus.studio.exchange import Exchange
-from xbus.studio.history import History
+from xbus.studio.history import History, Series
 from xbus.studio.recording import ByteRate, StudioRecording, new_file
+from xbus.studio.track import Track
 from xbus.watch.corrections import Corrections
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
 
-__all__ = ["REPLAY", "SIMULATED", "Station", "key_of"]
+__all__ = ["ATTITUDE", "REPLAY", "SIMULATED", "TRACK", "TRACK_SPAN", "Station", "key_of"]
 
 #: Prefix of the name of a virtual device.
 SIMULATED = "sim:"
@@ -38,6 +42,10 @@ SIMULATED = "sim:"
 REPLAY = "replay:"
 #: Duration of a block of samples, in seconds.
 STEP = 0.05
+#: Names of the series of heading, pitch and roll, and of metres east and north of the first position.
+ATTITUDE, TRACK = "attitude", "track"
+#: Seconds of the track to keep.
+TRACK_SPAN = 3600.0
 
 
 @dataclass
@@ -45,15 +53,28 @@ class _Watched(Model):
     """The state of the stream; its blocks go to the history too."""
 
     history: History = field(default_factory=History, repr=False)
+    track: Track = field(default_factory=Track, repr=False)
 
     def add_block(self, block: Log, now: float) -> None:
         """Updates the state, and keeps the samples."""
         received = time.time()
-        self.history.add_block(block, received)
+        times = self.history.add_block(block, received)
         super().add_block(block, now)
-        if self.last_attitude is not None and self.last_attitude[1] == now:
+        self._add_attitude(received)
+        self._add_positions(block, times)
+
+    def _add_attitude(self, received: float) -> None:
+        if self.last_attitude is not None and self.last_attitude[1] == self.now:
             attitude = self.last_attitude[0]
-            self.history.add_row("attitude", "deg", attitude._fields, received, attitude)
+            series = Series(ATTITUDE, "deg", attitude._fields)
+            self.history.add_rows(series, np.array([received]), np.array([attitude]))
+
+    def _add_positions(self, block: Log, times: npt.NDArray[np.float64]) -> None:
+        sent = [each.name for each in self.quantities.values() if not each.has_stopped(self.now)]
+        sample, metres = self.track.add(block, sent)
+        series = Series(TRACK, "m", ("east", "north"), span=TRACK_SPAN, is_path=True)
+        if len(sample):
+            self.history.add_rows(series, times[sample], metres)
 
 
 class Station:

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import html
-import time
+import math
 
 from nicegui import ui
 
-from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
 from xbus.protocol.values import SATELLITE_USED_BIT, GnssSystem
-from xbus.studio.components import Attitude3D, Chart, Horizon
+from xbus.studio.components import Attitude3D, Horizon, Map
+from xbus.studio.cursors import Name
+from xbus.studio.pages.plots import Plots
 from xbus.studio.shell import Session
-from xbus.studio.station import Station
+from xbus.studio.station import TRACK, TRACK_SPAN, Station
+from xbus.studio.track import Track
 from xbus.watch.attitude import ORIENTATIONS, axes_of
 from xbus.watch.model import QuantityState
-from xbus.watch.rows import format_elapsed
+from xbus.watch.rows import format_elapsed, format_length
 from xbus.watch.values import format_rate, format_unit, format_value
 
 __all__ = ["live_page"]
 
-#: Quantities to plot first, as far as the device sends them.
-FIRST = ("acceleration", "rate_of_turn", "magnetic_field", "euler_angles", "quaternion", "delta_v")
-#: Number of plots that are drawn at first.
-PLOTS = 3
-SPANS = {5: "5 s", 10: "10 s", 30: "30 s", 60: "1 min", 300: "5 min"}
+#: Seconds of the track that the map shows.
+MAP_SPANS, MAP_SPAN = {60: "1 min", 300: "5 min", int(TRACK_SPAN): "1 h"}, 300
+#: Where the positions on the map come from.
+SOURCES = {"filter": "filter", "gnss": "GNSS receiver"}
 #: Names of satellite systems by number, and a colour for each.
 SYSTEMS = {system.value: system.label for system in GnssSystem}
 COLORS = ("#0072B2", "#CC79A7", "#009E73", "#D55E00", "#999999", "#56B4E9", "#E69F00")
@@ -43,7 +45,7 @@ def live_page(session: Session) -> None:
     )
     with ui.row().classes("w-full gap-3 items-start no-wrap max-lg:flex-wrap"):
         with ui.column().classes("gap-3 grow min-w-0"):
-            _Plots(station)
+            plots = Plots(station, lambda times: place.mark(times))
         with ui.column().classes("gap-3 w-[430px] shrink-0 max-lg:w-full"):
             with ui.element("div").classes("xbus-card w-full"):
                 with ui.tabs().props("dense no-caps align=left") as views:
@@ -54,6 +56,7 @@ def live_page(session: Session) -> None:
                     with ui.tab_panel(solid).classes("p-0"):
                         _turning(station)
                 heading = ui.label().classes("xbus-mono")
+            place = _Map(station)
             with ui.element("div").classes("xbus-card w-full"):
                 values = ui.html("", sanitize=False).classes("w-full overflow-x-auto")
             with ui.element("div").classes("xbus-card w-full") as receiver:
@@ -62,8 +65,10 @@ def live_page(session: Session) -> None:
                 lamps = ui.html("", sanitize=False).classes("w-full")
             with ui.element("div").classes("xbus-card w-full"):
                 events = ui.html("", sanitize=False).classes("w-full")
+    plots.table()
 
     def refresh() -> None:
+        place.refresh()
         heading.set_text(_heading(station))
         values.set_content(_values(station))
         satellites.set_content(_satellites(station))
@@ -92,89 +97,59 @@ def _turning(station: Station) -> None:
     ui.timer(0.1, turn)
 
 
-class _Plots:
-    """The plots of a device, and their controls."""
+class _Map:
+    """The track of a device on a map, if it sends positions."""
 
     def __init__(self, station: Station) -> None:
         self._station = station
-        self._charts: dict[str, Chart] = {}
-        self._span = 10.0
-        with ui.row().classes("items-center gap-2 w-full"):
-            self._select = ui.select(
-                {}, multiple=True, label="plots", on_change=self._choose
-            ).classes("grow")
-            self._select.props("dense use-chips")
-            ui.select(
-                SPANS, value=10, label="time", on_change=lambda event: self._set_span(event.value)
-            ).props("dense")
-            self._pause = (
-                ui.button("Pause", icon="pause", on_click=self._toggle)
-                .props("flat dense no-caps")
-                .mark("pause")
-            )
-            ui.switch("lock y", on_change=lambda event: self._show(locked=event.value)).tooltip(
-                "keeps the present limits of the y axes"
-            )
-        self._column = ui.column().classes("w-full gap-2")
-        ui.label("Drag over a plot to see a part of the time in detail; Resume goes on.").classes(
-            "xbus-quiet text-xs"
-        )
-        self._refresh()
-        ui.timer(1.0, self._refresh)
-        ui.keyboard(on_key=self._key)
+        with ui.element("div").classes("xbus-card w-full") as self._card:
+            with ui.row().classes("w-full items-center justify-between"):
+                ui.label("Map").classes("text-sm")
+                spans = ui.toggle(MAP_SPANS, value=MAP_SPAN).props("dense flat no-caps")
+            self._map = Map(station.source, TRACK, MAP_SPAN)
+            spans.on_value_change(lambda event: self._map.show(span=event.value))
+            self._place = ui.label().classes("xbus-mono")
+            self._origin = ui.label().classes("xbus-quiet text-xs")
+        self.refresh()
 
-    def _refresh(self) -> None:
-        """Offers new series, and draws the first plots once their series exist."""
-        names = [name for name in self._station.history.series if name != "attitude"]
-        if names != list(self._select.options):
-            self._select.set_options(names)
-        if not self._select.value and names:
-            first = [name for wanted in FIRST for name in names if name.split()[0] == wanted]
-            self._select.set_value((first or names)[:PLOTS])
+    def refresh(self) -> None:
+        """Shows where the device is now."""
+        model, track = self._station.model, self._station.model.track
+        self._card.set_visibility(track.source is not None or track.latest is not None)
+        pvt = model.current("gnss_pvt_data")
+        accuracy = None if pvt is None else float(pvt.value["hAcc"])
+        accuracy = None if accuracy is None or not math.isfinite(accuracy) else accuracy
+        place, origin = _position(track, accuracy)
+        self._place.set_text(place)
+        self._origin.set_text(origin)
+        is_stale = track.source is None or not track.is_fixed
+        self._map.show(accuracy=accuracy, stale=is_stale, label=f"{place}, {origin}")
 
-    def _choose(self) -> None:
-        wanted, series = list(self._select.value or []), self._station.history.series
-        for name in [name for name in self._charts if name not in wanted]:
-            self._charts.pop(name).delete()
-        with self._column:
-            for name in wanted:
-                if name not in self._charts and name in series:
-                    self._charts[name] = Chart(
-                        self._station.source, series[name], self._span, self._zoom
-                    )
+    def mark(self, times: dict[Name, float]) -> None:
+        """Marks where the device was at the cursors."""
+        marks = {}
+        for name, at in times.items():
+            found = self._station.history.selection(TRACK, at, None)
+            if found is not None and found.a is not None and not found.a.is_old:
+                east, north = found.a.values.tolist()
+                if math.isfinite(east):
+                    marks[name] = [east, north]
+        self._map.show(marks=marks)
 
-    def _show(self, **props: object) -> None:
-        for chart in self._charts.values():
-            chart.show(**props)
 
-    def _set_span(self, span: float) -> None:
-        self._span = float(span)
-        self._resume()
-        self._show(span=self._span)
-
-    def _zoom(self, begin: float, end: float) -> None:
-        self._pause.set_text("Resume")
-        self._pause.props("icon=play_arrow")
-        self._show(view=[begin, end])
-
-    def _resume(self) -> None:
-        self._pause.set_text("Pause")
-        self._pause.props("icon=pause")
-        self._show(view=None)
-
-    def _toggle(self) -> None:
-        if self._pause.text == "Resume":
-            self._resume()
-        else:
-            now = max(
-                (each.time[-1] for each in self._station.history.series.values() if len(each.time)),
-                default=time.time(),
-            )
-            self._zoom(float(now) - self._span, float(now))
-
-    def _key(self, event: object) -> None:
-        if event.action.keydown and event.key == " ":  # type: ignore[attr-defined]
-            self._toggle()
+def _position(track: Track, accuracy: float | None) -> tuple[str, str]:
+    """Returns the last position in words, and where it is from."""
+    if track.latest is None:
+        return "no position", "no fix yet"
+    lat, lon = float(track.latest["lat"]), float(track.latest["lon"])
+    north, east = "N" if lat >= 0 else "S", "E" if lon >= 0 else "W"
+    place = f"{abs(lat):.7f}° {north}, {abs(lon):.7f}° {east}"
+    if track.source is None:
+        return place, "the last position; none is sent now"
+    if not track.is_fixed:
+        return place, "the last position; no fix now"
+    around = "" if accuracy is None else f"; accuracy by the receiver {format_length(accuracy)}"
+    return place, f"position of the {SOURCES[track.source]}{around}"
 
 
 def _heading(station: Station) -> str:
@@ -262,8 +237,11 @@ def _lamps(station: Station) -> str:
             else "xbus-quiet"
         )
         mark = "●" if value else "○"
+        flag = STATUS_FLAGS[name]
+        meaning = flag.values.get(value, str(value)) if flag.width > 1 else ""
         lamps.append(
-            f'<span class="xbus-lamp {level}">{mark} {html.escape(name)} {value if value > 1 else ""}</span>'
+            f'<span class="xbus-lamp {level}" title="{html.escape(flag.meaning)}">'
+            f"{mark} {html.escape(name)} {html.escape(meaning)}</span>"
         )
     return '<div style="display:flex;flex-wrap:wrap;gap:4px">' + "".join(lamps) + "</div>"
 

@@ -3,6 +3,7 @@ const LIGHT = ["#D55E00", "#009E73", "#0072B2", "#CC79A7", "#8a6d00", "#444444"]
 const DARK = ["#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#F0E442", "#cccccc"];
 const DASHES = [[], [8, 3], [2, 3], [8, 3, 2, 3], [12, 3], [4, 6]];
 const FRAME = 33; // ms between two frames
+const AXIS = 80; // px beside the curves
 
 // Local time with milliseconds.
 function clock(seconds) {
@@ -12,7 +13,17 @@ function clock(seconds) {
 
 export default {
   template: `<div class="xbus-chart"><div ref="plot"></div></div>`,
-  props: { source: String, name: String, unit: String, fields: Array, span: Number, view: Array, locked: Boolean },
+  props: {
+    source: String,
+    name: String,
+    unit: String,
+    fields: Array,
+    span: Number,
+    view: Array,
+    locked: Boolean,
+    cursors: Object, // times of A and B
+    active: String, // the one that moves
+  },
   mounted() {
     this.time = [];
     this.values = this.fields.map(() => []);
@@ -23,8 +34,7 @@ export default {
     this.darkness = new MutationObserver(() => this.build());
     this.darkness.observe(document.body, { attributes: true, attributeFilter: ["class"] });
     this.build();
-    if (this.view) this.freeze(...this.view);
-    else this.show();
+    this.ask();
     const frame = (now) => {
       this.request = requestAnimationFrame(frame);
       if (now - (this.drawn ?? 0) >= FRAME - 4 && !this.view) {
@@ -42,10 +52,7 @@ export default {
     this.plot?.destroy();
   },
   watch: {
-    view(view) {
-      if (view) this.freeze(...view);
-      else this.show();
-    },
+    view: "ask",
     span() {
       if (!this.view) this.show();
     },
@@ -54,10 +61,21 @@ export default {
       this.limits = locked ? [min, max] : null;
       this.draw();
     },
+    cursors() {
+      this.plot.redraw(false, false);
+    },
+    active() {
+      this.plot.redraw(false, false);
+    },
   },
   methods: {
+    // Columns of pixels; uPlot knows the exact number only after it has drawn.
     columns() {
-      return Math.max(50, Math.floor((this.plot?.bbox.width ?? 600) / devicePixelRatio));
+      return Math.max(50, this.plot.width - AXIS);
+    },
+    ask() {
+      if (this.view) this.freeze(...this.view);
+      else this.show();
     },
     now() {
       return this.last + Math.min(2 * this.span, (performance.now() - this.lastAt) / 1000);
@@ -66,13 +84,15 @@ export default {
     show() {
       window.xbusFeed.hide(this.curve);
       this.clear();
-      const request = { source: this.source, name: this.name, step: this.span / this.columns(), span: this.span };
+      this.asked = this.columns();
+      const request = { source: this.source, name: this.name, step: this.span / this.asked, span: this.span };
       this.curve = window.xbusFeed.show(request, (points) => this.add(points));
     },
     // Asks for a part of the past, with all its detail.
     freeze(begin, end) {
       window.xbusFeed.hide(this.curve);
-      const request = { source: this.source, name: this.name, step: (end - begin) / this.columns(), begin, end };
+      this.asked = this.columns();
+      const request = { source: this.source, name: this.name, step: (end - begin) / this.asked, begin, end };
       this.curve = window.xbusFeed.show(request, (points) => {
         this.clear();
         this.append(points);
@@ -115,10 +135,54 @@ export default {
         this.plot.setData([this.time, ...this.values], false);
         this.plot.setScale("x", { min, max });
       });
+      // Without a mouse over a plot, the legend has the latest values; reading needs no more than 5 of them a second.
+      if (this.plot.cursor.left < 0 && performance.now() - (this.told ?? 0) > 200) {
+        this.told = performance.now();
+        this.plot.setLegend({ idx: this.time.length ? this.time.length - 1 : null });
+      }
+    },
+    // Draws the cursors A and B, and tints the time between them.
+    mark(plot) {
+      const { ctx: g, bbox } = plot;
+      const places = Object.entries(this.cursors ?? {}).map(([name, t]) => [name, plot.valToPos(t, "x", true)]);
+      if (!this.view || !places.length) return;
+      g.save();
+      g.beginPath();
+      g.rect(bbox.left, bbox.top, bbox.width, bbox.height);
+      g.clip();
+      g.fillStyle = this.isDark ? "rgba(255,255,255,.07)" : "rgba(0,0,0,.05)";
+      if (places.length === 2) g.fillRect(places[0][1], bbox.top, places[1][1] - places[0][1], bbox.height);
+      g.fillStyle = g.strokeStyle = this.isDark ? "#fff" : "#000";
+      g.setLineDash([]);
+      g.font = `600 ${12 * devicePixelRatio}px system-ui`;
+      g.textBaseline = "top";
+      for (const [name, x] of places) {
+        g.lineWidth = (name === this.active ? 2 : 1) * devicePixelRatio;
+        g.beginPath();
+        g.moveTo(x, bbox.top);
+        g.lineTo(x, bbox.top + bbox.height);
+        g.stroke();
+        g.textAlign = x > bbox.left + bbox.width - 20 * devicePixelRatio ? "right" : "left";
+        g.fillText(name, x + (g.textAlign === "left" ? 4 : -4) * devicePixelRatio, bbox.top + 2 * devicePixelRatio);
+      }
+      g.restore();
+    },
+    // The last point at a time or before it; null before the first.
+    pointAt(time) {
+      let low = 0, high = this.time.length;
+      while (low < high) {
+        const middle = (low + high) >> 1;
+        if (this.time[middle] <= time) low = middle + 1;
+        else high = middle;
+      }
+      return low ? low - 1 : null;
     },
     resize() {
       const width = this.$el.clientWidth;
-      if (width > 0 && this.plot) this.plot.setSize({ width, height: this.height() });
+      if (!width || !this.plot) return;
+      this.plot.setSize({ width, height: this.height() });
+      const change = this.columns() / this.asked;
+      if (change < 0.8 || change > 1.25) this.ask();
     },
     height() {
       return 190;
@@ -139,7 +203,12 @@ export default {
           width: this.$el.clientWidth || 600,
           height: this.height(),
           title: label,
-          cursor: { drag: { x: true, y: false }, sync: { key: "xbus" } },
+          cursor: {
+            drag: { x: true, y: false },
+            sync: { key: "xbus" },
+            dataIdx: (_plot, _series, _nearest, time) => chart.pointAt(time),
+            bind: { dblclick: () => null }, // it would change the time of this chart only
+          },
           legend: { live: true },
           scales: {
             x: { time: true },
@@ -161,14 +230,11 @@ export default {
               width: 1.5 / devicePixelRatio + 0.5,
               dash: DASHES[k % DASHES.length].map((d) => d),
               points: { show: false },
-              // The value at the cursor, or else the latest.
-              value: (plot, v) => {
-                const shown = plot.cursor.idx == null ? chart.values[k][chart.values[k].length - 1] : v;
-                return shown == null ? "--" : shown.toPrecision(8);
-              },
+              value: (_, v) => (v == null ? "--" : v.toPrecision(8)),
             })),
           ],
           hooks: {
+            draw: [(plot) => chart.mark(plot)],
             setSelect: [
               (plot) => {
                 if (plot.select.width < 5) return;
@@ -183,6 +249,12 @@ export default {
         [[], ...this.fields.map(() => [])],
         this.$refs.plot
       );
+      const { over } = this.plot;
+      // For keys: the time below the mouse.
+      over.xbusTime = () => this.plot.posToVal(this.plot.cursor.left, "x");
+      over.addEventListener("click", (event) => {
+        if (this.view) this.$emit("place", { time: this.plot.posToVal(event.offsetX, "x") });
+      });
     },
   },
 };
