@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import xbus
-from test_cli import run, sentence
+from test_cli import run, sentence, start
 
 
 def test_demo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,6 +52,15 @@ def test_without_pyarrow(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert result.exit_code == 0
     assert (tmp_path / "demo.parquet").read_bytes().startswith(b"PAR1")
     assert f"wrote {tmp_path / 'demo.parquet'}" in result.stdout
+
+
+def test_the_reader_of_the_output_has_seen_enough(tmp_path: Path) -> None:
+    ours, theirs = os.pipe()
+    os.close(ours)
+    with start("demo", "--folder", str(tmp_path), "--seconds", "0.5", stdout=theirs) as child:
+        os.close(theirs)
+        _, shown = child.communicate()
+    assert (child.returncode, shown) == (0, b"")
 
 
 def test_no_such_product() -> None:

@@ -17,6 +17,7 @@ import pytest
 pytest.importorskip("nicegui", reason="the extra studio is not installed")
 
 import xbus
+from test_cli import start
 from xbus.cli.export_formats import EXPORTS
 from xbus.device.rotation import parse_rotation
 from xbus.studio.commands import describe
@@ -228,3 +229,28 @@ def test_two_pages_start_and_end_corrections(hub: Any) -> None:
     wait_until(lambda: forwarding() == 1)
     station.stop_corrections()
     wait_until(lambda: forwarding() == 0)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for one process")
+def test_the_studio_runs_although_nobody_reads_its_output(tmp_path: Any) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = free.getsockname()
+    ours, theirs = os.pipe()
+    os.close(ours)
+    command = ["studio", "--no-browser", "--port", str(address[1]), "--folder", str(tmp_path)]
+    with start(*command, stdout=theirs) as child:
+        os.close(theirs)
+        wait_until(lambda: child.poll() is not None or _answers(address))
+        child.send_signal(signal.SIGINT)
+        _, shown = child.communicate()
+    assert (child.returncode, shown) == (0, b"")
+
+
+def _answers(address: tuple[str, int]) -> bool:
+    try:
+        with socket.create_connection(address, timeout=20) as connection:
+            connection.sendall(b"GET / HTTP/1.0\r\n\r\n")
+            return connection.recv(100).startswith(b"HTTP/")
+    except OSError:
+        return False

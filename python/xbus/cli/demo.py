@@ -101,6 +101,8 @@ def demo(folder: str, seconds: float, product: str) -> None:
             files.append(plot)
         else:
             print_line("\n".join(_curves(log)) + "\n")
+    except BrokenPipeError:  # the reader of the output has seen enough
+        raise
     except OSError as error:
         raise cannot(f"write to {label(error.filename or folder)}", error) from error
     print_line("\n".join(f"wrote {label(str(file))}" for file in files))

@@ -28,7 +28,7 @@ DEMO = ("sim:MTi-680G", "sim:MTi-630", "sim:MTi-3")
     type=click.Path(file_okay=False, path_type=Path),
     default=Path(),
     metavar="DIR",
-    help="Folder for recordings. Default: the present one.",
+    help="Folder for recordings. Default: the current folder.",
 )
 @click.option(
     "--host",
@@ -53,9 +53,10 @@ def studio(
     """Shows, configures and records devices in a browser.
 
     Opens the devices on PORT, prints the URL of the page and opens it. Devices stay open, and recordings go
-    on, when the page is closed. Ctrl-C stops recordings and closes the devices. Needs the extra studio.
+    on, when the page is closed. Ctrl-C stops recordings and closes the devices.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. Requires
+    the extra: pip install "xbus-mti[studio]".
     """
     from xbus.extras import require
 
@@ -75,7 +76,8 @@ def studio(
             )
 
             def started() -> None:
-                click.echo(f"studio: {url}")
+                with contextlib.suppress(BrokenPipeError):  # the pages are there all the same
+                    click.echo(f"studio: {url}")
                 if token is not None:
                     click.echo(f"xbus: {_reach(host)}", err=True)
                 if not no_browser:
