@@ -445,6 +445,109 @@ def test_wrong_settings_are_told_at_once(studio: Any) -> None:
     page.get_by_text("as the device has it").wait_for()
 
 
+def test_a_form_is_checked_and_both_pages_show_what_the_device_has(
+    studio: Any, browser: Any
+) -> None:
+    page = studio.page
+    studio.open("configure/sim-MTi-630")
+    other = browser.new_page()
+    other.set_default_timeout(60_000)
+    other.goto(studio.url + "configure/sim-MTi-630")
+    for each in (page, other):
+        each.get_by_role("tab", name="Filter").click()
+    field = page.get_by_role("spinbutton", name="location ID")
+    theirs = other.get_by_role("spinbutton", name="location ID")
+    field.fill("70000")
+    reason = "location_id: location_id cannot be 70000: it must be an integer from 0 to 65535"
+    page.locator(".xbus-setting-location_id").get_by_text(reason).wait_for()
+    assert page.get_by_role("button", name="Apply").is_disabled()
+    # The other page has a change of its own, which stays.
+    other.locator(".xbus-setting-rot_local").get_by_label("yaw, deg").fill("90")
+    other.get_by_text("+rot_local = [0.7071068, 0.0, 0.0, 0.7071068]").wait_for()
+    number = str(int(theirs.input_value()) + 1)
+    field.fill(number)
+    page.get_by_text(f"+location_id = {number}").wait_for()
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_role("dialog").get_by_role("button", name="Apply").click()
+    page.get_by_text("applied and read back").wait_for()
+    other.wait_for_function(
+        "number => [...document.querySelectorAll('input')].some(each => each.value === number)",
+        arg=number,
+    )
+    assert theirs.input_value() == number
+    other.get_by_text("+rot_local = [0.7071068, 0.0, 0.0, 0.7071068]").wait_for()
+    other.close()
+
+
+def test_settings_files_are_compared_and_loaded(studio: Any, tmp_path: Any) -> None:
+    page = studio.page
+    studio.open("configure/sim-MTi-3")
+    mine, theirs = tmp_path / "mine.toml", tmp_path / "theirs.toml"
+    mine.write_text("location_id = 11\nerror_mode = 1\n")
+    theirs.write_text("location_id = 12\n")
+    wrong = tmp_path / "wrong.toml"
+    wrong.write_bytes(b"\xff")
+    load, compare = (page.locator(f".xbus-upload-{name} input") for name in ("load", "compare"))
+    compare.set_input_files([mine, theirs])
+    dialog = page.get_by_role("dialog")
+    for text in ("- location_id = 11", "+ location_id = 12", "only in mine.toml: error_mode"):
+        dialog.get_by_text(text).wait_for()
+    dialog.get_by_role("button", name="Close").click()
+    dialog.wait_for(state="detached")
+    compare.set_input_files([theirs])
+    dialog.get_by_text("+ location_id = 12").wait_for()
+    dialog.get_by_role("button", name="Close").click()
+    page.get_by_text("as the device has it").wait_for()
+    load.set_input_files([wrong])
+    page.get_by_text("wrong.toml: byte 0 is not UTF-8").wait_for()
+    load.set_input_files([theirs])
+    page.get_by_text("+location_id = 12").wait_for()
+
+
+def test_baud_rate_and_factory_settings_are_confirmed(studio: Any) -> None:
+    page = studio.page
+    studio.open("configure/sim-MTi-680G")
+    page.get_by_role("tab", name="Device").click()
+    page.get_by_text("The port is open at 115,200 baud.").wait_for()
+    page.get_by_role("combobox", name="new baud rate").click()
+    page.get_by_role("option", name="921,600 baud").click()
+    page.get_by_role("button", name="Change", exact=True).click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_text("The port is opened again at 921,600 baud.").wait_for()
+    dialog.get_by_role("button", name="Change").click()
+    page.get_by_text("The port is open at 921,600 baud.").wait_for()
+    page.get_by_role("button", name="Factory settings").click()
+    dialog.get_by_text("All settings are lost").wait_for()
+    dialog.get_by_role("button", name="Restore").click()
+    page.get_by_text("The port is open at 115,200 baud.").wait_for()
+    # GNSS/INS products have no reset of the heading.
+    assert page.get_by_role("button", name="Heading", exact=True).count() == 0
+    page.get_by_role("button", name="Inclination", exact=True).click()
+    page.get_by_text("inclination done; it is lost at the next restart").wait_for()
+
+
+def test_a_device_that_is_lost_while_it_is_configured(studio: Any) -> None:
+    page = studio.page
+    with xbus.sim.serving(xbus.SimulatedDevice("MTi-630"), tcp=True) as port:
+        studio.open("")
+        page.get_by_role("textbox", name="port or URL").fill(port)
+        page.get_by_role("button", name="Open the port or URL").click()
+        key = re.sub("[^A-Za-z0-9]+", "-", port)
+        page.locator(f".xbus-device-{key}").wait_for()
+        studio.open(f"configure/{key}")
+        page.get_by_role("tab", name="Filter").click()
+        page.get_by_role("spinbutton", name="location ID").fill("9")
+        page.get_by_text("+location_id = 9").wait_for()
+    page.get_by_text("The port is gone; check the cable. These are the settings of").wait_for()
+    page.get_by_role("button", name="Apply").click()
+    page.get_by_role("dialog").get_by_role("button", name="Apply").click()
+    page.get_by_text("; check the cable; the next command opens the port again").wait_for()
+    page.get_by_text("+location_id = 9").wait_for()
+    studio.open("")
+    page.locator(f".xbus-device-{key}").get_by_role("button", name="Close").click()
+    page.locator(f".xbus-device-{key}").wait_for(state="detached")
+
+
 def test_recordings_are_described_replayed_and_exported(studio: Any) -> None:
     page = studio.page
     shutil.copy(Path(__file__).parent / "captures" / "walk.mtb", studio.folder / "walk.mtb")
@@ -512,7 +615,10 @@ def test_messages_are_sent_and_listed(studio: Any) -> None:
     studio.open("messages/sim-MTi-630")
     page.get_by_label("message").fill("SetLocationID")
     page.get_by_role("option", name="SetLocationID").click()
-    page.get_by_label("fields").fill("5")
+    page.get_by_label("location_id").fill("70000000")
+    page.get_by_role("button", name="Send", exact=True).click()
+    page.get_by_text("location_id cannot be 70000000: it must be an integer from 0").wait_for()
+    page.get_by_label("location_id").fill("5")
     page.get_by_role("button", name="Send", exact=True).click()
     table = page.locator(".xbus-table")
     table.get_by_text("SetLocationID", exact=True).first.wait_for()

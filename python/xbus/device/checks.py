@@ -13,7 +13,6 @@ from xbus.protocol.values import (
     CAN_BAUD_CODES,
     ERROR_MODES,
     EVERY,
-    LATER_RESETS,
     PERIODS,
     PULSE_OFFSETS,
     SYNC_DELAYS,
@@ -279,11 +278,9 @@ def _check_output_settings(settings: OutputSettings | int, _: Support) -> None:
 
 
 def _check_reset(code: int, support: Support) -> None:
-    lacking = LATER_RESETS if support.is_legacy else (ResetCode.GLOBAL,)
-    if code in lacking:
-        choices = ", ".join(
-            f"{reset.name} {reset:d}" for reset in ResetCode if reset not in lacking
-        )
+    resets = support.orientation_resets
+    if code not in resets:
+        choices = ", ".join(f"{reset.name} {reset:d}" for reset in resets)
         raise ValueError(
             f"{int(code)} is not one of {choices}, which the {support.product.name} has"
         )

@@ -18,6 +18,7 @@ from xbus.protocol.tables import LEGACY_PRODUCTS, MESSAGES, PRODUCTS, QUANTITIES
 from xbus.protocol.values import (
     BAUD_CODES,
     EVERY,
+    LATER_RESETS,
     AvailableProfile,
     GnssReceiver,
     GnssReceiverSettings,
@@ -28,6 +29,7 @@ from xbus.protocol.values import (
     Polarity,
     PortConfig,
     PortProtocol,
+    ResetCode,
     Selftest,
     StringType,
     SyncFunction,
@@ -444,6 +446,18 @@ class Support:
     def is_legacy(self) -> bool:
         """Whether it sends MTData only, and no MTData2."""
         return self.product.series == LEGACY
+
+    @property
+    def orientation_resets(self) -> tuple[ResetCode, ...]:
+        """The orientation resets that it has (Table 33). GNSS/INS products refuse that of the heading.
+
+        >>> [code.name for code in support("MTi-680G").orientation_resets][:3]
+        ['STORE', 'INCLINATION', 'ALIGNMENT']
+        """
+        lacking = LATER_RESETS if self.is_legacy else (ResetCode.GLOBAL,)
+        if self.product.kind == "GNSS/INS":
+            lacking = (*lacking, ResetCode.HEADING)
+        return tuple(code for code in ResetCode if code not in lacking)
 
     @property
     def base_rate(self) -> int:

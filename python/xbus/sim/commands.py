@@ -15,7 +15,6 @@ from xbus.protocol.ids import MessageId
 from xbus.protocol.messages import decode, encode
 from xbus.protocol.tables import MESSAGES, MessageRow
 from xbus.protocol.values import (
-    LATER_RESETS,
     Alignment,
     AlignmentRotation,
     DeviceErrorInfo,
@@ -74,11 +73,10 @@ def _forward_gnss_data(unit: Unit, data: bytes) -> bytes:
 
 def _reset_orientation(unit: Unit, code: ResetCode | int) -> bytes:
     require(isinstance(code, ResetCode))
-    require(code not in (LATER_RESETS if unit.support.is_legacy else (ResetCode.GLOBAL,)))
+    require(code in unit.support.orientation_resets)
     # STORE is valid in Config only, the other codes in Measurement only.
     require((code == ResetCode.STORE) == (unit.state is State.CONFIG), ErrorCode.MESSAGE)
     if unit.measurement is not None:
-        require(code != ResetCode.HEADING or unit.product.kind != "GNSS/INS")
         unit.measurement.reset_orientation(ResetCode(code))
     elif unit.rotations is not None:
         rot_sensor, rot_local = unit.rotations

@@ -24,6 +24,7 @@ __all__ = [
     "TABS",
     "Field",
     "choices",
+    "command_help",
     "entry_kind",
     "fields_of",
     "flags",
@@ -209,18 +210,22 @@ def help_of(name: str) -> str:
     'A number of your choice, 0 to 65535. SetLocationID (0x84): a number of your choice, 0 to 65535.'
     """
     message = SETTINGS[name].message
-    snake = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", message).lower()
-    texts = [
-        " ".join(
-            (inspect.getdoc(getattr(Commands, f"{verb}_{snake}")) or "")
-            .partition("\n\n")[0]
-            .split()
-        )
-        for verb in ("set", "req")
-    ]
-    command = next((text for text in texts if "Table" in text), texts[0])
-    comment = re.sub(r",? (one )?of: \{.*", "", SETTINGS[name].comment)
+    texts = [command_help(f"{verb}{message}") for verb in ("Set", "Req")]
+    whole = [text for text in texts if " as in " not in text]
+    command = next((text for text in whole if "Table" in text), whole[0])
+    comment = re.sub(r",? (one )?of: .*", "", SETTINGS[name].comment)
     return f"{comment}. {command}" if comment else command
+
+
+def command_help(name: str) -> str:
+    """Returns what a command does, and where the manual describes it; an empty text if it has no method.
+
+    >>> command_help("ReqGnssPlatform")
+    'ReqGnssPlatform (0x76): the dynamic model of the GNSS receiver (Table 31).'
+    """
+    snake = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+    command = getattr(Commands, snake, None)
+    return _plain(inspect.getdoc(command) or "") if command is not None else ""
 
 
 def _plain(text: str) -> str:

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import html
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from nicegui import ui
 
 from xbus.protocol.messages import LAYOUTS
-from xbus.protocol.tables import MESSAGES, PREAMBLE
+from xbus.protocol.tables import MESSAGES, PREAMBLE, MessageRow
 from xbus.studio.commands import command_line
 from xbus.studio.exchange import Entry
+from xbus.studio.setting_fields import command_help
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
 from xbus.wire.codec import encode_frame
@@ -20,17 +23,21 @@ __all__ = ["messages_page"]
 
 #: Messages that are shown.
 SHOWN = 200
+#: Bytes of a message that are shown.
+SHOWN_BYTES = 64
 
 
 def messages_page(session: Session) -> None:
     """Shows the messages of the selected device."""
     if (station := session.require_station()) is None:
         return
-    session.show_command(f"xbus send {station.source} ReqDID", 'device.command("ReqDID")')
-    _compose(session, station)
+    with ui.element("div").classes("xbus-card w-full"):
+        _Composer(session, station)
+        _hex_input(session, station)
     with ui.element("div").classes("xbus-card w-full mt-3"):
         with ui.row().classes("items-center w-full"):
-            search = ui.input("filter by name").props("dense clearable")
+            search = ui.input("filter: name, content or bytes").props("dense clearable")
+            search.classes("w-80")
             ui.space()
             ui.button("Save", icon="save", on_click=lambda: _save(station)).props(
                 "flat dense no-caps"
@@ -38,7 +45,7 @@ def messages_page(session: Session) -> None:
             ui.button("Clear", on_click=lambda: station.exchange.entries.clear()).props(
                 "flat dense no-caps"
             )
-        table = ui.html("", sanitize=False).classes("w-full overflow-x-auto")
+        table = ui.html("", sanitize=False).classes("w-full")
         shown: list[Any] = []
 
         def refresh() -> None:
@@ -51,53 +58,115 @@ def messages_page(session: Session) -> None:
         ui.timer(0.3, refresh)
 
 
-def _compose(session: Session, station: Station) -> None:
-    names = [row.name for row in MESSAGES.values() if row.direction != "to host"]
-    with ui.element("div").classes("xbus-card w-full"):
-        with ui.row().classes("items-center w-full no-wrap"):
-            message = (
+class _Composer:
+    """Name and fields of a message to send."""
+
+    def __init__(self, session: Session, station: Station) -> None:
+        self._session, self._station = session, station
+        names = [name for name in LAYOUTS if MESSAGES[name].direction != "to host"]
+        with ui.row().classes("items-start w-full no-wrap gap-4"):
+            self._message = (
                 ui.select(names, value="ReqDID", label="message", with_input=True)
-                .classes("w-80")
+                .classes("w-72 shrink-0")
                 .props("dense")
             )
-            content = ui.input("fields", placeholder="field=value; one entry of a list per word")
-            content.classes("grow").props("dense")
-            in_config = ui.checkbox("in Config State", value=True).tooltip(
-                "enters Config State for the message, and restores the state"
-            )
-            send = ui.button("Send", icon="send").props("no-caps").mark("send")
-        hint = ui.label().classes("xbus-quiet text-sm")
-        with ui.row().classes("items-center w-full no-wrap"):
-            raw = ui.input(
-                "or in hex", placeholder="FA FF 30 00 D1, or MID and payload: 30"
-            ).classes("grow")
-            raw.props("dense")
-            send_raw = ui.button("Send hex").props("flat no-caps")
+            self._body = ui.row().classes("grow items-start gap-x-4 gap-y-0")
+            self._in_config = ui.checkbox("in Config State", value=True).classes("shrink-0")
+            self._in_config.tooltip("enters Config State for the message, and restores the state")
+            ui.button("Send", icon="send", on_click=self._send).props("no-caps").classes("shrink-0")
+        self._hint = ui.label().classes("xbus-quiet text-sm")
+        self._message.on_value_change(self._choose)
+        self._choose()
 
-    def describe() -> None:
-        row = MESSAGES[message.value]
-        states = " or ".join(f"{state.capitalize()} State" for state in row.states)
-        hint.set_text(f"MID 0x{row.mid:02X}, valid in {states}")
+    @property
+    def _row(self) -> MessageRow:
+        return MESSAGES[self._message.value]
 
-    async def run() -> None:
-        name, words = message.value, content.value.split()
-        config = ["--config"] if in_config.value else []
-        session.show_command(
-            command_line("send", station.source, *config, name, *words),
-            f'device.command("{name}", ...)',
+    def _choose(self) -> None:
+        """Shows the fields of another message."""
+        states, support = self._row.states, self._station.device.support
+        self._in_config.set_value(states == ("config",))
+        valid = " or ".join(f"{state.capitalize()} State" for state in states)
+        parts = [command_help(self._row.name), f"MID 0x{self._row.mid:02X}, valid in {valid}."]
+        if LAYOUTS[self._row.name].several:
+            parts.append(f"Fields of an entry: {', '.join(LAYOUTS[self._row.name].fields)}.")
+        if support is not None and self._row.name not in support.messages:
+            parts.append(f"The {support.product.name} does not have it.")
+        self._hint.set_text(" ".join(part for part in parts if part))
+        self._body.clear()
+        with self._body:
+            self._draw_fields()
+        self._show_command()
+
+    def _draw_fields(self) -> None:
+        """Draws an input for each field, or one for the entries of a list."""
+        layout = LAYOUTS[self._message.value]
+        self._inputs: dict[str, ui.input] = {}
+        if layout.several:
+            example = ",".join(f"{name}=…" for name in layout.fields)
+            self._entries = ui.input("entries", placeholder=example, on_change=self._show_command)
+            self._entries.classes("grow min-w-64").props("dense").on("keydown.enter", self._send)
+            self._entries.tooltip(f"{example}; a space separates entries")
+            return
+        rows = {field.name: field for form in self._row.forms for field in form}
+        for name in layout.fields:
+            row = rows.get(name)
+            label = f"{name}, {row.unit}" if row is not None and row.unit else name
+            problem = partial(_problem, layout.fields[name])
+            control = ui.input(label, validation=problem, on_change=self._show_command)
+            control.classes("w-56").props("dense hide-bottom-space").on("keydown.enter", self._send)
+            if row is not None and row.note:
+                control.props(f'hint="{html.escape(row.note)}"')
+            self._inputs[name] = control
+
+    def _words(self) -> list[str]:
+        """Returns the fields as ``xbus send`` takes them."""
+        if LAYOUTS[self._message.value].several:
+            return (self._entries.value or "").split()
+        values = {name: (control.value or "").strip() for name, control in self._inputs.items()}
+        return [f"{name}={value}" for name, value in values.items() if value]
+
+    def _show_command(self) -> None:
+        name, config = self._row.name, ["--config"] if self._in_config.value else []
+        value = ", value" if LAYOUTS[name].fields else ""
+        self._session.show_command(
+            command_line("send", self._station.source, *config, name, *self._words()),
+            f'device.command("{name}"{value})',
         )
+
+    async def _send(self) -> None:
+        name, words, device = self._row.name, self._words(), self._station.device
+        in_config = self._in_config.value
 
         def command() -> None:
             value = LAYOUTS[name].read(words)
-            if in_config.value:
-                with station.device.configure() as device:
+            if in_config:
+                with device.configure():
                     device.command(name, value)
             else:
-                station.device.command(name, value)
+                device.command(name, value)
 
-        await session.attempt(command)
+        self._show_command()
+        await self._session.attempt(command)
 
-    async def run_raw() -> None:
+
+def _problem(read: Callable[[str], Any], text: str | None) -> str | None:
+    """Returns why a text is no value of a field; None if it is, or is empty."""
+    try:
+        if text and text.strip():
+            read(text.strip())
+    except ValueError as error:
+        return str(error)
+    return None
+
+
+def _hex_input(session: Session, station: Station) -> None:
+    with ui.row().classes("items-center w-full no-wrap"):
+        raw = ui.input("or in hex", placeholder="FA FF 30 00 D1, or MID and payload: 30")
+        raw.classes("grow").props("dense")
+        send = ui.button("Send hex").props("flat no-caps")
+
+    async def run() -> None:
         def command() -> None:
             data = bytes.fromhex(raw.value.lower().replace("0x", "").replace(",", " "))
             if not data:
@@ -109,30 +178,36 @@ def _compose(session: Session, station: Station) -> None:
         )
         await session.attempt(command)
 
-    message.on_value_change(describe)
     send.on_click(run)
-    content.on("keydown.enter", run)
-    send_raw.on_click(run_raw)
-    describe()
+    raw.on("keydown.enter", run)
 
 
 def _table(entries: list[Entry], search: str) -> str:
-    found = [entry for entry in entries if search.lower() in entry.name.lower()][-SHOWN:]
+    """Returns the latest messages that contain a text as HTML, the last one first."""
+    wanted = search.lower().strip()
+    found = [
+        entry
+        for entry in entries
+        if wanted in entry.name.lower()
+        or wanted in entry.text.lower()
+        or wanted in entry.frame.hex(" ")
+    ][-SHOWN:]
     if not found:
         return '<span class="xbus-quiet">no messages; samples are not shown here</span>'
     rows = "".join(
         f'<tr class="{"xbus-fault" if entry.name in ("Error", "damage") else ""}">'
         f"<td>{_clock(entry.time)}</td><td>{'→' if entry.is_sent else '←'}</td>"
-        f"<td>{html.escape(entry.name)}</td><td>{html.escape(entry.text)}</td>"
-        f'<td class="xbus-quiet">{_hex(entry.frame)}</td></tr>'
+        f'<td>{html.escape(entry.name)}</td><td class="xbus-wrap">{html.escape(entry.text)}'
+        f'<div class="xbus-quiet">{_hex(entry.frame)}</div></td></tr>'
         for entry in reversed(found)
     )
-    head = "<tr><th>time</th><th></th><th>message</th><th>content</th><th>bytes</th></tr>"
+    head = "<tr><th>time</th><th></th><th>message</th><th>content, bytes</th></tr>"
     return f'<table class="xbus-table xbus-mono">{head}{rows}</table>'
 
 
 def _hex(frame: bytes) -> str:
-    return frame[:64].hex(" ").upper() + (" …" if len(frame) > 64 else "")
+    more = f" … {len(frame):,} bytes" if len(frame) > SHOWN_BYTES else ""
+    return frame[:SHOWN_BYTES].hex(" ").upper() + more
 
 
 def _clock(seconds: float) -> str:

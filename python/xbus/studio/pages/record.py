@@ -71,7 +71,8 @@ def record_page(session: Session) -> None:
     def show_command() -> None:
         words = ["record", stations[0].source, "-o", str(hub.folder / "walk.mtb")]
         words += ["--duration", f"{limit.value:g}"] if limit.value else []
-        words += ["--rotate", rotate.value.strip()] if (rotate.value or "").strip() else []
+        if (rotation := (rotate.value or "").strip()) and not _rotation_problem(rotation):
+            words += ["--rotate", rotation]
         session.show_command(command_line(*words), 'with device.record("walk.mtb"): ...')
 
     async def start() -> None:

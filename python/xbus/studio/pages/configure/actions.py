@@ -6,6 +6,7 @@ import inspect
 import re
 from collections.abc import Callable
 from datetime import UTC, datetime
+from functools import partial
 from typing import Any
 
 from nicegui import ui
@@ -13,7 +14,7 @@ from nicegui import ui
 from xbus.device.commands import Commands
 from xbus.protocol.products import DEFAULT_BAUDRATE
 from xbus.protocol.tables import STATUS_FLAGS
-from xbus.protocol.values import LATER_RESETS, ResetCode, UtcTime
+from xbus.protocol.values import ResetCode, UtcTime
 from xbus.studio.dialogs import is_confirmed
 from xbus.studio.pages.configure.document import Document
 from xbus.studio.setting_fields import label
@@ -150,14 +151,12 @@ class DeviceActions:
     # Orientation
 
     def _orientation(self) -> None:
-        is_legacy = self._document.draft.support.is_legacy
-        lacking = LATER_RESETS if is_legacy else (ResetCode.GLOBAL,)
         with self._card("Orientation reset", Commands.reset_orientation), ui.row().classes("gap-1"):
-            for code in ResetCode:
-                if code not in lacking:
-                    ui.button(
-                        label(code.name).capitalize(), on_click=lambda code=code: self._reset(code)
-                    ).props("no-caps flat dense")
+            for code in self._document.draft.support.orientation_resets:
+                button = ui.button(
+                    label(code.name).capitalize(), on_click=partial(self._reset, code)
+                )
+                button.props("no-caps flat dense")
 
     async def _reset(self, code: ResetCode) -> None:
         def reset() -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from typing import Any
 
 from nicegui import events, ui
 
@@ -17,6 +18,10 @@ __all__ = ["Changes", "difference_lines"]
 AT_RESET = "Ports and CAN change at the next reset: tab Device, Restart."
 #: Largest settings file, in bytes.
 MAX_FILE = 1 << 20
+
+
+#: Names and content of settings files.
+Files = list[tuple[str, Settings]]
 
 
 class Changes:
@@ -53,15 +58,22 @@ class Changes:
                 )
 
     @staticmethod
-    def _file_button(name: str, icon: str, action: object, *, multiple: bool) -> ui.button:
+    def _file_button(
+        name: str, icon: str, action: Callable[[Files], Any], *, multiple: bool
+    ) -> ui.button:
+        async def take(event: events.MultiUploadEventArguments) -> None:
+            upload.reset()  # otherwise the next file is refused as one too many
+            if (files := await _read_files(event)) is not None:
+                action(files)
+
         upload = ui.upload(
-            on_multi_upload=action,  # type: ignore[arg-type]
+            on_multi_upload=take,
             auto_upload=True,
             multiple=multiple,
             max_file_size=MAX_FILE,
             on_rejected=lambda: ui.notify("a settings file has at most 1 MB", type="negative"),
         )
-        upload.classes("hidden").props("accept=.toml").mark(name)
+        upload.classes(f"hidden xbus-upload-{name.split()[0].lower()}").props("accept=.toml")
         return ui.button(name, icon=icon, on_click=lambda: upload.run_method("pickFiles")).props(
             "flat no-caps"
         )
@@ -134,15 +146,12 @@ class Changes:
             return
         ui.download.content(draft.text, f"{draft.settings.product or 'mti'}.toml")
 
-    async def _load(self, event: events.MultiUploadEventArguments) -> None:
-        if (files := await _read_files(event)) is not None:
-            ((_, settings),) = files
-            draft = self._document.draft
-            self._document.replace(lambda: draft.load(settings))
+    def _load(self, files: Files) -> None:
+        ((_, settings),) = files
+        draft = self._document.draft
+        self._document.replace(lambda: draft.load(settings))
 
-    async def _compare(self, event: events.MultiUploadEventArguments) -> None:
-        if (files := await _read_files(event)) is None:
-            return
+    def _compare(self, files: Files) -> None:
         if len(files) > 2:
             ui.notify("choose one file, or two", type="negative")
             return
@@ -189,9 +198,7 @@ def _lines(texts: Iterable[str]) -> list[str]:
     return [line for text in texts for line in text.splitlines()]
 
 
-async def _read_files(
-    event: events.MultiUploadEventArguments,
-) -> list[tuple[str, Settings]] | None:
+async def _read_files(event: events.MultiUploadEventArguments) -> Files | None:
     """Returns the names and settings of files; None if one is no settings file, which is shown."""
     found = []
     for file in event.files:
@@ -215,7 +222,7 @@ async def _read_files(
     return found
 
 
-def _only_in_one(files: list[tuple[str, Settings]]) -> list[str]:
+def _only_in_one(files: Files) -> list[str]:
     """Returns sentences about the settings that only one of two files has."""
     (first, before), (second, after) = files
     notes = []

@@ -62,28 +62,29 @@ class SettingForm:
                 ui.label(title(name)).classes("text-sm font-semibold")
                 ui.label(name).classes("xbus-mono xbus-quiet")
                 ui.icon("info").classes("xbus-quiet").tooltip(help_of(name))
-            self.draw()
+            self._body = ui.element("div").classes("w-full")
             self._problems = ui.html("", sanitize=False)
-        document.draw.append(self.draw.refresh)
+        self._draw()
+        document.draw.append(self._draw)
         document.show.append(self._show_problems)
 
     @property
     def _value(self) -> Any:
         return getattr(self._document.draft.settings, self.name)
 
-    @ui.refreshable_method
-    def draw(self) -> None:
+    def _draw(self) -> None:
         """Draws the controls with the value of the draft."""
-        if self.name == "filter_profile":
-            self._draw_profile()
-        elif self.name in ROTATIONS:
-            self._draw_rotation()
-        elif entry_kind(self.name)[1]:
-            self._draw_list()
-        else:
-            with ui.row().classes("items-start gap-x-4 gap-y-0"):
-                get = self._entry(self._value, self._enter)
-            self._get: Get = get
+        self._body.clear()
+        with self._body:
+            if self.name == "filter_profile":
+                self._draw_profile()
+            elif self.name in ROTATIONS:
+                self._draw_rotation()
+            elif entry_kind(self.name)[1]:
+                self._draw_list()
+            else:
+                with ui.row().classes("items-start gap-x-4 gap-y-0"):
+                    self._get: Get = self._entry(self._value, self._enter)
 
     def _show_problems(self) -> None:
         """Shows what is wrong with the setting."""
@@ -290,7 +291,7 @@ class SettingForm:
 
     def _replace(self, value: tuple[Any, ...]) -> None:
         self._document.change(lambda: self._document.draft.set(**{self.name: value}))
-        self.draw.refresh()
+        self._draw()
 
     def _new_entry(self) -> Any:
         """Returns an entry for the end of the list.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from functools import partial
 
 from nicegui import ui
 
@@ -57,29 +58,28 @@ class Outputs:
         link = document.station.device.link
         is_serial = link.is_line and not document.station.is_virtual
         self._baudrate = link.baudrate if is_serial else None
-        self.draw()
-        document.draw.append(self.draw.refresh)
-        document.show.append(self._show_load)
-
-    @ui.refreshable_method
-    def draw(self) -> None:
-        """Draws all quantities of the product."""
-        support = self._document.draft.support
         with ui.element("div").classes("xbus-card w-full"):
             with ui.row().classes("items-center gap-2 w-full"):
                 for name, outputs in PRESETS.items():
-                    ui.button(name, on_click=lambda outputs=outputs: self._preset(outputs)).props(
+                    ui.button(name, on_click=partial(self._preset, outputs)).props(
                         "outline dense no-caps size=sm"
                     )
             self._load = ui.html("", sanitize=False).classes("w-full mt-2")
-            with ui.grid(columns="auto auto auto auto 1fr").classes(
-                "items-center gap-x-4 gap-y-0 mt-2"
-            ):
-                for head in ("quantity", "rate", "precision", "coordinates", ""):
-                    ui.label(head).classes("xbus-quiet text-xs")
-                for name in QUANTITIES:
-                    if rates := support.rates_of(name):
-                        self._output(name, rates)
+            self._grid = ui.grid(columns="auto auto auto auto 1fr")
+            self._grid.classes("items-center gap-x-4 gap-y-0 mt-2")
+        self._draw()
+        document.draw.append(self._draw)
+        document.show.append(self._show_load)
+
+    def _draw(self) -> None:
+        """Draws all quantities of the product."""
+        self._grid.clear()
+        with self._grid:
+            for head in ("quantity", "rate", "precision", "coordinates", ""):
+                ui.label(head).classes("xbus-quiet text-xs")
+            for name in QUANTITIES:
+                if rates := self._document.draft.support.rates_of(name):
+                    self._output(name, rates)
 
     def _output(self, name: str, rates: tuple[int, ...]) -> None:
         draft = self._document.draft
