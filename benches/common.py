@@ -8,7 +8,7 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import xbus
@@ -29,7 +29,7 @@ __all__ = [
 
 #: Bytes of a frame of `ahrs_stream`.
 AHRS_FRAME = 88
-#: The outputs of `virtual_device`, 3,600 samples per second.
+#: 3,600 samples per second.
 HIGH_RATE_OUTPUTS = {
     "packet_counter": None,
     "sample_time_fine": None,
@@ -56,15 +56,17 @@ def processor_seconds(pid: int) -> float:
 
 
 @contextlib.contextmanager
-def virtual_device() -> Iterator[tuple[xbus.Device, subprocess.Popen[str]]]:
-    """Connects to a virtual MTi-630 in another process, which measures with `HIGH_RATE_OUTPUTS`."""
+def virtual_device(
+    outputs: Mapping[str, int | None] = HIGH_RATE_OUTPUTS,
+) -> Iterator[tuple[xbus.Device, subprocess.Popen[str]]]:
+    """Connects to a virtual MTi-630 in another process, which measures with these outputs."""
     command = [sys.executable, "-m", "xbus", "sim", "--product", "MTi-630"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         port = process.stdout.readline().removeprefix("port: ").strip()
         try:
             with xbus.connect(port) as device:
-                with device.configure(HIGH_RATE_OUTPUTS, check_baudrate=False):
+                with device.configure(outputs, check_baudrate=False):
                     pass
                 yield device, process
         finally:
