@@ -168,8 +168,10 @@ class Series:
 
     def _make_room(self, count: int) -> None:
         kept = self._end - self._begin
-        size = max(1024, 2 * (kept + count))
-        time, values = np.empty(size), np.empty((size, len(self.fields)), np.float64)
+        time, values = self._time, self._values
+        if kept + count > 0.75 * len(time):
+            size = 2 * (kept + count)
+            time, values = np.empty(size), np.empty((size, len(self.fields)), np.float64)
         time[:kept], values[:kept] = self.time, self.values
         self._time, self._values = time, values
         self._begin, self._end = 0, kept
