@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import shutil
+import signal
+import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from pictures import screenshot, svg, terminal
+from pictures import chromium, screenshot, svg, terminal
 
 DOCS = Path(__file__).resolve().parent
 RECORDING = DOCS.parent / "tests" / "captures" / "field.mtb"
 GALLERY = DOCS / "gallery"
+#: Seconds of live data in the picture of the studio.
+STUDIO_SECONDS = 25
 
 
 def draw_terminals(folder: Path) -> None:
@@ -30,6 +34,28 @@ def draw_report(folder: Path) -> None:
     page = folder / "report.html"
     write_report(RECORDING, page)
     screenshot(page, GALLERY / "report.png", width=1000, height=2900)
+
+
+def draw_studio(folder: Path) -> None:
+    from playwright.sync_api import sync_playwright
+
+    command = [sys.executable, "-m", "xbus", "studio", "--demo", "--no-browser", "--port", "0"]
+    with (
+        subprocess.Popen(  # noqa: S603 - our own command
+            command, stdout=subprocess.PIPE, cwd=folder, text=True
+        ) as studio,
+        sync_playwright() as driver,
+    ):
+        assert studio.stdout is not None
+        url = studio.stdout.readline().split()[1]
+        browser = driver.chromium.launch(executable_path=chromium(), args=["--no-sandbox"])
+        page = browser.new_page(viewport={"width": 1280, "height": 1000})
+        page.goto(f"{url}live/sim-MTi-680G")
+        page.locator(".xbus-chart canvas").first.wait_for(timeout=60_000)
+        page.wait_for_timeout(STUDIO_SECONDS * 1000)
+        page.screenshot(path=GALLERY / "studio.png")
+        browser.close()
+        studio.send_signal(signal.SIGINT)
 
 
 def draw_plots() -> None:
@@ -63,6 +89,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         draw_terminals(Path(folder))
         draw_report(Path(folder))
+        draw_studio(Path(folder))
     draw_plots()
 
 

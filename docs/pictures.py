@@ -91,14 +91,19 @@ def svg(screen: pyte.Screen, title: str) -> str:
     return console.export_svg(title=title, theme=DIMMED_MONOKAI, unique_id="gallery")
 
 
-def screenshot(page: Path, picture: Path, *, width: int, height: int) -> None:
-    """Writes a picture of a page as a browser shows it."""
+def chromium() -> str:
+    """Returns the path of the browser."""
     browser = shutil.which("chromium") or shutil.which("google-chrome")
     if browser is None:
         sys.exit("a picture of a page needs chromium on the PATH; install chromium")
+    return browser
+
+
+def screenshot(page: Path, picture: Path, *, width: int, height: int) -> None:
+    """Writes a picture of a page as a browser shows it."""
     subprocess.run(  # noqa: S603 - our own page
         [
-            browser,
+            chromium(),
             "--headless",
             "--no-sandbox",
             "--hide-scrollbars",
