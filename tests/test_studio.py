@@ -470,11 +470,7 @@ def test_a_form_is_checked_and_both_pages_show_what_the_device_has(
     page.get_by_role("button", name="Apply").click()
     page.get_by_role("dialog").get_by_role("button", name="Apply").click()
     page.get_by_text("applied and read back").wait_for()
-    other.wait_for_function(
-        "number => [...document.querySelectorAll('input')].some(each => each.value === number)",
-        arg=number,
-    )
-    assert theirs.input_value() == number
+    playwright.expect(theirs).to_have_value(number, timeout=60_000)
     other.get_by_text("+rot_local = [0.7071068, 0.0, 0.0, 0.7071068]").wait_for()
     other.close()
 
