@@ -28,7 +28,7 @@ __all__ = ["ages", "clipping", "filter_state", "health", "rates"]
 CLASSES = {GOOD: "xbus-ok", DIM: "xbus-quiet", WARNING: "xbus-caution", BAD: "xbus-fault"}
 #: Share by which a measured rate may differ from the configured one.
 TOLERANCE = 0.03
-#: Quantities that are named at most because they are overdue.
+#: Quantities that are named at most because they are overdue, or not at their rates.
 NAMED = 3
 #: Seconds for which a value out of range stays striking.
 RECENT = 60.0
@@ -72,11 +72,12 @@ def rates(station: Station) -> list[tuple[str, str]]:
             BAD if rate == 0 else "",
         )
     ]
+    others = []
     for name, expected in configured.items():
         actual = measured.get(name or "", 0.0)
         if actual is not None and abs(actual - expected) > TOLERANCE * expected + 0.2:
-            parts.append((f"{name} {actual:.1f} of {expected} Hz", WARNING))
-    return parts
+            others.append((f"{name} {actual:.1f} of {expected} Hz", WARNING))
+    return parts + _shortened(others)
 
 
 def ages(station: Station) -> list[Span]:
@@ -95,8 +96,12 @@ def ages(station: Station) -> list[Span]:
     if not overdue:
         return [("all values are current", GOOD)] if received else []
     oldest = sorted(overdue.items(), key=lambda item: -item[1])
-    parts = [(f"{name} {age:.0f} s old", WARNING) for name, age in oldest[:NAMED]]
-    return parts + ([(f"and {len(oldest) - NAMED} more", WARNING)] if len(oldest) > NAMED else [])
+    return _shortened([(f"{name} {age:.0f} s old", WARNING) for name, age in oldest])
+
+
+def _shortened(parts: list[Span]) -> list[Span]:
+    more = len(parts) - NAMED
+    return parts[:NAMED] + ([(f"and {more} more", WARNING)] if more > 0 else [])
 
 
 def filter_state(model: Model) -> list[Span]:

@@ -24,6 +24,8 @@ PLOTS = 3
 SPANS = {5: "5 s", 10: "10 s", 30: "30 s", 60: "1 min", 300: "5 min"}
 #: Series that are drawn in other ways.
 HIDDEN = (ATTITUDE, TRACK)
+#: After a choice, keys are for the page again; a list takes letters for itself.
+BLUR = "() => document.activeElement.blur()"
 #: The keys of the page, for the user.
 HELP = (
     ("Space", "pauses the plots, and resumes them"),
@@ -85,7 +87,7 @@ class Plots:
 
     def _controls(self) -> None:
         self._select = ui.select({}, multiple=True, label="plots", on_change=self._choose)
-        self._select.classes("w-full").props("dense use-chips")
+        self._select.classes("w-full").props("dense use-chips").on("popup-hide", js_handler=BLUR)
         with ui.row().classes("items-center gap-1 w-full"):
             self._time = ui.select(
                 SPANS,
@@ -93,6 +95,7 @@ class Plots:
                 label="time",
                 on_change=lambda event: self._set_span(event.value),
             ).props("dense")
+            self._time.on("popup-hide", js_handler=BLUR)
             self._pause = (
                 ui.button("Pause", icon="pause", on_click=self._toggle)
                 .props("flat dense no-caps")
