@@ -235,7 +235,7 @@ def test_a_track_is_in_metres_and_has_no_line_without_a_fix() -> None:
     assert metres[0].tolist() == pytest.approx([0, 0], abs=1e-6)
     assert metres[1].tolist() == pytest.approx([0, 111.26], abs=0.2)
     assert np.isnan(metres[2:]).all()
-    assert (track.source, track.is_fixed) == ("filter", False)
+    assert (track.source, track.quantity, track.is_fixed) == ("filter", "lat_lon", False)
     assert track.latest["lat"] == pytest.approx(52.001, abs=1e-4)
 
 

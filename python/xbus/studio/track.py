@@ -23,7 +23,8 @@ class Track:
     Attributes:
         origin: The first position with a fix; None before it.
         latest: The last position with a fix, a row of `xbus.export.positions.POINT`; None before the first.
-        source: ``"filter"`` or ``"gnss"``; None as long as the stream has no positions.
+        source: ``"filter"`` or ``"gnss"``; None while the device sends no positions.
+        quantity: The quantity of the last position; None before the first.
         is_fixed: Whether the last position has a fix.
     """
 
@@ -31,6 +32,7 @@ class Track:
         self.origin: LatLonAlt | None = None
         self.latest: Any = None
         self.source: str | None = None
+        self.quantity: str | None = None
         self.is_fixed = False
         self._bid: int | None = None
 
@@ -49,7 +51,8 @@ class Track:
         """
         positions = positions_of(sent, None)
         self.source = None if positions is None else positions.name
-        if positions is None or positions.position(block) is None:
+        name = None if positions is None else positions.position(block)
+        if positions is None or name is None:
             return np.empty(0, np.int64), np.empty((0, 2))
         rows = positions.rows(block)
         sample = rows.sample - block.first_sample
@@ -67,7 +70,7 @@ class Track:
             self.latest = points[is_fixed][-1]
             metres[is_fixed] = self.metres(points[is_fixed])
         if len(is_fixed):
-            self.is_fixed = bool(is_fixed[-1])
+            self.quantity, self.is_fixed = name, bool(is_fixed[-1])
         return sample, metres
 
     def metres(self, points: npt.NDArray[Any]) -> npt.NDArray[np.float64]:

@@ -119,10 +119,11 @@ class _Map:
         pvt = model.current("gnss_pvt_data")
         accuracy = None if pvt is None else float(pvt.value["hAcc"])
         accuracy = None if accuracy is None or not math.isfinite(accuracy) else accuracy
-        place, origin = _position(track, accuracy)
+        is_sent = track.quantity is not None and model.current(track.quantity) is not None
+        place, origin = _position(track, accuracy, is_sent=is_sent)
         self._place.set_text(place)
         self._origin.set_text(origin)
-        is_stale = track.source is None or not track.is_fixed
+        is_stale = not (is_sent and track.is_fixed)
         self._map.show(accuracy=accuracy, stale=is_stale, label=f"{place}, {origin}")
 
     def mark(self, times: dict[Name, float]) -> None:
@@ -137,16 +138,16 @@ class _Map:
         self._map.show(marks=marks)
 
 
-def _position(track: Track, accuracy: float | None) -> tuple[str, str]:
+def _position(track: Track, accuracy: float | None, *, is_sent: bool) -> tuple[str, str]:
     """Returns the last position in words, and where it is from."""
     if track.latest is None:
         return "no position", "no fix yet"
     lat, lon = float(track.latest["lat"]), float(track.latest["lon"])
     north, east = "N" if lat >= 0 else "S", "E" if lon >= 0 else "W"
     place = f"{abs(lat):.7f}° {north}, {abs(lon):.7f}° {east}"
-    if track.source is None:
+    if not is_sent:
         return place, "the last position; none is sent now"
-    if not track.is_fixed:
+    if track.source is None or not track.is_fixed:
         return place, "the last position; no fix now"
     around = "" if accuracy is None else f"; accuracy by the receiver {format_length(accuracy)}"
     return place, f"position of the {SOURCES[track.source]}{around}"

@@ -135,9 +135,9 @@ export default {
         this.plot.setData([this.time, ...this.values], false);
         this.plot.setScale("x", { min, max });
       });
-      // Without a mouse over a plot, the legend has the latest values; reading needs no more than 5 of them a second.
-      if (this.plot.cursor.left < 0 && performance.now() - (this.told ?? 0) > 200) {
-        this.told = performance.now();
+      // Without a mouse over the plots, the legend has the latest values, slowly enough to read them.
+      if (this.plot.cursor.left < 0 && performance.now() - (this.legendAt ?? 0) > 200) {
+        this.legendAt = performance.now();
         this.plot.setLegend({ idx: this.time.length ? this.time.length - 1 : null });
       }
     },
