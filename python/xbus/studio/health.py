@@ -91,10 +91,13 @@ def ages(station: Station) -> list[Span]:
     overdue = {
         quantity.name: model.now - quantity.updated_at
         for quantity in received
-        if quantity.has_stopped(model.now) and (configured is None or quantity.name in configured)
+        if model.current(quantity.name) is None
+        and (configured is None or quantity.name in configured)
     }
     if not overdue:
         return [("all values are current", GOOD)] if received else []
+    if len(overdue) > NAMED and len(overdue) == len({each.name for each in received}):
+        return [(f"nothing for {min(overdue.values()):.0f} s", WARNING)]
     oldest = sorted(overdue.items(), key=lambda item: -item[1])
     return _shortened([(f"{name} {age:.0f} s old", WARNING) for name, age in oldest])
 
