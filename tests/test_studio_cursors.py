@@ -14,8 +14,9 @@ from hypothesis.extra import numpy as hnp
 import xbus
 from xbus.protocol.tables import QUANTITIES
 from xbus.studio.cursors import SHORTEST, Cursors
+from xbus.studio.curves import thin_path
 from xbus.studio.gaps import GAP, NEAR, find_gaps, lost_time
-from xbus.studio.history import History, Series, thin_path
+from xbus.studio.history import History, Series
 from xbus.studio.statistics import difference, statistics_of
 from xbus.studio.track import Track
 from xbus.watch.model import Model

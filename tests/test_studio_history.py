@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from xbus.studio.history import SPAN, History, Series, thin
+from xbus.studio.curves import thin
+from xbus.studio.history import SPAN, History, Series
 
 
 def plain_columns(time: Any, values: Any, step: Any) -> Any:

@@ -28,7 +28,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from xbus.studio.history import Curve
+from xbus.studio.curves import Curve
 from xbus.studio.hub import Hub
 
 __all__ = ["encode_curve", "feed"]
