@@ -262,10 +262,13 @@ def test_statistics_between_two_cursors_are_those_of_numpy(studio: Any) -> None:
 
 
 def test_a_live_plot_has_the_detail_of_its_pixels(studio: Any) -> None:
-    page, asked = studio.page, {}
+    page, asked, frozen = studio.page, {}, []
 
     def remember(text: str) -> None:
-        if (shown := json.loads(text).get("show")) is not None:
+        shown = json.loads(text).get("show", {})
+        if "begin" in shown:
+            frozen.append(shown["name"])
+        elif shown:
             asked[shown["name"]] = shown["span"] / shown["step"]
 
     page.on(
@@ -278,6 +281,13 @@ def test_a_live_plot_has_the_detail_of_its_pixels(studio: Any) -> None:
     width = page.locator(".xbus-chart .u-over").first.bounding_box()["width"]
     for name in ("acceleration", "rate_of_turn", "magnetic_field"):
         assert asked[name] == pytest.approx(width, rel=0.1)
+    # A cursor that moves needs no new points.
+    for key in ("a", "b", "ArrowLeft", "ArrowLeft"):
+        page.keyboard.press(key)
+    page.locator("[data-cursor=B]").wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_role("button", name="Pause").wait_for()
+    assert sorted(frozen) == ["acceleration", "magnetic_field", "rate_of_turn"]
 
 
 def test_cursors_move_by_keys_and_clicks(studio: Any) -> None:

@@ -52,7 +52,9 @@ export default {
     this.plot?.destroy();
   },
   watch: {
-    view: "ask",
+    view(view, before) {
+      if (String(view) !== String(before)) this.ask(); // any change of the page sends an equal one again
+    },
     span() {
       if (!this.view) this.show();
     },
