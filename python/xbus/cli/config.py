@@ -44,7 +44,8 @@ def config() -> None:
 def dump(port: str, out: str | None, as_json: bool, baudrate: int | None) -> None:
     """Reads all settings of a device.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or
+    sim:PRODUCT for a virtual device.
     """
     from xbus.export.replacing import replacing
 

@@ -95,7 +95,8 @@ def dump(
 
     IN is a file, a folder, a pattern ("*.mtb"), a URL, or - for standard input; the pieces of one recording
     are joined. With --follow it is one file that grows, or a PORT: a serial port, a pyserial URL
-    (socket://HOST:PORT), or sim:PRODUCT for a virtual device. Nothing is sent to the device.
+    (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or sim:PRODUCT for a virtual device.
+    Nothing is sent to the device.
     """
     from xbus.cli.dump_lines import DumpFormatter
     from xbus.protocol.products import DEFAULT_BAUDRATE

@@ -30,7 +30,8 @@ def identify(port: str, baudrate: int | None, as_json: bool) -> None:
 
     A device that measures stops for a moment. The exit status is 1 if a component fails its self-test.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or
+    sim:PRODUCT for a virtual device.
     """
     from xbus.formatting import device_name
     from xbus.wire.result_code import printable

@@ -153,9 +153,10 @@ def record(
     device like xbus ntrip; if the caster is lost or the device refuses them, this is reported and the
     recording continues. Both work together.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device, which
-    runs faster than real time without --monitor. can:INTERFACE:CHANNEL is a CAN bus with MTi-600 devices,
-    such as can:socketcan:can0, which is recorded as .blf, .asc, .log, .trc, .csv or .mf4.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or
+    sim:PRODUCT for a virtual device, which runs faster than real time without --monitor.
+    can:INTERFACE:CHANNEL is a CAN bus with MTi-600 devices, such as can:socketcan:can0, which is recorded as
+    .blf, .asc, .log, .trc, .csv or .mf4.
     """
     is_can = port.startswith("can:")
     _check_options(listen=listen, is_can=is_can, with_monitor=with_monitor)

@@ -24,7 +24,8 @@ def reset(port: str, config: bool, baudrate: int | None) -> None:
     Settings that are not stored are lost. Without --config the device starts as after power-on: it measures,
     unless its option flag DisableAutoMeasurement is set.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or
+    sim:PRODUCT for a virtual device.
     """
     with connect_device(port, baudrate) as device:
         device.reset(config=True)

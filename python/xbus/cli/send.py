@@ -68,10 +68,11 @@ def send(
 
     Sent messages are marked with >, received messages with <; samples are only counted.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device.
-    MESSAGE is a name that xbus messages lists. Its fields follow as FIELD=VALUE; for a list, each entry is
-    one argument (data_id=0x4020,frequency=100). Values are numbers, or names from the manual, joined by | for
-    flags. Invalid messages are not sent. With --config, the message is also checked against the product.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or
+    sim:PRODUCT for a virtual device. MESSAGE is a name that xbus messages lists. Its fields follow as
+    FIELD=VALUE; for a list, each entry is one argument (data_id=0x4020,frequency=100). Values are numbers, or
+    names from the manual, joined by | for flags. Invalid messages are not sent. With --config, the message is
+    also checked against the product.
     """
     from xbus.cli.exchange import show_exchange
     from xbus.device import Session

@@ -75,8 +75,9 @@ def stream(
 
     Stops on Ctrl-C, SIGTERM or after --duration.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. FILE is a
-    recording, which is replayed at the pace of its time stamps.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0,
+    can:socketcan:can0), or sim:PRODUCT for a virtual device. FILE is a recording, which is replayed at the
+    pace of its time stamps.
     """
     from xbus.cli.live_input import live_input
     from xbus.cli.udp_sink import udp_address

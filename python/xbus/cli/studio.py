@@ -55,8 +55,8 @@ def studio(
     Opens the devices on PORT, prints the URL of the page and opens it. Devices stay open, and recordings go
     on, when the page is closed. Ctrl-C stops recordings and closes the devices.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. Requires
-    the extra: pip install "xbus-mti[studio]".
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or
+    sim:PRODUCT for a virtual device. Requires the extra: pip install "xbus-mti[studio]".
     """
     from xbus.extras import require
 

@@ -62,8 +62,8 @@ def view(
     The viewer shows the orientation in 3D, every quantity over time, positions on a map, and a log of
     restarts, lost samples, damage and messages. It stays open when the command ends.
 
-    FILE is a recording. PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a
-    virtual device, which is shown until Ctrl-C.
+    FILE is a recording. PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1,
+    spi:/dev/spidev0.0, can:socketcan:can0), or sim:PRODUCT for a virtual device, which is shown until Ctrl-C.
     """
     if is_recording(source):
         for option, value in {"--baudrate": baudrate, "--listen": listen}.items():

@@ -63,8 +63,9 @@ def monitor(
     that sends data, unless a key needs a command, and leaves the device in its initial state; with --listen
     it never sends a byte. If the port is lost, the monitor waits for it.
 
-    PORT is a serial port, a pyserial URL (socket://HOST:PORT), or sim:PRODUCT for a virtual device. FILE is a
-    recording, which is replayed at the pace of its time stamps; the screen stays open at the end.
+    PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0,
+    can:socketcan:can0), or sim:PRODUCT for a virtual device. FILE is a recording, which is replayed at the
+    pace of its time stamps; the screen stays open at the end.
     """
     from xbus.cli.monitor.keyboard import has_terminal
 
