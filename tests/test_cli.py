@@ -45,13 +45,22 @@ def sentence(result: Result) -> str:
     return result.stderr[len("xbus: ") : -1]
 
 
-def start(*args: str, **options: object) -> subprocess.Popen[bytes]:
+class Child(subprocess.Popen[bytes]):
+    """A command that runs. Leaving a `with` block waits for its end; a test that fails kills it."""
+
+    def __exit__(self, kind: type[BaseException] | None, *more: Any) -> None:
+        if kind is not None:
+            self.kill()
+        super().__exit__(kind, *more)
+
+
+def start(*args: str, **options: object) -> Child:
     """Starts a command in a separate process, with pipes.
 
     The pipes have no buffer: `communicate` would not return the lines that `readline` has read ahead.
     """
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": ENVIRONMENT}
-    return subprocess.Popen([*PROGRAM, *args], bufsize=0, **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
+    return Child([*PROGRAM, *args], bufsize=0, **{**pipes, **options})  # type: ignore[arg-type]
 
 
 def shell(line: str, *args: str) -> tuple[int, str]:

@@ -21,8 +21,10 @@ import pytest
 import serial
 
 from test_cli import ENVIRONMENT, FIELD, PROGRAM, WALK
+from test_cli_record import in_a_thread
 from test_cli_sim import GO_TO_CONFIG, GO_TO_CONFIG_ACK, REQ_DID, answer, simulated
-from xbus import read_log
+from xbus import SimulatedDevice, read_log
+from xbus.sim import PtyServer
 
 pyte = pytest.importorskip("pyte")
 
@@ -33,14 +35,22 @@ LEFT = b"\x1b[?25h\x1b[?1049l"
 class Seen:
     """A terminal with a user."""
 
-    def __init__(self, master: int, columns: int, lines: int) -> None:
+    def __init__(
+        self, master: int, child: subprocess.Popen[bytes], columns: int, lines: int
+    ) -> None:
         self._master = master
+        self._child = child
         self.screen = pyte.Screen(columns, lines)
         self._stream = pyte.ByteStream(self.screen)
         self.bytes = b""
 
     def more(self) -> bool:
-        """Waits for something to be drawn; False once the program has let go of the terminal."""
+        """Waits for something to be drawn; False once the program has ended and all of it is read."""
+        has_ended = False
+        while not select.select([self._master], [], [], 0 if has_ended else 0.05)[0]:
+            if has_ended:
+                return False
+            has_ended = self._child.poll() is not None
         try:
             data = os.read(self._master, 65536)
         except OSError:  # Linux reports a closed terminal in this way
@@ -118,8 +128,8 @@ def monitoring(
     }
     plain |= {"TERM": "xterm", **(env or {})}
     line = [*(program or PROGRAM), command, *args]
-    seen = Seen(master, *size)
     with subprocess.Popen(line, env=plain, stdin=slave, stdout=slave, stderr=slave) as child:  # noqa: S603
+        seen = Seen(master, child, *size)
         try:
             yield seen, child
             # The slave end is still open, so that its attributes can be read.
@@ -254,20 +264,21 @@ def test_config_state() -> None:
 
 def test_a_pulled_plug(tmp_path: Path) -> None:
     """The monitor waits for the port; the rates stop, and continue."""
-    link = str(tmp_path / "mti")
+    sim, port = SimulatedDevice("MTi-680G"), str(tmp_path / "mti")
     with (
-        simulated("--link", link, "--fault", "unplug=4:2") as (path, sim),
-        monitoring(path) as (seen, _),
+        PtyServer(sim, link=port) as server,
+        in_a_thread(server),
+        monitoring(port) as (seen, _),
     ):
         seen.wait_for("packet_counter")
+        sim.unplug()
         seen.wait_for("port lost, waiting for it", "the port is gone")
+        sim.plug()
         seen.wait_for("the port is back")
         seen.wait_until(
             lambda item: "Measurement State" in item and "stopped" not in item, "samples"
         )
         seen.press("q")
-        assert sim.stdout is not None
-        sim.stdout.readline()  # it prints its new port
 
 
 def test_any_size_of_terminal() -> None:
@@ -348,20 +359,17 @@ def test_a_recording_stands_still_while_it_is_paused() -> None:
 def test_a_pipe_is_not_a_terminal(piped: bool, kind: str) -> None:
     """A dumb terminal has no screen either."""
     master, slave = pty.openpty()
-    seen = Seen(master, 80, 24)
+    line = [*PROGRAM, "monitor", "sim:MTi-3"]
+    env = {**ENVIRONMENT, "TERM": kind}
+    out, err = subprocess.PIPE if piped else slave, subprocess.PIPE
     try:
-        done = subprocess.run(  # noqa: S603
-            [*PROGRAM, "monitor", "sim:MTi-3"],
-            stdin=slave,
-            stdout=subprocess.PIPE if piped else slave,
-            stderr=subprocess.PIPE,
-            env={**ENVIRONMENT, "TERM": kind},
-            check=False,
-        )
+        with subprocess.Popen(line, env=env, stdin=slave, stdout=out, stderr=err) as child:  # noqa: S603
+            printed, complaint = child.communicate()
         os.close(slave)
+        seen = Seen(master, child, 80, 24)
         seen.wait_for_the_end()
     finally:
         os.close(master)
-    assert done.returncode == 2
-    assert b"needs a terminal" in done.stderr
-    assert seen.bytes + (done.stdout or b"") == b""
+    assert child.returncode == 2
+    assert b"needs a terminal" in complaint
+    assert seen.bytes + (printed or b"") == b""

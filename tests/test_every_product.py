@@ -213,8 +213,14 @@ def is_taken(
     return not is_refused
 
 
-#: From the lowest rate to above the highest, and the values that request the highest.
-RATES = (*range(2002), EVERY - 1, EVERY)
+#: The rates that any product has, and those beside them: only there may an answer change.
+STEPS = {
+    rate
+    for known in map(support, PRODUCTS)
+    for name in known.rates
+    for rate in (0, *known.rates_of(name), EVERY)
+}
+RATES = sorted({rate + step for rate in STEPS for step in (-1, 0, 1)} & set(range(EVERY + 1)))
 
 
 @pytest.mark.parametrize("product", PRODUCTS)

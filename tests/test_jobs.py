@@ -25,7 +25,7 @@ from test_cli_ntrip import rover, serving_fast
 from test_cli_record import FULL, end, in_a_thread
 from test_recording import parted, wait_until
 from test_rtk import FRAMES, LocalCaster, serving_caster
-from xbus import Faults, SimulatedDevice
+from xbus import SimulatedDevice
 from xbus.geometry.earth import ORIGIN
 from xbus.rtk import Fix
 from xbus.sim import PtyServer, serving
@@ -110,7 +110,7 @@ def test_files_are_rotated_below_the_monitor(
 
 def test_a_recording_with_the_monitor_continues_after_a_reconnection(tmp_path: Path) -> None:
     path, port = tmp_path / "log.mtb", str(tmp_path / "mti")
-    virtual = SimulatedDevice("MTi-680G", faults=Faults.parse(["unplug=4:1"], 0))
+    virtual = SimulatedDevice("MTi-680G")
     args = [port, "-o", str(path), "--monitor", "--reconnect"]
     with (
         PtyServer(virtual, link=port) as server,
@@ -118,7 +118,11 @@ def test_a_recording_with_the_monitor_continues_after_a_reconnection(tmp_path: P
         monitoring(*args, size=WIDE, command="record") as (seen, _),
     ):
         seen.wait_for("packet_counter")
+        virtual.unplug()
+        pulled = virtual.time
         seen.wait_for("port lost, waiting for it", "the port is gone")
+        away = virtual.time - pulled
+        virtual.plug()
         seen.wait_for("the port is back")
         size = path.stat().st_size
         seen.wait_until(lambda _: path.stat().st_size > size + 5000)
@@ -126,16 +130,18 @@ def test_a_recording_with_the_monitor_continues_after_a_reconnection(tmp_path: P
     log = xbus.read_log(path)
     (line,) = last_words(seen)
     assert f" s, {len(log):,} samples, " in line
-    assert np.diff(log.time).max() == pytest.approx(1.5, abs=0.7)
+    assert away <= np.diff(log.time).max() <= virtual.time - pulled + 1
 
 
 def test_a_pulled_plug_ends_the_monitor_too(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
-    virtual = SimulatedDevice("MTi-680G", faults=Faults.parse(["unplug=3"], 0))
+    virtual = SimulatedDevice("MTi-680G")
     with (
         serving(virtual) as port,
         monitoring(port, "-o", str(path), "--monitor", command="record", code=1) as (seen, _),
     ):
+        seen.wait_for("packet_counter")
+        virtual.unplug()
         wait_for_the_end(seen)
     (line,) = last_words(seen)
     assert line.startswith(f"xbus: {port}: the port is gone: unplugged")
@@ -209,6 +215,11 @@ def test_a_flood_of_corrections_starves_neither_recording_nor_status(
     local.PAUSE = 1e-6
     local.sends = [FRAMES[0] * 200]
     path = tmp_path / "log.mtb"
+
+    def acknowledged() -> int:
+        messages = xbus.read_log(path).messages
+        return sum(message.name == "ForwardGnssDataAck" for message in messages)
+
     ours, theirs = os.openpty()
     try:
         with (
@@ -222,6 +233,8 @@ def test_a_flood_of_corrections_starves_neither_recording_nor_status(
             while output.count(b"\r") < count + 20:
                 output += os.read(ours, 1000)
             assert time.monotonic() - began < 10
+            while acknowledged() <= 100:
+                output += os.read(ours, 1000)
             child.send_signal(signal.SIGINT)
             assert child.wait(timeout=20) == 0
     finally:
@@ -230,7 +243,6 @@ def test_a_flood_of_corrections_starves_neither_recording_nor_status(
     log = xbus.read_log(path)
     assert log.stats.skipped_bytes == 0
     assert log.stats.lost_samples == 0
-    assert sum(message.name == "ForwardGnssDataAck" for message in log.messages) > 100
 
 
 def test_refused_corrections_do_not_end_the_recording(tmp_path: Path, local: LocalCaster) -> None:
@@ -303,15 +315,17 @@ def test_a_caster_that_refuses_does_not_end_the_recording(
 
 def test_corrections_continue_after_the_port_was_lost(tmp_path: Path, local: LocalCaster) -> None:
     path, port = tmp_path / "log.mtb", str(tmp_path / "mti")
-    virtual = SimulatedDevice(
-        "MTi-680G", trajectory="still", faults=Faults.parse(["unplug=4:1"], 0)
-    )
+    virtual = SimulatedDevice("MTi-680G", trajectory="still")
     with (
         PtyServer(virtual, link=port) as server,
         in_a_thread(server),
         start("record", port, "-o", str(path), *caster_of(local), "--reconnect") as child,
     ):
-        notes = notes_until(child, "is back")
+        notes = notes_until(child, "corrections arrive")
+        virtual.unplug()
+        notes += notes_until(child, "waiting for the port")
+        virtual.plug()
+        notes += notes_until(child, "is back")
 
         def acknowledged() -> int:
             log = xbus.read_log(path)
@@ -322,7 +336,7 @@ def test_corrections_continue_after_the_port_was_lost(tmp_path: Path, local: Loc
         child.send_signal(signal.SIGINT)
         code, _ = end(child)
     assert code == 0
-    assert any("waiting for the port" in note for note in notes)
+    assert notes[-1] == f"xbus: {port} is back"
 
 
 def test_monitor_and_corrections_together(tmp_path: Path, local: LocalCaster) -> None:

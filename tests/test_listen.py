@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ from conftest import AlteredDevice
 from test_cli import run, sentence
 from test_cli_record import end, in_a_thread, recording
 from test_recording import wait_until
-from xbus import Faults, SimulatedDevice
+from xbus import SimulatedDevice
 from xbus.protocol import State
 from xbus.sim import PtyServer, serving
 
@@ -48,14 +49,17 @@ def test_a_recording_sends_nothing(tmp_path: Path) -> None:
 
 def test_nothing_is_sent_when_the_port_comes_back(tmp_path: Path) -> None:
     path, port = tmp_path / "log.mtb", str(tmp_path / "mti")
-    sim = AlteredDevice("MTi-630", faults=Faults.parse(["unplug=3:1"], 0))
+    sim = AlteredDevice("MTi-630")
     with (
         PtyServer(sim, link=port) as server,
         in_a_thread(server),
         recording(port, path, "--listen", "--reconnect") as child,
     ):
         assert child.stderr is not None
-        lines = [child.stderr.readline().decode() for _ in range(2)]
+        sim.unplug()
+        lines = [child.stderr.readline().decode()]
+        sim.plug()
+        lines.append(child.stderr.readline().decode())
         size = path.stat().st_size
         wait_until(lambda: path.stat().st_size > size + 5000)
         child.send_signal(signal.SIGINT)
@@ -90,18 +94,17 @@ def test_a_file_without_an_identity_is_valid(tmp_path: Path) -> None:
     assert "not named in this log" in run("info", str(path)).stdout
 
 
-def test_a_silent_line_is_no_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.cli.recording_job.MAX_SILENCE", 0.3)
+def test_a_silent_line_is_no_error(
+    tmp_path: Path, behind: Callable[[SimulatedDevice], str]
+) -> None:
     path, sim = tmp_path / "log.mtb", measuring()
-    sim.alter = lambda data: data if sim.time > 2 else b""
-    with serving(sim) as port:
-        result = run(
-            "record", port, "-o", str(path), "--listen", "--baudrate", "115200", "--duration", "2"
-        )
+    sim.alter = lambda data: data if sim.time > 10 else b""
+    args = ["--listen", "--baudrate", "115200", "--duration", "12"]
+    result = run("record", behind(sim), "-o", str(path), *args)
     assert result.exit_code == 0
     first, last = result.stderr.splitlines()
-    assert first == "xbus: no data for 0.3 s; the recording continues"
-    assert last.startswith(f"{path}: 2.0 s, ")
+    assert first == "xbus: no data for 5 s; the recording continues"
+    assert last.startswith(f"{path}: 12.0 s, ")
     assert len(xbus.read_log(path)) > 10
     assert sim.written == []
 
@@ -199,14 +202,16 @@ def test_the_monitor_sends_nothing_when_the_port_comes_back(tmp_path: Path) -> N
     from test_cli_monitor_terminal import monitoring
 
     port = str(tmp_path / "mti")
-    sim = AlteredDevice("MTi-630", faults=Faults.parse(["unplug=3:1"], 0))
+    sim = AlteredDevice("MTi-630")
     with (
         PtyServer(sim, link=port) as server,
         in_a_thread(server),
         monitoring(port, "--listen", size=(120, 30)) as (seen, _),
     ):
         seen.wait_for("packet_counter")
+        sim.unplug()
         seen.wait_for("port lost, waiting for it")
+        sim.plug()
         seen.wait_for("the port is back")
         seen.wait_until(lambda text: "Measurement State" in text and "stopped" not in text)
         seen.press("q")

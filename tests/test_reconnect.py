@@ -109,7 +109,7 @@ def test_commands_are_not_repeated() -> None:
 
 @pytest.fixture
 def server(tmp_path: Path) -> Iterator[PtyServer]:
-    sim = SimulatedDevice("MTi-630", faults=Faults(unplug=(3.0, 0.5)))
+    sim = SimulatedDevice("MTi-630")
     sim.advance(1)
     with PtyServer(sim, link=tmp_path / "mti") as it:
         yield it
@@ -129,6 +129,7 @@ def test_on_a_pty_that_is_another_one_afterwards(server: PtyServer) -> None:
         with connect(server.port, reconnect=True) as device:
             with device.configure(OUTPUTS):
                 pass
+            server.device.faults = Faults(unplug=(server.device.time, 0.5))
             while not gaps(device):
                 device.read_sample()
             assert "acceleration" in device.read_sample()

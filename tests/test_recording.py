@@ -261,7 +261,7 @@ def test_closing_the_device_ends_the_recording(tmp_path: Path) -> None:
 @posix
 def test_recording_continues_after_a_reconnect(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
-    virtual = SimulatedDevice("MTi-680G", faults=Faults(unplug=(2.0, 2.5)))
+    virtual = SimulatedDevice("MTi-680G")
     sent = noted(virtual)
     done = threading.Event()
     with PtyServer(virtual, link=tmp_path / "port") as server:
@@ -270,6 +270,8 @@ def test_recording_continues_after_a_reconnect(tmp_path: Path) -> None:
         try:
             with xbus.connect(str(tmp_path / "port"), reconnect=True) as device:
                 with device.record(path):
+                    next(device.blocks(samples=100))
+                    virtual.faults = Faults(unplug=(virtual.time, 0.5))
                     while not any(notice.name == "Reconnected" for notice in device.notices):
                         next(device.blocks(samples=10))
                     next(device.blocks(samples=50))

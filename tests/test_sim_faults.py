@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterable
 from dataclasses import replace
 from itertools import pairwise
@@ -182,6 +183,15 @@ def samples_of(device: SimulatedDevice, seconds: float) -> list[Sample]:
     return found
 
 
+@functools.cache
+def samples_behind(
+    product: str, rate: int | None, seed: int, faults: Faults | None, seconds: float
+) -> list[Sample]:
+    """Returns what a program receives from a noisy device behind a line."""
+    device = SimulatedDevice(product, baudrate=rate, noise=1.0, seed=seed, faults=faults)
+    return samples_of(device, seconds)
+
+
 def numbers(samples: Iterable[Sample]) -> list[int]:
     return [int(sample["packet_counter"]) for sample in samples]
 
@@ -208,9 +218,8 @@ def test_received_samples_are_right_and_lost_ones_are_counted(
 
     Several flipped bits in a frame could make a wrong one right: a sum of eight bits promises no more.
     """
-    settings: dict[str, Any] = {"baudrate": rate, "noise": 1.0, "seed": seed}
-    sent = samples_of(SimulatedDevice(product, **settings), 10.5)
-    came = samples_of(SimulatedDevice(product, faults=replace(faults, seed=seed), **settings), 10.0)
+    sent = samples_behind(product, rate, seed, None, 10.5)
+    came = samples_behind(product, rate, seed, replace(faults, seed=seed), 10.0)
     assert numbers(sent) == list(range(len(sent)))
     received = numbers(came)
     assert all(before < after for before, after in pairwise(received))

@@ -67,7 +67,9 @@ def test_a_virtual_device_has_the_options_of_its_name(hub: Any, bus: Any) -> Non
     wait_until(lambda: recording.samples > 20)
     assert hub.close(station.source) is None
     log = xbus.read_log(recording.path)
-    assert log.stats.lost_samples == log.stats.skipped_bytes == 0
+    # A busy machine may be late for the bus, which loses samples; they are counted.
+    assert log.stats.lost_samples <= station.device.stats.lost_samples
+    assert log.stats.skipped_bytes == 0
     assert len(log) == recording.samples
 
 

@@ -274,9 +274,9 @@ def test_a_recording_leaves_unread_samples(device: Device, tmp_path: Path) -> No
 
 
 def test_samples_from_before_new_settings_are_counted(device: Device) -> None:
-    device.listen(0.2)
+    while device.stats.unread_samples <= 10:
+        device.listen(0.05)
     unread, outdated = device.stats.unread_samples, device.stats.outdated
-    assert unread > 10
     with device.configure({"packet_counter": None, "magnetic_field": 100}):
         pass
     assert device.stats.outdated >= outdated + unread
@@ -354,7 +354,7 @@ def test_url_devices_that_are_dropped_are_freed() -> None:
     with serving(sim, tcp=True) as url:
         connect(url).close()
         before = threading.active_count(), _open_files()
-        for _ in range(10):
+        for _ in range(3):
             device = connect(url)
             device.read_sample()
             del device
