@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from click.testing import CliRunner, Result
@@ -60,7 +61,7 @@ def start(*args: str, **options: object) -> Child:
     The pipes have no buffer: `communicate` would not return the lines that `readline` has read ahead.
     """
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "env": ENVIRONMENT}
-    return Child([*PROGRAM, *args], bufsize=0, **{**pipes, **options})  # type: ignore[arg-type]
+    return Child([*PROGRAM, *args], bufsize=0, **{**pipes, **options})  # type: ignore[call-overload, no-any-return]
 
 
 def shell(line: str, *args: str) -> tuple[int, str]:
