@@ -240,7 +240,7 @@ def test_go_to_config_is_answered_under_full_load(
     host.go_to_config()
     outputs = [Output(QUANTITIES[name].id, known.rates_of(name)[0]) for name in known.rates]
     host.must(MessageId.SetOutputConfiguration, encode("SetOutputConfiguration", outputs[:32]))
-    for _ in range(5):
+    for _ in range(3):
         host.must(MessageId.GoToMeasurement)
         device.advance(0.777)
         host.port.write(encode_frame(MessageId.GoToConfig))
