@@ -52,12 +52,12 @@ settings.load_profile(
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_auto_num_workers() -> int | None:
-    """Returns how many workers `-n auto` starts: more than processors, because many tests wait."""
+    """Returns how many workers `-n auto` starts: one more than processors, because many tests wait."""
     if "PYTEST_XDIST_AUTO_NUM_WORKERS" in os.environ:
         return None
     affinity = getattr(os, "sched_getaffinity", None)
     processors = len(affinity(0)) if affinity else os.cpu_count() or 1
-    return processors + (processors + 1) // 2
+    return processors + 1
 
 
 @pytest.hookimpl(wrapper=True)
