@@ -376,6 +376,13 @@ def test_strings_are_checked_and_not_the_outputs_that_they_overrule() -> None:
 
 
 #: Product, text, and why it cannot be applied.
+def can_output(can_id: int, frequency: int) -> str:
+    entry = (
+        f'data_id = "acceleration", extended = false, can_id = {can_id}, frequency = {frequency}'
+    )
+    return f"can_output_config = [{{ {entry} }}]"
+
+
 IMPOSSIBLE = [
     ("MTi-630", 'output_configuration = [\n  { quantity = "acceleration", frequency = 150 },\n]',
      "line 2, output_configuration: the MTi-630 cannot send acceleration at 150 Hz; the nearest rates are"),
@@ -396,6 +403,11 @@ IMPOSSIBLE = [
      "line 1, output_configuration: these outputs make about"),
     ("MTi-630", 'can_config = { baudrate = 250000 }\n[lat_lon_alt]\nlat = 91\nlon = 0\nalt = 0',
      "line 2, lat_lon_alt: lat must be from -90 to 90 degrees"),
+    ("MTi-630", can_output(5000, 9),
+     "line 1, can_output_config: Acceleration: the CAN identifier 0x1388 has more than 11 bits; use at most"),
+    ("MTi-630", can_output(5, 1000), "line 1, can_output_config: Acceleration has at most 400 Hz, not 1000"),
+    ("MTi-630", f"can_config = {{ baudrate = 5000 }}\n{can_output(5, 100)}",
+     "line 2, can_output_config: these outputs take up to "),
 ]  # fmt: skip
 
 

@@ -16,6 +16,7 @@ __all__ = [
     "bus_load",
     "can_baud_code",
     "check_bus_load",
+    "check_can_outputs",
     "check_can_products",
     "parse_can_configuration",
 ]
@@ -26,6 +27,8 @@ CanConfiguration = Mapping[Any, int | None] | Iterable[CanOutput]
 
 #: The frequency that stands for the highest rate, or every group.
 EVERY = 0x7FF
+#: Bits of a CAN identifier.
+STANDARD_BITS, EXTENDED_BITS = 11, 29
 #: Bytes of a message whose layout is not known.
 LONGEST = 8
 #: Groups per second of a device that sends nothing with a rate.
@@ -79,9 +82,33 @@ def _checked_rate(row: CanMessage, rate: int | None) -> int | None:
         return None
     if isinstance(rate, bool) or rate not in range(EVERY):
         raise ValueError(f"{row.name}: a rate is a whole number of Hz, not {rate!r}")
+    _check_rate(row, rate)
+    return int(rate)
+
+
+def _check_rate(row: CanMessage, rate: int) -> None:
     if row.max_rate is not None and rate > row.max_rate:
         raise ValueError(f"{row.name} has at most {row.max_rate} Hz, not {rate}")
-    return int(rate)
+
+
+def check_can_outputs(outputs: Iterable[CanOutput]) -> None:
+    """Checks the identifiers and rates of outputs. Messages that are not known have any rate.
+
+    Raises:
+        ValueError: An identifier has too many bits, or a rate is too high.
+    """
+    for output in outputs:
+        row = CAN_MESSAGES.get(int(output.data_id))
+        bits = EXTENDED_BITS if output.extended else STANDARD_BITS
+        if output.can_id >> bits:
+            name = f"message 0x{int(output.data_id):02X}" if row is None else row.name
+            remedy = "" if output.extended else ", or set extended"
+            raise ValueError(
+                f"{name}: the CAN identifier 0x{output.can_id:X} has more than {bits} bits; use at most"
+                f" 0x{(1 << bits) - 1:X}{remedy}"
+            )
+        if row is not None and output.frequency != EVERY:
+            _check_rate(row, output.frequency)
 
 
 def bus_load(outputs: Iterable[CanOutput], baudrate: int) -> float:

@@ -7,6 +7,7 @@ from datetime import date
 from enum import IntEnum
 from typing import Any
 
+from xbus.device.can_output import check_can_outputs
 from xbus.protocol.ids import Coordinates
 from xbus.protocol.products import Support
 from xbus.protocol.values import (
@@ -136,6 +137,7 @@ GENERAL_CHECKS: dict[str, Callable[[Any], None]] = {
     "ResetOrientation": _member_of(ResetCode),
     "ReqAlignmentRotation": _member_of(Alignment),
     "SetCanConfig": _check_can_config,
+    "SetCanOutputConfig": check_can_outputs,
     "SetPeriod": _check_period,
     "SetSyncSettings": _check_offsets,
     "SetTransmitDelay": _within("the delay", TRANSMIT_DELAYS, " ticks"),

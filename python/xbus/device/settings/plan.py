@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from xbus.device.can_output import check_bus_load
 from xbus.device.checks import check
 from xbus.device.configurable import Configurable
 from xbus.device.filter_profile import filter_profile_command, filter_profile_label
@@ -137,6 +138,7 @@ def plan_settings(
                 changes.append(change)
     after = replace(before, **{change.name: change.after for change in changes})
     problems.extend(_check_strings_off(before, settings))
+    problems.extend(_check_can_bus(changes, after, settings))
     if check_baudrate and not problems and any(change.name in AFFECTS_LINE for change in changes):
         try:
             _check_line(device, before, after, settings)
@@ -277,6 +279,21 @@ def _check_strings_off(before: Settings, settings: Settings) -> Iterable[str]:
             f"{_place(settings, 'output_configuration')}strings are on ({names}) and replace the outputs; add"
             " string_output_type = { types = [] }"
         )
+
+
+def _check_can_bus(changes: Iterable[Change], after: Settings, settings: Settings) -> Iterable[str]:
+    """Yields a problem if the CAN bus does not carry the outputs that the device would send on it."""
+    names = [
+        change.name for change in changes if change.name in ("can_config", "can_output_config")
+    ]
+    config, outputs = after.can_config, after.can_output_config or ()
+    if not names or config is None or not config.enabled or config.baudrate is None:
+        return
+    known = [output for output in outputs if isinstance(output.data_id, v.CanDataId)]
+    try:
+        check_bus_load(known, config.baud_code)
+    except ValueError as error:
+        yield f"{_place(settings, names[-1])}{error}"
 
 
 def _check_line(
