@@ -79,6 +79,7 @@ def test_every_python_block_is_run(page: Path) -> None:
 
 
 @pytest.mark.skipif(os.name == "nt", reason="the commands are written for a POSIX shell")
+@pytest.mark.timeout(600)  # each command has its own limit
 @pytest.mark.parametrize("page", [page for page in PAGES if have(page, "console")], ids=name)
 def test_commands(page: Path, tmp_path: Path) -> None:
     """The ``console`` blocks of a page run in order in one folder and print what the page shows.

@@ -130,8 +130,8 @@ def test_a_recording_with_a_time_limit_in_several_files(hub: Any) -> None:
     station = hub.open("sim:MTi-630")
     station.show_all()
     recording = station.start_recording(hub.folder, duration=1.0, **parse_rotation("20kB"))
-    wait_until(lambda: station.recording is None)
-    assert station.last_recording is recording
+    wait_until(lambda: station.last_recording is recording)
+    assert station.recording is None
     assert recording.problem is None
     assert 1 <= recording.seconds < 5
     assert recording.files > 1
