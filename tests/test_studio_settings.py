@@ -76,7 +76,9 @@ def test_the_second_page_sees_a_change_and_keeps_its_own(pages: Pages) -> None:
     reading = pages.settings.reading
     assert reading is not None
     assert reading is not before
+    pages.second.enter("location_id", lambda: 70_000)
     pages.second.rebase(reading.settings)
+    assert pages.second.problems == []
     assert pages.second.settings.location_id == 7
     assert pages.second.names_that_differ == ["option_flags"]
     pages.apply(pages.second)

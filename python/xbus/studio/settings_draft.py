@@ -118,9 +118,10 @@ class Draft:
     def rebase(self, device: Settings) -> None:
         """Takes note of other settings of the device; what differed stays as it is in the draft."""
         changed = {name: getattr(self._draft, name) for name in self.names_that_differ}
-        text = None if TEXT not in self.wrong else self.text
+        # Controls are drawn again; only a text that is wrong stays as it was entered.
+        self.wrong = {name: why for name, why in self.wrong.items() if name == TEXT}
         self.device = device
-        self._keep(replace(device, **changed), text)
+        self._keep(replace(device, **changed), self.text if self.wrong else None)
 
     @property
     def names_that_differ(self) -> list[str]:
