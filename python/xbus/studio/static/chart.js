@@ -11,6 +11,11 @@ function clock(seconds) {
   return date.toLocaleTimeString([], { hour12: false }) + "." + String(date.getMilliseconds()).padStart(3, "0");
 }
 
+// Decimals by which numbers differ that lie a thousandth of the axis apart.
+function decimals({ min, max }) {
+  return max > min ? Math.min(12, Math.max(0, Math.ceil(3 - Math.log10(max - min)))) : 3;
+}
+
 export default {
   template: `<div class="xbus-chart"><div ref="plot"></div></div>`,
   props: {
@@ -232,7 +237,7 @@ export default {
               width: 1.5 / devicePixelRatio + 0.5,
               dash: DASHES[k % DASHES.length].map((d) => d),
               points: { show: false },
-              value: (_, v) => (v == null ? "--" : v.toPrecision(8)),
+              value: (plot, v) => (v == null ? "--" : v.toFixed(decimals(plot.scales.y))),
             })),
           ],
           hooks: {
