@@ -216,6 +216,17 @@ def test_device_time_may_run_faster(on: Callable[..., Server]) -> None:
         assert device.steps == [10, 20]
 
 
+def test_the_speed_may_change() -> None:
+    clock, speeds = Clock(), iter([2, 10, 0.5])
+    with on_tcp(Fake(), clock=clock, speed=lambda: next(speeds)) as server:
+        for _ in range(3):
+            clock.now += 0.5
+            server.step(0)
+        device: object = server.device
+        assert isinstance(device, Fake)
+        assert device.steps == [1, 5, 0.25]
+
+
 @pytest.mark.parametrize("speed", [0, -1, float("nan"), float("inf")])
 def test_no_speed(speed: float) -> None:
     with pytest.raises(ValueError, match="speed must be a factor above 0"):

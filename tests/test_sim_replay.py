@@ -141,3 +141,27 @@ def test_a_file_without_frames_is_empty_and_a_missing_file_raises() -> None:
     assert len(Replay(b"nothing at all")) == 0
     with pytest.raises(FileNotFoundError):
         Replay("nowhere.mtb")
+
+
+def test_a_replay_begins_at_any_moment() -> None:
+    replay, whole = Replay(WALK), Replay(WALK)
+    frames = whole.play(0.0).take(100.0)
+    assert whole.position == whole.duration
+    for start in (0.0, 0.005, 5.0, replay.duration):
+        replay.start = start
+        playback = replay.play(50.0)
+        assert replay.position == start
+        assert playback.take(49.0) == []
+        found = playback.take(100.0)
+        expected = [(50.0 + time - start, frame) for time, frame in frames if time > start - 1e-6]
+        assert [frame for _, frame in found] == [frame for _, frame in expected]
+        assert [time for time, _ in found] == pytest.approx([time for time, _ in expected])
+        assert replay.position == replay.duration
+
+
+def test_pieces_are_replayed_as_one(tmp_path: Path) -> None:
+    data = WALK.read_bytes()
+    paths = [tmp_path / "walk.mtb", tmp_path / "walk-0001.mtb"]
+    for path, piece in zip(paths, (data[:70_001], data[70_001:]), strict=True):  # within a frame
+        path.write_bytes(piece)
+    assert Replay(paths).play(0.0).take(100.0) == Replay(data).play(0.0).take(100.0)

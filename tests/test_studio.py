@@ -582,6 +582,68 @@ def test_recordings_are_described_replayed_and_exported(studio: Any) -> None:
     page.locator(".xbus-map[aria-label$='the last position; none is sent now']").wait_for()
 
 
+def test_a_part_is_cut_out(studio: Any) -> None:
+    page = studio.page
+    (studio.folder / "day").mkdir()
+    path = studio.folder / "day" / "whole.mtb"
+    shutil.copy(Path(__file__).parent / "captures" / "walk.mtb", path)
+    studio.open("recordings")
+    card = page.locator(".xbus-card", has_text="day/whole.mtb")
+    card.get_by_text("1,040 samples").wait_for()
+    assert card.locator("svg.xbus-thumbnail path").count() == 3
+    card.get_by_role("button", name="Cut").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_label("begin, s").fill("12")
+    dialog.get_by_text("the end must be after the begin").wait_for()
+    assert dialog.get_by_role("button", name="Cut").is_disabled()
+    dialog.get_by_label("begin, s").fill("2")
+    dialog.get_by_label("end, s").fill("5")
+    dialog.get_by_text("--from 2 --to 5 -o").wait_for()
+    dialog.get_by_role("button", name="Cut").click()
+    page.get_by_text("wrote whole-cut.mtb").wait_for()
+    page.locator(".xbus-card", has_text="whole-cut.mtb").get_by_text("3.0 s").wait_for()
+    assert xbus.read_log(path.with_name("whole-cut.mtb")).duration == pytest.approx(2.99, abs=0.01)
+
+
+def test_the_magnetic_field_of_a_recording(studio: Any) -> None:
+    page = studio.page
+    angle = np.linspace(0, 1, 600)
+    around, up = 2 * np.pi * 37 * angle, np.pi * (angle - 0.5)
+    field = np.stack([np.cos(around) * np.cos(up), np.sin(around) * np.cos(up), np.sin(up)], axis=1)
+    samples = [
+        xbus.encode_sample({"sample_time_fine": 100 * row, "magnetic_field": values.tolist()})
+        for row, values in enumerate(field + np.array([0.25, 0, 0]))
+    ]
+    (studio.folder / "turns.mtb").write_bytes(b"".join(samples))
+    studio.open("recordings")
+    page.locator(".xbus-card", has_text="turns.mtb").get_by_role(
+        "button", name="Magnetic field"
+    ).click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_text("disturbed: the norm deviates by").wait_for()
+    assert dialog.get_by_text("0.250, 0.000, 0.000 a.u.").count() == 1
+    assert dialog.locator("svg.xbus-drawing").count() == 2
+    dialog.get_by_role("button", name="Close").click()
+    dialog.wait_for(state="detached")
+
+
+def test_a_replay_is_restarted_and_sped_up(studio: Any) -> None:
+    page = studio.page
+    path = studio.folder / "again.mtb"
+    shutil.copy(Path(__file__).parent / "captures" / "walk.mtb", path)
+    studio.open("recordings")
+    page.locator(".xbus-card", has_text="again.mtb").get_by_role("button", name="Replay").click()
+    bar = page.locator(".xbus-replay")
+    bar.get_by_text("of 10.0 s").wait_for()
+    bar.get_by_role("combobox", name="speed").click()
+    page.get_by_role("option", name="10×").click()
+    bar.get_by_text("10.0 of 10.0 s end").wait_for()
+    bar.get_by_role("button", name="replay from the beginning").click()
+    bar.get_by_text("10.0 of 10.0 s end").wait_for(state="detached")
+    bar.get_by_text("10.0 of 10.0 s end").wait_for()
+    page.locator(".xbus-strip").get_by_text("no samples lost").wait_for()
+
+
 def test_files_and_notes_of_others_are_text(studio: Any) -> None:
     evil = "<img src=x onerror=document.title='evil'>"
     path = studio.folder / f"{evil}.mtb"

@@ -31,8 +31,7 @@ def ages_of(model: Model, configured: Any = None) -> Any:
     outputs = (
         None if configured is None else [SimpleNamespace(quantity=name) for name in configured]
     )
-    device = SimpleNamespace(output_configuration=outputs)
-    station: Any = SimpleNamespace(model=model, device=device)
+    station: Any = SimpleNamespace(model=model, outputs=outputs)
     return ages(station)
 
 

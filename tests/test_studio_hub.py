@@ -23,8 +23,9 @@ from xbus.device.rotation import parse_rotation
 from xbus.studio.commands import describe
 from xbus.studio.health import health
 from xbus.studio.hub import Hub, HubError
+from xbus.studio.library import Entry, find_recordings
 from xbus.studio.pages.record import _rotation_problem, _table
-from xbus.studio.pages.recordings import FORMATS, _files, _summary
+from xbus.studio.pages.recordings import FORMATS, summary_of
 from xbus.studio.recording import NOTES, ByteRate, read_notes
 
 resource = pytest.importorskip("resource", reason="not on Windows")
@@ -190,7 +191,7 @@ def test_a_line_that_is_no_note_is_left_out(tmp_path: Any, line: Any) -> None:
 def test_a_link_to_a_recording_that_is_gone_is_left_out(tmp_path: Any) -> None:
     (tmp_path / "gone.mtb").symlink_to(tmp_path / "nowhere")
     (tmp_path / "walk.mtb").write_bytes(b"")
-    assert [path.name for path, _ in _files(tmp_path)] == ["walk.mtb"]
+    assert [each.path.name for each in find_recordings(tmp_path).entries] == ["walk.mtb"]
 
 
 def test_the_summary_of_a_recording_claims_no_more_than_is_known(tmp_path: Any) -> None:
@@ -199,7 +200,7 @@ def test_the_summary_of_a_recording_claims_no_more_than_is_known(tmp_path: Any) 
         sample = xbus.encode_sample({"temperature": 20.0, **extra})
         (tmp_path / f"{name}.mtb").write_bytes(sample)
     texts = {
-        name: _summary(asyncio.run(describe(tmp_path / f"{name}.mtb")))
+        name: summary_of(asyncio.run(describe(Entry((tmp_path / f"{name}.mtb",), 0, 0))))
         for name in ("counted", "uncounted")
     }
     assert "no samples lost" in texts["counted"]

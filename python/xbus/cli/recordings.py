@@ -7,7 +7,6 @@ import os
 import stat
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import click
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from xbus.log.pieces import PiecesError
 
 __all__ = [
+    "SUFFIX",
     "Recording",
     "find_files",
     "joined_recordings",
@@ -160,6 +160,7 @@ def several_recordings(
         allow_restart: As in `xbus.read_log`.
         is_hex: Whether the files are text with the bytes in hex. Each is a recording.
     """
+    from xbus.log.grouping import continued
     from xbus.log.pieces import piece_name
 
     if is_hex:
@@ -169,40 +170,10 @@ def several_recordings(
         is_numbered = file != STDIN and not is_capture(file)
         groups.setdefault(piece_name(file).recording if is_numbered else file, []).append(file)
     return [
-        recording
+        Recording(found.files, found.notes if found.error is None else [_note(found.error)])
         for group in groups.values()
-        for recording in _recordings_of(group, allow_restart=allow_restart)
+        for found in continued(group, allow_restart=allow_restart)
     ]
-
-
-def _recordings_of(group: list[str], *, allow_restart: bool) -> list[Recording]:
-    """Returns the recordings of files whose names are those of one recording."""
-    from xbus.log.pieces import PiecesError, piece_name, pieces_of
-
-    if len(group) == 1:
-        return [Recording(group)]
-    numbers = [piece_name(file).number for file in group]
-    if len(set(numbers)) < len(numbers):  # walk.mtb and walk.mtb.gz
-        return [Recording([file]) for file in group]
-    # Without the first file, other programs may have given these names to recordings of any kind.
-    is_direct = 0 not in numbers
-    try:
-        pieces = pieces_of(group, allow_restart=allow_restart, direct=is_direct)
-        return [Recording(pieces.names, pieces.notes)]
-    except OSError:
-        return [Recording([file]) for file in group]  # reading reports the error
-    except PiecesError as error:
-        reason = error
-    ordered = [file for _, file in sorted(zip(numbers, group, strict=True))]
-    recordings = [[ordered[0]]]
-    for one, other in pairwise(ordered):
-        try:
-            pieces_of([one, other], allow_restart=allow_restart, direct=is_direct)
-        except PiecesError:
-            recordings.append([other])
-        else:
-            recordings[-1].append(other)
-    return [Recording(files, [] if at else [_note(reason)]) for at, files in enumerate(recordings)]
 
 
 def _note(error: PiecesError) -> str:

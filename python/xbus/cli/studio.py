@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import webbrowser
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from xbus.cli.failure import Failure, cannot, stop_requested
+from xbus.cli.inputs import is_recording, label
+from xbus.cli.recordings import SUFFIX, several_recordings
 
 if TYPE_CHECKING:
     from xbus.studio.hub import Hub
@@ -21,14 +24,13 @@ DEMO = ("sim:MTi-680G", "sim:MTi-630", "sim:MTi-3")
 
 
 @click.command(epilog="Example: xbus studio --demo")
-@click.argument("sources", nargs=-1, metavar="[PORT]...")
+@click.argument("names", nargs=-1, metavar="[PORT|FILE|FOLDER]...")
 @click.option("--demo", is_flag=True, help="Open three virtual devices.")
 @click.option(
     "--folder",
     type=click.Path(file_okay=False, path_type=Path),
-    default=Path(),
     metavar="DIR",
-    help="Folder for recordings. Default: the current folder.",
+    help="Folder for recordings. Default: FOLDER, or else the current folder.",
 )
 @click.option(
     "--host",
@@ -48,15 +50,23 @@ DEMO = ("sim:MTi-680G", "sim:MTi-630", "sim:MTi-3")
 )
 @click.option("--no-browser", is_flag=True, help="Do not open a browser.")
 def studio(
-    sources: tuple[str, ...], demo: bool, folder: Path, host: str, tcp_port: int, no_browser: bool
+    names: tuple[str, ...],
+    demo: bool,
+    folder: Path | None,
+    host: str,
+    tcp_port: int,
+    no_browser: bool,
 ) -> None:
     """Shows, configures and records devices in a browser.
 
-    Opens the devices on PORT, prints the URL of the page and opens it. Devices stay open, and recordings go
-    on, when the page is closed. Ctrl-C stops recordings and closes the devices.
+    Opens the devices on PORT, replays FILE, lists the recordings of FOLDER, prints the URL of the page and
+    opens it. Devices stay open, and recordings go on, when the page is closed. Ctrl-C stops recordings and
+    closes the devices.
 
     PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or
-    sim:PRODUCT for a virtual device. Requires the extra: pip install "xbus-mti[studio]".
+    sim:PRODUCT for a virtual device. FILE is a recording; pieces of one recording (walk.mtb, walk-0001.mtb,
+    ...) are replayed one after the other. New recordings go to FOLDER too. Requires the extra: pip install
+    "xbus-mti[studio]".
     """
     from xbus.extras import require
 
@@ -67,6 +77,7 @@ def studio(
     from xbus.studio.server import bind, serve
 
     token = None if is_loopback(host) else new_token()
+    sources, folder = _sources(names, folder)
     hub = Hub(folder)
     try:
         with contextlib.closing(bind(host, tcp_port)) as listener:
@@ -93,6 +104,24 @@ def studio(
         raise Failure("; ".join(problems))
 
 
+def _sources(names: Sequence[str], folder: Path | None) -> tuple[list[str], Path]:
+    """Returns the devices and replays that arguments name, and the folder of recordings."""
+    from xbus.studio.replaying import replay_source
+
+    folders = [name for name in names if Path(name).is_dir()]
+    if len(folders) + (folder is not None) > 1:
+        raise click.UsageError(
+            "the studio has one folder of recordings; name one, as FOLDER or --folder"
+        )
+    files = [name for name in names if is_recording(name)]
+    replays = [replay_source(map(Path, recording.files)) for recording in several_recordings(files)]
+    ports = [name for name in names if name not in (*folders, *files)]
+    for name in ports:
+        if name.lower().endswith(SUFFIX):
+            raise Failure(f"there is no recording {label(name)}; check the name")
+    return ports + replays, Path(folders[0]) if folders else folder or Path()
+
+
 def _reach(host: str) -> str:
     """Returns the sentence about an address that other computers reach."""
     if host in ("0.0.0.0", "::"):  # noqa: S104 - compared only
@@ -103,7 +132,7 @@ def _reach(host: str) -> str:
     return f"every computer that reaches {host} can use the page with this token"
 
 
-def _open(hub: Hub, sources: tuple[str, ...], *, demo: bool) -> None:
+def _open(hub: Hub, sources: Sequence[str], *, demo: bool) -> None:
     from xbus.errors import XbusError
     from xbus.studio.hub import HubError
 

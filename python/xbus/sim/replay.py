@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +20,8 @@ __all__ = ["Playback", "Replay"]
 
 #: Messages that a device sends only as a reply, or at its start.
 REPLIES = [row.reply for row in MESSAGES.values() if row.reply is not None] + [MessageId.WakeUp]
+#: A sum of seconds can be off by rounding; a nanosecond is more than that.
+ROUNDING = 1e-9
 
 
 class Replay:
@@ -34,12 +36,15 @@ class Replay:
     clock takes no time.
 
     Args:
-        source: Path of the recording, or its bytes.
+        source: Path of the recording, its bytes, or the paths of its pieces in order.
         strings: String types without a checksum to look for, as in `xbus.read_log`.
 
     Attributes:
         identity: Identity of the recorded device: ``device_id``, ``product_code``, ``firmware``.
         duration: Seconds from the first frame to the last.
+        start: Seconds into the recording at which the next `play` begins; 0 at first. A virtual device plays
+            each time it begins to measure.
+        position: Seconds into the recording of the last frame that was sent.
 
     Raises:
         OSError: The file cannot be read.
@@ -58,11 +63,15 @@ class Replay:
 
     def __init__(
         self,
-        source: str | os.PathLike[str] | bytes,
+        source: str | os.PathLike[str] | bytes | Sequence[str | os.PathLike[str]],
         *,
         strings: Iterable[StringType | str] = (),
     ) -> None:
-        self._data = source if isinstance(source, bytes) else Path(source).read_bytes()
+        if isinstance(source, str | os.PathLike):
+            source = [source]
+        if not isinstance(source, bytes):
+            source = b"".join(Path(path).read_bytes() for path in source)
+        self._data = source
         log = read_log(self._data, quantities=RECEIVER, strings=strings)
         times = ReplayPace().times(log)
         is_sent = ~np.isin(log.messages.mid, REPLIES)
@@ -80,16 +89,17 @@ class Replay:
         self._is_sample = order < len(log)
         self.identity = log.identity
         self.duration = float(self._times[-1]) if len(self._times) else 0.0
+        self.start = self.position = 0.0
 
     def __len__(self) -> int:
         """Number of frames and strings."""
         return len(self._offsets)
 
     def play(self, start: float) -> Playback:
-        """Returns a playback from the beginning.
+        """Returns a playback from `start` on.
 
         Args:
-            start: Time of the first frame, in seconds on any clock.
+            start: When it begins, in seconds on any clock.
         """
         return Playback(self, start)
 
@@ -104,8 +114,10 @@ class Playback:
 
     def __init__(self, replay: Replay, start: float) -> None:
         self._replay = replay
-        self._start = start
-        self._next = 0
+        #: When the recording would have begun.
+        self._start = start - replay.start
+        self._next = int(np.searchsorted(replay._times, replay.start - ROUNDING))
+        replay.position = replay.start
 
     def take(self, until: float, status: int = 0) -> list[tuple[float, bytes]]:  # noqa: ARG002
         """Returns the frames sent since the last call, up to and including a time, each with its time.
@@ -114,8 +126,10 @@ class Playback:
             until: Seconds on the clock of ``start``.
             status: Ignored: the recorded samples have their own status.
         """
-        first, self._next = self._next, self._count(until)
+        first, self._next = self._next, max(self._next, self._count(until))
         times = self._start + self._replay._times[first : self._next]
+        if len(times):
+            self._replay.position = float(self._replay._times[self._next - 1])
         return [
             (time, self._frame(index))
             for index, time in zip(range(first, self._next), times.tolist(), strict=True)
@@ -128,8 +142,8 @@ class Playback:
 
     def _count(self, until: float) -> int:
         """Returns the number of frames sent by a time."""
-        # A sum of seconds can be off by rounding; a nanosecond is more than that.
-        return int(np.searchsorted(self._replay._times, until - self._start + 1e-9, side="right"))
+        latest = until - self._start + ROUNDING
+        return int(np.searchsorted(self._replay._times, latest, side="right"))
 
     def _frame(self, index: int) -> bytes:
         return self._replay._data[self._replay._offsets[index] : self._replay._ends[index]]

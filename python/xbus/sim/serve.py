@@ -44,7 +44,7 @@ class Server(ABC):
         device: The virtual device. Its time follows the clock. A pause between steps that is longer than a
             second, for example while the process is stopped, counts as one second.
         clock: Returns the time in seconds, from any origin.
-        speed: Seconds of device time per second of the clock.
+        speed: Seconds of device time per second of the clock, or a function that returns them.
 
     Attributes:
         device: The virtual device.
@@ -57,9 +57,9 @@ class Server(ABC):
         device: SimulatedDevice,
         *,
         clock: Callable[[], float] = time.monotonic,
-        speed: float = 1.0,
+        speed: float | Callable[[], float] = 1.0,
     ) -> None:
-        if not 0 < speed < math.inf:
+        if not callable(speed) and not 0 < speed < math.inf:
             raise ValueError(f"speed must be a factor above 0, not {speed}")
         self.device = device
         self._speed = speed
@@ -86,7 +86,8 @@ class Server(ABC):
         self._selector.select(timeout)
         data = self._receive()
         now = self._clock()
-        self.device.advance(min(now - self._last_step, CATCH_UP) * self._speed)
+        speed = self._speed() if callable(self._speed) else self._speed
+        self.device.advance(min(now - self._last_step, CATCH_UP) * speed)
         self._last_step = now
         rate = self._baudrate()
         if data and self.device.plugged:
@@ -186,7 +187,7 @@ class PtyServer(Server):
         device: The virtual device.
         link: Path of a symbolic link to the current port. An existing link is replaced.
         clock: Returns the time in seconds, from any origin.
-        speed: Seconds of device time per second of the clock.
+        speed: Seconds of device time per second of the clock, or a function that returns them.
 
     Raises:
         NotImplementedError: The system has no pseudo-terminals, for example Windows.
@@ -210,7 +211,7 @@ class PtyServer(Server):
         *,
         link: str | os.PathLike[str] | None = None,
         clock: Callable[[], float] = time.monotonic,
-        speed: float = 1.0,
+        speed: float | Callable[[], float] = 1.0,
     ) -> None:
         if not hasattr(os, "openpty"):
             raise NotImplementedError("this system has no pseudo-terminals: serve on TCP (--tcp 0)")
@@ -331,7 +332,7 @@ class TcpServer(Server):
         host: Address or name to listen on.
         port: TCP port to listen on; 0 chooses a free port.
         clock: Returns the time in seconds, from any origin.
-        speed: Seconds of device time per second of the clock.
+        speed: Seconds of device time per second of the clock, or a function that returns them.
         idle_timeout: Seconds after which the server disconnects a client that neither sends nor accepts a
             byte; None: never. A client that has lost its network blocks the port for others.
 
@@ -356,7 +357,7 @@ class TcpServer(Server):
         port: int = 0,
         *,
         clock: Callable[[], float] = time.monotonic,
-        speed: float = 1.0,
+        speed: float | Callable[[], float] = 1.0,
         idle_timeout: float | None = None,
     ) -> None:
         family = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0][0]
@@ -444,7 +445,7 @@ def serving(
     *,
     tcp: bool = False,
     link: str | os.PathLike[str] | None = None,
-    speed: float = 1.0,
+    speed: float | Callable[[], float] = 1.0,
 ) -> Iterator[str]:
     """Serves a virtual device in a thread, for the duration of a ``with`` block.
 
@@ -453,7 +454,7 @@ def serving(
             meanwhile: the server calls them.
         tcp: Serves on TCP at 127.0.0.1 instead of a pseudo-terminal.
         link: Path of a symbolic link to the pseudo-terminal.
-        speed: Seconds of device time per second of real time.
+        speed: Seconds of device time per second of real time, or a function that returns them.
 
     Yields:
         The port, a path or URL that `xbus.connect` and pyserial accept.

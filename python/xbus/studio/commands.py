@@ -6,10 +6,11 @@ import asyncio
 import json
 import shlex
 import sys
-from pathlib import Path
-from typing import Any
+from typing import NamedTuple
 
-__all__ = ["CommandError", "command_line", "describe", "run_command"]
+from xbus.studio.library import Entry, FileCache
+
+__all__ = ["CommandError", "Facts", "command_line", "describe", "facts_of", "run_command"]
 
 
 class CommandError(Exception):
@@ -50,20 +51,86 @@ async def run_command(*words: str) -> str:
     return output.decode("utf-8", "replace")
 
 
-#: What `describe` found, by path, size and time of the last change.
-_known: dict[tuple[Path, int, int], dict[str, Any]] = {}
+class Facts(NamedTuple):
+    """What is known about a recording, from ``xbus info --json``.
+
+    Attributes:
+        devices: Their names.
+        duration: Seconds; None without time stamps.
+        samples, lost_samples, gaps: Numbers of samples and gaps.
+        skipped_bytes, places: Bytes of damage, and where they are.
+        has_counter: Whether lost samples are detected.
+        quantities: Names of the quantities.
+    """
+
+    devices: tuple[str, ...]
+    duration: float | None
+    samples: int
+    lost_samples: int
+    gaps: int
+    skipped_bytes: int
+    places: int
+    has_counter: bool
+    quantities: tuple[str, ...]
 
 
-async def describe(path: Path) -> dict[str, Any]:
-    """Returns what ``xbus info --json`` prints about a recording; an unchanged file is read once.
+#: Tasks that find the facts about recordings, or have found them.
+_facts: FileCache[asyncio.Task[Facts]] = FileCache()
+#: From this size on, in bytes, a recording is large: one of them is read at a time, and others do not wait.
+LARGE = 200_000_000
+#: Commands that run at the same time for small recordings, and for large ones.
+_gates = {False: asyncio.Semaphore(2), True: asyncio.Semaphore(1)}
+
+
+async def describe(entry: Entry) -> Facts:
+    """Returns the facts about a recording; as long as it does not change, it is read once.
 
     Raises:
         CommandError: It cannot be read.
         OSError: It is gone.
     """
-    state = path.stat()
-    key = (path, state.st_size, state.st_mtime_ns)
-    if key not in _known:
-        # The command prints a list with one object for each recording.
-        (_known[key],) = json.loads(await run_command("info", "--json", str(path)))
-    return _known[key]
+    key = FileCache.key(entry.files)
+    task = _facts.get(key)
+    if task is None:
+        task = asyncio.create_task(_read_facts(entry))
+        _facts.put(key, task)
+    try:
+        # A page that is closed does not end what another one waits for.
+        return await asyncio.shield(task)
+    except (CommandError, OSError):
+        _facts.forget(key)
+        raise
+
+
+async def _read_facts(entry: Entry) -> Facts:
+    async with _gates[entry.size >= LARGE]:
+        # With many gaps, the text is long.
+        return await asyncio.to_thread(
+            facts_of, await run_command("info", "--json", *entry.arguments)
+        )
+
+
+def facts_of(text: str) -> Facts:
+    """Returns the facts in the output of ``xbus info --json`` about one recording.
+
+    Raises:
+        CommandError: The files are several recordings.
+    """
+    found = json.loads(text)
+    if len(found) > 1:
+        raise CommandError(f"these files are {len(found)} recordings; read the folder again")
+    (info,) = found
+    names = tuple(row["name"] for row in info["quantities"])
+    return Facts(
+        tuple(
+            (device["product_code"] or f"BID {device['bid']}").strip() for device in info["devices"]
+        ),
+        info["duration_s"],
+        info["samples"],
+        info["lost_samples"],
+        info["totals"]["gaps"],
+        info["skipped_bytes"],
+        info["totals"]["damage"],
+        "packet_counter" in names,
+        names,
+    )

@@ -56,7 +56,7 @@ def health(station: Station) -> str:
 def rates(station: Station) -> list[tuple[str, str]]:
     """Returns the measured rate of the fastest output, and the outputs whose rate is not as configured."""
     model = station.model
-    outputs = station.device.output_configuration or ()
+    outputs = station.outputs or ()
     configured = {each.quantity: each.frequency for each in outputs if 0 < each.frequency < EVERY}
     measured: dict[str, float | None] = {}
     for quantity in list(model.quantities.values()):
@@ -85,7 +85,7 @@ def ages(station: Station) -> list[Span]:
 
     Outputs that are no longer configured are left out.
     """
-    model, outputs = station.model, station.device.output_configuration
+    model, outputs = station.model, station.outputs
     configured = None if outputs is None else {each.quantity for each in outputs}
     received = list(model.quantities.values())
     overdue = {

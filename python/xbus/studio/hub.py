@@ -11,6 +11,7 @@ from xbus.describe.failures import port_failure
 from xbus.device import find_ports
 from xbus.errors import XbusError
 from xbus.protocol.tables import PRODUCTS
+from xbus.studio.replaying import REPLAY
 from xbus.studio.station import SIMULATED, Station, key_of
 
 __all__ = ["Hub", "HubError", "virtual_sources"]
@@ -62,7 +63,9 @@ class Hub:
         except XbusError as error:
             raise HubError(str(error)) from error
         except OSError as error:
-            raise HubError(port_failure(source, error)) from error
+            is_file = source.startswith(REPLAY)
+            reason = f"cannot open {source}: {error.strerror or error}"
+            raise HubError(reason if is_file else port_failure(source, error)) from error
         except ValueError as error:
             raise HubError(f"cannot open {source}: {error}") from error
         finally:

@@ -68,11 +68,10 @@ def serve(
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
     app.mount("/static", StaticFiles(directory=STATIC))
 
-    @app.get("/recordings/file/{name}")
+    @app.get("/recordings/file/{name:path}")
     async def report(name: str) -> Response:
         """Serves a report that was made from a recording of the folder."""
-        reports = (each for each in hub.folder.glob("*.html") if each.is_file())
-        path = next((each for each in reports if each.name == name), None)
+        path = _report(hub.folder, name)
         if path is None:
             return PlainTextResponse("there is no such report", status_code=404)
         # A report runs scripts; it must not act as a page of the studio.
@@ -94,6 +93,16 @@ def serve(
         Guard(app, token), log_level="warning", timeout_graceful_shutdown=2, lifespan="on"
     )
     uvicorn.Server(config).run(sockets=[listener])
+
+
+def _report(folder: Path, name: str) -> Path | None:
+    """Returns the path of a report in a folder or the folders in it; None if there is none."""
+    try:
+        path = (folder / name).resolve()
+        is_inside = path.is_relative_to(folder.resolve())
+        return path if is_inside and path.suffix == ".html" and path.is_file() else None
+    except (OSError, ValueError):  # no name of a file
+        return None
 
 
 #: What draws each page.

@@ -12,6 +12,7 @@ from nicegui import run, ui
 from xbus.errors import XbusError
 from xbus.studio.health import health
 from xbus.studio.hub import Hub, HubError
+from xbus.studio.replay_bar import ReplayBar
 from xbus.studio.station import Station
 
 __all__ = ["PAGES", "Session", "failure_text", "frame"]
@@ -143,6 +144,7 @@ def frame(session: Session) -> Iterator[None]:
             "flat dense round aria-label='dark or light'"
         ).tooltip("dark or light")
     strip = ui.html("", sanitize=False).classes("xbus-strip w-full").props("aria-live=off")
+    replay = ReplayBar(lambda: session.station, session.attempt)
     with ui.footer(elevated=False).classes("xbus-footer items-center gap-4 py-1"):
         ui.icon("terminal").classes("xbus-quiet")
         command = ui.label().classes("xbus-mono")
@@ -169,6 +171,7 @@ def frame(session: Session) -> Iterator[None]:
                         "dense no-caps " + ("unelevated color=primary" if is_selected else "flat")
                     )
         strip.set_content("" if selected is None else health(selected))
+        replay.refresh()
         if session._shown is not None and session._shown not in stations:
             session._shown = None
             ui.navigate.reload()  # another page has closed the device

@@ -18,28 +18,26 @@ from xbus.device import Device, connect
 from xbus.extras import require
 from xbus.formatting import device_name
 from xbus.log.log import Log
-from xbus.protocol.products import product_of_code
 from xbus.protocol.tables import QUANTITIES
-from xbus.protocol.values import State
+from xbus.protocol.values import Output, State
 from xbus.rtk import Caster
-from xbus.sim import Replay, SimI2c, SimSpi, SimulatedDevice, serving
+from xbus.sim import SimI2c, SimSpi, SimulatedDevice, serving
 from xbus.sim.bus_link import bus_of
 from xbus.sim.options import device_of
 from xbus.studio.device_settings import DeviceSettings
 from xbus.studio.exchange import Exchange
 from xbus.studio.history import History, Series
 from xbus.studio.recording import ByteRate, StudioRecording, new_file
+from xbus.studio.replaying import REPLAY, Replaying
 from xbus.studio.track import Track
 from xbus.watch.corrections import Corrections
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model
 
-__all__ = ["ATTITUDE", "REPLAY", "SIMULATED", "TRACK", "TRACK_SPAN", "Station", "key_of"]
+__all__ = ["ATTITUDE", "SIMULATED", "TRACK", "TRACK_SPAN", "Station", "key_of"]
 
 #: Prefix of the name of a virtual device.
 SIMULATED = "sim:"
-#: Prefix of the name of a recording that a virtual device replays.
-REPLAY = "replay:"
 #: Duration of a block of samples, in seconds.
 STEP = 0.05
 #: Names of the series of heading, pitch and roll, and of metres east and north of the first position.
@@ -85,8 +83,11 @@ class Station:
 
     Args:
         source: A port as `xbus.connect` takes it, or ``sim:PRODUCT`` for a virtual device,
-            with options as there.
+            with options as there, or ``replay:FILE`` for a recording.
         baudrate: Bits per second; None to try the usual rates.
+
+    Attributes:
+        replaying: The recording that it replays; None for other devices.
 
     Raises:
         OSError: The port cannot be opened.
@@ -100,13 +101,16 @@ class Station:
         self._resources = contextlib.ExitStack()
         with self._resources:
             port: str | SimI2c | SimSpi
-            match _virtual(source):
+            self.replaying = Replaying(source) if source.startswith(REPLAY) else None
+            match _virtual(source) if self.replaying is None else self.replaying.device:
                 case None:
                     port = source
                 case SimulatedDevice() as virtual:
-                    # Windows has no pseudo-terminals.
-                    tcp = sys.platform == "win32"
-                    port = self._resources.enter_context(serving(virtual, tcp=tcp))
+                    # Windows has no pseudo-terminals, and a fast replay is too much for one.
+                    tcp = sys.platform == "win32" or self.replaying is not None
+                    port = self._resources.enter_context(
+                        serving(virtual, tcp=tcp, speed=self._speed)
+                    )
                 case bus:
                     port = bus
             self.exchange = Exchange()
@@ -151,6 +155,30 @@ class Station:
     def is_virtual(self) -> bool:
         """Whether the studio made the device."""
         return self.source.startswith((SIMULATED, REPLAY))
+
+    @property
+    def outputs(self) -> tuple[Output, ...] | None:
+        """What the device is configured to send; None if that is not known.
+
+        The samples of a replay are as they were configured at that time, which is not known.
+        """
+        return self.device.output_configuration if self.replaying is None else None
+
+    def _speed(self) -> float:
+        """Returns the seconds of a virtual device per second."""
+        return 1.0 if self.replaying is None else self.replaying.speed
+
+    def replay_from(self, seconds: float) -> None:
+        """Replays the recording from a moment on, in seconds since its beginning.
+
+        Raises:
+            XbusError: The virtual device does not answer.
+        """
+        if self.replaying is not None:
+            self.replaying.start_at(seconds)
+            with self.device.configure():
+                pass  # the recording begins when the device measures again
+            self.measure()
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -310,16 +338,8 @@ def _virtual(source: str) -> SimulatedDevice | SimI2c | SimSpi | None:
     """Returns the virtual device of a name, or its bus; None if the name is that of a port.
 
     Raises:
-        OSError: The recording cannot be read.
-        ValueError: There is no such product, bus or option, or nothing to replay.
+        ValueError: There is no such product, bus or option.
     """
     if source.startswith(SIMULATED):
         return bus_of(source, live=True, noise=1) or device_of(source, noise=1)
-    if not source.startswith(REPLAY):
-        return None
-    replay = Replay(source.removeprefix(REPLAY))
-    if not len(replay):
-        raise ValueError("the recording has no frame of a device")
-    code = replay.identity.product_code
-    product = None if code is None else product_of_code(code)
-    return SimulatedDevice(product or "MTi-630", replay=replay)
+    return None

@@ -1,0 +1,293 @@
+"""Recordings of a folder, their pictures, and their replay, without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import time
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import click
+import numpy as np
+import pytest
+
+import xbus
+from conftest import OWN_CAPTURES
+from xbus.cli import main
+from xbus.cli.failure import Failure
+from xbus.cli.studio import _sources
+from xbus.studio import library, replaying, thumbnail
+from xbus.studio.drawing import cloud, curve
+from xbus.studio.library import FileCache, find_recordings, unused_path
+from xbus.studio.replaying import Replaying, replay_source
+
+WALK = OWN_CAPTURES / "walk.mtb"
+
+
+def split(folder: Path) -> list[Path]:
+    """Splits the walk into pieces of 3 s, and returns them."""
+    words = ["split", str(WALK), "--time", "3s", "--out-dir", str(folder), "-q"]
+    main(words, standalone_mode=False)
+    return sorted(folder.glob("*.mtb"), key=lambda path: (len(path.name), path.name))
+
+
+def names(folder: Path) -> list[list[str]]:
+    entries = find_recordings(folder).entries
+    return sorted([str(file.relative_to(folder)) for file in each.files] for each in entries)
+
+
+def test_pieces_are_one_recording_and_folders_are_searched(tmp_path: Path) -> None:
+    pieces = split(tmp_path / "day" / "one")
+    assert len(pieces) == 4
+    shutil.copy(WALK, tmp_path / "other.MTB")
+    (tmp_path / ".hidden").mkdir()
+    shutil.copy(WALK, tmp_path / ".hidden" / "walk.mtb")
+    (tmp_path / "folder.mtb").mkdir()
+    (tmp_path / "walk.html").write_text("no recording")
+    expected = [str(path.relative_to(tmp_path)) for path in pieces]
+    assert names(tmp_path) == [expected, ["other.MTB"]]
+    found = next(each for each in find_recordings(tmp_path).entries if len(each.files) > 1)
+    assert found.size == sum(path.stat().st_size for path in pieces)
+    assert found.heading == "walk.mtb to walk-0003.mtb"
+
+
+def test_a_name_does_not_make_a_piece(tmp_path: Path) -> None:
+    for name, identifier in {"walk.mtb": "03801234", "walk-0001.mtb": "03805678"}.items():
+        head = xbus.encode_frame(xbus.MessageId.DeviceID, bytes.fromhex(identifier))
+        (tmp_path / name).write_bytes(head + xbus.encode_sample({"packet_counter": 1}))
+    assert names(tmp_path) == [["walk-0001.mtb"], ["walk.mtb"]]
+
+
+def test_the_latest_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for number in range(6):
+        path = tmp_path / f"{number}.mtb"
+        path.write_bytes(b"")
+        os.utime(path, (number, number))
+    monkeypatch.setattr(library, "MAX_ENTRIES", 2)
+    found = find_recordings(tmp_path)
+    assert [each.path.name for each in found.entries] == ["5.mtb", "4.mtb"]
+    assert (found.total, found.is_complete) == (6, True)
+    monkeypatch.setattr(library, "MAX_LOOKED_AT", 3)
+    assert not find_recordings(tmp_path).is_complete
+
+
+def test_no_file_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mtb"
+    first = unused_path(path, "-cut")
+    assert first.name == "walk-cut.mtb"
+    first.write_bytes(b"")
+    second = unused_path(path, "-cut")
+    assert second.name == "walk-cut-2.mtb"
+    second.symlink_to(tmp_path / "nowhere")
+    assert unused_path(path, "-cut").name == "walk-cut-3.mtb"
+
+
+def test_what_is_known_is_limited_and_ends_with_a_change(tmp_path: Path) -> None:
+    path = tmp_path / "walk.mtb"
+    path.write_bytes(b"1")
+    cache: FileCache[int] = FileCache(2)
+    key = FileCache.key([path])
+    cache.put(key, 1)
+    assert cache.get(FileCache.key([path])) == 1
+    path.write_bytes(b"12")
+    assert cache.get(FileCache.key([path])) is None
+    cache.put("a", 2)
+    assert cache.get(key) == 1
+    cache.put("b", 3)  # what was used longest ago is forgotten
+    assert (cache.get("a"), cache.get(key)) == (None, 1)
+
+
+# Pictures
+
+
+def columns_of(svg: str) -> list[dict[int, tuple[float, float]]]:
+    """Returns the ends of each column, for each path."""
+    paths = ET.fromstring(svg).findall("path")  # noqa: S314 - our own
+    found = []
+    for path in paths:
+        steps = [step.replace("V", " ").split() for step in path.attrib["d"].split("M")[1:]]
+        found.append({int(float(x)): (float(a), float(b)) for x, a, b in steps})
+    return found
+
+
+def test_a_picture_has_the_extremes_of_each_column() -> None:
+    x, y, z = columns_of(thumbnail.thumbnail([WALK]))
+    assert list(x) == list(range(thumbnail.COLUMNS)) == list(y) == list(z)
+    log = xbus.read_log(WALK)
+    values = log["acceleration"].values
+    rows = log.offset[log["acceleration"].sample] * thumbnail.COLUMNS // WALK.stat().st_size
+    low, high = values.min(), values.max()
+    for column in (0, 80, 159):
+        own = values[rows == column, 2]
+        top, bottom = (
+            1 + (thumbnail.HEIGHT - 2) * (high - end) / (high - low)
+            for end in (own.max(), own.min())
+        )
+        assert z[column] == pytest.approx((top - 0.4, bottom + 0.4), abs=0.06)
+
+
+def test_a_large_recording_is_read_in_parts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = columns_of(thumbnail.thumbnail([WALK]))
+    pieces = split(tmp_path)
+    monkeypatch.setattr(thumbnail, "WHOLE", 1000)
+    monkeypatch.setattr(thumbnail, "WINDOW", 1500)
+    read = []
+    plain = thumbnail._read
+
+    def count(*args: Any) -> bytes:
+        data = plain(*args)
+        read.append(len(data))
+        return data
+
+    monkeypatch.setattr(thumbnail, "_read", count)
+    parts = columns_of(thumbnail.thumbnail(pieces))
+    assert len(read) == thumbnail.COLUMNS + 1
+    assert max(read) <= thumbnail.HEAD
+    assert len(parts) == 3
+    both = set(parts[2]) & set(whole[2])
+    assert len(both) > 0.9 * thumbnail.COLUMNS
+    assert np.mean([parts[2][at][0] - whole[2][at][0] for at in both]) == pytest.approx(0, abs=2)
+
+
+@pytest.mark.parametrize("data", [b"", b"no frame" * 100, xbus.encode_frame(0x3E)])
+def test_nothing_to_draw(data: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "walk.mtb"
+    path.write_bytes(data)
+    assert thumbnail.thumbnail([path]) == ""
+    monkeypatch.setattr(thumbnail, "WHOLE", -1)
+    assert thumbnail.thumbnail([path]) == ""
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, 3e38, -1e-40])
+def test_any_number_can_be_drawn(number: float, tmp_path: Path) -> None:
+    rows = [[number, 1.0, 2.0], [-number, number, 0.0], [0.0, 0.0, number]]
+    samples = [xbus.encode_sample({"acceleration": row}) for row in rows]
+    path = tmp_path / "walk.mtb"
+    path.write_bytes(b"".join(samples))
+    svg = thumbnail.thumbnail([path])
+    for line in columns_of(svg):
+        assert all(0 <= end <= thumbnail.HEIGHT for ends in line.values() for end in ends)
+    points = np.array(rows)
+    time = np.arange(3.0)
+    for drawn in (curve("<b>", time, points[:, 0]), cloud([("<b>", points)])):
+        assert "nan" not in drawn
+        assert "inf" not in drawn
+        if drawn:
+            ET.fromstring(drawn)  # noqa: S314 - our own
+
+
+# Replay
+
+
+def test_a_replay_goes_to_any_moment_at_any_speed(tmp_path: Path) -> None:
+    pytest.importorskip("nicegui", reason="the extra studio is not installed")
+    from xbus.studio.hub import Hub
+
+    hub = Hub(tmp_path)
+    try:
+        station = hub.open(replay_source(split(tmp_path)))
+        replay = station.replaying
+        assert replay is not None
+        assert replay.duration == pytest.approx(9.99, abs=0.02)
+        replay.speed = 10
+        station.measure()
+        until = time.monotonic() + 30
+        while replay.position < replay.duration and time.monotonic() < until:
+            time.sleep(0.01)
+        assert replay.position == replay.duration
+        station.replay_from(4.0)
+        assert 4 <= replay.position < replay.duration
+        before = station.device.stats.samples
+        assert before > 1000
+        while station.device.stats.samples == before and time.monotonic() < until:
+            time.sleep(0.01)
+        stats = station.device.stats
+        assert stats.samples > before
+        assert stats.lost_samples == stats.skipped_bytes == 0
+    finally:
+        hub.close_all()
+
+
+def test_what_cannot_be_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("nicegui", reason="the extra studio is not installed")
+    from xbus.studio.hub import Hub, HubError
+
+    hub = Hub(tmp_path)
+    missing = replay_source([tmp_path / "walk.mtb"])
+    with pytest.raises(HubError, match=r"^cannot open replay:\S+walk\.mtb: No such file"):
+        hub.open(missing)
+    (tmp_path / "walk.mtb").write_bytes(b"no frame")
+    with pytest.raises(HubError, match="the recording has no frame of a device"):
+        hub.open(missing)
+    monkeypatch.setattr(replaying, "LARGEST", 100_000)
+    with pytest.raises(ValueError, match=r"169\.1 kB, and a replay at most 100\.0 kB; cut a part"):
+        Replaying(replay_source([WALK]))
+
+
+def test_a_name_can_look_like_pieces(tmp_path: Path) -> None:
+    path = tmp_path / "one|two.mtb"
+    shutil.copy(WALK, path)
+    assert Replaying(replay_source([path])).name == "one|two.mtb"
+
+
+# Arguments
+
+
+def test_arguments_are_ports_recordings_and_a_folder(tmp_path: Path) -> None:
+    pieces = [str(path) for path in split(tmp_path)]
+    found, folder = _sources(["/dev/ttyUSB0", *reversed(pieces), str(WALK), str(tmp_path)], None)
+    assert found == ["/dev/ttyUSB0", "replay:" + "|".join(pieces), f"replay:{WALK}"]
+    assert folder == tmp_path
+    assert _sources(["sim:MTi-3"], tmp_path) == (["sim:MTi-3"], tmp_path)
+    assert _sources([], None) == ([], Path())
+
+
+def test_wrong_arguments_are_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(click.UsageError, match=r"one folder of recordings; name one, as FOLDER or"):
+        _sources([str(tmp_path)], tmp_path)
+    with pytest.raises(Failure, match=r"there is no recording nowhere\.mtb; check the name"):
+        _sources(["nowhere.mtb"], None)
+
+
+def test_reports_of_the_folder_and_the_folders_in_it(tmp_path: Path) -> None:
+    pytest.importorskip("nicegui", reason="the extra studio is not installed")
+    from xbus.studio.server import _report
+
+    folder = tmp_path / "recordings"
+    (folder / "day").mkdir(parents=True)
+    for path in (folder / "day" / "a.html", tmp_path / "secret.html", folder / "walk.mtb"):
+        path.write_text("text")
+    (folder / "link.html").symlink_to(tmp_path / "secret.html")
+    assert _report(folder, "day/a.html") == (folder / "day" / "a.html").resolve()
+    for name in ("../secret.html", "link.html", "walk.mtb", "day", "a\0.html", "a" * 5000, ""):
+        assert _report(folder, name) is None
+    assert _report(folder, str(tmp_path / "secret.html")) is None
+
+
+def test_facts_are_read_once_for_two_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from xbus.studio import commands
+
+    shutil.copy(WALK, tmp_path / "walk.mtb")
+    (entry,) = find_recordings(tmp_path).entries
+    runs = []
+    plain = commands.run_command
+
+    async def run(*words: str) -> str:
+        runs.append(words)
+        return await plain(*words)
+
+    monkeypatch.setattr(commands, "run_command", run)
+
+    async def two() -> list[commands.Facts]:
+        return list(await asyncio.gather(commands.describe(entry), commands.describe(entry)))
+
+    one, other = asyncio.run(two())
+    assert one == other
+    assert (one.samples, one.lost_samples, one.places) == (1040, 0, 0)
+    assert "magnetic_field" in one.quantities
+    assert len(runs) == 1
