@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import io
 import json
 import math
 import socket
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -256,16 +258,19 @@ def test_one_of_several_devices(tmp_path: Path) -> None:
     assert result.exit_code == 1
     assert "no samples of device 3; the log has those of BID 255, 2" in result.stderr
     with socket.create_server(("127.0.0.1", 0)) as server, ThreadPoolExecutor(1) as pool:
+        done = threading.Event()
 
-        def send() -> socket.socket:
+        def send() -> None:
             connection, _ = server.accept()
-            connection.sendall(b"".join(frames * 10))
-            return connection
+            with connection, contextlib.suppress(ConnectionError):
+                while not done.wait(0.02):
+                    connection.sendall(b"".join(frames))
 
         sent = pool.submit(send)
         port = f"socket://127.0.0.1:{server.getsockname()[1]}"
-        result = run("monitor", port, "--listen", "--once", "0.5", "--json", "--bid", "2")
-        sent.result().close()
+        result = run("monitor", port, "--listen", "--once", "1", "--json", "--bid", "2")
+        done.set()
+        sent.result()
     (shown,) = json.loads(result.stdout)["quantities"]
     assert shown["value"] == 20.0
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -304,22 +304,22 @@ def test_legacy_output_does_not_replace_notices() -> None:
     assert "WakeUp" in [notice.name for notice in device.notices]
 
 
-def test_a_recording_of_legacy_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("xbus.cli.recording_job.MAX_SILENCE", 0.5)
+def test_a_recording_of_legacy_output(
+    tmp_path: Path, behind: Callable[[SimulatedDevice], str]
+) -> None:
     path = tmp_path / "log.mtb"
-    with serving(legacy(), tcp=True) as port:
-        result = run("record", port, "-o", str(path), "--duration", "2")
+    result = run("record", behind(legacy()), "-o", str(path), "--duration", "8")
     assert result.exit_code == 0
     note, last = result.stderr.splitlines()
     assert re.fullmatch(
-        r"xbus: no sample for 0\.5 s, but \d+ messages MTData \(0x32\), the legacy output, which xbus records"
+        r"xbus: no sample for 5 s, but \d+ messages MTData \(0x32\), the legacy output, which xbus records"
         r" but does not decode; --output or --config sets outputs that replace it; the recording continues",
         note,
     )
     log = xbus.read_log(path)
     count = sum(message.name == "MTData" for message in log.messages)
     assert count > 50
-    assert f": 2.0 s, 0 samples, {count} messages MTData (0x32), " in last
+    assert f": 8.0 s, 0 samples, {count} messages MTData (0x32), " in last
     shown = run("info", str(path)).stdout
     assert f"MTData {count}" in shown
     words = " ".join(shown.split())
