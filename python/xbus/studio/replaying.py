@@ -33,6 +33,7 @@ class Replaying:
         source: The name, as `replay_source` returns it.
 
     Attributes:
+        files: The files of the recording.
         name: Name of the first file.
         device: The virtual device that sends it.
         speed: Seconds of the recording per second. Another thread may change it.
@@ -56,6 +57,7 @@ class Replaying:
             raise ValueError("the recording has no frame of a device")
         code = self._replay.identity.product_code
         product = None if code is None else product_of_code(code)
+        self.files = tuple(names)
         self.name = Path(names[0]).name
         self.device = SimulatedDevice(product or "MTi-630", replay=self._replay)
         self.speed = 1.0

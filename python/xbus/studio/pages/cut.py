@@ -76,5 +76,6 @@ async def choose_part(entry: Entry, duration: float, picture: str, out: Path) ->
             ).props("no-caps")
     changed()
     chosen: list[str] | None = await dialog
-    dialog.delete()
+    if not dialog.is_deleted:  # with its page
+        dialog.delete()
     return chosen

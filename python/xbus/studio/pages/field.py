@@ -48,7 +48,7 @@ async def show_field(session: Session, entry: Entry) -> None:
             for part in iter_log(
                 [str(file) for file in entry.files], block_bytes=BLOCK, quantities=MAGNETIC
             ):
-                if stop.is_set():
+                if stop.is_set() or dialog.is_deleted:
                     raise _ClosedError
                 yield part
                 done += part.stats.bytes

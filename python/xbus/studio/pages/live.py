@@ -9,6 +9,7 @@ from nicegui import ui
 
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
 from xbus.protocol.values import SATELLITE_USED_BIT, GnssSystem
+from xbus.studio.commands import command_line
 from xbus.studio.components import Attitude3D, Horizon, Map
 from xbus.studio.cursors import Name
 from xbus.studio.pages.plots import Plots
@@ -39,10 +40,17 @@ def live_page(session: Session) -> None:
     """Shows the selected device."""
     if (station := session.require_station()) is None:
         return
-    session.show_command(
-        f"xbus monitor {station.source}",
-        f'for block in xbus.connect("{station.source}").blocks(seconds=0.1): ...',
-    )
+    if (replaying := station.replaying) is None:
+        session.show_command(
+            f"xbus monitor {station.source}",
+            f'for block in xbus.connect("{station.source}").blocks(seconds=0.1): ...',
+        )
+    else:
+        command = command_line("monitor", *replaying.files)
+        session.show_command(
+            command if len(replaying.files) == 1 else "",  # it takes one file
+            f"log = xbus.read_log({[*replaying.files]})",
+        )
     with ui.row().classes("w-full gap-3 items-start no-wrap max-lg:flex-wrap"):
         with ui.column().classes("gap-3 grow min-w-0"):
             plots = Plots(station, lambda times: place.mark(times))
