@@ -76,7 +76,7 @@ def changed(product: int) -> Settings:
         "gnss_lever_arm": GnssLeverArm(0.10000000149011612, -0.25, 1.0),
         "gnss_platform": GnssPlatform.SEA,
         "can_config": CanConfig(0x0C),
-        "can_output_config": (CanOutput(0x21, True, 0x123, 100),),
+        "can_output_config": (CanOutput(0x34, True, 0x123, 100),),
         "ext_output_mode": ExtOutputMode.USB_LOW_LATENCY,
         "transmit_delay": 600,
         "error_mode": 2,
@@ -375,14 +375,13 @@ def test_strings_are_checked_and_not_the_outputs_that_they_overrule() -> None:
 # What cannot be applied
 
 
+def can_output(can_id: int, frequency: int, *names: str) -> str:
+    rest = f"extended = false, can_id = {can_id}, frequency = {frequency}"
+    entries = [f'{{ data_id = "{name}", {rest} }}' for name in names or ("acceleration",)]
+    return f"can_output_config = [{', '.join(entries)}]"
+
+
 #: Product, text, and why it cannot be applied.
-def can_output(can_id: int, frequency: int) -> str:
-    entry = (
-        f'data_id = "acceleration", extended = false, can_id = {can_id}, frequency = {frequency}'
-    )
-    return f"can_output_config = [{{ {entry} }}]"
-
-
 IMPOSSIBLE = [
     ("MTi-630", 'output_configuration = [\n  { quantity = "acceleration", frequency = 150 },\n]',
      "line 2, output_configuration: the MTi-630 cannot send acceleration at 150 Hz; the nearest rates are"),
@@ -408,6 +407,10 @@ IMPOSSIBLE = [
     ("MTi-630", can_output(5, 1000), "line 1, can_output_config: Acceleration has at most 400 Hz, not 1000"),
     ("MTi-630", f"can_config = {{ baudrate = 5000 }}\n{can_output(5, 100)}",
      "line 2, can_output_config: these outputs take up to "),
+    ("MTi-610", can_output(5, 100, "lat_lon"),
+     "line 1, can_output_config: the MTi-610 does not have LatLong on CAN"),
+    ("MTi-630", can_output(5, 100, "acceleration", "rate_of_turn"),
+     "line 1, can_output_config: the CAN identifier 0x5 is both Acceleration and RateOfTurn"),
 ]  # fmt: skip
 
 

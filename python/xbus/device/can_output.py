@@ -95,13 +95,19 @@ def check_can_outputs(outputs: Iterable[CanOutput]) -> None:
     """Checks the identifiers and rates of outputs. Messages that are not known have any rate.
 
     Raises:
-        ValueError: An identifier has too many bits, or a rate is too high.
+        ValueError: An identifier has too many bits or is that of two outputs, or a rate is too high.
     """
+    names: dict[tuple[bool, int], str] = {}
     for output in outputs:
         row = CAN_MESSAGES.get(int(output.data_id))
+        name = f"message 0x{int(output.data_id):02X}" if row is None else row.name
+        other = names.setdefault((output.extended, output.can_id), name)
+        if other is not name:
+            raise ValueError(
+                f"the CAN identifier 0x{output.can_id:X} is both {other} and {name}; give each its own"
+            )
         bits = EXTENDED_BITS if output.extended else STANDARD_BITS
         if output.can_id >> bits:
-            name = f"message 0x{int(output.data_id):02X}" if row is None else row.name
             remedy = "" if output.extended else ", or set extended"
             raise ValueError(
                 f"{name}: the CAN identifier 0x{output.can_id:X} has more than {bits} bits; use at most"
@@ -138,14 +144,14 @@ def bus_load(outputs: Iterable[CanOutput], baudrate: int) -> float:
 
 
 def check_can_products(outputs: Iterable[CanOutput], product: Product) -> None:
-    """Checks that a product has outputs.
+    """Checks that a product has outputs; messages that are not known are left out.
 
     Raises:
         ValueError: It lacks one.
     """
     for output in outputs:
-        row = CAN_MESSAGES[output.data_id]
-        if product.number not in row.products:
+        row = CAN_MESSAGES.get(int(output.data_id))
+        if row is not None and product.number not in row.products:
             raise ValueError(f"the {product.name} does not have {row.name} on CAN; remove it")
 
 

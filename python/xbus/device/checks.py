@@ -7,7 +7,7 @@ from datetime import date
 from enum import IntEnum
 from typing import Any
 
-from xbus.device.can_output import check_can_outputs
+from xbus.device.can_output import check_can_outputs, check_can_products
 from xbus.protocol.ids import Coordinates
 from xbus.protocol.products import Support
 from xbus.protocol.values import (
@@ -298,6 +298,7 @@ def _check_ext_output_mode(mode: int, support: Support) -> None:
 
 #: What the product can do.
 PRODUCT_CHECKS: dict[str, Callable[[Any, Support], None]] = {
+    "SetCanOutputConfig": lambda outputs, support: check_can_products(outputs, support.product),
     "SetOutputConfiguration": _check_outputs,
     "SetOptionFlags": _check_flags,
     "SetSyncSettings": _check_sync,

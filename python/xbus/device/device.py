@@ -20,7 +20,6 @@ from xbus.device.can_output import (
     CanConfiguration,
     can_baud_code,
     check_bus_load,
-    check_can_products,
     parse_can_configuration,
 )
 from xbus.device.channel import Channel, Trace
@@ -518,10 +517,8 @@ class Device:
         outputs = parse_can_configuration(output_configuration, ids)
         self.session.check_state("SetCanOutputConfig")
         self._identify()
-        self.session.validate("SetCanOutputConfig", outputs)
         present = self.commands.req_can_config()
-        if (known := self.session.support) is not None:
-            check_can_products(outputs, known.product)
+        self.session.validate("SetCanOutputConfig", outputs)
         code = present.baud_code if baudrate is None else can_baud_code(baudrate)
         check_bus_load(outputs, code)
         found = self.commands.set_can_output_config(outputs)
