@@ -118,6 +118,15 @@ def test_turns_about_one_axis(axis: Any, height: float, deviation: float) -> Non
     assert "turned" in refused(field)
 
 
+@pytest.mark.parametrize("offset", [1, 3, 8])
+def test_a_magnet_that_is_stronger_than_the_field(offset: float) -> None:
+    hard = offset * np.array([0.6, 0, -0.8])
+    found = magnetic_field_quality(directions(2000) + hard + noise(2000, 0.01))
+    assert found.quality == Quality.DISTURBED
+    assert found.ellipsoid is not None
+    np.testing.assert_allclose(found.ellipsoid.center, hard, atol=0.01)
+
+
 @pytest.mark.parametrize("deviation", [0, 0.002, 0.01])
 def test_a_device_at_rest(deviation: float) -> None:
     field = np.tile([0.3, 0.1, 0.9], (2000, 1)) + noise(2000, deviation)

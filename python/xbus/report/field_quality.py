@@ -22,7 +22,8 @@ HELPS = 2.0
 #: Least number of rows to judge by.
 MIN_ROWS = 100
 #: Least distance of the rows from their mean, RMS, divided by the RMS of the norm: less is a device at rest.
-MIN_SPREAD = 0.3
+#: Hard iron of nine times the field is still found.
+MIN_SPREAD = 0.1
 #: Least extent along the shortest axis, divided by that along the longest: less is a turn about one axis.
 MIN_FLATNESS = 0.2
 #: Least share of the directions, and the largest condition number, of a fit that is determined well. With
