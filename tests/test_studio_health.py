@@ -117,3 +117,14 @@ def test_clipping() -> None:
     ]
     model.now = 91.0
     assert clipping(model)[1] == ("acc x 90 s ago (1 sample)", DIM)
+
+
+@pytest.mark.parametrize("block", [1, 2, 3])
+def test_clipped_samples_are_counted_one_by_one(block: int) -> None:
+    words = [word(clip_acc_x=1, clipping=1), word(clipping=1), word(clip_acc_x=1, clip_mag_z=1)]
+    model = Model("port")
+    for first in range(0, len(words), block):
+        frames = [xbus.encode_sample({"status_word": each}) for each in words[first:][:block]]
+        model.add_block(xbus.read_log(b"".join(frames)), now=1.0)
+    counts = {name: clipped.samples for name, clipped in model.clipped.items()}
+    assert counts == {"acc x": 2, "mag z": 1, "a sensor": 1}

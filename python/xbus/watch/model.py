@@ -314,13 +314,13 @@ class Model:
         if "status_word" not in block:
             return
         words = block["status_word"].values
-        axes = {
-            name: np.count_nonzero(STATUS_FLAGS[flag].of(words))
-            for flag, name in CLIP_FLAGS.items()
+        axes = {name: STATUS_FLAGS[flag].of(words) for flag, name in CLIP_FLAGS.items()}
+        # Which sensor it was is not known of words without a flag of an axis.
+        is_known = np.any([*axes.values()], axis=0)
+        axes["a sensor"] = STATUS_FLAGS["clipping"].of(words) & ~is_known
+        found = {
+            name: count for name, is_out in axes.items() if (count := int(np.count_nonzero(is_out)))
         }
-        found = {name: int(count) for name, count in axes.items() if count}
-        if not found and (count := int(np.count_nonzero(STATUS_FLAGS["clipping"].of(words)))):
-            found["a sensor"] = count
         for name, count in found.items():
             before = self.clipped[name].samples if name in self.clipped else 0
             self.clipped[name] = Clipped(before + count, now)
