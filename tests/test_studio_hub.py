@@ -168,6 +168,14 @@ def test_a_note_is_written_whole_or_not_at_all(hub: Any, small_files: Any) -> No
     assert [note.text for note in read_notes(recording.path)] == ["one", "three"]
 
 
+def test_a_note_may_contain_any_character(hub: Any) -> None:
+    recording = hub.open("sim:MTi-630").start_recording(hub.folder, "")
+    texts = ["a\u2028b\u2029c", "d\x85e", "f\ng\r\x0bh\x1ei", "\U0001f600"]
+    for text in texts:
+        recording.add_note(text)
+    assert [note.text for note in read_notes(recording.path)] == texts
+
+
 @pytest.mark.parametrize(
     "line",
     [

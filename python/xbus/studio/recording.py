@@ -165,7 +165,8 @@ class StudioRecording:
 def read_notes(path: Path) -> list[Note]:
     """Returns the notes of a recording; lines that are not notes are left out."""
     try:
-        lines = path.with_name(path.name + NOTES).read_text("utf-8", "replace").splitlines()
+        # `splitlines` would also end a line at separators that a note may contain.
+        lines = path.with_name(path.name + NOTES).read_text("utf-8", "replace").split("\n")
     except OSError:
         return []
     notes = []
