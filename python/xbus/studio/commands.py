@@ -10,7 +10,16 @@ from typing import NamedTuple
 
 from xbus.studio.library import Entry, FileCache
 
-__all__ = ["CommandError", "Facts", "command_line", "describe", "facts_of", "run_command"]
+__all__ = [
+    "CommandError",
+    "Facts",
+    "command_line",
+    "describe",
+    "facts_of",
+    "number_text",
+    "part_options",
+    "run_command",
+]
 
 
 class CommandError(Exception):
@@ -20,6 +29,32 @@ class CommandError(Exception):
 def command_line(*words: str) -> str:
     """Returns a command as a shell takes it."""
     return shlex.join(["xbus", *words])
+
+
+def number_text(number: float) -> str:
+    """Returns a number as a word of a command, with all of its digits.
+
+    >>> number_text(10.0), number_text(100_000.25)
+    ('10', '100000.25')
+    """
+    return f"{number:.15g}"
+
+
+def part_options(begin: float, end: float, duration: float) -> list[str]:
+    """Returns the options of ``xbus cut`` for a part of a recording.
+
+    A part ends before the sample at its end. Up to the end of the recording, it has the last sample too.
+
+    Args:
+        begin: Seconds since the first sample.
+        end: Seconds since the first sample, rounded to 0.01 s.
+        duration: Seconds of the recording.
+
+    >>> part_options(2.0, 5.0, 10.394), part_options(2.0, 10.39, 10.394)
+    (['--from', '2', '--to', '5'], ['--from', '2'])
+    """
+    options = ["--from", number_text(begin)]
+    return options if end >= round(duration, 2) else [*options, "--to", number_text(end)]
 
 
 async def run_command(*words: str) -> str:

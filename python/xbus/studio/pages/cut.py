@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from xbus.studio.commands import command_line
+from xbus.studio.commands import command_line, part_options
 from xbus.studio.library import Entry
 
 __all__ = ["choose_part"]
@@ -33,7 +33,7 @@ async def choose_part(entry: Entry, duration: float, picture: str, out: Path) ->
         return [
             "cut",
             *entry.arguments,
-            *("--from", f"{begin.value:g}", "--to", f"{end.value:g}"),
+            *part_options(begin.value, end.value, duration),
             *("-o", str(out), "-q"),
         ]
 

@@ -12,7 +12,7 @@ from nicegui import ui
 
 from xbus.device.rotation import parse_rotation
 from xbus.formatting import format_count, format_size
-from xbus.studio.commands import command_line
+from xbus.studio.commands import command_line, number_text
 from xbus.studio.recording import StudioRecording
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
@@ -70,7 +70,7 @@ def record_page(session: Session) -> None:
 
     def show_command() -> None:
         words = ["record", stations[0].source, "-o", str(hub.folder / "walk.mtb")]
-        words += ["--duration", f"{limit.value:g}"] if limit.value else []
+        words += ["--duration", number_text(limit.value)] if limit.value else []
         if (rotation := (rotate.value or "").strip()) and not _rotation_problem(rotation):
             words += ["--rotate", rotation]
         session.show_command(command_line(*words), 'with device.record("walk.mtb"): ...')
