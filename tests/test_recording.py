@@ -280,7 +280,7 @@ def test_recording_continues_after_a_reconnect(tmp_path: Path) -> None:
             done.set()
             thread.join()
     log = xbus.read_log(path)
-    assert len(log) > 150
+    assert len(log) > 100  # some came before the recording
     assert sum(message.name == "GoToMeasurementAck" for message in log.messages) >= 2
     assert log.stats.skipped_bytes < 100
     assert len(parted(path)[1]) < len(sent)
