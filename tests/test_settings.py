@@ -381,6 +381,7 @@ def can_output(can_id: int, frequency: int, *names: str) -> str:
     return f"can_output_config = [{', '.join(entries)}]"
 
 
+XBUS_PORT = '{ protocol = "xbus", baudrate = 115200 }'
 #: Product, text, and why it cannot be applied.
 IMPOSSIBLE = [
     ("MTi-630", 'output_configuration = [\n  { quantity = "acceleration", frequency = 150 },\n]',
@@ -407,6 +408,8 @@ IMPOSSIBLE = [
     ("MTi-630", can_output(5, 1000), "line 1, can_output_config: Acceleration has at most 400 Hz, not 1000"),
     ("MTi-630", f"can_config = {{ baudrate = 5000 }}\n{can_output(5, 100)}",
      "line 2, can_output_config: these outputs take up to "),
+    ("MTi-630", f"port_config = [{XBUS_PORT}, {XBUS_PORT}, {XBUS_PORT}]",
+     "line 1, port_config: the MTi-630 has no port 3; its protocol must be none"),
     ("MTi-610", can_output(5, 100, "lat_lon"),
      "line 1, can_output_config: the MTi-610 does not have LatLong on CAN"),
     ("MTi-630", can_output(5, 100, "acceleration", "rate_of_turn"),

@@ -249,10 +249,16 @@ def _check_profile_names(text: str, support: Support) -> None:
 
 
 def _check_ports(ports: Iterable[PortConfig], support: Support) -> None:
-    for port in ports:
-        if port.protocol != PortProtocol.NONE:
-            _member_of(PortProtocol)(port.protocol)
-            _check_baudrate(port.baud_code, support)
+    defaults = support.port_config
+    for number, (port, default) in enumerate(zip(ports, defaults, strict=False), 1):
+        if port.protocol == PortProtocol.NONE:
+            continue
+        if default.protocol == PortProtocol.NONE:
+            raise ValueError(
+                f"the {support.product.name} has no port {number}; its protocol must be none"
+            )
+        _member_of(PortProtocol)(port.protocol)
+        _check_baudrate(port.baud_code, support)
 
 
 def _check_baudrate(code: int, support: Support) -> None:
