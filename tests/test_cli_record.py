@@ -262,6 +262,7 @@ def test_a_terminal_has_one_status_line(tmp_path: Path) -> None:
         (["--rotate", "0MB"], "'0MB' is neither a size"),
         (["--rotate", "1 day"], "'1 day' is neither a size"),
         (["--rotate", ""], "'' is neither a size"),
+        (["--rotate", f"{9 * 10**400}MB"], "is neither a size"),
         (["--output", "acceleration=fast"], "a rate is a whole number of Hz"),
         (["--output", "accelerations=1"], "no quantity is called 'accelerations'"),
         (["--output", "quaternion:UP=1"], "UP"),

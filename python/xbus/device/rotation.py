@@ -24,8 +24,8 @@ def parse_rotation(text: str) -> dict[str, Any]:
     """
     if found := re.fullmatch(r"([0-9]+(?:\.[0-9]+)?) *([a-z]+)", text.lower()):
         number, unit = float(found[1]), found[2]
-        if unit in BYTES and number > 0:
-            return {"rotate_bytes": math.ceil(number * BYTES[unit])}
-        if unit in SECONDS and number > 0:
-            return {"rotate_seconds": number * SECONDS[unit]}
+        if unit in BYTES and 0 < (size := number * BYTES[unit]) < math.inf:
+            return {"rotate_bytes": math.ceil(size)}
+        if unit in SECONDS and 0 < (seconds := number * SECONDS[unit]) < math.inf:
+            return {"rotate_seconds": seconds}
     raise ValueError(f"{text!r} is neither a size (100MB, 2GB) nor a time (90s, 30min, 1h)")
