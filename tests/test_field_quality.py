@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -144,13 +145,17 @@ def test_a_part_of_the_directions(lowest: float, deviation: float) -> None:
 
 def test_other_surfaces() -> None:
     cube = np.random.default_rng(3).uniform(-1, 1, (3000, 3))
-    reason = "the values are on no ellipsoid, as if the field had changed meanwhile"
-    assert refused(cube) == reason
-    x, y = cube[:, :2].T
-    saddle = np.stack([x, y, 2 * (x * x - y * y)], axis=1)
-    assert refused(saddle) == reason
     two = np.concatenate([directions(1000), directions(1000, 7) + np.array([1.5, 0, 0])])
-    assert refused(two) == reason
+    reason = "the values are on no ellipsoid, so the field is not the same everywhere"
+    for field in (cube, two):
+        found = magnetic_field_quality(field)
+        assert found.quality == Quality.DISTURBED
+        assert re.fullmatch(rf"disturbed: the norm deviates by \d\d %, and {reason}", found.verdict)
+        assert found.coverage is not None
+        assert found.coverage > 0.9
+        assert (found.ellipsoid, found.before, found.after) == (None, None, None)
+    # Seen from far away, the same is in few directions.
+    assert refused(cube + np.array([0, 0, 2])) == reason
 
 
 def test_few_rows_and_no_number() -> None:

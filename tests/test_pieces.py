@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import io
 import random
 from itertools import pairwise
@@ -267,6 +268,20 @@ def test_a_repeated_configuration_is_no_restart() -> None:
     log, whole = xbus.read_log([DATA[:cut], head + DATA[cut:]]), xbus.read_log(DATA)
     assert np.array_equal(log.time, whole.time, equal_nan=True)
     assert (log.duration, log.stats.lost_samples) == (whole.duration, 0)
+
+
+@pytest.mark.parametrize("suffix", ["", ".gz"])
+def test_a_piece_that_is_not_named_is_noted(tmp_path: Path, suffix: str) -> None:
+    """Who names the first file of a night does not get an hour of it without a word."""
+    pack = gzip.compress if suffix else bytes
+    for name, piece in (("walk", DATA[:50_000]), ("walk-0001", DATA[50_000:])):
+        (tmp_path / f"{name}.mtb{suffix}").write_bytes(pack(piece))
+    first, second = (str(tmp_path / f"{name}.mtb{suffix}") for name in ("walk", "walk-0001"))
+    note = f"xbus: {second}, the piece after {first}, is not read; name it too, or the folder\n"
+    for words in (["info"], ["decode", "-q", "-o", str(tmp_path / "walk.csv")]):
+        assert note in run(*words, first).stderr
+        for names in ([first, second], [second], [str(tmp_path)]):
+            assert "is not read" not in run(*words, *names).stderr
 
 
 def test_rotated_recording(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ import click
 from xbus.cli.captures import is_capture
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import STDIN, label
-from xbus.files import COMPRESSIONS, is_url, local_name
+from xbus.files import COMPRESSIONS, is_url, local_name, suffix_of_compression
 from xbus.remote import matching_urls
 
 if TYPE_CHECKING:
@@ -169,10 +169,28 @@ def several_recordings(
     for file in find_files(names):
         is_numbered = file != STDIN and not is_capture(file)
         groups.setdefault(piece_name(file).recording if is_numbered else file, []).append(file)
+    recordings = []
+    for group in groups.values():
+        for found in continued(group, allow_restart=allow_restart):
+            notes = found.notes if found.error is None else [_note(found.error)]
+            recordings.append(
+                Recording(found.files, [*notes, *_next_piece(found.files[-1], group)])
+            )
+    return recordings
+
+
+def _next_piece(last: str, named: Sequence[str]) -> list[str]:
+    """Returns a note if the piece after the last one of a recording is there, but was not named."""
+    from xbus.log.pieces import name_of_piece, piece_name
+
+    if last == STDIN or is_url(last) or is_capture(last):
+        return []
+    recording, number = piece_name(local_name(last))
+    other = name_of_piece(recording, number + 1) + suffix_of_compression(last)
+    if other in map(local_name, named) or not os.path.isfile(other):  # noqa: PTH113
+        return []
     return [
-        Recording(found.files, found.notes if found.error is None else [_note(found.error)])
-        for group in groups.values()
-        for found in continued(group, allow_restart=allow_restart)
+        f"{label(other)}, the piece after {label(last)}, is not read; name it too, or the folder"
     ]
 
 

@@ -32,6 +32,7 @@ MIN_COVERAGE, MAX_CONDITION = 0.45, 20.0
 #: Rows whose norm deviates by more than this after the correction, RMS, are on no ellipsoid; nor are those on
 #: one whose axes differ by more than this factor.
 MAX_RESIDUAL, MAX_ASPECT = 0.1, 4.0
+NO_ELLIPSOID = "the values are on no ellipsoid, so the field is not the same everywhere"
 REMEDY = "turn the device about all of its axes, in one place"
 #: A component beyond this, in a.u., is as wrong as NaN.
 LARGEST = 1e6
@@ -75,7 +76,7 @@ class FieldQuality:
         verdict: The same with its reason, in one sentence without a full stop.
         ellipsoid: The ellipsoid of the rows, with hard iron and soft iron; None if it is not known.
         coverage: Share of all directions that the field had in the axes of the device, 0 to 1; None if there
-            is no ellipsoid at all.
+            is too little motion to tell.
         before, after: Deviation of the norm without and with the correction, RMS divided by the mean; None
             without an ellipsoid.
         points: Rows evenly spaced over the recording, at most `FieldRows.MAX_POINTS`, ``(N, 3)``.
@@ -137,7 +138,10 @@ class FieldRows:
         points = self._points
         quality, before, after = Quality.UNKNOWN, None, None
         ellipsoid, seen, reason = _fitted(points)
-        if ellipsoid is None:
+        if ellipsoid is None and reason == NO_ELLIPSOID and (seen or 0) >= MIN_COVERAGE:
+            quality = Quality.DISTURBED
+            verdict = f"{quality.value}: the norm deviates by {_percent(_deviation(points))}, and {reason}"
+        elif ellipsoid is None:
             verdict = f"{quality.value}: {reason}; {REMEDY}"
         else:
             before, after = _deviation(points), _deviation(ellipsoid.corrected(points))
@@ -173,8 +177,8 @@ def magnetic_field_quality(values: npt.ArrayLike) -> FieldQuality:
     that does not move with the device changes the field from place to place.
 
     The verdict is about the deviation of the norm from its mean, RMS: up to 2 % is good and up to 5 % fair.
-    There is none if the field was seen in less than 45 % of the directions, or if its values are on no
-    ellipsoid.
+    There is none if the field was seen in less than 45 % of the directions. A field whose values are on no
+    ellipsoid, although it was seen in more, is disturbed.
 
     Args:
         values: ``magnetic_field`` of a log, ``(N, 3)``, in a.u.
@@ -222,7 +226,7 @@ def _fitted(points: FloatArray) -> tuple[Ellipsoid | None, float | None, str]:
         or ellipsoid.axes[2] > MAX_ASPECT * ellipsoid.axes[0]
         or _deviation(corrected := ellipsoid.corrected(points)) > MAX_RESIDUAL
     ):
-        return None, None, "the values are on no ellipsoid, as if the field had changed meanwhile"
+        return None, coverage(points), NO_ELLIPSOID
     seen = coverage(corrected)
     if seen < MIN_COVERAGE or ellipsoid.condition > MAX_CONDITION:
         return None, seen, f"the field was seen in {100 * seen:.0f} % of the directions"
