@@ -38,6 +38,17 @@ def hub(tmp_path: Any) -> Any:
     hub.close_all()
 
 
+def test_devices_of_the_same_title_have_their_ports_too(hub: Any) -> None:
+    for source in ("sim:MTi-3", "sim:MTi-3?bus=i2c", "sim:MTi-630"):
+        hub.open(source)
+    title = hub.stations["sim:MTi-3"].title
+    assert hub.titles() == {
+        "sim:MTi-3": f"{title}, sim:MTi-3",
+        "sim:MTi-3?bus=i2c": f"{title}, sim:MTi-3?bus=i2c",
+        "sim:MTi-630": hub.stations["sim:MTi-630"].title,
+    }
+
+
 @pytest.fixture
 def small_files() -> Any:
     """A function that limits the size of files, which ends recordings as a full disk does."""

@@ -76,12 +76,13 @@ def send(
     """
     from xbus.cli.exchange import show_exchange
     from xbus.device import Session
+    from xbus.wire.hextext import frame_from_hex
 
     name, value, frame = None, None, b""
     with _usage_errors():
         session = Session(bid=bid)
         if as_hex:
-            frame = _frame(words, bid)
+            frame = frame_from_hex(" ".join(words), bid=bid)
         else:
             name, value = _message(words, session)
     if wait is None:
@@ -107,21 +108,6 @@ def _usage_errors() -> Iterator[None]:
         yield
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-
-
-def _frame(words: Sequence[str], bid: int) -> bytes:
-    """Returns a complete frame, or the frame of a MID and its payload."""
-    from xbus.protocol.tables import PREAMBLE
-    from xbus.wire.codec import encode_frame
-
-    text = " ".join(words)
-    try:
-        data = bytes.fromhex(text.lower().replace("0x", "").replace(",", " "))
-    except ValueError:
-        data = b""
-    if not data:
-        raise ValueError(f"{text!r} is not hex; write bytes, such as FA FF 30 00 D1")
-    return data if data[0] == PREAMBLE else encode_frame(data[0], data[1:], bid=bid)
 
 
 def _message(words: Sequence[str], session: Session) -> tuple[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from collections.abc import Container
 from itertools import count
 from pathlib import Path
@@ -76,6 +77,15 @@ class Hub:
             self._stations[source] = station
             self._sources[station.key] = source
         return station
+
+    def titles(self) -> dict[str, str]:
+        """Returns the titles of the open devices by port; the same title is followed by the port."""
+        titles = {source: station.title for source, station in self.stations.items()}
+        count = Counter(titles.values())
+        return {
+            source: title if count[title] == 1 else f"{title}, {source}"
+            for source, title in titles.items()
+        }
 
     def source_of(self, key: str) -> str | None:
         """Returns the name of the port with a key, open or not; None if this computer has none."""

@@ -160,7 +160,10 @@ def frame(session: Session) -> Iterator[None]:
     def refresh() -> None:
         stations = list(session.hub.stations.values())
         selected = session.station
-        state = [(each.key, each.title, each is selected) for each in stations]
+        titles = session.hub.titles()
+        state = [
+            (each.key, titles.get(each.source, each.title), each is selected) for each in stations
+        ]
         if state != shown:
             shown[:] = state
             tabs.clear()

@@ -6,7 +6,10 @@ import ast
 import re
 from collections.abc import Iterator
 
-__all__ = ["from_hex"]
+from xbus.protocol.tables import PREAMBLE
+from xbus.wire.codec import encode_frame
+
+__all__ = ["frame_from_hex", "from_hex"]
 
 #: Colours of a terminal.
 ESCAPES = re.compile(r"\x1b\[[0-9;]*[A-Za-z]")
@@ -53,6 +56,29 @@ def from_hex(text: str) -> bytes:
     if not data:
         raise ValueError("no byte in the hex text; write bytes such as FA FF 30 00 D1")
     return data
+
+
+def frame_from_hex(text: str, *, bid: int = 0xFF) -> bytes:
+    """Returns the frame to send that a text in hex is, or whose MID and payload it has.
+
+    Args:
+        text: A complete frame, which begins with FA, or a MID and its payload.
+        bid: Bus identifier of a frame that is made of a MID.
+
+    Raises:
+        ValueError: The text is not hex, or has no byte.
+
+    Examples:
+        >>> frame_from_hex("30").hex(" ").upper()
+        'FA FF 30 00 D1'
+    """
+    try:
+        data = bytes.fromhex(text.lower().replace("0x", "").replace(",", " "))
+    except ValueError:
+        data = b""
+    if not data:
+        raise ValueError(f"{text!r} is not hex; write bytes, such as FA FF 30 00 D1")
+    return data if data[0] == PREAMBLE else encode_frame(data[0], data[1:], bid=bid)
 
 
 def _line(line: str, offset: int) -> bytes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
 
@@ -145,13 +145,14 @@ def _ports(session: Session) -> None:
             ui.label("Ports").classes("text-base font-semibold")
             ui.space()
             ui.button(icon="refresh", on_click=lambda: _port_list.refresh()).props(
-                "flat dense round"
+                "flat dense round aria-label='look for ports again'"
             ).tooltip("look for ports again")
         _port_list(session)
         with ui.row().classes("items-center w-full no-wrap"):
             name = ui.input("port or URL", placeholder="/dev/ttyUSB0, socket://HOST:PORT")
             name.classes("grow").props("dense")
-            _open_button(session, "the port or URL", lambda: name.value)
+            open_port = _open_button(session, "the port or URL", lambda: name.value)
+            name.on("keydown.enter", open_port)
 
 
 @ui.refreshable
@@ -209,11 +210,14 @@ def _findings(session: Session) -> None:
                     ui.label(finding.message + remedy)
 
 
-def _open_button(session: Session, what: str, source: Callable[[], str]) -> None:
-    """Draws a button that opens a port."""
+def _open_button(
+    session: Session, what: str, source: Callable[[], str]
+) -> Callable[[], Awaitable[None]]:
+    """Draws a button that opens a port, and returns what it does."""
 
     async def open_port() -> None:
         if name := source().strip():
             await _open(session, name)
 
     ui.button("Open", on_click=open_port).props(f'flat dense no-caps aria-label="Open {what}"')
+    return open_port

@@ -184,7 +184,8 @@ def _values(station: Station) -> str:
         rows.append(
             f'<tr class="{"xbus-stale" if is_stale else ""}" title="{html.escape(title)}">'
             f"<td>{html.escape(quantity.name)}</td><td>{_rate(quantity, model.now)}</td>"
-            f"<td>{html.escape(format_unit(quantity))}</td><td>{html.escape(text)}</td>"
+            f"<td>{html.escape(format_unit(quantity))}</td>"
+            f'<td class="xbus-latest">{html.escape(text)}</td>'
             f"<td>{f'{age:.0f} s ago' if is_stale else ''}</td></tr>"
         )
     head = "<tr><th>quantity</th><th>Hz</th><th>unit</th><th>latest</th><th></th></tr>"

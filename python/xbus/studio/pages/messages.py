@@ -11,13 +11,13 @@ from typing import Any
 from nicegui import ui
 
 from xbus.protocol.messages import LAYOUTS
-from xbus.protocol.tables import MESSAGES, PREAMBLE, MessageRow
+from xbus.protocol.tables import MESSAGES, MessageRow
 from xbus.studio.commands import command_line
 from xbus.studio.exchange import Entry
 from xbus.studio.setting_fields import command_help
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
-from xbus.wire.codec import encode_frame
+from xbus.wire.hextext import frame_from_hex
 
 __all__ = ["messages_page"]
 
@@ -168,10 +168,7 @@ def _hex_input(session: Session, station: Station) -> None:
 
     async def run() -> None:
         def command() -> None:
-            data = bytes.fromhex(raw.value.lower().replace("0x", "").replace(",", " "))
-            if not data:
-                raise ValueError("write bytes in hex, such as FA FF 30 00 D1")
-            station.device.send(data if data[0] == PREAMBLE else encode_frame(data[0], data[1:]))
+            station.device.send(frame_from_hex(raw.value))
 
         session.show_command(
             command_line("send", station.source, "--hex", raw.value), "device.send(data)"

@@ -105,7 +105,7 @@ class Plots:
             self._buttons = {}
             for name in NAMES:
                 button = ui.button(name, on_click=lambda name=name: self._place_at(name, None))
-                button.props(f"dense flat aria-label='cursor {name}'").tooltip(
+                button.props(f"dense flat aria-label='cursor {name}'").classes("w-8").tooltip(
                     f"cursor {name}: values, and statistics between A and B"
                 )
                 self._buttons[name] = button

@@ -26,7 +26,7 @@ def record_page(session: Session) -> None:
     if not hub.stations:
         session.require_station()
         return
-    stations = list(hub.stations.values())
+    stations, titles = list(hub.stations.values()), hub.titles()
     with ui.element("div").classes("xbus-card w-full"):
         with ui.row().classes("items-center gap-4 w-full"):
             button = (
@@ -35,7 +35,9 @@ def record_page(session: Session) -> None:
                 .mark("record")
             )
             chosen = {
-                each.source: ui.checkbox(each.title, value=True).mark(f"use-{each.key}")
+                each.source: ui.checkbox(titles.get(each.source, each.title), value=True).mark(
+                    f"use-{each.key}"
+                )
                 for each in stations
             }
         note = ui.input("note", placeholder="what is recorded").classes("w-full").props("dense")

@@ -120,15 +120,17 @@ class _Corrections:
         if corrections is not None:
             age = corrections.age
             rows |= {
-                "caster": corrections.caster.problem or corrections.caster.state,
+                "caster": f"{corrections.caster.host}: {corrections.caster.state}",
                 "corrections": corrections.describe_counts(),
                 "age": "none yet" if age is None else f"{age:.1f} s",
             }
-        level = {"fixed": "xbus-ok", "float": "xbus-caution"}.get(fix.rtk or "", "")
+        levels = {"RTK": {"fixed": "xbus-ok", "float": "xbus-caution"}.get(fix.rtk or "", "")}
+        if corrections is not None and corrections.caster.problem:
+            levels["corrections"] = "xbus-fault"
         self._state.set_content(
             '<table class="xbus-table" style="width:auto">'
             + "".join(
-                f'<tr><th>{name}</th><td class="{level if name == "RTK" else ""}" style="white-space:normal">'
+                f'<tr><th>{name}</th><td class="{levels.get(name, "")}" style="white-space:normal">'
                 f"{html.escape(text)}</td></tr>"
                 for name, text in rows.items()
             )

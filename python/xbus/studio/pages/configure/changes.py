@@ -189,7 +189,7 @@ def difference_lines(lines: Iterable[str]) -> str:
     """Returns lines that begin with ``-`` or ``+`` as HTML."""
     levels = {"-": "xbus-fault", "+": "xbus-ok"}
     return "".join(
-        f'<div class="xbus-mono whitespace-pre {levels.get(line[:1], "")}">{html.escape(line)}</div>'
+        f'<div class="xbus-mono xbus-difference {levels.get(line[:1], "")}">{html.escape(line)}</div>'
         for line in lines
     )
 
