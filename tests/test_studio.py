@@ -697,7 +697,7 @@ def test_messages_are_sent_and_listed(studio: Any) -> None:
     table.get_by_text("FA FF 31 00 D0").first.wait_for()
     page.get_by_label("or in hex").fill("xyz")
     page.get_by_role("button", name="Send hex").click()
-    page.get_by_text("non-hexadecimal number").wait_for()
+    page.get_by_text("is not hex; write bytes").wait_for()
     page.get_by_label("or in hex").fill("10")
     page.get_by_role("button", name="Send hex").click()
 

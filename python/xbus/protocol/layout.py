@@ -108,10 +108,17 @@ def _raw(value: bytes) -> bytes:
     return bytes(value)
 
 
+def _hex(text: str) -> bytes:
+    try:
+        return bytes.fromhex(text)
+    except ValueError:
+        raise ValueError(f"{text!r} is not hex; write bytes, such as 0A 1B") from None
+
+
 #: A payload of no bytes; its value is None.
 NOTHING = Layout(_no_value, _no_bytes)
 #: A payload that is passed on unchanged; its value is bytes.
-RAW = Layout(_raw, bytes, {"data": bytes.fromhex}, lambda data: data)
+RAW = Layout(_raw, bytes, {"data": _hex}, lambda data: data)
 
 #: Format characters of `struct`.
 _CODES = {

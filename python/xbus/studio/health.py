@@ -19,6 +19,7 @@ from xbus.watch.rows import (
     Span,
     device_state,
     has_receiver,
+    losses,
     status_rows,
 )
 
@@ -26,6 +27,17 @@ __all__ = ["ages", "clipping", "filter_state", "health", "rates"]
 
 #: Classes of the style sheet by style of a row.
 CLASSES = {GOOD: "xbus-ok", DIM: "xbus-quiet", WARNING: "xbus-caution", BAD: "xbus-fault"}
+#: What each fact means.
+MEANINGS = {
+    "state": "Measurement State: the device sends data. Config State: it takes settings.",
+    "rate": "Of the fastest output, as measured, and outputs that are not at their configured rates.",
+    "age": "Outputs whose latest value is overdue.",
+    "filter": "Whether orientation is valid, and how the filter uses the receiver, by the status word.",
+    "clipping": "Axes that were out of the range of the sensor, by the status word.",
+    "GNSS": "Fix, RTK, satellites in use (SV), and the horizontal and vertical accuracy by the receiver.",
+    "losses": "Samples that are missing by the packet counter, and bytes that are no frame.",
+    "recording": "Time since the recording began.",
+}
 #: Share by which a measured rate may differ from the configured one.
 TOLERANCE = 0.03
 #: Quantities that are named at most because they are overdue, or not at their rates.
@@ -46,7 +58,7 @@ def health(station: Station) -> str:
     ]
     # Heading and flags are on the page Live.
     rows = [row for row in status_rows(model, UNICODE) if row.label not in ("heading", "status")]
-    facts += [(row.label, row.parts) for row in rows]
+    facts += [(row.label, losses(model) if row.label == "losses" else row.parts) for row in rows]
     if (recording := station.recording) is not None:
         text = f"{recording.seconds:.0f} s" if recording.error is None else "ended early"
         facts.append(("recording", [(text, BAD)]))
@@ -141,4 +153,8 @@ def _fact(label: str, parts: list[tuple[str, str]]) -> str:
         for text, style in parts
         if text
     )
-    return f'<span class="xbus-fact"><span class="xbus-quiet">{html.escape(label)}</span>{texts}</span>'
+    meaning = html.escape(MEANINGS.get(label, ""))
+    return (
+        f'<span class="xbus-fact" title="{meaning}"><span class="xbus-quiet">{html.escape(label)}</span>'
+        f"{texts}</span>"
+    )

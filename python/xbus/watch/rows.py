@@ -24,6 +24,7 @@ __all__ = [
     "format_length",
     "glyphs_for",
     "has_receiver",
+    "losses",
     "printable",
     "status_rows",
     "value_rows",
@@ -98,7 +99,8 @@ def status_rows(model: Model, glyphs: Glyphs) -> list[StatusRow]:
     if (status := model.status) is not None:
         parts = _flags(status, has_filter=model.attitude is not None)
         rows.append(StatusRow("status", parts, " "))
-    rows.append(StatusRow("losses", _losses(model)))
+    queue = [] if model.progress is not None else [(_queue(model), PLAIN)]
+    rows.append(StatusRow("losses", losses(model) + queue))
     return rows
 
 
@@ -197,7 +199,8 @@ def _flags(status: QuantityState, *, has_filter: bool) -> list[Span]:
     return parts
 
 
-def _losses(model: Model) -> list[Span]:
+def losses(model: Model) -> list[Span]:
+    """Returns what is missing or damaged."""
     counts = model.counts
     parts: list[Span] = []
     if not model.quantities and counts.skipped_bytes > UNDECODED_BYTES:
@@ -216,8 +219,6 @@ def _losses(model: Model) -> list[Span]:
         parts.append((f"{format_count(counts.overruns, 'overrun')} in the driver or device", BAD))
     if counts.dropped_samples:
         parts.append((f"dropped: {format_count(counts.dropped_samples, 'sample')}", BAD))
-    if model.progress is None:
-        parts.append((_queue(model), PLAIN))
     return parts
 
 

@@ -5,15 +5,17 @@ const DASHES = [[], [8, 3], [2, 3], [8, 3, 2, 3], [12, 3], [4, 6]];
 const FRAME = 33; // ms between two frames
 const AXIS = 80; // px beside the curves
 
-// Local time with milliseconds.
+// Local time with milliseconds, 24 hours whatever the language.
 function clock(seconds) {
   const date = new Date(1000 * seconds);
-  return date.toLocaleTimeString([], { hour12: false }) + "." + String(date.getMilliseconds()).padStart(3, "0");
+  const pad = (number, digits) => String(number).padStart(digits, "0");
+  const [hours, minutes, rest] = [date.getHours(), date.getMinutes(), date.getSeconds()].map((part) => pad(part, 2));
+  return `${hours}:${minutes}:${rest}.${pad(date.getMilliseconds(), 3)}`;
 }
 
-// Decimals by which numbers differ that lie a thousandth of the axis apart.
+// Decimals that show a ten-thousandth of the axis.
 function decimals({ min, max }) {
-  return max > min ? Math.min(12, Math.max(0, Math.ceil(3 - Math.log10(max - min)))) : 3;
+  return max > min ? Math.min(12, Math.max(0, Math.ceil(4 - Math.log10(max - min)))) : 3;
 }
 
 export default {
@@ -228,7 +230,14 @@ export default {
               },
             },
           },
-          axes: [axis, { ...axis, size: 64 }],
+          axes: [
+            {
+              ...axis,
+              space: 64,
+              values: (_, times, column, space, step) => times.map((t) => clock(t).slice(0, step < 1 ? 12 : 8)),
+            },
+            { ...axis, size: 64 },
+          ],
           series: [
             { label: "time", value: (_, t) => (t == null ? "--" : clock(t)) },
             ...this.fields.map((field, k) => ({
