@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,21 @@ import numpy as np
 import pytest
 
 import xbus
+from xbus.sim import Faults
 
 pytest.importorskip("nicegui", reason="the extra studio is not installed")
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
+#: A page of each kind.
+PAGES = (
+    "",
+    "live/sim-MTi-680G",
+    "configure/sim-MTi-630",
+    "record",
+    "recordings",
+    "rtk/sim-MTi-680G",
+    "messages/sim-MTi-3",
+)
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
 
@@ -552,6 +564,73 @@ def test_a_device_that_is_lost_while_it_is_configured(studio: Any) -> None:
     studio.open("")
     page.locator(f".xbus-device-{key}").get_by_role("button", name="Close").click()
     page.locator(f".xbus-device-{key}").wait_for(state="detached")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_a_plug_is_pulled_and_put_back(studio: Any, tmp_path: Any) -> None:
+    """The page goes on without a reload."""
+    page, port = studio.page, tmp_path / "port"
+    virtual, done = xbus.SimulatedDevice("MTi-630"), threading.Event()
+    with xbus.sim.PtyServer(virtual, link=port) as server:
+        thread = threading.Thread(target=xbus.sim.serve, args=(server, done.is_set))
+        thread.start()
+        try:
+            studio.open("")
+            page.get_by_role("textbox", name="port or URL").fill(str(port))
+            page.get_by_role("button", name="Open the port or URL").click()
+            key = re.sub("[^A-Za-z0-9]+", "-", str(port)).strip("-")
+            page.locator(f".xbus-device-{key}").wait_for()
+            studio.open(f"live/{key}")
+            page.evaluate("window.isTheSamePage = true")
+            strip = page.locator(".xbus-strip")
+            strip.get_by_text("Measurement State").wait_for()
+            virtual.faults = Faults(unplug=(virtual.time, 3.0))
+            strip.get_by_text("port lost").wait_for()
+            strip.get_by_text("Measurement State").wait_for()
+            page.get_by_text("the port is back").first.wait_for()
+            assert page.evaluate("window.isTheSamePage")
+            studio.open("")
+            page.locator(f".xbus-device-{key}").get_by_role("button", name="Close").click()
+            page.locator(f".xbus-device-{key}").wait_for(state="detached")
+        finally:
+            done.set()
+            thread.join()
+
+
+#: Parts of the menu that overlap, and texts that are wider than the part they are in.
+MISFITS = """() => {
+    const box = (part) => part.getBoundingClientRect();
+    const shown = (part) => part.checkVisibility() && box(part).width > 0;
+    const found = [];
+    if (document.documentElement.scrollWidth > innerWidth) found.push("the page is wider than the window");
+    const menu = [...document.querySelectorAll("header button, header a")].filter(shown);
+    for (const [i, one] of menu.entries())
+        for (const other of menu.slice(i + 1)) {
+            const [a, b] = [box(one), box(other)];
+            if (a.left < b.right - 1 && b.left < a.right - 1 && a.top < b.bottom - 1 && b.top < a.bottom - 1)
+                found.push(`${one.innerText} overlaps ${other.innerText}`);
+        }
+    for (const part of document.querySelectorAll(".q-btn, .q-checkbox__label, .xbus-fact, label, td"))
+        if (shown(part) && part.scrollWidth > part.clientWidth + 2 && part.clientWidth > 0)
+            found.push(`"${part.innerText}" is cut off`);
+        else if (shown(part) && !part.closest(".overflow-x-auto") && box(part).right > innerWidth + 1)
+            found.push(`"${part.innerText}" is outside of the window`);
+    return found;
+}"""
+
+
+@pytest.mark.parametrize("path", PAGES)
+def test_pages_fit(studio: Any, path: Any) -> None:
+    """On a laptop and on a tablet, in both colours, no part is cut off or over another one."""
+    page = studio.page
+    for width, height in ((1280, 900), (1024, 768)):
+        page.set_viewport_size({"width": width, "height": height})
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme)
+            studio.open(path)
+            page.locator(".xbus-card:visible, .xbus-page .xbus-quiet:visible").first.wait_for()
+            page.wait_for_function(f"() => ({MISFITS})().length === 0")
+            assert page.evaluate(MISFITS) == []
 
 
 def test_recordings_are_described_replayed_and_exported(studio: Any) -> None:
