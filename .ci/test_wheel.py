@@ -20,7 +20,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 #: What the tests read. `python` is left out, so that only the installed package can be imported.
 FILES = ("tests", "docs", "pyproject.toml", "Cargo.toml", "README.md", "CONTRIBUTING.md")
-TOOLS = ("pytest>=8", "pytest-timeout>=2.3", "pytest-xdist>=3.5", "hypothesis>=6.100")
+TOOLS = ("pytest>=8", "pytest-timeout>=2.3", "pytest-xdist>=3.6", "hypothesis>=6.100")
 TESTS = (
     "codec",
     "column",
