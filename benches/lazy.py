@@ -100,7 +100,7 @@ def dask(path: Path) -> None:
         recording(files[-1], size // 4)
 
     def mean(**options: str) -> list[float]:
-        frame = xbus.dask.read_logs(files, block_bytes=32 << 20, index=None)
+        frame = xbus.dask.read_logs(files, index=None)
         found = frame.mean(numeric_only=True).compute(**options)
         return found[AXES].tolist()  # type: ignore[no-any-return]
 
