@@ -13,7 +13,7 @@ import pytest
 from click.testing import Result
 
 from test_cli import run, sentence
-from xbus import SimulatedDevice, connect
+from xbus import Device, SimulatedDevice, XbusTimeout, connect
 from xbus.protocol import State
 from xbus.protocol.configuration import Firmware
 from xbus.protocol.messages import encode
@@ -133,6 +133,22 @@ def test_the_baud_rate_is_changed_and_stays(product: str) -> None:
         assert device.baudrate == 921600
         done(run("baudrate", port, "57600", "--from", "921600"))
         assert device.baudrate == 57600
+
+
+def test_a_missed_wake_up_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slow computer changes the rate of its port when the device has already started to measure."""
+    with served("MTi-300", baudrate=115200) as (port, virtual):
+
+        def miss(device: Device, timeout: float = 2.0) -> None:
+            wait_until(State.MEASUREMENT, virtual)
+            raise XbusTimeout("no WakeUp", "WakeUpAck", timeout)
+
+        with connect(port, 115200) as device:
+            device.go_to_config()
+            monkeypatch.setattr(Device, "wake_up", miss)
+            device.set_baudrate(57600)
+            assert (virtual.baudrate, device.link.baudrate) == (57600, 57600)
+            assert (virtual.state, device.state) == (State.CONFIG, State.CONFIG)
 
 
 def test_an_unsupported_rate_changes_nothing() -> None:

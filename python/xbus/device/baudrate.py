@@ -47,7 +47,12 @@ def restart(device: Configurable, baudrate: int | None) -> None:
         if baudrate is None or old is None or baudrate == old:
             raise
         try:
-            device.find_baudrate((old,))
+            device.find_baudrate((baudrate, old))
+            if device.link.baudrate == baudrate:
+                # WakeUp was missed, as when the port changes its rate late; the device measures meanwhile.
+                device.command("GoToConfig")
+                device.commands.req_did()
+                return
             problem = f"the device did not change to {baudrate} baud: it still uses {old}"
         except XbusTimeout:
             device.link.baudrate = baudrate
