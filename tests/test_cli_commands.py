@@ -151,6 +151,28 @@ def test_a_missed_wake_up_is_no_failure(monkeypatch: pytest.MonkeyPatch) -> None
             assert (virtual.state, device.state) == (State.CONFIG, State.CONFIG)
 
 
+@pytest.mark.parametrize(
+    ("action", "command"),
+    [
+        (lambda device: device.set_baudrate(57600), "SetBaudrate"),
+        (lambda device: device.restore_factory_settings(), "RestoreFactoryDef"),
+    ],
+)
+def test_a_device_that_is_lost_by_a_restart_names_the_command(
+    action: Any, command: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def miss(device: Device, *_: object) -> None:
+        raise XbusTimeout("nothing came", "WakeUpAck", 1.0)
+
+    with served("MTi-300", baudrate=921600) as (port, _), connect(port, 921600) as device:
+        device.go_to_config()
+        monkeypatch.setattr(Device, "wake_up", miss)
+        monkeypatch.setattr(Device, "find_baudrate", miss)
+        with pytest.raises(XbusTimeout, match=r"neither at \d+ nor at 921600 baud") as caught:
+            action(device)
+        assert caught.value.command == command
+
+
 def test_an_unsupported_rate_changes_nothing() -> None:
     with served("MTi-300", baudrate=115200) as (port, device):
         shown = sentence(run("baudrate", port, "4000000"))

@@ -26,15 +26,19 @@ def change_baudrate(device: Configurable, baudrate: int) -> None:
         )
     else:
         device.command("SetBaudrate", code)
-    restart(device, baudrate)
+    restart(device, baudrate, "SetBaudrate")
 
 
-def restart(device: Configurable, baudrate: int | None) -> None:
+def restart(device: Configurable, baudrate: int | None, changed_by: str = "Reset") -> None:
     """Resets a device in Config State, and follows it to the baud rate that it has afterwards.
 
     Args:
         device: The device.
         baudrate: The rate after the restart; None for a port that has none.
+        changed_by: Name of the command that changed the rate, for the error.
+
+    Raises:
+        XbusTimeout: The device did not come back; the message says whether it still uses the old rate.
     """
     old = device.link.baudrate
     device.command("Reset")
@@ -43,21 +47,29 @@ def restart(device: Configurable, baudrate: int | None) -> None:
     try:
         device.wake_up()
         device.commands.req_did()
-    except XbusTimeout as timeout:
+    except XbusTimeout as missed:
         if baudrate is None or old is None or baudrate == old:
             raise
-        try:
-            device.find_baudrate((baudrate, old))
-            if device.link.baudrate == baudrate:
-                # WakeUp was missed, as when the port changes its rate late; the device measures meanwhile.
-                device.command("GoToConfig")
-                device.commands.req_did()
-                return
-            problem = f"the device did not change to {baudrate} baud: it still uses {old}"
-        except XbusTimeout:
-            device.link.baudrate = baudrate
-            problem = (
-                f"the device answers neither at {baudrate} nor at {old} baud; power it off and on, or recover"
-                f" it with xbus restore {device.link.name}"
-            )
-        raise XbusTimeout(problem, "SetBaudrate", timeout.waited) from timeout
+        _find_again(device, old, baudrate, changed_by, missed)
+
+
+def _find_again(
+    device: Configurable, old: int, new: int, changed_by: str, missed: XbusTimeout
+) -> None:
+    """Finds a device that should have another baud rate now, and puts it into Config State."""
+    try:
+        device.find_baudrate((new, old))
+    except XbusTimeout:
+        device.link.baudrate = new
+        raise XbusTimeout(
+            f"the device answers neither at {new} nor at {old} baud; power it off and on, or recover it"
+            f" with xbus restore {device.link.name}",
+            changed_by,
+            missed.waited,
+        ) from missed
+    if device.link.baudrate == old:
+        problem = f"the device did not change to {new} baud: it still uses {old}"
+        raise XbusTimeout(problem, changed_by, missed.waited) from missed
+    # WakeUp was missed, as when the port changes its rate late; the device measures meanwhile.
+    device.command("GoToConfig")
+    device.commands.req_did()

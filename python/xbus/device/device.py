@@ -386,7 +386,8 @@ class Device:
         """
         self.commands.restore_factory_def()
         self.output_configuration = None
-        restart(self, None if self.link.baudrate is None else DEFAULT_BAUDRATE)
+        rate = None if self.link.baudrate is None else DEFAULT_BAUDRATE
+        restart(self, rate, "RestoreFactoryDef")
 
     def restore_communication(self, timeout: float = 30.0) -> None:
         """Recovers a device that answers at no baud rate, with the procedure of section 7.2.
