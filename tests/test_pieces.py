@@ -277,11 +277,34 @@ def test_a_piece_that_is_not_named_is_noted(tmp_path: Path, suffix: str) -> None
     for name, piece in (("walk", DATA[:50_000]), ("walk-0001", DATA[50_000:])):
         (tmp_path / f"{name}.mtb{suffix}").write_bytes(pack(piece))
     first, second = (str(tmp_path / f"{name}.mtb{suffix}") for name in ("walk", "walk-0001"))
-    note = f"xbus: {second}, the piece after {first}, is not read; name it too, or the folder\n"
+    missing = f"xbus: {second}, the piece after {first}, is not read; "
     for words in (["info"], ["decode", "-q", "-o", str(tmp_path / "walk.csv")]):
-        assert note in run(*words, first).stderr
+        assert f"{missing}name it too, or the folder\n" in run(*words, first).stderr
         for names in ([first, second], [second], [str(tmp_path)]):
             assert "is not read" not in run(*words, *names).stderr
+
+
+def test_other_names_of_the_next_piece(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A piece that was named in another way is not missing."""
+    for name, piece in (("walk", DATA[:50_000]), ("walk-0001", DATA[50_000:])):
+        (tmp_path / f"{name}.mtb").write_bytes(piece)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link.mtb").symlink_to("walk-0001.mtb")
+    for other in (str(tmp_path / "walk-0001.mtb"), "walk-0001.mtb", "link.mtb"):
+        assert "is not read" not in run("info", "./walk.mtb", other).stderr
+
+
+def test_commands_that_read_one_file_note_the_next_piece(tmp_path: Path) -> None:
+    for name, piece in (("walk", DATA[:50_000]), ("walk-0001", DATA[50_000:])):
+        (tmp_path / f"{name}.mtb").write_bytes(piece)
+    first, second = (str(tmp_path / f"{name}.mtb") for name in ("walk", "walk-0001"))
+    note = f"xbus: {second}, the piece after {first}, is not read; this command reads one file\n"
+    for words in (
+        ["monitor", "--once", "1"],
+        ["stream", "--to", "udp://127.0.0.1:9", "--speed", "1000"],
+    ):
+        assert note in run(*words, first).stderr
+        assert "is not read" not in run(*words, second).stderr
 
 
 def test_rotated_recording(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from xbus.remote import RemoteFile, Version, remote_version
 __all__ = [
     "COMPRESSIONS",
     "MAGIC_SIZE",
+    "RECORDING_SUFFIX",
     "check_is_recording",
     "compression_of",
     "decompressed",
@@ -26,6 +27,8 @@ __all__ = [
     "suffix_of_compression",
 ]
 
+#: Suffix of the recordings of a device.
+RECORDING_SUFFIX = ".mtb"
 #: Suffixes of compressed files.
 COMPRESSIONS = (".gz", ".zst", ".xz", ".bz2")
 #: The first bytes of compressed data. The digit after ``BZh`` is the size of its blocks.

@@ -12,6 +12,7 @@ import click
 
 from xbus.cli.connection import address_of, connect_device, port_lost
 from xbus.cli.inputs import is_recording, label
+from xbus.cli.recordings import show_unread_piece
 from xbus.errors import Disconnected
 from xbus.formatting import describe_losses, format_count
 from xbus.watch.model import Model
@@ -167,6 +168,7 @@ def live_input(
                 raise click.UsageError(f"{label(name)} is a recording; {option} is for a port")
         from xbus.cli.monitor.replay_source import ReplaySource
 
+        show_unread_piece(name)
         yield LiveInput(ReplaySource(name, speed or 1.0, strings, bid), None)
         return
     if speed is not None:

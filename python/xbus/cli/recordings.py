@@ -14,23 +14,20 @@ import click
 from xbus.cli.captures import is_capture
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import STDIN, label
-from xbus.files import COMPRESSIONS, is_url, local_name, suffix_of_compression
+from xbus.files import COMPRESSIONS, RECORDING_SUFFIX, is_url, local_name, suffix_of_compression
 from xbus.remote import matching_urls
 
 if TYPE_CHECKING:
     from xbus.log.pieces import PiecesError
 
 __all__ = [
-    "SUFFIX",
     "Recording",
     "find_files",
     "joined_recordings",
     "one_recording",
     "several_recordings",
+    "show_unread_piece",
 ]
-
-#: The suffix of the recordings in a folder; compressed ones have another suffix behind it.
-SUFFIX = ".mtb"
 
 
 @dataclass(frozen=True)
@@ -97,7 +94,7 @@ def _expand(name: str) -> Iterator[str]:
     elif is_url(path):
         yield from _matching_urls(name)
     elif os.path.isdir(path):  # noqa: PTH112
-        suffixes = tuple(SUFFIX + compression for compression in ("", *COMPRESSIONS))
+        suffixes = tuple(RECORDING_SUFFIX + compression for compression in ("", *COMPRESSIONS))
         try:
             files = sorted(file for file in os.listdir(path) if file.lower().endswith(suffixes))  # noqa: PTH208
         except OSError as error:
@@ -105,7 +102,7 @@ def _expand(name: str) -> Iterator[str]:
         files = [file for file in files if _is_recording(os.path.join(path, file))]  # noqa: PTH118
         if not files:
             raise Failure(
-                f"no {SUFFIX} file in the folder {label(name)}; name the files, such as "
+                f"no {RECORDING_SUFFIX} file in the folder {label(name)}; name the files, such as "
                 f"{label(os.path.join(name, _pattern(path)))}"  # noqa: PTH118
             )
         yield from (os.path.join(path, file) for file in files)  # noqa: PTH118
@@ -121,8 +118,8 @@ def _expand(name: str) -> Iterator[str]:
 
 def _pattern(folder: str) -> str:
     """Returns a pattern for the recordings in a folder without any, in subfolders if they are there."""
-    below = glob.iglob(f"{glob.escape(folder)}/**/*{SUFFIX}*", recursive=True)  # noqa: PTH207
-    return f"**/*{SUFFIX}" if next(below, None) else "*.bin"
+    below = glob.iglob(f"{glob.escape(folder)}/**/*{RECORDING_SUFFIX}*", recursive=True)  # noqa: PTH207
+    return f"**/*{RECORDING_SUFFIX}" if next(below, None) else "*.bin"
 
 
 def _matching_urls(pattern: str) -> list[str]:
@@ -166,20 +163,26 @@ def several_recordings(
     if is_hex:
         return [Recording([file]) for file in find_files(names)]
     groups: dict[str, list[str]] = {}
-    for file in find_files(names):
+    files = find_files(names)
+    for file in files:
         is_numbered = file != STDIN and not is_capture(file)
         groups.setdefault(piece_name(file).recording if is_numbered else file, []).append(file)
     recordings = []
     for group in groups.values():
         for found in continued(group, allow_restart=allow_restart):
             notes = found.notes if found.error is None else [_note(found.error)]
-            recordings.append(
-                Recording(found.files, [*notes, *_next_piece(found.files[-1], group)])
-            )
+            unread = _unread_piece(found.files[-1], files, "name it too, or the folder")
+            recordings.append(Recording(found.files, [*notes, *unread]))
     return recordings
 
 
-def _next_piece(last: str, named: Sequence[str]) -> list[str]:
+def show_unread_piece(file: str) -> None:
+    """Prints a note on stderr if a recording goes on in another file. For commands that read one file."""
+    for note in _unread_piece(file, [file], "this command reads one file"):
+        click.echo(f"xbus: {note}", err=True)
+
+
+def _unread_piece(last: str, named: Sequence[str], remedy: str) -> list[str]:
     """Returns a note if the piece after the last one of a recording is there, but was not named."""
     from xbus.log.pieces import name_of_piece, piece_name
 
@@ -187,11 +190,11 @@ def _next_piece(last: str, named: Sequence[str]) -> list[str]:
         return []
     recording, number = piece_name(local_name(last))
     other = name_of_piece(recording, number + 1) + suffix_of_compression(last)
-    if other in map(local_name, named) or not os.path.isfile(other):  # noqa: PTH113
+    if not os.path.isfile(other):  # noqa: PTH113
         return []
-    return [
-        f"{label(other)}, the piece after {label(last)}, is not read; name it too, or the folder"
-    ]
+    if os.path.realpath(other) in {os.path.realpath(local_name(name)) for name in named}:
+        return []
+    return [f"{label(other)}, the piece after {label(last)}, is not read; {remedy}"]
 
 
 def _note(error: PiecesError) -> str:

@@ -18,7 +18,7 @@ from xbus.cli.connection import (
 from xbus.cli.failure import cannot, stop_requested
 from xbus.cli.inputs import is_recording, label
 from xbus.formatting import format_count
-from xbus.network import is_loopback
+from xbus.network import is_loopback, url_host
 
 if TYPE_CHECKING:
     from xbus.cli.live_input import LiveInput
@@ -108,8 +108,7 @@ def serve(
                     "only this one",
                     err=True,
                 )
-            address = f"[{host}]" if ":" in host else host
-            click.echo(f"serving ws://{address}:{sink.port}", err=True)
+            click.echo(f"serving ws://{url_host(host)}:{sink.port}", err=True)
             live.run(sink, is_stopping, duration=duration)
         summary = f"{label(source)}: {live.elapsed:,.1f} s, {sink}; {live.losses()}"
     click.echo(summary + (f"; {recorded[0]}" if recorded else ""), err=True)

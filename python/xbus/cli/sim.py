@@ -13,6 +13,7 @@ from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import no_frame
 from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_line
+from xbus.cli.recordings import show_unread_piece
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -162,6 +163,7 @@ def _pairs(
 def _replay(file: str) -> Replay:
     from xbus.sim.replay import Replay
 
+    show_unread_piece(file)
     try:
         replay = Replay(file)
     except OSError as error:

@@ -12,7 +12,8 @@ import click
 
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import is_recording, label
-from xbus.cli.recordings import SUFFIX, several_recordings
+from xbus.cli.recordings import several_recordings
+from xbus.files import RECORDING_SUFFIX
 
 if TYPE_CHECKING:
     from xbus.studio.hub import Hub
@@ -114,10 +115,13 @@ def _sources(names: Sequence[str], folder: Path | None) -> tuple[list[str], Path
             "the studio has one folder of recordings; name one, as FOLDER or --folder"
         )
     files = [name for name in names if is_recording(name)]
-    replays = [replay_source(map(Path, recording.files)) for recording in several_recordings(files)]
+    recordings = several_recordings(files)
+    for recording in recordings:
+        recording.show_notes()
+    replays = [replay_source(map(Path, recording.files)) for recording in recordings]
     ports = [name for name in names if name not in (*folders, *files)]
     for name in ports:
-        if name.lower().endswith(SUFFIX):
+        if name.lower().endswith(RECORDING_SUFFIX):
             raise Failure(f"there is no recording {label(name)}; check the name")
     return ports + replays, Path(folders[0]) if folders else folder or Path()
 

@@ -17,6 +17,7 @@ from xbus.cli.decoding import PART, reading
 from xbus.cli.failure import Failure, stop_requested
 from xbus.cli.inputs import Input, is_recording, label, no_frame, reading_task
 from xbus.cli.progress import Progress
+from xbus.cli.recordings import show_unread_piece
 from xbus.formatting import format_count
 
 if TYPE_CHECKING:
@@ -78,6 +79,7 @@ def _view_file(file: str, bid: int | None, viewer_port: int, memory_limit: str) 
     from xbus.cli.stored import stored
     from xbus.export.rerun.stream import RerunStream, names_of
 
+    show_unread_piece(file)
     task = reading_task(file)
     with (
         Progress(task) as progress,

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
+from xbus.files import RECORDING_SUFFIX
 from xbus.log.grouping import continued
 from xbus.log.pieces import piece_name
 
@@ -17,8 +18,6 @@ __all__ = ["Entry", "FileCache", "Library", "find_recordings", "unused_path"]
 
 T = TypeVar("T")
 
-#: Suffix of recordings.
-SUFFIX = ".mtb"
 #: Recordings that are listed, the latest first.
 MAX_ENTRIES = 200
 #: Files and folders that are looked at, at most: someone may start the studio in a home folder.
@@ -87,7 +86,7 @@ def find_recordings(folder: Path) -> Library:
         looked_at += 1
         if looked_at > MAX_LOOKED_AT:
             break
-        if entry.name.lower().endswith(SUFFIX):
+        if entry.name.lower().endswith(RECORDING_SUFFIX):
             with contextlib.suppress(OSError):
                 state = entry.stat()
                 if entry.is_file():

@@ -20,6 +20,7 @@ from xbus.cli.failure import stop_requested
 from xbus.cli.inputs import is_recording, label, legacy_option, strings_option
 from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_json, print_line
+from xbus.cli.recordings import show_unread_piece
 from xbus.errors import Disconnected
 
 if TYPE_CHECKING:
@@ -102,6 +103,7 @@ def _monitor_file(
 ) -> None:
     from xbus.cli.monitor.replay_source import ReplaySource
 
+    show_unread_piece(file)
     source = ReplaySource(file, speed, strings, bid, legacy)
     model = source.model()
     if once is None:
