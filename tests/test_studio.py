@@ -452,7 +452,7 @@ def test_outputs_are_changed_and_read_back(studio: Any) -> None:
     table.get_by_text("rate_of_turn").wait_for()
 
 
-def test_wrong_settings_are_told_at_once(studio: Any) -> None:
+def test_wrong_settings_are_shown_at_once(studio: Any) -> None:
     page = studio.page
     studio.open("configure/sim-MTi-630")
     page.get_by_role("tab", name="As text").click()
@@ -483,7 +483,7 @@ def test_a_form_is_checked_and_both_pages_show_what_the_device_has(
     reason = "location_id: location_id cannot be 70000: it must be an integer from 0 to 65535"
     page.locator(".xbus-setting-location_id").get_by_text(reason).wait_for()
     assert page.get_by_role("button", name="Apply").is_disabled()
-    # The other page has a change of its own, which stays.
+    # The other page keeps its change.
     other.locator(".xbus-setting-rot_local").get_by_label("yaw, deg").fill("90")
     other.get_by_text("+rot_local = [0.7071068, 0.0, 0.0, 0.7071068]").wait_for()
     number = str(int(theirs.input_value()) + 1)

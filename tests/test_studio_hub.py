@@ -42,7 +42,7 @@ def test_devices_of_the_same_title_have_their_ports_too(hub: Any) -> None:
     for source in ("sim:MTi-3", "sim:MTi-3?bus=i2c", "sim:MTi-630"):
         hub.open(source)
     title = hub.stations["sim:MTi-3"].title
-    assert hub.titles() == {
+    assert {source: title for source, (_, title) in hub.titled().items()} == {
         "sim:MTi-3": f"{title}, sim:MTi-3",
         "sim:MTi-3?bus=i2c": f"{title}, sim:MTi-3?bus=i2c",
         "sim:MTi-630": hub.stations["sim:MTi-630"].title,
@@ -224,6 +224,7 @@ def test_the_summary_of_a_recording_claims_no_more_than_is_known(tmp_path: Any) 
     }
     assert "no samples lost" in texts["counted"]
     assert "no packet counter to detect losses" in texts["uncounted"]
+    assert all("duration not known" in text and "0.0 s" not in text for text in texts.values())
 
 
 def test_a_recording_can_be_exported_to_every_format() -> None:

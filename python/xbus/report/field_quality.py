@@ -76,7 +76,7 @@ class FieldQuality:
         verdict: The same with its reason, in one sentence without a full stop.
         ellipsoid: The ellipsoid of the rows, with hard iron and soft iron; None if it is not known.
         coverage: Share of all directions that the field had in the axes of the device, 0 to 1; None if there
-            is too little motion to tell.
+            is too little motion.
         before, after: Deviation of the norm without and with the correction, RMS divided by the mean; None
             without an ellipsoid.
         points: Rows evenly spaced over the recording, at most `FieldRows.MAX_POINTS`, ``(N, 3)``.

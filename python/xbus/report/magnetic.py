@@ -11,14 +11,18 @@ from xbus.report.blocks import Block, Heading, Paragraph, Plot, Table
 from xbus.report.data import ReportData
 from xbus.report.field_quality import FAIR, GOOD, MIN_COVERAGE, FieldQuality
 
-__all__ = ["facts", "magnetic"]
+__all__ = ["SCALE", "facts", "magnetic"]
 
+#: How the verdict is found.
+SCALE = (
+    "The verdict is about the deviation of the norm (RMS, of its mean): "
+    f"up to {100 * GOOD:.0f} % is good, up to {100 * FAIR:.0f} % is fair."
+)
 INTRODUCTION = (
     "Where nothing disturbs it, the field has the same norm in every orientation of the device, and its "
     "measurements are on a sphere. Iron and magnets that move with the device turn the sphere into an "
-    "ellipsoid, which is fitted here; its centre is the hard iron. The verdict is about the deviation of the "
-    f"norm (RMS, of its mean): up to {100 * GOOD:.0f} % is good, up to {100 * FAIR:.0f} % is fair. It needs "
-    f"a field seen in {100 * MIN_COVERAGE:.0f} % of all directions."
+    "ellipsoid, which is fitted here; its centre is the hard iron. "
+    f"{SCALE} It needs a field seen in {100 * MIN_COVERAGE:.0f} % of all directions."
 )
 
 

@@ -22,7 +22,7 @@ class SettingsChanged(ValueError):  # noqa: N818 - the name is clear without a s
 
 
 class Reading(NamedTuple):
-    """What a device said.
+    """The settings that a device reported.
 
     Attributes:
         settings: All its settings.

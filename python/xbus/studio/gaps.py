@@ -83,7 +83,7 @@ def lost_time(time: FloatArray, begin: float, end: float) -> float:
         end: End, on the same clock.
 
     Returns:
-        Seconds; NaN if the rows are too few to tell.
+        Seconds; NaN if the rows are too few.
 
     >>> lost_time(np.array([0.0, 1, 2, 6, 7, 8]), 0.0, 5.0)
     2.0

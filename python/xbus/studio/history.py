@@ -49,7 +49,7 @@ class Selection(NamedTuple):
         a, b: What it is at the cursors; None for a cursor without one, or before the first row.
         change: From A to B, ``(k,)``; None without one of them.
         statistics: Of the rows from one cursor to the other, both included; None without one of them.
-        lost: Seconds between the cursors without samples; NaN if they are too few to tell. None as above.
+        lost: Seconds between the cursors without samples; NaN if they are too few. None as above.
     """
 
     series: Series

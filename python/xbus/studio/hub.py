@@ -78,13 +78,13 @@ class Hub:
             self._sources[station.key] = source
         return station
 
-    def titles(self) -> dict[str, str]:
-        """Returns the titles of the open devices by port; the same title is followed by the port."""
-        titles = {source: station.title for source, station in self.stations.items()}
-        count = Counter(titles.values())
+    def titled(self) -> dict[str, tuple[Station, str]]:
+        """Returns the open devices and their titles by port; the same title is followed by the port."""
+        titles = {source: (station, station.title) for source, station in self.stations.items()}
+        count = Counter(title for _, title in titles.values())
         return {
-            source: title if count[title] == 1 else f"{title}, {source}"
-            for source, title in titles.items()
+            source: (station, title if count[title] == 1 else f"{title}, {source}")
+            for source, (station, title) in titles.items()
         }
 
     def source_of(self, key: str) -> str | None:

@@ -11,13 +11,12 @@ import shutil
 import time
 from collections import deque
 from datetime import UTC, datetime
-from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
 from xbus.device.recording import Recording
 
-__all__ = ["NOTES", "ByteRate", "Note", "StudioRecording", "new_file", "read_notes"]
+__all__ = ["NOTES", "ByteRate", "Note", "StudioRecording", "read_notes"]
 
 #: Suffix of the side file with notes: one JSON object per line.
 NOTES = ".notes"
@@ -177,17 +176,3 @@ def read_notes(path: Path) -> list[Note]:
             datetime.fromtimestamp(seconds)  # pages show local time, which ends with the year 9999
             notes.append(Note(seconds, str(entry["text"])))
     return notes
-
-
-def new_file(folder: Path, stem: str) -> Path:
-    """Creates an empty file for a recording, and returns its path.
-
-    Raises:
-        OSError: It cannot be created.
-    """
-    for number in count(1):
-        path = folder / (f"{stem}.mtb" if number == 1 else f"{stem}-{number}.mtb")
-        with contextlib.suppress(FileExistsError):
-            path.touch(exist_ok=False)
-            return path
-    raise AssertionError

@@ -35,7 +35,7 @@ __all__ = [
     "title",
 ]
 
-#: The settings of each tab; outputs and baud rate have tabs of their own.
+#: The settings of each tab; outputs and baud rate have other tabs.
 TABS: dict[str, tuple[str, ...]] = {
     "Filter": (
         "filter_profile",

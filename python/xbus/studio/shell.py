@@ -158,12 +158,9 @@ def frame(session: Session) -> Iterator[None]:
     shown: list[tuple[str, str, bool]] = []
 
     def refresh() -> None:
-        stations = list(session.hub.stations.values())
+        titled = session.hub.titled().values()
         selected = session.station
-        titles = session.hub.titles()
-        state = [
-            (each.key, titles.get(each.source, each.title), each is selected) for each in stations
-        ]
+        state = [(station.key, title, station is selected) for station, title in titled]
         if state != shown:
             shown[:] = state
             tabs.clear()
@@ -175,7 +172,7 @@ def frame(session: Session) -> Iterator[None]:
                     )
         strip.set_content("" if selected is None else health(selected))
         replay.refresh()
-        if session._shown is not None and session._shown not in stations:
+        if session._shown is not None and session._shown not in session.hub.stations.values():
             session._shown = None
             ui.navigate.reload()  # another page has closed the device
 

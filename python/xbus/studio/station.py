@@ -27,11 +27,12 @@ from xbus.sim.options import device_of
 from xbus.studio.device_settings import DeviceSettings
 from xbus.studio.exchange import Exchange
 from xbus.studio.history import History, Series
-from xbus.studio.recording import ByteRate, StudioRecording, new_file
+from xbus.studio.recording import ByteRate, StudioRecording
 from xbus.studio.replaying import REPLAY, Replaying
 from xbus.studio.track import Track
+from xbus.watch.attitude import Attitude
 from xbus.watch.corrections import Corrections
-from xbus.watch.device_source import DeviceSource
+from xbus.watch.device_source import DeviceSource, new_file
 from xbus.watch.model import Model
 
 __all__ = ["ATTITUDE", "SIMULATED", "TRACK", "TRACK_SPAN", "Station", "key_of"]
@@ -52,6 +53,15 @@ class _Watched(Model):
 
     history: History = field(default_factory=History, repr=False)
     track: Track = field(default_factory=Track, repr=False)
+    _attitudes: Series = field(
+        default_factory=lambda: Series(ATTITUDE, "deg", Attitude._fields), repr=False
+    )
+    _positions: Series = field(
+        default_factory=lambda: Series(
+            TRACK, "m", ("east", "north"), span=TRACK_SPAN, is_path=True
+        ),
+        repr=False,
+    )
 
     def add_block(self, block: Log, now: float) -> None:
         """Updates the state, and keeps the samples."""
@@ -64,15 +74,13 @@ class _Watched(Model):
     def _add_attitude(self, received: float) -> None:
         if self.last_attitude is not None and self.last_attitude[1] == self.now:
             attitude = self.last_attitude[0]
-            series = Series(ATTITUDE, "deg", attitude._fields)
-            self.history.add_rows(series, np.array([received]), np.array([attitude]))
+            self.history.add_rows(self._attitudes, np.array([received]), np.array([attitude]))
 
     def _add_positions(self, block: Log, times: npt.NDArray[np.float64]) -> None:
         sent = [each.name for each in self.quantities.values() if not each.has_stopped(self.now)]
         sample, metres = self.track.add(block, sent)
-        series = Series(TRACK, "m", ("east", "north"), span=TRACK_SPAN, is_path=True)
         if len(sample):
-            self.history.add_rows(series, times[sample], metres)
+            self.history.add_rows(self._positions, times[sample], metres)
 
 
 class Station:
@@ -204,7 +212,7 @@ class Station:
     def show_all(self, frequency: int = 100) -> None:
         """Makes a virtual device send what it measures, at most at a rate in Hz, and starts it.
 
-        High-rate data and triggers, which have messages of their own, are left out.
+        High-rate data and triggers, which come in other messages, are left out.
         """
         with self.device.configure() as device:
             support = device.support

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from xbus.describe.failures import file_failure
 from xbus.describe.names import file_label
 from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
+from xbus.files import RECORDING_SUFFIX
 from xbus.protocol.values import State
 from xbus.watch.events import EVENT_MESSAGES, describe_event
 from xbus.watch.model import Counts, Model, RecordingState
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from xbus.device.events import Notice
     from xbus.device.recording import Recording
 
-__all__ = ["DeviceSource"]
+__all__ = ["DeviceSource", "new_file"]
 
 #: Duration of a block of samples, in seconds.
 STEP = 0.1
@@ -212,12 +213,22 @@ def _counts(device: Device) -> dict[str, int]:
 
 def _new_file() -> Path:
     """Creates an empty file named by date and time, and returns its path."""
-    stem = datetime.now().strftime("xbus-%Y%m%d-%H%M%S")
+    return new_file(Path(), datetime.now().strftime("xbus-%Y%m%d-%H%M%S"))
+
+
+def new_file(folder: Path, stem: str) -> Path:
+    """Creates an empty file for a recording, whose name no file has, and returns its path.
+
+    Args:
+        folder: The folder, which exists.
+        stem: The name without the suffix; ``-2``, ``-3`` and so on follow if that file exists.
+
+    Raises:
+        OSError: It cannot be created.
+    """
     for number in count(1):
-        path = Path(stem + (".mtb" if number == 1 else f"-{number}.mtb"))
-        try:
+        path = folder / ((stem if number == 1 else f"{stem}-{number}") + RECORDING_SUFFIX)
+        with suppress(FileExistsError):
             path.touch(exist_ok=False)
-        except FileExistsError:
-            continue
-        return path
+            return path
     raise AssertionError

@@ -13,6 +13,7 @@ from xbus.device import find_ports
 from xbus.doctor import examine
 from xbus.formatting import device_name
 from xbus.protocol.values import Selftest
+from xbus.studio.commands import command_line
 from xbus.studio.hub import virtual_sources
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
@@ -105,7 +106,7 @@ async def _self_test(session: Session, station: Station) -> None:
             return device.commands.run_selftest()
 
     session.show_command(
-        f"xbus send {station.source} RunSelftest",
+        command_line("send", station.source, "RunSelftest"),
         "with device.configure() as cfg: cfg.commands.run_selftest()",
     )
     result = await session.attempt(run)
@@ -127,7 +128,7 @@ async def _self_test(session: Session, station: Station) -> None:
 
 async def _open(session: Session, source: str) -> None:
     if await session.open(source) is not None:
-        session.show_command(f"xbus identify {source}", f'device = xbus.connect("{source}")')
+        session.show_command(command_line("identify", source), f'device = xbus.connect("{source}")')
         _open_devices.refresh()
 
 

@@ -14,7 +14,7 @@ from xbus.log.read import iter_log
 from xbus.plots.panels import MAGNETIC
 from xbus.report import BLOCK, FieldQuality, Quality, gather_parts
 from xbus.report.data import ReportData, Series
-from xbus.report.magnetic import facts
+from xbus.report.magnetic import SCALE, facts
 from xbus.studio.commands import command_line
 from xbus.studio.drawing import cloud, curve
 from xbus.studio.library import Entry
@@ -114,7 +114,4 @@ def _show(series: Series, quality: FieldQuality) -> None:
         for name, text in facts(quality)
     )
     ui.html(f'<table class="xbus-table">{rows}</table>', sanitize=False).classes("w-full")
-    ui.label(
-        "The verdict is about the deviation of the norm: up to 2 % is good, up to 5 % is fair. Nothing is "
-        "written to a device."
-    ).classes("xbus-quiet text-sm")
+    ui.label(f"{SCALE} Nothing is written to a device.").classes("xbus-quiet text-sm")

@@ -42,7 +42,7 @@ def live_page(session: Session) -> None:
         return
     if (replaying := station.replaying) is None:
         session.show_command(
-            f"xbus monitor {station.source}",
+            command_line("monitor", station.source),
             f'for block in xbus.connect("{station.source}").blocks(seconds=0.1): ...',
         )
     else:

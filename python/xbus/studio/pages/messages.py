@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import html
 import time
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -13,6 +12,7 @@ from nicegui import ui
 from xbus.protocol.messages import LAYOUTS
 from xbus.protocol.tables import MESSAGES, MessageRow
 from xbus.studio.commands import command_line
+from xbus.studio.entered import problem_of
 from xbus.studio.exchange import Entry
 from xbus.studio.setting_fields import command_help
 from xbus.studio.shell import Session
@@ -112,7 +112,7 @@ class _Composer:
         for name in layout.fields:
             row = rows.get(name)
             label = f"{name}, {row.unit}" if row is not None and row.unit else name
-            problem = partial(_problem, layout.fields[name])
+            problem = partial(problem_of, layout.fields[name])
             control = ui.input(label, validation=problem, on_change=self._show_command)
             control.classes("w-56").props("dense hide-bottom-space").on("keydown.enter", self._send)
             if row is not None and row.note:
@@ -148,16 +148,6 @@ class _Composer:
 
         self._show_command()
         await self._session.attempt(command)
-
-
-def _problem(read: Callable[[str], Any], text: str | None) -> str | None:
-    """Returns why a text is no value of a field; None if it is, or is empty."""
-    try:
-        if text and text.strip():
-            read(text.strip())
-    except ValueError as error:
-        return str(error)
-    return None
 
 
 def _hex_input(session: Session, station: Station) -> None:

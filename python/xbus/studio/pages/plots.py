@@ -338,7 +338,7 @@ def table_of(selection: Selection, a: float | None, b: float | None) -> dict[str
 
 def _lost(seconds: float) -> str:
     if math.isnan(seconds):
-        return "too few samples to tell what is lost"
+        return "too few samples to know what is lost"
     return f"lost {seconds:.3f} s" if seconds else "nothing lost"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import shutil
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from nicegui import ui
 from xbus.device.rotation import parse_rotation
 from xbus.formatting import format_count, format_size
 from xbus.studio.commands import command_line, number_text
+from xbus.studio.entered import problem_of
 from xbus.studio.recording import StudioRecording
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
@@ -26,7 +28,8 @@ def record_page(session: Session) -> None:
     if not hub.stations:
         session.require_station()
         return
-    stations, titles = list(hub.stations.values()), hub.titles()
+    titled = hub.titled()
+    stations = [station for station, _ in titled.values()]
     with ui.element("div").classes("xbus-card w-full"):
         with ui.row().classes("items-center gap-4 w-full"):
             button = (
@@ -35,10 +38,8 @@ def record_page(session: Session) -> None:
                 .mark("record")
             )
             chosen = {
-                each.source: ui.checkbox(titles.get(each.source, each.title), value=True).mark(
-                    f"use-{each.key}"
-                )
-                for each in stations
+                source: ui.checkbox(title, value=True).mark(f"use-{station.key}")
+                for source, (station, title) in titled.items()
             }
         note = ui.input("note", placeholder="what is recorded").classes("w-full").props("dense")
         with ui.row().classes("items-start gap-4 w-full mt-2"):
@@ -121,14 +122,8 @@ def record_page(session: Session) -> None:
     ui.timer(0.5, refresh)
 
 
-def _rotation_problem(text: str | None) -> str | None:
-    """Returns what is wrong with a rotation, or None."""
-    try:
-        if text and text.strip():
-            parse_rotation(text.strip())
-    except ValueError as error:
-        return str(error)
-    return None
+#: Returns what is wrong with a rotation, or None.
+_rotation_problem = partial(problem_of, parse_rotation)
 
 
 def _space(folder: Path, rate: float) -> str:

@@ -126,7 +126,7 @@ class _Card:
                                 on_click=lambda suffix=suffix: self._export(suffix),
                             )
                     self._button("Cut", "content_cut", self._cut).tooltip(
-                        "a part of the recording as a file of its own"
+                        "writes a part of the recording to another file"
                     )
                     self._field = self._button("Magnetic field", "explore", self._magnetic)
                     self._field.tooltip("hard and soft iron, and whether the field is disturbed")
@@ -224,7 +224,7 @@ def summary_of(facts: Facts) -> str:
     is_lossless = "xbus-ok" if facts.has_counter else "xbus-quiet"
     texts = [
         (", ".join(facts.devices) or "no device", ""),
-        (f"{facts.duration or 0:,.1f} s", ""),
+        ("duration not known" if facts.duration is None else f"{facts.duration:,.1f} s", ""),
         (f"{facts.samples:,} samples", ""),
         (losses, "xbus-fault" if facts.lost_samples else is_lossless),
         (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from xbus.studio.commands import command_line
 from xbus.studio.pages.configure.document import Document
 from xbus.studio.pages.configure.editor import draw_editor
 from xbus.studio.shell import Session
@@ -16,7 +17,7 @@ def configure_page(session: Session) -> None:
     if (station := session.require_station()) is None:
         return
     session.show_command(
-        f"xbus config dump {station.source} -o mti.toml",
+        command_line("config", "dump", station.source, "-o", "mti.toml"),
         "settings = device.settings(); device.apply(settings)",
     )
     body = ui.column().classes("w-full gap-3")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
@@ -15,6 +14,7 @@ from xbus.device.commands import Commands
 from xbus.protocol.products import DEFAULT_BAUDRATE
 from xbus.protocol.tables import STATUS_FLAGS
 from xbus.protocol.values import ResetCode, UtcTime
+from xbus.studio.commands import command_line
 from xbus.studio.dialogs import is_confirmed
 from xbus.studio.pages.configure.document import Document
 from xbus.studio.setting_fields import label
@@ -75,6 +75,10 @@ class DeviceActions:
         self._show_rate()
         return bool(is_done)
 
+    def _send(self, *words: str) -> str:
+        """Returns the command that sends a message."""
+        return command_line("send", self._station.source, *words)
+
     # Restarts
 
     def _baudrate(self) -> None:
@@ -107,7 +111,8 @@ class DeviceActions:
             f"Change the baud rate of {self._station.title}?", sentences, "Change"
         ):
             self._document.session.show_command(
-                f"xbus baudrate {self._station.source} {rate}", f"device.set_baudrate({rate})"
+                command_line("baudrate", self._station.source, str(rate)),
+                f"device.set_baudrate({rate})",
             )
             if await self._run(self._station.settings.set_baudrate, rate):
                 ui.notify(f"the device answers at {rate:,} baud", type="positive")
@@ -126,7 +131,7 @@ class DeviceActions:
         sentences = (f"{RESTARTS} {LOSES}", "Changed ports and CAN take effect.")
         if await is_confirmed(f"Restart {self._station.title}?", sentences, "Restart"):
             self._document.session.show_command(
-                f"xbus reset {self._station.source}", "device.reset()"
+                command_line("reset", self._station.source), "device.reset()"
             )
             if await self._run(self._station.settings.restart):
                 ui.notify("the device has restarted", type="positive")
@@ -142,7 +147,7 @@ class DeviceActions:
         title = f"Restore the factory settings of {self._station.title}?"
         if await is_confirmed(title, sentences, "Restore"):
             self._document.session.show_command(
-                f"xbus send {self._station.source} --config RestoreFactoryDef",
+                self._send("--config", "RestoreFactoryDef"),
                 "with device.configure() as cfg: cfg.restore_factory_settings()",
             )
             if await self._run(self._station.settings.restore_factory_settings):
@@ -167,7 +172,7 @@ class DeviceActions:
                 self._device.commands.reset_orientation(code)
 
         self._document.session.show_command(
-            f"xbus send {self._station.source} ResetOrientation code={code.name}",
+            self._send("ResetOrientation", f"code={code.name}"),
             f"device.commands.reset_orientation(ResetCode.{code.name})",
         )
         if await self._run(reset):
@@ -192,7 +197,7 @@ class DeviceActions:
             nonlocal until
             duration = int(seconds.value or 0)
             self._document.session.show_command(
-                f"xbus send {self._station.source} SetNoRotation {duration}",
+                self._send("SetNoRotation", str(duration)),
                 f"device.commands.set_no_rotation({duration})",
             )
             if await self._run(self._device.commands.set_no_rotation, duration):
@@ -207,9 +212,8 @@ class DeviceActions:
             elif word is None:
                 state.set_text("the result is in the status word, which is not among the outputs")
             else:
-                meanings = dict(re.findall(r"(\d) (.*?)(?:, (?=\d)|$)", flag.meaning))
-                value = str(flag.of(int(word.value)))
-                state.set_text(f"status word: {meanings.get(value, value)}")
+                value = flag.of(int(word.value))
+                state.set_text(f"status word: {flag.values.get(value, value)}")
 
         ui.timer(0.5, refresh)
 
@@ -241,14 +245,14 @@ class DeviceActions:
 
         async def read() -> None:
             self._document.session.show_command(
-                f"xbus send {self._station.source} --config ReqUTCTime",
+                self._send("--config", "ReqUTCTime"),
                 "cfg.commands.req_utc_time()",
             )
             await show(request)
 
         async def adjust() -> None:
             self._document.session.show_command(
-                f"xbus send {self._station.source} --config SetUTCTime ...",
+                self._send("--config", "SetUTCTime") + " ...",
                 "cfg.commands.set_utc_time(time)",
             )
             await show(send)

@@ -10,6 +10,7 @@ from nicegui import events, ui
 
 from xbus.device import Applied, Settings
 from xbus.device.settings import Change, Plan
+from xbus.studio.commands import command_line
 from xbus.studio.pages.configure.document import Document
 
 __all__ = ["Changes", "difference_lines"]
@@ -106,7 +107,7 @@ class Changes:
         if not await self._is_confirmed(planned):
             return
         document.session.show_command(
-            f"xbus config apply {document.station.source} mti.toml",
+            command_line("config", "apply", document.station.source, "mti.toml"),
             'device.apply(xbus.Settings.from_toml(open("mti.toml").read()))',
         )
         applied = await document.session.attempt(document.station.settings.apply, settings, before)
@@ -162,7 +163,8 @@ class Changes:
             planned = station.settings.plan(wanted, self._document.draft.device)
             changes, notes = planned.changes, [*planned.problems, *planned.skipped]
             self._document.session.show_command(
-                f"xbus config diff {station.source} {name}", "device.settings().diff(settings)"
+                command_line("config", "diff", station.source, name),
+                "device.settings().diff(settings)",
             )
         else:
             (before_name, before), (name, wanted) = files

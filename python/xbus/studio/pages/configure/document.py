@@ -26,7 +26,7 @@ class Document:
 
     Attributes:
         draft: The settings that the page shows.
-        reading: What the device said last.
+        reading: What the device reported last.
         show: Called after every change, to show differences and problems.
         draw: Called after a change of the whole draft, to draw controls again.
     """

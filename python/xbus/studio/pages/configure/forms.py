@@ -170,7 +170,7 @@ class SettingForm:
 
         return get
 
-    # Settings of a form of their own
+    # Settings with a special form
 
     def _draw_profile(self) -> None:
         names = profiles(self._document.draft.support)
