@@ -566,7 +566,10 @@ fn runs_start_where_clock_and_counter_start_again() {
 fn one_device_of_a_bus_is_as_if_alone() {
     let of = |bid, counter: u8| frame_of(bid, table::MTDATA2, &packet(0x1020, &[0, counter]));
     let (one, two) = ([of(1, 5), of(0xFF, 7)], [of(2, 100), frame_of(2, 0x42, &[4]), of(2, 101)]);
-    let stream = [&one[0], &two[0], &two[1], &one[1], &two[2]].map(Clone::clone).concat();
+    let damage = vec![0xFA, 0xFF, 0x36]; // could be of any device
+    let stream = [&one[0], &two[0], &two[1], &damage, &one[1], &two[2]].map(Clone::clone).concat();
+    let one = [&one[0], &damage, &one[1]].map(Clone::clone);
+    let two = [&two[0], &two[1], &damage, &two[2]].map(Clone::clone);
     let timed = |bytes: &[u8]| {
         let mut reader = Reader::new(Options::default(), 0);
         reader.read(Window { bytes, offset: 0, last: true }, u64::MAX).unwrap();
@@ -575,6 +578,7 @@ fn one_device_of_a_bus_is_as_if_alone() {
     for (bid, alone) in [(1, one.concat()), (0xFF, one.concat()), (2, two.concat())] {
         let (found, expected) = (timed(&stream).of_device(bid, 7), timed(&alone));
         assert_eq!(found.part.stats, expected.part.stats, "{bid}");
+        assert_eq!(found.part.damage, timed(&stream).part.damage, "{bid}");
         assert_eq!(found.part.bids(), expected.part.bids(), "{bid}");
         assert_eq!(found.times().counter, expected.times().counter, "{bid}");
         assert_eq!(found.times().gaps.len(), expected.times().gaps.len(), "{bid}");

@@ -66,7 +66,7 @@ UTC       2026-11-22 09:30:00.000 to 2026-11-22 09:30:09.990
 duration  9.99 s
 samples   1,016
 losses    23 samples lost in 12 gaps
-damage    1,816 bytes of damage in 12 places, 1.1 % of the file
+damage    1,816 bytes of damage in 12 places, 1.1 % of the bytes
 messages  FirmwareRev 1, Error 1
 
 quantity            coord.   rows  rate/Hz  precision  unit

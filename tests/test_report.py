@@ -147,7 +147,7 @@ def test_a_bad_recording() -> None:
     first, *rest = output(FIELD)
     assert first == "23 samples lost in 12 gaps, 2.2 %; largest gap: 12 samples before 2.99 s"
     assert rest[:2] == [
-        "1,816 bytes of damage in 12 places, 1.1 % of the file",
+        "1,816 bytes of damage in 12 places, 1.1 % of the bytes",
         "1 error from the device; the first: 41: more data than the baud rate can carry",
     ]
     assert "3 problems and 1 note in this recording" in report.text

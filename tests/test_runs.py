@@ -178,6 +178,25 @@ def test_devices_on_a_bus(tmp_path: Path) -> None:
     assert "BID 2 id 00800002, 200 samples in 1.99 s, 100.0 Hz" in text
 
 
+@pytest.mark.parametrize("block", [40, 1 << 20])
+def test_the_damage_of_a_bus_is_that_of_each_device(tmp_path: Path, block: int) -> None:
+    path = tmp_path / "bus.mtb"
+    one, two = (b"".join(samples(50, bid=bid)) for bid in (1, 2))
+    path.write_bytes(one + b"\xfa\xff\x36" + two)
+    for bid in (1, 2):
+        logs = [xbus.read_log(path, bid=bid), xbus.read_log(path).device(bid)]
+        for log in logs:
+            assert log.damage[["offset", "length"]].tolist() == [(len(one), 3)]
+            assert (log.stats.skipped_bytes, log.stats.bytes) == (3, len(one) + 3)
+        parts = list(xbus.iter_log(path, bid=bid, block_bytes=block))
+        assert [row for part in parts for row in part.damage.tolist()] == logs[0].damage.tolist()
+        assert sum(part.stats.skipped_bytes for part in parts) == 3
+    text = run("info", str(path), "--bid", "2").stdout
+    assert "3 bytes of damage in 1 place, 0.25 % of the bytes" in text
+    out = run("decode", str(path), "--bid", "1", "-o", str(tmp_path / "one.csv")).stderr
+    assert "no samples lost, 3 bytes of damage in 1 place" in out
+
+
 @given(
     st.lists(st.tuples(st.integers(1, 3), st.integers(0, 3)), min_size=1, max_size=60),
     st.integers(1, 500),

@@ -61,7 +61,7 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
         losses = describe_losses(stats.lost_samples, stats.gaps, has_counter=summary.has_counter)
         yield "losses", losses
     damage = describe_damage(stats.skipped_bytes, len(summary.damage))
-    share = f", {100 * stats.skipped_bytes / max(stats.bytes, 1):.2g} % of the file"
+    share = f", {100 * stats.skipped_bytes / max(stats.bytes, 1):.2g} % of the bytes"
     yield "damage", damage + share if summary.damage else damage
     if stats.malformed:
         yield "malformed", f"{stats.malformed:,}: the packets do not fill the message"

@@ -388,7 +388,8 @@ class Log(ByQuantity[Column], Exports):
     def device(self, which: int) -> Log:
         """Returns the log of one device alone, whose samples are counted from 0.
 
-        Offsets are those in the whole input. Strings and damage name no device and are left out.
+        Offsets are those in the whole input. Damage is that of the whole input, because it could be frames
+        of any device. Strings are left out: they name no device.
 
         Args:
             which: BID (1 for FF too) or device identifier.

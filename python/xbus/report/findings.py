@@ -63,7 +63,7 @@ def _losses(data: ReportData) -> Iterator[Finding]:
     if stats.skipped_bytes:
         share = percent(stats.skipped_bytes, stats.bytes)
         text = describe_damage(stats.skipped_bytes, len(summary.damage))
-        yield Finding(True, f"{text}, {share} of the file", "damage")
+        yield Finding(True, f"{text}, {share} of the bytes", "damage")
     if stats.malformed:
         samples = format_count(stats.malformed, "malformed sample")
         yield Finding(True, f"{samples}: the packets do not fill the message", "messages")

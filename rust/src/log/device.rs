@@ -10,8 +10,9 @@ use crate::packet::record_size;
 use crate::table::{self, Kind};
 
 impl TimedPart {
-    /// The samples and messages of one device, as if they had been alone; offsets are those in the whole input. Strings
-    /// and damage name no device and are left out. `first` is the index of the first sample.
+    /// The samples and messages of one device, as if they had been alone; offsets are those in the whole input. Damage is
+    /// that of the whole input, because it could be frames of any device. Strings are left out: they name no device.
+    /// `first` is the index of the first sample.
     #[must_use]
     pub fn of_device(&self, bid: u8, first: u64) -> Self {
         let (part, times) = (&self.part, self.times());
@@ -32,13 +33,16 @@ impl TimedPart {
         // The extended length has two more bytes.
         let sizes = sent.map(|size| (HEADER_SIZE + 1) as u64 + size + if size < EXTENDED_FROM as u64 { 0 } else { 2 });
         let count = |mid| messages.mid.iter().map(|own| u64::from(*own == mid)).sum();
+        let frame_bytes = singles.iter().map(|single| u64::from(single.length)).sum::<u64>() + sizes.sum::<u64>();
         let stats = Stats {
-            bytes: singles.iter().map(|single| u64::from(single.length)).sum::<u64>() + sizes.sum::<u64>(),
+            bytes: frame_bytes + part.stats.skipped_bytes,
             frames: (singles.len() + messages.mid.len()) as u64,
             samples: singles.len() as u64,
             messages: messages.mid.len() as u64,
             malformed: count(table::MTDATA2),
             unfit: count(table::MTDATA),
+            skipped_bytes: part.stats.skipped_bytes,
+            checksum_errors: part.stats.checksum_errors,
             ..Stats::default()
         };
         let columns = part.columns.iter().map(|column| column_of(part, column, own, index));
@@ -48,6 +52,7 @@ impl TimedPart {
             layout: vec![0; singles.len()],
             singles,
             messages,
+            damage: part.damage.clone(),
             stats,
             ..Part::default()
         };
