@@ -266,7 +266,8 @@ class _Reader:
 
     def _frame(self, table: pa.Table, file: int, columns: list[str] | None) -> pd.DataFrame:
         arrow, pandas = require("pyarrow", "dask", PURPOSE), require("pandas", "dask", PURPOSE)
-        frame: pd.DataFrame = tables.pandas(table)
+        # A task is one thread of dask, which runs as many of them as there are processors.
+        frame: pd.DataFrame = tables.pandas(table, use_threads=False)
         # As in a table of a whole log, where to_pandas does this if there are nulls.
         floats = {
             field.name: "float64"

@@ -33,12 +33,18 @@ def arrow(stream: Stream) -> Any:
     return pa.RecordBatchReader.from_stream(stream).read_all()
 
 
-def pandas(stream: Stream) -> Any:
-    """Returns a pandas DataFrame."""
+def pandas(stream: Stream, *, use_threads: bool = True) -> Any:
+    """Returns a pandas DataFrame.
+
+    Args:
+        stream: The table.
+        use_threads: Whether several threads convert the columns.
+    """
     pd = require("pandas", "pandas", "to make pandas DataFrames")
     pa = require("pyarrow", "arrow", "to make pandas DataFrames")
     # pandas converts integers with nulls to float64, which has only 53 bits.
-    return arrow(stream).to_pandas(types_mapper={pa.uint64(): pd.UInt64Dtype()}.get)
+    types = {pa.uint64(): pd.UInt64Dtype()}
+    return arrow(stream).to_pandas(types_mapper=types.get, use_threads=use_threads)
 
 
 def polars(stream: Stream) -> Any:
