@@ -43,7 +43,7 @@ def main() -> None:
         for seed in range(RECORDINGS):
             (folder / f"r{seed}.mtb").write_bytes(bytes(streams.ahrs(ROWS, seed=seed)))
         for title, command in COMMANDS.items():
-            times = {jobs: [] for jobs in (1, cores)}
+            times: dict[int, list[float]] = {jobs: [] for jobs in (1, cores)}
             for _ in range(REPEATS):
                 for jobs, seconds in times.items():
                     seconds.append(run(command, folder, Path(name, f"{title} {jobs}"), jobs))

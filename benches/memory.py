@@ -50,7 +50,7 @@ print(peak - before, columns)
 
 def measure(path: Path, mode: str) -> tuple[int, int]:
     """Returns the peak in bytes, and the bytes of all columns."""
-    run = [sys.executable, "-c", MEASURE, path, mode]
+    run = [sys.executable, "-c", MEASURE, str(path), mode]
     peak, columns = subprocess.run(run, check=True, capture_output=True, text=True).stdout.split()
     return int(peak), int(columns)
 

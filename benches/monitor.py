@@ -44,8 +44,7 @@ def main() -> None:
         screen = pyte.Screen(COLUMNS, LINES)
         terminal = pyte.ByteStream(screen)
         command = [sys.executable, "-m", "xbus", "monitor", port]
-        streams = {"stdin": slave, "stdout": slave, "stderr": slave}
-        with subprocess.Popen(command, **streams) as monitor:
+        with subprocess.Popen(command, stdin=slave, stdout=slave, stderr=slave) as monitor:
             render(master, WARM_UP, terminal)
             began, before = time.perf_counter(), processor_seconds(monitor.pid)
             render(master, seconds, terminal)

@@ -74,8 +74,9 @@ def main() -> None:
         port = device.link.name
         device.close()
         command = [sys.executable, "-m", "xbus", "studio", port, "--no-browser", "--port", "0"]
-        streams = {"stdout": subprocess.PIPE, "text": True}
-        with subprocess.Popen([*command, "--folder", folder], **streams) as studio:
+        command += ["--folder", folder]
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as studio:
+            assert studio.stdout is not None
             url = studio.stdout.readline().removeprefix("studio: ").strip()
             browser = driver.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
             page = browser.new_page(viewport={"width": 1280, "height": 1400})

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import sys
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +20,9 @@ from common import medians, streams
 ROUNDS = 7
 #: A recording of some megabytes, which is repeated.
 RECORDINGS = {
-    "ahrs": lambda: streams.ahrs(65_536),
-    "gnssins": lambda: streams.gnssins(50_000),
-    "dirty": lambda: streams.dirty(65_536),
+    "ahrs": partial(streams.ahrs, 65_536),
+    "gnssins": partial(streams.gnssins, 50_000),
+    "dirty": partial(streams.dirty, 65_536),
 }
 
 
@@ -40,8 +41,8 @@ def main() -> None:
                     raise SystemExit(f"{name}, {where}: the logs differ")
                 one, several = medians(
                     ROUNDS,
-                    lambda source=source: xbus.read_log(source, threads=1),
-                    lambda source=source: xbus.read_log(source, threads=threads),
+                    partial(xbus.read_log, source, threads=1),
+                    partial(xbus.read_log, source, threads=threads),
                 )
                 print(f"{name:<10}{where:<8}{one / several:.2f}")
 
