@@ -716,6 +716,12 @@ def test_a_mountpoint_has_no_spaces() -> None:
         Caster("caster.example", "A HTTP/1.1")
 
 
+def test_a_password_in_an_address_is_neither_used_nor_shown() -> None:
+    with pytest.raises(ValueError, match="give user name and password separately") as failed:
+        Caster("http://me:secret@caster.example", "BASE")
+    assert "secret" not in str(failed.value)
+
+
 @pytest.mark.parametrize(
     "url", ["", "http://", "ftp://host", "host:port", "host/BASE", "host:99999"]
 )

@@ -33,6 +33,11 @@ def parse_address(url: str) -> Address:
     'rtk2go.com:2101'
     """
     check_texts(caster=url)
+    if "@" in url:  # the text is not quoted: it may have a password
+        raise ValueError(
+            "the address of a caster has no user name; write HOST or HOST:PORT, and give user name and "
+            "password separately"
+        )
     parts = urlsplit(url if "://" in url else f"http://{url}")
     try:
         host, port = parts.hostname, parts.port
