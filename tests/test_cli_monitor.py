@@ -30,6 +30,7 @@ from xbus.cli.monitor.screen import Screen, ViewState
 from xbus.cli.monitor.snapshot import snapshot_dict, snapshot_text
 from xbus.protocol import State
 from xbus.protocol.ids import MessageId
+from xbus.sim import Replay
 from xbus.watch import device_source
 from xbus.watch.attitude import Attitude, attitude_of
 from xbus.watch.device_source import DeviceSource
@@ -153,6 +154,16 @@ def test_rates_are_those_of_the_device() -> None:
     for stamp in (500.0, 500.1, 0.1, 0.2, 0.3):
         known.update(10, 113.0 + stamp % 1, stamp)
     assert known.rate(113.4) == pytest.approx(100)
+
+
+def test_late_samples_of_the_receiver_do_not_change_the_rate_of_others() -> None:
+    device = xbus.connect(SimulatedDevice("MTi-680G", replay=Replay(WALK)))
+    model, rates = Model("test"), []
+    for number, block in zip(range(500), device.blocks(samples=1), strict=False):
+        model.add_block(block, number / 104)
+        rates.append(model.quantities["packet_counter", None].rate(model.now))
+    # 100 samples per second, and 4 of the receiver.
+    assert rates[200:] == [pytest.approx(104, rel=0.01)] * 300
 
 
 def known(data: bytes) -> Model:

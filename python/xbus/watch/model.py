@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from xbus.log.column import Column
-from xbus.log.log import Log
-from xbus.protocol.tables import RECEIVER, STATUS_FLAGS, device_of
+from xbus.log.log import Log, steady_time
+from xbus.protocol.tables import STATUS_FLAGS, device_of
 from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
@@ -60,7 +61,8 @@ class QuantityState:
     updated_at: float = -math.inf
     #: End times of blocks, on the clock that rates are measured with, and the packet count at each.
     _ends: deque[tuple[float, int]] = field(default_factory=deque)
-    _is_stamped: bool = False
+    #: When the last packet with a time stamp arrived; -inf while the host clock measures the rate.
+    _stamped_at: float = -math.inf
 
     def update(self, count: int, now: float, stamp: float) -> None:
         """Counts packets.
@@ -68,16 +70,19 @@ class QuantityState:
         Args:
             count: Number of packets.
             now: Time of arrival on the clock of the source, s.
-            stamp: Time of the last packet on the device clock, s; NaN without time stamps.
+            stamp: Time of the last packet on the device clock, s; NaN if none of them has one.
         """
         ends, is_stamped = self._ends, math.isfinite(stamp)
-        instant = stamp if is_stamped else now
-        # After a pause, or if the clock was set or replaced, earlier packets say nothing about the rate.
-        if is_stamped != self._is_stamped or (ends and not 0 <= instant - ends[-1][0] <= RATE_SPAN):
-            ends.clear()
-        self._is_stamped = is_stamped
         self.count += count
         self.updated_at = now
+        if not is_stamped and now - self._stamped_at <= RATE_SPAN:
+            return  # those of the receiver have none; the next stamp measures the rate
+        instant = stamp if is_stamped else now
+        # After a pause, or if the clock was set or replaced, earlier packets say nothing about the rate.
+        is_other_clock = is_stamped != math.isfinite(self._stamped_at)
+        if is_other_clock or (ends and not 0 <= instant - ends[-1][0] <= RATE_SPAN):
+            ends.clear()
+        self._stamped_at = now if is_stamped else -math.inf
         ends.append((instant, self.count))
         while instant - ends[0][0] > RATE_SPAN:
             ends.popleft()
@@ -238,7 +243,12 @@ class Model:
             now: When the last of them arrived, on the clock of the source.
         """
         self.now = now
-        updated = {block[key].name: self._add_column(block[key], now) for key in block}
+        times = steady_time(block)
+        columns = [block[key] for key in block]
+        updated = {
+            column.name: self._add_column(column, now, times[column.sample - block.first_sample])
+            for column in columns
+        }
         for data_id, packets in block.unknown.items():
             name = f"0x{data_id:04X}"
             quantity = self.quantities.setdefault((name, None), QuantityState(name))
@@ -287,7 +297,9 @@ class Model:
         for name, count in block.strings.counts.items():
             self.quantities[name, None].update(count, now, math.nan)
 
-    def _add_column(self, column: Column, now: float) -> QuantityState:
+    def _add_column(
+        self, column: Column, now: float, times: npt.NDArray[np.float64]
+    ) -> QuantityState:
         name, coordinates = column.name, column.coordinates
         quantity = self.quantities.get((name, coordinates))
         if quantity is None:
@@ -298,8 +310,8 @@ class Model:
         else:
             quantity.value = column.scaled[-1]
         # Samples of the GNSS receiver have times of their own, arbitrary without a fix.
-        stamp = math.nan if name in RECEIVER else float(column.time[-1])
-        quantity.update(len(column), now, stamp)
+        known = times[np.isfinite(times)]
+        quantity.update(len(column), now, float(known[-1]) if len(known) else math.nan)
         return quantity
 
     def _update_attitude(self, updated: dict[str, QuantityState], now: float) -> None:
