@@ -159,6 +159,14 @@ def test_a_replay_begins_at_any_moment() -> None:
         assert replay.position == replay.duration
 
 
+def test_the_position_goes_on_in_a_pause() -> None:
+    samples = [xbus.encode_sample({"sample_time_fine": ticks}) for ticks in (0, 50_000)]
+    replay = Replay(b"".join(samples))
+    playback = replay.play(7.0)
+    found = [(len(playback.take(until)), replay.position) for until in (7.0, 9.0, 12.5)]
+    assert found == [(1, 0.0), (0, 2.0), (1, 5.0)]
+
+
 def test_pieces_are_replayed_as_one(tmp_path: Path) -> None:
     data = WALK.read_bytes()
     paths = [tmp_path / "walk.mtb", tmp_path / "walk-0001.mtb"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import json
 import math
 import struct
@@ -16,7 +17,8 @@ pytest.importorskip("nicegui", reason="the extra studio is not installed")
 from starlette.websockets import WebSocket
 
 from xbus.studio.feed import feed
-from xbus.studio.history import History, Series
+from xbus.studio.history import SPAN, History, Series
+from xbus.studio.view import Held, Plot, held_of
 
 
 class FakeHub:
@@ -130,6 +132,28 @@ def test_a_part_of_the_past_is_answered_once() -> None:
     assert values.shape == (2, len(time))
 
 
+def test_a_paused_curve_keeps_its_past() -> None:
+    hub = FakeHub()
+    hub.measure(1000, 1010)
+    held, plot = Held(1005.0), Plot("sim:MTi-630", "acceleration")
+    held.hold(plot, hub.history)
+    hub.measure(1010, 1010 + 1.5 * SPAN)
+    held.hold(plot, hub.history)  # again: what is held stays
+    asked = {"begin": 1002, "end": 1010, "step": 0.1}
+    (past, live), _ = talk(
+        hub, show(held=held.number, **asked), show(id=2, held=None, **asked), (2, nothing)
+    )
+    assert (past[1][0], past[1][-1]) == pytest.approx((1002.0, 1005.0), abs=0.011)
+    assert len(live[1]) == 0
+    # Nothing is held any longer than a page has it.
+    number = held.number
+    del held
+    gc.collect()
+    assert held_of(number) is None
+    received, _ = talk(hub, show(held=number, begin=1400, end=1402, step=0.1), (1, nothing))
+    assert received[0][1][-1] == pytest.approx(1402, abs=0.011)
+
+
 def test_a_hidden_curve_is_not_sent() -> None:
     hub = FakeHub()
     hub.measure(100, 101)
@@ -171,6 +195,7 @@ def test_a_device_that_is_not_open_sends_nothing() -> None:
         show(begin=0, end=1e9),
         show(begin=10, end=1),
         show(id="x"),
+        show(held="x"),
         show(step="é" * 200),
         show(step="\ud800"),
         b"\x00\xff",

@@ -17,9 +17,11 @@ import pytest
 pytest.importorskip("nicegui", reason="the extra studio is not installed")
 
 import xbus
+from conftest import OWN_CAPTURES
 from test_cli import start
 from xbus.cli.export_formats import EXPORTS
 from xbus.device.rotation import parse_rotation
+from xbus.sim import Faults
 from xbus.studio.commands import describe
 from xbus.studio.health import health
 from xbus.studio.hub import Hub, HubError
@@ -27,6 +29,7 @@ from xbus.studio.library import Entry, find_recordings
 from xbus.studio.pages.record import _rotation_problem, _table
 from xbus.studio.pages.recordings import FORMATS, summary_of
 from xbus.studio.recording import NOTES, ByteRate, read_notes
+from xbus.watch.model import Clipped
 
 resource = pytest.importorskip("resource", reason="not on Windows")
 
@@ -47,6 +50,33 @@ def test_devices_of_the_same_title_have_their_ports_too(hub: Any) -> None:
         "sim:MTi-3?bus=i2c": f"{title}, sim:MTi-3?bus=i2c",
         "sim:MTi-630": hub.stations["sim:MTi-630"].title,
     }
+
+
+def test_a_replay_has_the_name_of_its_file(hub: Any) -> None:
+    source = f"replay:{OWN_CAPTURES / 'walk.mtb'}"
+    title = hub.open(source).title
+    assert hub.titled()[source][1] == f"{title}, walk.mtb"
+
+
+def test_counts_are_cleared(hub: Any) -> None:
+    virtual = xbus.SimulatedDevice("MTi-630", faults=Faults(drop=1e-3))
+    with xbus.sim.serving(virtual, tcp=True) as port:
+        station = hub.open(port)
+        station.measure()
+        wait_until(lambda: station.model.counts.skipped_bytes)
+        station.model.clipped = {"acc x": Clipped(3, station.model.now)}
+        assert station.model.has_faults
+        assert "acc x" in health(station)
+        virtual.faults = Faults()
+        wait_until(lambda: station.byte_rate.value > 0)
+        station.clear_counts()
+        wait_until(lambda: not station.model.has_faults)
+        strip = health(station)
+        assert "clipping" in strip
+        assert not {word for word in ("acc x", "damaged", "xbus-fault") if word in strip}
+        assert station.byte_rate.value > 0  # what is counted for other ends goes on
+        assert station.model.events[-1].text == "the counts were cleared"
+        hub.close(port)
 
 
 @pytest.fixture

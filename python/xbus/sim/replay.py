@@ -44,7 +44,7 @@ class Replay:
         duration: Seconds from the first frame to the last.
         start: Seconds into the recording at which the next `play` begins; 0 at first. A virtual device plays
             each time it begins to measure.
-        position: Seconds into the recording of the last frame that was sent.
+        position: Seconds into the recording until which it was sent.
 
     Raises:
         OSError: The file cannot be read.
@@ -128,8 +128,8 @@ class Playback:
         """
         first, self._next = self._next, max(self._next, self._count(until))
         times = self._start + self._replay._times[first : self._next]
-        if len(times):
-            self._replay.position = float(self._replay._times[self._next - 1])
+        position = min(until - self._start, self._replay.duration)
+        self._replay.position = max(position, self._replay.position)
         return [
             (time, self._frame(index))
             for index, time in zip(range(first, self._next), times.tolist(), strict=True)

@@ -16,46 +16,56 @@ from xbus.studio.history import Series
 __all__ = ["Attitude3D", "Chart", "CursorTable", "Horizon", "KeyPress", "Keys", "Map"]
 
 
+def _show(element: Element, props: dict[str, Any]) -> None:
+    """Changes the properties of an element, if they differ."""
+    if any(element.props.get(name) != value for name, value in props.items()):
+        element.props.update(props)
+        element.update()
+
+
 class Chart(Element, component="static/chart.js"):
     """Curves of one series over time.
 
     Args:
         source: Port of the device.
         series: The series.
-        span: Seconds to show.
+        title: Its name on the page.
+        limits: The limits of the y axis if it is locked; None to take the present ones then.
         on_zoom: Called with begin and end when the user chooses a part of the time.
         on_place: Called with the time where the user clicks on a paused plot.
+        on_lock: Called with the limits of the y axis that are kept from now on.
     """
 
     def __init__(
         self,
         source: str,
         series: Series,
-        span: float,
+        title: str,
+        limits: tuple[float, float] | None,
+        *,
         on_zoom: Callable[[float, float], Any],
         on_place: Callable[[float], Any],
+        on_lock: Callable[[float, float], Any],
     ) -> None:
         super().__init__()
-        self.props["source"], self.props["name"], self.props["unit"] = (
-            source,
-            series.name,
-            series.unit,
-        )
-        self.props["fields"], self.props["span"] = list(series.fields), span
-        self.props["view"], self.props["locked"] = None, False
-        self.props["cursors"], self.props["active"] = {}, None
+        label = f"{title} [{series.unit}]" if series.unit else title
+        self.props["source"], self.props["name"], self.props["label"] = source, series.name, label
+        self.props["fields"] = list(series.fields)
+        self.props["limits"] = None if limits is None else list(limits)
         self.on("zoom", lambda event: on_zoom(event.args["begin"], event.args["end"]))
         self.on("place", lambda event: on_place(event.args["time"]))
+        self.on("lock", lambda event: on_lock(event.args["min"], event.args["max"]))
 
     def show(self, **props: Any) -> None:
         """Changes what is shown.
 
         Args:
-            props: ``span``, ``view`` (begin and end, or None for live), ``locked``, ``cursors`` (times by
-                name) and ``active``, the cursor that moves.
+            props: ``span``; ``view`` (begin and end, or None for live); ``held`` (number of the samples that
+                a paused plot shows, or None); ``locked``; ``cursors`` (times by name); ``active``, the cursor
+                that moves; ``elapsed`` (whether times are those of a recording); ``speed``, with which live
+                curves move on.
         """
-        self.props.update(props)
-        self.update()
+        _show(self, props)
 
 
 @dataclass(frozen=True)
@@ -94,12 +104,11 @@ class CursorTable(Element, component="static/selection.js"):
 
     def __init__(self) -> None:
         super().__init__()
-        self.show(cursors=[], apart="", heads=[], groups=[])
+        self.show(cursors=[], apart="", heads=[], groups=[], elapsed=False)
 
     def show(self, **props: Any) -> None:
-        """Changes ``cursors``, ``apart``, ``heads`` or ``groups``."""
-        self.props.update(props)
-        self.update()
+        """Changes ``cursors``, ``apart``, ``heads``, ``groups`` or ``elapsed``, as for `Chart`."""
+        _show(self, props)
 
 
 class Map(Element, component="static/map.js"):
@@ -117,9 +126,7 @@ class Map(Element, component="static/map.js"):
 
     def show(self, **props: Any) -> None:
         """Changes ``span``, ``accuracy`` (m or None), ``stale``, ``marks`` (east and north) or ``label``."""
-        if any(self.props.get(name) != value for name, value in props.items()):
-            self.props.update(props)
-            self.update()
+        _show(self, props)
 
 
 class Horizon(Element, component="static/horizon.js"):
@@ -131,7 +138,11 @@ class Horizon(Element, component="static/horizon.js"):
 
     def __init__(self, source: str) -> None:
         super().__init__()
-        self.props["source"] = source
+        self.show(source=source, ended=False)
+
+    def show(self, **props: Any) -> None:
+        """Changes ``ended``: whether no attitude is expected, as at the end of a recording."""
+        _show(self, props)
 
 
 class Attitude3D:

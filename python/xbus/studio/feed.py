@@ -8,7 +8,8 @@ A page sends text: a JSON object that shows a curve, replaces it, or hides it::
 
 ``step`` is the time that a column of pixels covers. With ``span``, the server answers with as many seconds
 before the last sample, and then with what is new, 20 times per second. With ``begin`` and ``end``, in seconds
-since 1970, it answers once.
+since 1970, it answers once; ``held`` is then the number of the samples that a paused page holds, or null. The
+times of a recording that is replayed are seconds since its beginning.
 
 A message is about one curve, in little-endian numbers: ``id``, ``n``, ``k`` and ``final`` as U4, the times of
 ``n`` points in seconds since 1970 as F8, and ``k`` rows of ``n`` values as F8, one row for each component.
@@ -29,7 +30,9 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from xbus.studio.curves import Curve
+from xbus.studio.history import History
 from xbus.studio.hub import Hub
+from xbus.studio.view import held_of
 
 __all__ = ["encode_curve", "feed"]
 
@@ -53,6 +56,7 @@ class _Shown:
         span: Seconds before the last sample to begin with.
         begin: Time until which the page has the curve; None if it has nothing.
         end: Time at which the curve ends; None if it goes on.
+        held: Number of the samples that are held; None for the recent past.
     """
 
     id: int
@@ -62,6 +66,7 @@ class _Shown:
     span: float
     begin: float | None
     end: float | None
+    held: int | None
 
 
 def encode_curve(number: int, curve: Curve, *, final: bool) -> bytes:
@@ -118,10 +123,9 @@ async def _texts(socket: WebSocket) -> AsyncIterator[str]:
 
 def _message(hub: Hub, curve: _Shown) -> bytes | None:
     """Returns what is new of a curve; None if nothing is."""
-    station = hub.stations.get(curve.source)
-    if station is None:
+    history, end = _history(hub, curve), curve.end
+    if history is None:
         return None
-    history, end = station.history, curve.end
     if end is None:
         end = history.end_of_columns(curve.name, curve.step)
     # A series that began again, because the clock was set back, ends before what the page has.
@@ -135,6 +139,13 @@ def _message(hub: Hub, curve: _Shown) -> bytes | None:
         return None
     curve.begin = end
     return encode_curve(curve.id, points, final=curve.end is not None)
+
+
+def _history(hub: Hub, curve: _Shown) -> History | None:
+    if curve.held is not None and (held := held_of(curve.held)) is not None:
+        return held.history(curve.source)
+    station = hub.stations.get(curve.source)
+    return None if station is None else station.history
 
 
 def _update(shown: dict[int, _Shown], text: str) -> None:
@@ -159,7 +170,7 @@ def _update(shown: dict[int, _Shown], text: str) -> None:
 
 
 def _parse(asked: dict[str, Any]) -> _Shown:
-    begin, end = asked.get("begin"), asked.get("end")
+    begin, end, held = asked.get("begin"), asked.get("end"), asked.get("held")
     curve = _Shown(
         int(asked["id"]) & 0xFFFFFFFF,
         str(asked["source"]),
@@ -168,6 +179,7 @@ def _parse(asked: dict[str, Any]) -> _Shown:
         float(asked.get("span", 0.0)),
         None if begin is None else float(begin),
         None if end is None else float(end),
+        None if held is None else int(held),
     )
     if not 1e-6 <= curve.step <= 1e6:
         raise ValueError("step must be between 1e-6 and 1e6 s")

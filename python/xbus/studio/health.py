@@ -7,6 +7,7 @@ import html
 from xbus.formatting import format_count
 from xbus.protocol.tables import STATUS_FLAGS
 from xbus.protocol.values import EVERY
+from xbus.studio.replaying import Replaying
 from xbus.studio.station import Station
 from xbus.watch.model import Model
 from xbus.watch.rows import (
@@ -30,12 +31,15 @@ CLASSES = {GOOD: "xbus-ok", DIM: "xbus-quiet", WARNING: "xbus-caution", BAD: "xb
 #: What each fact means.
 MEANINGS = {
     "state": "Measurement State: the device sends data. Config State: it takes settings.",
+    "replay": "A recording is replayed. Rates, ages and times are those of the recording, at any speed.",
     "rate": "Of the fastest output, as measured, and outputs that are not at their configured rates.",
     "age": "Outputs whose latest value is overdue.",
     "filter": "Whether orientation is valid, and how the filter uses the receiver, by the status word.",
-    "clipping": "Axes that were out of the range of the sensor, by the status word.",
+    "clipping": "Axes that were out of the range of the sensor, by the status word, since the device was "
+    "opened or the counts were cleared.",
     "GNSS": "Fix, RTK, satellites in use (SV), and the horizontal and vertical accuracy by the receiver.",
-    "losses": "Samples that are missing by the packet counter, and bytes that are no frame.",
+    "losses": "Samples that are missing by the packet counter, and bytes that are no frame, since the device "
+    "was opened or the counts were cleared.",
     "recording": "Time since the recording began.",
 }
 #: Share by which a measured rate may differ from the configured one.
@@ -48,11 +52,13 @@ RECENT = 60.0
 
 def health(station: Station) -> str:
     """Returns the health of a device as HTML; all of its text is escaped."""
-    model = station.model
+    model, replaying = station.model, station.replaying
     facts = [
-        ("state", [(device_state(model), BAD if model.is_lost else PLAIN)]),
+        ("state", [(device_state(model), BAD if model.is_lost else PLAIN)])
+        if replaying is None
+        else ("replay", [(_progress(replaying), PLAIN)]),
         ("rate", rates(station)),
-        ("age", ages(station)),
+        ("age", [] if replaying is not None and replaying.is_over else ages(station)),
         ("filter", filter_state(model)),
         ("clipping", clipping(model)),
     ]
@@ -63,6 +69,12 @@ def health(station: Station) -> str:
         text = f"{recording.seconds:.0f} s" if recording.error is None else "ended early"
         facts.append(("recording", [(text, BAD)]))
     return "".join(_fact(label, parts) for label, parts in facts if parts)
+
+
+def _progress(replaying: Replaying) -> str:
+    if replaying.is_over:
+        return "end of the recording"
+    return "" if replaying.speed == 1 else f"at {replaying.speed:g}× speed"
 
 
 def rates(station: Station) -> list[tuple[str, str]]:

@@ -142,6 +142,23 @@ class Series:
             old = int(np.searchsorted(self.time, time[-1] - self._span))
             self._begin = max(self._begin + old, self._end - self._rows)
 
+    def part(self, begin: float, end: float) -> Series:
+        """Returns a copy of the rows from ``begin`` to ``end``, both included."""
+        first, last = np.searchsorted(self.time, begin), np.searchsorted(self.time, end, "right")
+        part = Series(
+            self.name,
+            self.unit,
+            self.fields,
+            rows=self._rows,
+            span=self._span,
+            wraps=self.wraps,
+            is_path=self.is_path,
+        )
+        part._time = self.time[first:last].copy()
+        part._values = self.values[first:last].copy()
+        part._end = len(part._time)
+        return part
+
     def _make_room(self, count: int) -> None:
         kept = self._end - self._begin
         time, values = self._time, self._values
@@ -168,17 +185,13 @@ class History:
         with self._lock:
             return dict(self._series)
 
-    def add_block(self, block: Log, now: float) -> npt.NDArray[np.float64]:
+    def add_block(self, block: Log, time: npt.NDArray[np.float64]) -> None:
         """Adds the samples of a block.
 
         Args:
-            block: The block, with host times.
-            now: When it was received, in seconds since 1970.
-
-        Returns:
-            The time of each sample, in seconds since 1970.
+            block: The block.
+            time: The time of each sample, in seconds since 1970; samples without one are left out.
         """
-        time = self._times(block, now)
         device = device_of(block.bid)
         with self._lock:
             self._devices.update(np.unique(device).tolist())
@@ -195,7 +208,21 @@ class History:
                     own = device[rows] == bid
                     name = f"{series_name(key)} of BID {bid}"
                     self._named(name, column).add(time[rows][own], numbers[own])
-        return time
+
+    def copy(self, name: str, begin: float, end: float) -> Series | None:
+        """Returns a copy of a series between two times in seconds since 1970, to which nothing is added.
+
+        Returns:
+            None if there is no such series.
+        """
+        with self._lock:
+            series = self._series.get(name)
+            return None if series is None else series.part(begin, end)
+
+    def put(self, series: Series) -> None:
+        """Adds a whole series, in place of one that has its name."""
+        with self._lock:
+            self._series[series.name] = series
 
     def add_rows(
         self, series: Series, time: npt.NDArray[np.float64], numbers: npt.NDArray[np.float64]
@@ -210,8 +237,15 @@ class History:
         with self._lock:
             self._series.setdefault(series.name, series).add(time, numbers)
 
-    def _times(self, block: Log, now: float) -> npt.NDArray[np.float64]:
-        """Returns the host time of each sample; the arrival of one without a time stamp is estimated."""
+    def times(self, block: Log, now: float) -> npt.NDArray[np.float64]:
+        """Returns the host time of each sample of a block, in seconds since 1970.
+
+        The arrival of a sample without a time stamp is estimated.
+
+        Args:
+            block: The block, with host times.
+            now: When it was received, in seconds since 1970.
+        """
         time = block.host_time
         before, self._received = self._received, now
         if np.isfinite(time).all():

@@ -12,8 +12,9 @@ from xbus.describe.failures import port_failure
 from xbus.device import find_ports
 from xbus.errors import XbusError
 from xbus.protocol.tables import PRODUCTS
-from xbus.studio.replaying import REPLAY
+from xbus.studio.replaying import REPLAY, source_label
 from xbus.studio.station import SIMULATED, Station, key_of
+from xbus.studio.view import RecordForm
 
 __all__ = ["Hub", "HubError", "virtual_sources"]
 
@@ -27,10 +28,14 @@ class Hub:
 
     Args:
         folder: Folder for recordings.
+
+    Attributes:
+        record_form: What was entered for the next recording.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
+        self.record_form = RecordForm()
         self._lock = threading.Lock()
         self._stations: dict[str, Station] = {}
         self._opening: set[str] = set()
@@ -57,18 +62,20 @@ class Hub:
             if (station := self._stations.get(source)) is not None:
                 return station
             if source in self._opening:
-                raise HubError(f"{source} is being opened; wait a moment")
+                raise HubError(f"{source_label(source)} is being opened; wait a moment")
             self._opening.add(source)
         try:
             station = Station(source, baudrate)
         except XbusError as error:
             raise HubError(str(error)) from error
         except OSError as error:
-            is_file = source.startswith(REPLAY)
-            reason = f"cannot open {source}: {error.strerror or error}"
-            raise HubError(reason if is_file else port_failure(source, error)) from error
+            if not source.startswith(REPLAY):
+                raise HubError(port_failure(source, error)) from error
+            reason = error.strerror or str(error)
+            raise HubError(f"cannot replay {source_label(source)}: {reason}") from error
         except ValueError as error:
-            raise HubError(f"cannot open {source}: {error}") from error
+            action = "replay" if source.startswith(REPLAY) else "open"
+            raise HubError(f"cannot {action} {source_label(source)}: {error}") from error
         finally:
             with self._lock:
                 self._opening.discard(source)
@@ -79,11 +86,19 @@ class Hub:
         return station
 
     def titled(self) -> dict[str, tuple[Station, str]]:
-        """Returns the open devices and their titles by port; the same title is followed by the port."""
+        """Returns the open devices and their titles by port.
+
+        The same title is followed by the port, and that of a replay by its file.
+        """
         titles = {source: (station, station.title) for source, station in self.stations.items()}
         count = Counter(title for _, title in titles.values())
         return {
-            source: (station, title if count[title] == 1 else f"{title}, {source}")
+            source: (
+                station,
+                f"{title}, {source_label(source)}"
+                if count[title] > 1 or station.replaying is not None
+                else title,
+            )
             for source, (station, title) in titles.items()
         }
 

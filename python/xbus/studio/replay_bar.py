@@ -1,4 +1,4 @@
-"""The bar below the health of a device that is a replay: position, speed and restart."""
+"""The bar below the health of a device that is a replay: position, end, speed and restart."""
 
 from __future__ import annotations
 
@@ -29,9 +29,11 @@ class ReplayBar:
         self._is_dragged = False
         with ui.element("div").classes("xbus-replay w-full") as self._row:
             self._name = ui.label().classes("font-semibold ellipsis shrink-0 max-w-[30%]")
-            ui.button(icon="replay", on_click=lambda: self._go(0.0)).props(
-                "flat dense round aria-label='replay from the beginning'"
-            ).tooltip("from the beginning")
+            self._restart = ui.button(icon="replay", on_click=lambda: self._go(0.0))
+            self._restart.props("flat dense round aria-label='replay from the beginning'")
+            self._restart.tooltip("from the beginning")
+            self._again = ui.button("Play again", icon="replay", on_click=lambda: self._go(0.0))
+            self._again.props("flat dense no-caps").classes("shrink-0")
             self._slider = (
                 ui.slider(min=0, max=1, step=0.1, value=0)
                 .props("aria-label='position in the recording'")
@@ -40,6 +42,7 @@ class ReplayBar:
             self._slider.on("pan", lambda event: self._drag(event.args == "start"))
             self._slider.on("change", lambda event: self._go(float(event.args)))
             self._time = ui.label().classes("xbus-mono whitespace-nowrap")
+            self._end = ui.label("end of the recording").classes("xbus-quiet whitespace-nowrap")
             self._speed = ui.select(
                 {speed: f"{speed:g}×" for speed in SPEEDS}, value=1, on_change=self._set_speed
             ).props("dense aria-label='speed'")
@@ -56,11 +59,13 @@ class ReplayBar:
             self._shown = replaying
             self._name.set_text(replaying.name)
             self._slider.props(f"max={max(replaying.duration, 0.1):.1f}")
-        position = min(replaying.position, replaying.duration)
+        position, is_over = replaying.position, replaying.is_over
         if not self._is_dragged:
             self._slider.set_value(round(position, 1))
-        at_end = " end" if position >= replaying.duration else ""
-        self._time.set_text(f"{position:,.1f} of {replaying.duration:,.1f} s{at_end}")
+        self._time.set_text(f"{position:,.1f} of {replaying.duration:,.1f} s")
+        self._end.set_visibility(is_over)
+        self._again.set_visibility(is_over)
+        self._restart.set_visibility(not is_over)
         if self._speed.value != replaying.speed:
             self._speed.set_value(replaying.speed)
 

@@ -13,6 +13,7 @@ from xbus.errors import XbusError
 from xbus.studio.health import health
 from xbus.studio.hub import Hub, HubError
 from xbus.studio.replay_bar import ReplayBar
+from xbus.studio.replaying import source_label
 from xbus.studio.station import Station
 
 __all__ = ["PAGES", "Session", "failure_text", "frame"]
@@ -68,12 +69,10 @@ class Session:
         if self._shown is None:
             source = None if self.key is None else self.hub.source_of(self.key)
             with ui.element("div").classes("xbus-card w-full"):
-                if self.key is None:
-                    ui.label("No device is open.")
-                else:
-                    ui.label(f"{source or self.key} is not open.")
+                name = self.key if source is None else source_label(source)
+                ui.label("No device is open." if name is None else f"{name} is not open.")
                 if source is not None:
-                    ui.button(f"Open {source}", on_click=lambda: self._open_and_show(source)).props(
+                    ui.button(f"Open {name}", on_click=lambda: self._open_and_show(source)).props(
                         "no-caps"
                     ).classes("my-2")
                 ui.link("All devices", "/")
@@ -81,7 +80,7 @@ class Session:
 
     async def open(self, source: str) -> Station | None:
         """Opens a device, makes it measure and selects it. Returns None if it cannot be opened."""
-        waiting = ui.notification(f"opening {source}", spinner=True, timeout=None)
+        waiting = ui.notification(f"opening {source_label(source)}", spinner=True, timeout=None)
         try:
             station = await self.attempt(self.hub.open, source)
             if station is not None:
@@ -143,7 +142,12 @@ def frame(session: Session) -> Iterator[None]:
         ui.button(icon="dark_mode", on_click=_toggle_dark).props(
             "flat dense round aria-label='dark or light'"
         ).tooltip("dark or light")
-    strip = ui.html("", sanitize=False).classes("xbus-strip w-full").props("aria-live=off")
+    with ui.element("div").classes("xbus-strip w-full"):
+        strip = ui.html("", sanitize=False).classes("xbus-health").props("aria-live=off")
+        clear = ui.button("Clear counts", icon="restart_alt", on_click=lambda: _clear(session))
+        clear.props("flat dense no-caps size=sm").classes("shrink-0").tooltip(
+            "counts losses, damage and samples out of range from now on"
+        )
     replay = ReplayBar(lambda: session.station, session.attempt)
     with ui.footer(elevated=False).classes("xbus-footer items-center gap-4 py-1"):
         ui.icon("terminal").classes("xbus-quiet")
@@ -167,10 +171,12 @@ def frame(session: Session) -> Iterator[None]:
             with tabs:
                 for key, title, is_selected in state:
                     tab = ui.button(title, on_click=lambda key=key: _select(session, key))
+                    tab.classes("xbus-tab").tooltip(title)
                     tab.props(
                         "dense no-caps " + ("unelevated color=primary" if is_selected else "flat")
                     )
         strip.set_content("" if selected is None else health(selected))
+        clear.set_visibility(selected is not None and selected.model.has_faults)
         replay.refresh()
         if session._shown is not None and session._shown not in session.hub.stations.values():
             session._shown = None
@@ -197,6 +203,11 @@ def _go(session: Session, path: str) -> None:
 def _select(session: Session, key: str) -> None:
     session.key = key
     ui.navigate.to(address(session.page, key))
+
+
+def _clear(session: Session) -> None:
+    if (station := session.station) is not None:
+        station.clear_counts()
 
 
 def _toggle_dark() -> None:

@@ -30,6 +30,7 @@ from xbus.studio.history import History, Series
 from xbus.studio.recording import ByteRate, StudioRecording
 from xbus.studio.replaying import REPLAY, Replaying
 from xbus.studio.track import Track
+from xbus.studio.view import CasterForm, View
 from xbus.watch.attitude import Attitude
 from xbus.watch.corrections import Corrections
 from xbus.watch.device_source import DeviceSource, new_file
@@ -52,6 +53,8 @@ class _Watched(Model):
     """The state of the stream; its blocks go to the history too."""
 
     history: History = field(default_factory=History, repr=False)
+    #: The recording that is replayed; its clock is that of all times.
+    replaying: Replaying | None = None
     track: Track = field(default_factory=Track, repr=False)
     _attitudes: Series = field(
         default_factory=lambda: Series(ATTITUDE, "deg", Attitude._fields), repr=False
@@ -65,8 +68,13 @@ class _Watched(Model):
 
     def add_block(self, block: Log, now: float) -> None:
         """Updates the state, and keeps the samples."""
-        received = time.time()
-        times = self.history.add_block(block, received)
+        if self.replaying is None:
+            received = time.time()
+            times = self.history.times(block, received)
+        else:
+            times = self.replaying.times(block)
+            now = received = self.replaying.now
+        self.history.add_block(block, times)
         super().add_block(block, now)
         self._add_attitude(received)
         self._add_positions(block, times)
@@ -96,6 +104,8 @@ class Station:
 
     Attributes:
         replaying: The recording that it replays; None for other devices.
+        view: What a page showed of it last; the next one begins with that.
+        caster: What was entered for corrections.
 
     Raises:
         OSError: The port cannot be opened.
@@ -109,13 +119,14 @@ class Station:
         self._resources = contextlib.ExitStack()
         with self._resources:
             port: str | SimI2c | SimSpi
-            self.replaying = Replaying(source) if source.startswith(REPLAY) else None
-            match _virtual(source) if self.replaying is None else self.replaying.device:
+            replaying = Replaying(source) if source.startswith(REPLAY) else None
+            self.replaying = replaying
+            match _virtual(source) if replaying is None else replaying.device:
                 case None:
                     port = source
                 case SimulatedDevice() as virtual:
                     # Windows has no pseudo-terminals, and a fast replay is too much for one.
-                    tcp = sys.platform == "win32" or self.replaying is not None
+                    tcp = sys.platform == "win32" or replaying is not None
                     port = self._resources.enter_context(
                         serving(virtual, tcp=tcp, speed=self._speed)
                     )
@@ -129,17 +140,25 @@ class Station:
             self.settings = DeviceSettings(
                 self.device, self.exchange, check_baudrate=not self.is_virtual
             )
-            self._source = DeviceSource(self.device, reconnect=True, restore=True, step=STEP)
+            self._source = DeviceSource(
+                self.device,
+                reconnect=True,
+                restore=True,
+                step=STEP,
+                clock=None if replaying is None else lambda: replaying.now,
+            )
             model = self._source.model()
             watched = {each.name: getattr(model, each.name) for each in fields(model)}
-            self.model = _Watched(**watched)
+            self.model = _Watched(**watched, replaying=replaying)
+            self.view = View()
+            self.caster = CasterForm()
             self.byte_rate = ByteRate()
             self.recording: StudioRecording | None = None
             self.last_recording: StudioRecording | None = None
             self.corrections: Corrections | None = None
             self._forwarding = contextlib.ExitStack()
             self._changing_corrections = threading.Lock()
-            self._stop = threading.Event()
+            self._stop, self._is_to_clear = threading.Event(), threading.Event()
             self._thread = threading.Thread(
                 target=self._run, name=f"xbus studio {source}", daemon=True
             )
@@ -187,11 +206,20 @@ class Station:
             with self.device.configure():
                 pass  # the recording begins when the device measures again
             self.measure()
+            self._is_to_clear.set()
+
+    def clear_counts(self) -> None:
+        """Counts losses, damage and samples out of range from the next block on."""
+        self._is_to_clear.set()
+        self.model.add_event("the counts were cleared", is_bad=False)
 
     def _run(self) -> None:
         while not self._stop.is_set():
+            if self._is_to_clear.is_set():
+                self._is_to_clear.clear()
+                self._source.clear_counts(self.model)
             self._source.advance(self.model)
-            self.byte_rate.add(time.monotonic(), self.model.counts.bytes)
+            self.byte_rate.add(time.monotonic(), self.device.stats.bytes)
             recording = self.recording
             if recording is not None and recording.is_over:
                 self.stop_recording()

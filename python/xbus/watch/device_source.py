@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields
 from datetime import datetime
@@ -43,12 +44,20 @@ class DeviceSource:
         reconnect: Whether to wait for a lost port instead of raising `Disconnected`.
         restore: Whether to restore the state of a device whose port was lost, which sends commands.
         step: Duration of a block of samples, in seconds.
+        clock: Returns the time of the model, in seconds; by default, that of the link.
     """
 
     def __init__(
-        self, device: Device, *, reconnect: bool, restore: bool = False, step: float = STEP
+        self,
+        device: Device,
+        *,
+        reconnect: bool,
+        restore: bool = False,
+        step: float = STEP,
+        clock: Callable[[], float] | None = None,
     ) -> None:
         self._device = device
+        self._clock = clock or device.link.clock
         self._reconnect = reconnect
         # A device that was only listened to has no state to restore; its port is opened again.
         self._restores = restore or device.is_listening
@@ -67,7 +76,7 @@ class DeviceSource:
     def model(self) -> Model:
         """Returns the model before the first block."""
         link = self._device.link
-        now = link.clock()
+        now = self._clock()
         model = Model(link.name, baudrate=line_rate(link), now=now, begin=now)
         self._update(model)
         return model
@@ -87,7 +96,7 @@ class DeviceSource:
             if self._lost_at is not None and not self._is_back(model):
                 self._update(model)
                 return
-            model.add_block(next(self._blocks), device.link.clock())
+            model.add_block(next(self._blocks), self._clock())
         except (StateError, XbusTimeout):
             pass  # in Config State, or silent
         except Disconnected:
@@ -110,6 +119,12 @@ class DeviceSource:
         self._lost_at = None
         model.add_event(f"the port is back after {away:.0f} s", is_bad=False)
         return True
+
+    def clear_counts(self, model: Model) -> None:
+        """Counts from now on: losses, damage, and samples that are out of range."""
+        self._initial_counts = _counts(self._device)
+        model.clipped = {}
+        self._update_counts(model)
 
     def start_measurement(self, model: Model) -> None:
         """Makes a device in Config State measure."""
@@ -171,7 +186,7 @@ class DeviceSource:
     def _update(self, model: Model) -> None:
         """Copies the state of the device, its totals and its new notices to the model."""
         device = self._device
-        model.now = device.link.clock()
+        model.now = self._clock()
         model.state = device.state
         model.is_lost = self._lost_at is not None
         model.name = device.link.name

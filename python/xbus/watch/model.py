@@ -225,6 +225,20 @@ class Model:
         """The status word, or else the status byte, if it has not stopped."""
         return self.current("status_word") or self.current("status_byte")
 
+    @property
+    def has_faults(self) -> bool:
+        """Whether samples were lost, damaged, dropped or out of range, as far as they are counted."""
+        counts = self.counts
+        return bool(
+            self.clipped
+            or counts.lost_samples
+            or counts.skipped_bytes
+            or counts.checksum_errors
+            or counts.malformed
+            or counts.overruns
+            or counts.dropped_samples
+        )
+
     def add_event(self, text: str, *, is_bad: bool = True) -> None:
         """Adds an event that happens now."""
         self.events.append(MonitorEvent(self.elapsed, text, is_bad))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import html
 import math
+from collections.abc import Callable
+from typing import Any
 
 from nicegui import ui
 
@@ -11,11 +13,12 @@ from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
 from xbus.protocol.values import SATELLITE_USED_BIT, GnssSystem
 from xbus.studio.commands import command_line
 from xbus.studio.components import Attitude3D, Horizon, Map
-from xbus.studio.cursors import Name
+from xbus.studio.history import History
 from xbus.studio.pages.plots import Plots
 from xbus.studio.shell import Session
 from xbus.studio.station import TRACK, TRACK_SPAN, Station
 from xbus.studio.track import Track
+from xbus.studio.view import Plot, View
 from xbus.watch.attitude import ORIENTATIONS, axes_of
 from xbus.watch.model import QuantityState
 from xbus.watch.rows import format_elapsed, format_length
@@ -24,7 +27,7 @@ from xbus.watch.values import format_rate, format_unit, format_value
 __all__ = ["live_page"]
 
 #: Seconds of the track that the map shows.
-MAP_SPANS, MAP_SPAN = {60: "1 min", 300: "5 min", int(TRACK_SPAN): "1 h"}, 300
+MAP_SPANS = {60: "1 min", 300: "5 min", int(TRACK_SPAN): "1 h"}
 #: Where the positions on the map come from.
 SOURCES = {"filter": "filter", "gnss": "GNSS receiver"}
 #: Names of satellite systems by number, and a colour for each.
@@ -51,20 +54,36 @@ def live_page(session: Session) -> None:
             command if len(replaying.files) == 1 else "",  # it takes one file
             f"log = xbus.read_log({[*replaying.files]})",
         )
+    # Pages of the same device do not disturb each other; the next one begins with what was shown last.
+    view, track = station.view.copy(), Plot(station.source, TRACK)
+
+    def remember(**shown: Any) -> None:
+        for name, value in shown.items():
+            setattr(view, name, value)
+        station.view = view.copy()
+
     with ui.row().classes("w-full gap-3 items-start no-wrap max-lg:flex-wrap"):
         with ui.column().classes("gap-3 grow min-w-0"):
-            plots = Plots(station, lambda times: place.mark(times))
+            plots = Plots(
+                session,
+                station,
+                view,
+                on_view=remember,
+                on_cursors=lambda: place.mark(plots.history(track)),
+            )
         with ui.column().classes("gap-3 w-[430px] shrink-0 max-lg:w-full"):
             with ui.element("div").classes("xbus-card w-full"):
                 with ui.tabs().props("dense no-caps align=left") as views:
                     flat, solid = ui.tab("Horizon"), ui.tab("3D")
-                with ui.tab_panels(views, value=flat).classes("w-full"):
+                panels = ui.tab_panels(views, value=view.attitude).classes("w-full")
+                panels.on_value_change(lambda event: remember(attitude=event.value))
+                with panels:
                     with ui.tab_panel(flat).classes("p-0"):
-                        Horizon(station.source)
+                        horizon = Horizon(station.source)
                     with ui.tab_panel(solid).classes("p-0"):
                         _turning(station)
                 heading = ui.label().classes("xbus-mono")
-            place = _Map(station)
+            place = _Map(station, view, lambda span: remember(map_span=span))
             with ui.element("div").classes("xbus-card w-full"):
                 values = ui.html("", sanitize=False).classes("w-full overflow-x-auto")
             with ui.element("div").classes("xbus-card w-full") as receiver:
@@ -73,9 +92,10 @@ def live_page(session: Session) -> None:
                 lamps = ui.html("", sanitize=False).classes("w-full")
             with ui.element("div").classes("xbus-card w-full"):
                 events = ui.html("", sanitize=False).classes("w-full")
-    plots.table()
+    plots.begin()
 
     def refresh() -> None:
+        horizon.show(ended=replaying is not None and replaying.is_over)
         place.refresh()
         heading.set_text(_heading(station))
         values.set_content(_values(station))
@@ -108,14 +128,15 @@ def _turning(station: Station) -> None:
 class _Map:
     """The track of a device on a map, if it sends positions."""
 
-    def __init__(self, station: Station) -> None:
-        self._station = station
+    def __init__(self, station: Station, view: View, on_span: Callable[[int], None]) -> None:
+        self._station, self._view = station, view
         with ui.element("div").classes("xbus-card w-full") as self._card:
             with ui.row().classes("w-full items-center justify-between"):
                 ui.label("Map").classes("text-sm")
-                spans = ui.toggle(MAP_SPANS, value=MAP_SPAN).props("dense flat no-caps")
-            self._map = Map(station.source, TRACK, MAP_SPAN)
+                spans = ui.toggle(MAP_SPANS, value=view.map_span).props("dense flat no-caps")
+            self._map = Map(station.source, TRACK, view.map_span)
             spans.on_value_change(lambda event: self._map.show(span=event.value))
+            spans.on_value_change(lambda event: on_span(event.value))
             self._place = ui.label().classes("xbus-mono")
             self._origin = ui.label().classes("xbus-quiet text-xs")
         self.refresh()
@@ -134,11 +155,11 @@ class _Map:
         is_stale = not (is_sent and track.is_fixed)
         self._map.show(accuracy=accuracy, stale=is_stale, label=f"{place}, {origin}")
 
-    def mark(self, times: dict[Name, float]) -> None:
-        """Marks where the device was at the cursors."""
-        marks = {}
-        for name, at in times.items():
-            found = self._station.history.selection(TRACK, at, None)
+    def mark(self, history: History | None) -> None:
+        """Marks where the device was at the cursors, by a history."""
+        marks, cursors = {}, self._view.cursors
+        for name, at in ({} if cursors is None else cursors.times).items():
+            found = None if history is None else history.selection(TRACK, at, None)
             if found is not None and found.a is not None and not found.a.is_old:
                 east, north = found.a.values.tolist()
                 if math.isfinite(east):

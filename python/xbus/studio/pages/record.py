@@ -28,7 +28,7 @@ def record_page(session: Session) -> None:
     if not hub.stations:
         session.require_station()
         return
-    titled = hub.titled()
+    titled, form = hub.titled(), hub.record_form
     stations = [station for station, _ in titled.values()]
     with ui.element("div").classes("xbus-card w-full"):
         with ui.row().classes("items-center gap-4 w-full"):
@@ -38,17 +38,22 @@ def record_page(session: Session) -> None:
                 .mark("record")
             )
             chosen = {
-                source: ui.checkbox(title, value=True).mark(f"use-{station.key}")
+                source: ui.checkbox(
+                    title, value=form.chosen.get(source, station.replaying is None)
+                ).mark(f"use-{station.key}")
                 for source, (station, title) in titled.items()
             }
-        note = ui.input("note", placeholder="what is recorded").classes("w-full").props("dense")
+        note = ui.input("note", value=form.note, placeholder="what is recorded")
+        note.classes("w-full").props("dense")
         with ui.row().classes("items-start gap-4 w-full mt-2"):
-            limit = (
-                ui.number("stop after, s", min=0, step=1).classes("w-40").props("dense clearable")
-            )
+            limit = ui.number("stop after, s", value=form.duration, min=0, step=1)
+            limit.classes("w-40").props("dense clearable")
             limit.tooltip("the recording stops by itself; empty: when you stop it")
             rotate = ui.input(
-                "new file after", placeholder="100MB, 2GB, 30min, 1h", validation=_rotation_problem
+                "new file after",
+                value=form.rotation,
+                placeholder="100MB, 2GB, 30min, 1h",
+                validation=_rotation_problem,
             )
             rotate.classes("w-64").props("dense clearable hide-bottom-space").tooltip(
                 "a size or a time, after which the recording continues in the next file; empty: one file"
@@ -62,6 +67,9 @@ def record_page(session: Session) -> None:
             mark = ui.button("Add note", icon="add_comment").props("flat no-caps").mark("add-note")
             mark.tooltip("an empty note is a marker")
 
+    def is_chosen(station: Station) -> bool:
+        return bool(chosen[station.source].value)
+
     def active() -> list[Station]:
         return [each for each in hub.stations.values() if each.recording is not None]
 
@@ -72,7 +80,11 @@ def record_page(session: Session) -> None:
         return limits | (parse_rotation(rotation) if rotation else {})
 
     def show_command() -> None:
-        words = ["record", stations[0].source, "-o", str(hub.folder / "walk.mtb")]
+        ports = [each.source for each in stations if each.replaying is None and is_chosen(each)]
+        if not ports:
+            session.show_command("", "")
+            return
+        words = ["record", ports[0], "-o", str(hub.folder / "walk.mtb")]
         words += ["--duration", number_text(limit.value)] if limit.value else []
         if (rotation := (rotate.value or "").strip()) and not _rotation_problem(rotation):
             words += ["--rotate", rotation]
@@ -83,7 +95,7 @@ def record_page(session: Session) -> None:
             return station.start_recording(hub.folder, note.value.strip(), **options())
 
         for station in stations:
-            if chosen[station.source].value:
+            if is_chosen(station):
                 await session.attempt(record, station)
 
     async def stop() -> None:
@@ -108,15 +120,21 @@ def record_page(session: Session) -> None:
         button.props(f"icon={'stop' if is_recording else 'fiber_manual_record'}")
         button.props(f"color={'negative' if is_recording else 'primary'}")
         mark.set_enabled(is_recording)
-        used = active() or [each for each in stations if chosen[each.source].value]
+        used = active() or [each for each in stations if is_chosen(each)]
         space.set_text(_space(hub.folder, sum(each.byte_rate.value for each in used)))
         table.set_content(_table(list(hub.stations.values())))
 
     button.on_click(toggle)
     mark.on_click(add_note)
     text.on("keydown.enter", add_note)
-    for control in (limit, rotate):
-        control.on_value_change(show_command)
+    note.bind_value_to(form, "note")
+    limit.bind_value_to(form, "duration")
+    rotate.bind_value_to(form, "rotation")
+    limit.on_value_change(show_command)
+    rotate.on_value_change(show_command)
+    for source, box in chosen.items():
+        box.bind_value_to(form.chosen, source)
+        box.on_value_change(show_command)
     show_command()
     refresh()
     ui.timer(0.5, refresh)

@@ -5,13 +5,7 @@ const DASHES = [[], [8, 3], [2, 3], [8, 3, 2, 3], [12, 3], [4, 6]];
 const FRAME = 33; // ms between two frames
 const AXIS = 80; // px beside the curves
 
-// Local time with milliseconds, 24 hours whatever the language.
-function clock(seconds) {
-  const date = new Date(1000 * seconds);
-  const pad = (number, digits) => String(number).padStart(digits, "0");
-  const [hours, minutes, rest] = [date.getHours(), date.getMinutes(), date.getSeconds()].map((part) => pad(part, 2));
-  return `${hours}:${minutes}:${rest}.${pad(date.getMilliseconds(), 3)}`;
-}
+import { clock } from "/static/clock.js";
 
 // Decimals that show a ten-thousandth of the axis.
 function decimals({ min, max }) {
@@ -22,12 +16,16 @@ export default {
   template: `<div class="xbus-chart"><div ref="plot"></div></div>`,
   props: {
     source: String,
-    name: String,
-    unit: String,
+    name: String, // of the series
+    label: String,
     fields: Array,
     span: Number,
     view: Array,
+    held: Number, // number of the samples that a paused plot shows
     locked: Boolean,
+    limits: Array, // of the y axis that is locked, if they are known
+    elapsed: Boolean, // whether times are those of a recording
+    speed: Number, // with which live curves move on
     cursors: Object, // times of A and B
     active: String, // the one that moves
   },
@@ -36,6 +34,7 @@ export default {
     this.values = this.fields.map(() => []);
     this.last = 0; // time of the newest point
     this.lastAt = 0; // when it arrived, in ms
+    this.fixed = this.locked ? this.limits : null; // limits of the y axis
     this.observer = new ResizeObserver(() => this.resize());
     this.observer.observe(this.$el);
     this.darkness = new MutationObserver(() => this.build());
@@ -65,9 +64,9 @@ export default {
     span() {
       if (!this.view) this.show();
     },
-    locked(locked) {
-      const { min, max } = this.plot.scales.y;
-      this.limits = locked ? [min, max] : null;
+    locked() {
+      this.fixed = null;
+      this.lock();
       this.draw();
     },
     cursors() {
@@ -87,7 +86,14 @@ export default {
       else this.show();
     },
     now() {
-      return this.last + Math.min(2 * this.span, (performance.now() - this.lastAt) / 1000);
+      return this.last + Math.min(2 * this.span, (this.speed * (performance.now() - this.lastAt)) / 1000);
+    },
+    // Keeps the present limits of the y axis, once there are some.
+    lock() {
+      const { min, max } = this.plot.scales.y;
+      if (!this.locked || this.fixed || !this.time.length || min == null) return;
+      this.fixed = [min, max];
+      this.$emit("lock", { min, max });
     },
     // Asks for the past and for what comes.
     show() {
@@ -101,7 +107,8 @@ export default {
     freeze(begin, end) {
       window.xbusFeed.hide(this.curve);
       this.asked = this.columns();
-      const request = { source: this.source, name: this.name, step: (end - begin) / this.asked, begin, end };
+      const { source, name, held } = this;
+      const request = { source, name, held: held ?? null, step: (end - begin) / this.asked, begin, end };
       this.curve = window.xbusFeed.show(request, (points) => {
         this.clear();
         this.append(points);
@@ -126,7 +133,7 @@ export default {
       if (!this.time.length) return;
       const last = this.time[this.time.length - 1];
       // The clock of the chart never runs back, although messages are not evenly spaced.
-      if (last > this.now() || last < this.now() - 1) {
+      if (last > this.now() || last < this.now() - Math.max(1, this.speed)) {
         this.last = last;
         this.lastAt = performance.now();
       }
@@ -205,13 +212,13 @@ export default {
       const ink = dark ? "#c8c8c8" : "#444";
       const grid = { stroke: dark ? "#333" : "#e4e4e4", width: 1 };
       const axis = { stroke: ink, grid, ticks: grid };
-      const label = this.unit ? `${this.name} [${this.unit}]` : this.name;
       const chart = this;
+      const local = (time) => clock(time, chart.elapsed);
       this.plot = new uPlot(
         {
           width: this.$el.clientWidth || 600,
           height: this.height(),
-          title: label,
+          title: this.label,
           cursor: {
             drag: { x: true, y: false },
             sync: { key: "xbus" },
@@ -223,7 +230,7 @@ export default {
             x: { time: true },
             y: {
               range: (_, min, max) => {
-                if (chart.limits) return chart.limits;
+                if (chart.fixed) return chart.fixed;
                 if (min == null) return [0, 1];
                 const margin = 0.08 * (max - min) || 0.5 * Math.max(Math.abs(max), 1e-3);
                 return [min - margin, max + margin];
@@ -234,12 +241,12 @@ export default {
             {
               ...axis,
               space: 64,
-              values: (_, times, column, space, step) => times.map((t) => clock(t).slice(0, step < 1 ? 12 : 8)),
+              values: (_, times, column, space, step) => times.map((t) => local(t).slice(0, step < 1 ? 12 : 8)),
             },
             { ...axis, size: 64 },
           ],
           series: [
-            { label: "time", value: (_, t) => (t == null ? "--" : clock(t)) },
+            { label: "time", value: (_, t) => (t == null ? "--" : local(t)) },
             ...this.fields.map((field, k) => ({
               label: field,
               stroke: colors[k % colors.length],
@@ -250,7 +257,7 @@ export default {
             })),
           ],
           hooks: {
-            draw: [(plot) => chart.mark(plot)],
+            draw: [(plot) => chart.mark(plot), () => chart.lock()],
             setSelect: [
               (plot) => {
                 if (plot.select.width < 5) return;

@@ -4,7 +4,7 @@ const STALE = 2; // seconds without an attitude until it is dashes
 
 export default {
   template: `<canvas class="xbus-horizon" role="img" :aria-label="text"></canvas>`,
-  props: { source: String },
+  props: { source: String, ended: Boolean },
   data: () => ({ text: "no attitude" }),
   mounted() {
     this.attitude = null;
@@ -38,7 +38,7 @@ export default {
       const g = canvas.getContext("2d");
       g.setTransform(ratio, 0, 0, ratio, 0, 0);
       g.clearRect(0, 0, width, height);
-      const isStale = this.attitude === null || performance.now() - this.arrived > 1000 * STALE;
+      const isStale = this.attitude === null || (!this.ended && performance.now() - this.arrived > 1000 * STALE);
       if (isStale) {
         g.fillStyle = "#777";
         g.fillRect(0, 0, width, height);

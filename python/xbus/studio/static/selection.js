@@ -1,15 +1,12 @@
-// The table of what is at the cursors A and B and between them. Times are local ones, as in the charts.
-function clock(seconds) {
-  const date = new Date(1000 * seconds);
-  return date.toLocaleTimeString([], { hour12: false }) + "." + String(date.getMilliseconds()).padStart(3, "0");
-}
+// The table of what is at the cursors A and B and between them.
+import { clock } from "/static/clock.js";
 
 export default {
   template: `
     <div v-if="cursors.length" class="xbus-selection">
       <div class="xbus-facts">
         <span v-for="{ name, time, active } in cursors" :key="name" :class="{ 'xbus-active': active }"
-          :data-cursor="name" :data-time="time">{{ name }} {{ clock(time) }}</span>
+          :data-cursor="name" :data-time="time">{{ name }} {{ clock(time, elapsed) }}</span>
         <span v-if="apart">{{ apart }}</span>
       </div>
       <table class="xbus-table xbus-mono">
@@ -23,6 +20,6 @@ export default {
         </tbody>
       </table>
     </div>`,
-  props: { cursors: Array, apart: String, heads: Array, groups: Array },
+  props: { cursors: Array, apart: String, heads: Array, groups: Array, elapsed: Boolean },
   methods: { clock },
 };
