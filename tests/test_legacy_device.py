@@ -200,6 +200,19 @@ def test_whoever_listens_only_gives_the_settings() -> None:
     assert list(device.read_sample()) == ["quaternion", "packet_counter"]
 
 
+def test_a_recording_that_only_listens_begins_with_the_settings_in_force(tmp_path: Path) -> None:
+    """Another program sets them: acknowledgements without requests are heard, then the Configuration."""
+    sim = SimulatedDevice("MTi")
+    device = connect(sim, listen=True)
+    for mid, payload in ((0x30, ""), (0xD0, "0001"), (0xD2, "00000001"), (0x10, "")):
+        sim.write(xbus.encode_frame(mid, bytes.fromhex(payload)))
+        device.listen(0.1)
+    with device.record(tmp_path / "heard.mtb"):
+        device.listen(0.5)
+    log = xbus.read_log(tmp_path / "heard.mtb")
+    assert (log.stats.unfit, list(log)) == (0, ["temperature", "packet_counter"])
+
+
 def test_on_request() -> None:
     device = connect("sim:MTi")
     with device.configure() as cfg:

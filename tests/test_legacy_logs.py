@@ -166,6 +166,31 @@ def test_settings_that_change_are_followed() -> None:
     assert log["euler_angles"].sample.tolist() == list(range(40, 70))
 
 
+def test_an_acknowledgement_without_its_request_leaves_the_settings_unknown(tmp_path: Path) -> None:
+    """A log of only what the device sent: the lengths still fit, but the values are others."""
+    before, after = (0x0004, 0x0000_0000), (0x0001, 0x0100_0000)
+    assert mtdata_layout(*before).size == mtdata_layout(*after).size
+    set_mode = encode_frame(MessageId.SetOutputMode, struct.pack(">H", after[0]))
+    set_form = encode_frame(MessageId.SetOutputSettings, struct.pack(">I", after[1]))
+    mode_ack = encode_frame(MessageId.SetOutputModeAck)
+    form_ack = encode_frame(MessageId.SetOutputSettingsAck)
+    data = configuration(before) + messages(before, 5) + mode_ack + form_ack + messages(after, 3)
+    assert (len(log := xbus.read_log(data)), log.stats.unfit) == (5, 3)
+    assert len(xbus.read_log(data, legacy=after)["gyro_temperature"]) == 3
+    log = xbus.read_log(data + configuration(after) + messages(after, 4))
+    assert (len(log["quaternion"]), len(log["temperature"]), log.stats.unfit) == (5, 4, 3)
+    path = tmp_path / "old.mtb"
+    path.write_bytes(data + configuration(after) + messages(after, 400))
+    assert run("split", str(path), "--size", "1kB", "--out-dir", str(tmp_path / "x")).exit_code == 0
+    pieces = [xbus.read_log(piece) for piece in sorted((tmp_path / "x").iterdir())]
+    assert sum(map(len, pieces)) == 405
+    assert sum(piece.stats.unfit for piece in pieces) == 3
+    # A request that is repeated is acknowledged twice.
+    changed = set_mode * 2 + mode_ack * 2 + set_form * 2 + form_ack * 2
+    log = xbus.read_log(configuration(before) + changed + messages(after, 3))
+    assert (list(log), log.stats.unfit) == (["temperature", "gyro_temperature"], 0)
+
+
 def test_a_length_that_does_not_fit_is_counted_and_kept() -> None:
     data = configuration(SENSORS) + messages(SENSORS, 5) + messages(EULER, 3) + messages(SENSORS, 4)
     log = xbus.read_log(data)
@@ -369,6 +394,17 @@ def test_an_xbus_master() -> None:
         assert first["quaternion"].values[0].tolist() == [1, 0, 0, 0]
         assert second["quaternion"].values[0].tolist() == [0.5] * 4
     assert [device.device_id for device in log.devices] == [0x0030_0000, 0x0030_0001]
+
+
+def test_info_about_an_xbus_master_and_the_rate_in_its_configuration(tmp_path: Path) -> None:
+    outputs, sizes = [(0x0004, 0), (0x0004, 0)], [16, 16]
+    frames = encode_frame(MessageId.MTData, bytes(34)) * 3
+    path = tmp_path / "master.mtb"
+    path.write_bytes(configuration(*outputs, master=0x0110_0001, lengths=sizes) + frames)
+    text = " ".join(run("info", str(path)).stdout.split())
+    assert "BID 1 id 00300000, 3 samples BID 2 id 00300001, 3 samples" in text
+    assert "--rate 100 derives them from the packet counter" in text
+    assert "join several recordings" not in text
 
 
 # The command line

@@ -280,6 +280,7 @@ class LogSummary:
         utc: Earliest and latest UTC time that the device marks as valid, or None.
         utc_rows: Number of UTC times.
         utc_valid: Number of those that the device marks as valid.
+        capture_findings: What is unusual in a CAN capture, in sentences; None for a log that is from none.
 
     >>> import xbus
     >>> summary = LogSummary([xbus.read_log("tests/captures/walk.mtb")])
@@ -291,6 +292,7 @@ class LogSummary:
         self.stats = Stats(**{field.name: 0 for field in fields(Stats)})
         self._identities: dict[int, Identity] = {}
         self.other_devices: dict[int, None] = {}
+        self.capture_findings: tuple[str, ...] | None = None
         self.runs = Runs()
         self._device_rates: dict[int, Rates] = {}
         self._quantities: dict[tuple[str, str | None], QuantitySummary] = {}

@@ -10,7 +10,9 @@ from xbus.describe.log_summary import DeviceSummary, LogSummary
 from xbus.describe.text import finite, recording_date
 from xbus.formatting import describe_damage, describe_losses, device_name, format_count
 from xbus.log.identity import Identity
+from xbus.protocol.configuration import Configuration
 from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
+from xbus.protocol.values import PERIOD_TICKS
 from xbus.wire.result_code import printable
 
 __all__ = ["format_utc", "log_rows", "quantity_rows"]
@@ -24,7 +26,11 @@ MUCH_LOST = 0.95
 def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
     """Yields title and text of each row about the log as a whole."""
     stats, configuration = summary.stats, summary.identity.configuration
-    yield "size", f"{stats.bytes:,} bytes"
+    is_capture = summary.capture_findings is not None
+    if is_capture:
+        yield "frames", f"{stats.frames:,} of MTi devices"
+    else:
+        yield "size", f"{stats.bytes:,} bytes"
     yield "device", ", ".join(_device(summary))
     if summary.other_devices:
         others = ", ".join(map(device_name, summary.other_devices))
@@ -49,7 +55,8 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
     elif stats.samples and summary.has_counter:
         yield (
             "duration",
-            "not known: the samples have no time stamps; --rate HZ derives them from the packet counter",
+            "not known: the samples have no time stamps;"
+            f" {_rate_option(configuration)} derives them from the packet counter",
         )
     elif stats.samples:
         yield "duration", "not known: the samples have neither time stamps nor a packet counter"
@@ -60,6 +67,8 @@ def log_rows(summary: LogSummary) -> Iterator[tuple[str, str]]:
     if summary.has_counter or not summary.trackers:
         losses = describe_losses(stats.lost_samples, stats.gaps, has_counter=summary.has_counter)
         yield "losses", losses
+    if is_capture:
+        return
     damage = describe_damage(stats.skipped_bytes, len(summary.damage))
     share = f", {100 * stats.skipped_bytes / max(stats.bytes, 1):.2g} % of the bytes"
     yield "damage", damage + share if summary.damage else damage
@@ -99,6 +108,18 @@ def _identity(identity: Identity) -> Iterator[str]:
     if identity.firmware is not None:
         build = identity.firmware.build
         yield f"firmware {identity.firmware}" + ("" if build is None else f" build {build}")
+
+
+def _rate_option(configuration: Configuration | None) -> str:
+    """Returns the option that gives times to a log of MTData without time stamps.
+
+    The Configuration has the rate. With an output skip factor it is not known, because no source says whether
+    the packet counter counts the skipped samples.
+    """
+    if configuration is None or not configuration.data_length or configuration.output_skip_factor:
+        return "--rate HZ"
+    period = configuration.sampling_period
+    return f"--rate {PERIOD_TICKS / period:.10g}" if period else "--rate HZ"
 
 
 def _device_samples(device: DeviceSummary) -> str:

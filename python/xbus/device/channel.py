@@ -24,7 +24,7 @@ from xbus.errors import (
     XbusError,
     XbusTimeout,
 )
-from xbus.log.identity import HEAD_MESSAGES, Identity
+from xbus.log.identity import HEAD_MESSAGES, SETTINGS_MESSAGES, Identity, has_mtdata
 from xbus.protocol.ids import MessageId
 from xbus.protocol.products import product_of_code, support
 from xbus.protocol.tables import MESSAGES
@@ -210,6 +210,9 @@ class Channel:
 
     def _hear(self, frame: _core.ScannedFrame) -> None:
         """Takes note of a message about the device."""
+        if frame.mid == MessageId.Configuration and has_mtdata(frame.payload):
+            for mid in SETTINGS_MESSAGES:  # from before
+                self.heard.pop(mid, None)
         self.heard[frame.mid] = encode_frame(frame.mid, frame.payload, bid=frame.bid)
         self.identity = self.identity.updated([message_of(frame)])
         code = self.identity.product_code

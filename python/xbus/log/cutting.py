@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.log.arrivals import Arrivals
-from xbus.log.identity import HEAD_MESSAGES, SETTINGS_MESSAGES
+from xbus.log.identity import HEAD_MESSAGES, SETTINGS_MESSAGES, has_mtdata
 from xbus.log.log import Log, MissingDeviceError
 from xbus.log.messages import Messages
 from xbus.log.pacing import ReplayPace
@@ -100,7 +100,7 @@ class _Head:
     def __init__(self, bid: int | None = None) -> None:
         self._bid = bid
         self._frames: dict[tuple[bool, int, int], bytes] = {}
-        #: Requests for settings of MTData that no reply has acknowledged.
+        #: The last requests for settings of MTData.
         self._requested: dict[tuple[int, int], bytes] = {}
 
     def add(self, messages: Messages, rows: npt.NDArray[np.intp], start: int, end: float) -> None:
@@ -120,7 +120,7 @@ class _Head:
             if message.mid in SETTINGS_MESSAGES:
                 self._add_settings(message, frame)
                 continue
-            if not is_other and _has_mtdata(message.payload):
+            if not is_other and has_mtdata(message.payload):
                 self._frames = {
                     key: kept
                     for key, kept in self._frames.items()
@@ -129,18 +129,19 @@ class _Head:
             self._frames[is_other, message.mid, message.bid] = frame
 
     def _add_settings(self, message: Message, frame: bytes) -> None:
-        """Adds a reply with OutputMode or OutputSettings, or an acknowledged request."""
+        """Adds a reply with OutputMode or OutputSettings, or an acknowledged request.
+
+        An acknowledgement without its request leaves the settings unknown.
+        """
         mid, bid = message.mid, message.bid
         if mid in (MessageId.SetOutputMode, MessageId.SetOutputSettings):
             self._requested[mid, bid] = frame
             return
-        requested = self._requested.pop((mid - 1, bid), None)
-        if message.payload:
+        requested = None if message.payload else self._requested.get((mid - 1, bid))
+        if requested is None:
             self._frames.pop((True, mid - 1, bid), None)
-        elif requested is not None:
-            self._frames[True, mid - 1, bid] = requested
         else:
-            return
+            self._frames[True, mid - 1, bid] = requested
         self._frames[True, mid, bid] = frame
 
     def frames(self, devices: Iterable[int]) -> bytes:
@@ -154,11 +155,6 @@ class _Head:
             for (_, _, bid), frame in sorted(self._frames.items())
             if self._bid is None or device_of(bid) == self._bid or set(devices) <= {self._bid}
         )
-
-
-def _has_mtdata(configuration: bytes) -> bool:
-    """Returns whether a Configuration has settings of MTData in force: the length of a device is not 0."""
-    return any(configuration[102::20]) or any(configuration[103::20])
 
 
 def _head_rows(messages: Messages) -> npt.NDArray[np.intp]:

@@ -17,6 +17,7 @@ __all__ = [
     "SETTINGS_MESSAGES",
     "Identity",
     "device_id_of",
+    "has_mtdata",
     "identities_of",
     "identity_of",
 ]
@@ -120,8 +121,16 @@ def identity_of(
 
 
 def device_id_of(message: Message) -> int | None:
-    """Returns the device identifier in one of `IDENTITY_MESSAGES`, if it has one."""
-    return _identity_of(message).device_id
+    """Returns the device identifier in one of `IDENTITY_MESSAGES`, if it has one.
+
+    The Configuration of an Xbus Master has those of its trackers: its own is of no device that sends samples.
+    """
+    return None if _trackers(message) else _identity_of(message).device_id
+
+
+def has_mtdata(configuration: bytes) -> bool:
+    """Returns whether a Configuration has settings of MTData in force: the length of a device is not 0."""
+    return any(configuration[102::20]) or any(configuration[103::20])
 
 
 def _trackers(message: Message) -> dict[int, Identity]:

@@ -10,9 +10,10 @@ use crate::table;
 /// The settings in force, device by device.
 ///
 /// They follow the messages of the stream: Configuration, the replies to `ReqOutputMode` and `ReqOutputSettings`, and
-/// `SetOutputMode` and `SetOutputSettings` once they are acknowledged. A Configuration with a data length of 0 says
-/// nothing: the device sends `MTData2`, and its other numbers are from before. Settings of the caller hold for each
-/// device until the stream has others.
+/// `SetOutputMode` and `SetOutputSettings` once they are acknowledged. If a stream has the acknowledgement but not the
+/// request, as one that only the device has written, the settings are not known until the stream has them again. A
+/// Configuration with a data length of 0 says nothing: the device sends `MTData2`, and its other numbers are from before.
+/// Settings of the caller hold for each device as long as the stream has none.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Outputs {
@@ -30,7 +31,7 @@ pub struct Outputs {
 struct Known {
     mode: Option<u16>,
     settings: Option<u32>,
-    /// What the host has requested, which no reply has acknowledged yet.
+    /// What the host has requested last. It stays, because a request that is repeated is acknowledged twice.
     requested_mode: Option<u16>,
     requested_settings: Option<u32>,
 }
@@ -93,8 +94,7 @@ impl Outputs {
 
     /// Sets what is in force of a device. Returns whether that changes it.
     pub fn set(&mut self, bid: u8, output: Output) -> bool {
-        let known = Known { mode: Some(output.mode), settings: Some(output.settings), ..Known::default() };
-        self.update(bid, |before| std::mem::replace(before, known).output() != known.output())
+        self.update(bid, |known| known.set(Some(output.mode), Some(output.settings)))
     }
 
     /// The settings in force of a device.
@@ -124,8 +124,7 @@ impl Outputs {
         for (device, tracker) in devices.devices.iter().zip(1..) {
             let device_bid = if is_master { tracker } else { bid };
             let Output { mode, settings } = device.output;
-            let known = Known { mode: Some(mode), settings: Some(settings), ..Known::default() };
-            changed |= self.update(device_bid, |before| std::mem::replace(before, known).output() != known.output());
+            changed |= self.update(device_bid, |known| known.set(Some(mode), Some(settings)));
         }
         changed
     }
@@ -141,27 +140,31 @@ impl Outputs {
 }
 
 impl Known {
-    const fn output(&self) -> (Option<u16>, Option<u32>) {
-        (self.mode, self.settings)
+    /// Returns whether that changes what is in force.
+    fn set(&mut self, mode: Option<u16>, settings: Option<u32>) -> bool {
+        let is_new = (self.mode, self.settings) != (mode, settings);
+        (self.mode, self.settings) = (mode, settings);
+        is_new
     }
 
     /// Takes note of a message. Returns whether it changes what is in force.
     fn learn(&mut self, mid: u8, payload: &[u8]) -> bool {
-        let before = self.output();
         match (mid, payload) {
             (table::SET_OUTPUT_MODE, &[a, b]) => self.requested_mode = Some(u16::from_be_bytes([a, b])),
             (table::SET_OUTPUT_MODE, _) => self.requested_mode = None,
-            (table::OUTPUT_MODE_ACK, &[a, b]) => self.mode = Some(u16::from_be_bytes([a, b])),
-            (table::OUTPUT_MODE_ACK, &[]) => self.mode = self.requested_mode.take().or(self.mode),
             (table::SET_OUTPUT_SETTINGS, &[a, b, c, d]) => {
                 self.requested_settings = Some(u32::from_be_bytes([a, b, c, d]));
             }
             (table::SET_OUTPUT_SETTINGS, _) => self.requested_settings = None,
-            (table::OUTPUT_SETTINGS_ACK, &[a, b, c, d]) => self.settings = Some(u32::from_be_bytes([a, b, c, d])),
-            (table::OUTPUT_SETTINGS_ACK, &[]) => self.settings = self.requested_settings.take().or(self.settings),
+            (table::OUTPUT_MODE_ACK, &[a, b]) => return self.set(Some(u16::from_be_bytes([a, b])), self.settings),
+            (table::OUTPUT_MODE_ACK, &[]) => return self.set(self.requested_mode, self.settings),
+            (table::OUTPUT_SETTINGS_ACK, &[a, b, c, d]) => {
+                return self.set(self.mode, Some(u32::from_be_bytes([a, b, c, d])));
+            }
+            (table::OUTPUT_SETTINGS_ACK, &[]) => return self.set(self.mode, self.requested_settings),
             _ => {}
         }
-        self.output() != before
+        false
     }
 }
 
