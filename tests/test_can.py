@@ -28,14 +28,26 @@ ROWS = [re.split(r"\s+", line) for line in SPEC.read_text().splitlines() if line
 VECTORS = [
     (0x34, "000000000000", (0, 0, 0)),
     (0x34, "000100000000", (0.00390625, 0, 0)),
+    (0x34, "0000000009CF", (0, 0, 9.80859375)),
+    (0x34, "FF0000000000", (-1, 0, 0)),
     (0x34, "0180FDC009CF", (1.5, -2.25, 9.80859375)),
     (0x34, "640064006400", (100, 100, 100)),
+    (0x34, "9C009C009C00", (-100, -100, -100)),
     (0x34, "7FFF7FFF7FFF", (127.99609375, 127.99609375, 127.99609375)),
     (0x34, "800080008000", (-128, -128, -128)),
+    (0x32, "000000000200", (0, 0, 1)),
+    (0x32, "00000000FE00", (0, 0, -1)),
+    (0x32, "460046004600", (35, 35, 35)),
     (0x32, "0033FF800500", (0.099609375, -0.25, 2.5)),
     (0x32, "BA00BA00BA00", (-35, -35, -35)),
+    (0x22, "2D0000000000", (90, 0, 0)),
+    (0x22, "0000E9800000", (0, -45, 0)),
+    (0x22, "00000000A600", (0, 0, -180)),
     (0x22, "0640FE60D300", (12.5, -3.25, -90)),
     (0x22, "000000005A00", (0, 0, 180)),
+    (0x76, "050000000000", (20, 0, 0)),
+    (0x76, "FB0000000000", (-20, 0, 0)),
+    (0x76, "7D007D007D00", (500, 500, 500)),
     (0x76, "06E0FFB00004", (27.5, -1.25, 0.0625)),
     (0x76, "830083008300", (-500, -500, -500)),
     (0x06, "1234", (4660,)),
@@ -55,6 +67,7 @@ VECTORS = [
     (0x61, "02000400FA00", (1, 2, -3)),
     (0x62, "01000200FD00", (1, 2, -3)),
     (0x71, "343D90E4036B4DF9", (0x343D90E4 / 2**24, 0x036B4DF9 / 2**23)),
+    (0x71, "DE219653B46535A8", (-0x21DE69AD / 2**24, -0x4B9ACA58 / 2**23)),
     (0x72, "FFFF8000", (-1,)),
     (0x74, "071E4440", (466500.25,)),
     (0x75, "B37383E0", (-5016700.125,)),
@@ -317,6 +330,45 @@ def test_frames_in_another_order_than_the_bus_sends() -> None:
     assert log.traffic.findings == ()
 
 
+@given(
+    st.lists(st.booleans(), min_size=4, max_size=120),
+    st.integers(0, 5),
+    st.randoms(use_true_random=False),
+)
+def test_frames_that_come_late_belong_to_their_group(
+    kept: list[bool], late: int, random: Any
+) -> None:
+    """In some groups, the frames behind SampleTime and GroupCounter come in any order."""
+    lost = iter(kept * 100)
+    sent: list[tuple[int, bytes]] = []
+    rows = []
+    for number in range(30):
+        codes = [code for code in CODES if next(lost)]
+        rows.append(set(codes))
+        if number % 6 < late:
+            random.shuffle(codes)
+        sent += group(number, *codes)
+    log = read(sent)
+    assert log.packet_counter.tolist() == list(range(30))
+    assert log.traffic.findings == ()
+    for code in CODES:
+        name = CAN_MESSAGES[code].quantity
+        assert name is not None
+        column = log.get(name)
+        places = [number for number, codes in enumerate(rows) if code in codes]
+        assert (column.sample.tolist() if column is not None else []) == places
+
+
+def test_a_group_whose_header_was_lost_is_no_rest_of_the_one_before() -> None:
+    """It has a message that was in the group before."""
+    groups = [group(n, 0x11, 0x34) if n % 2 else group(n, 0x21, 0x34) for n in range(20)]
+    del groups[11][:2]  # 11 after 34
+    log = read([frame for own in groups for frame in own])
+    assert len(log) == 20
+    assert log["status_word"].sample.tolist() == list(range(1, 20, 2))
+    assert log["acceleration"].sample.tolist() == list(range(20))
+
+
 def test_identifiers_of_its_own_in_another_order() -> None:
     """The lowest identifier comes first, and SampleTime last."""
     ids = {"acceleration": 0x10, "Quaternion": EXTENDED | 0x11, "sample_time_fine": 0x7FF}
@@ -367,7 +419,7 @@ REMOTE, ERROR = 1 << 30, 1 << 29
     [
         (GOOD, None, 0),
         ([*GOOD, (0x34, bytes(4))],
-         "1 frame of Acceleration (034) with 4 bytes instead of 6: they are not decoded; if another node", 1),
+         "1 frame of Acceleration (034) with 4 bytes instead of 6: not decoded; if another node", 1),
         ([*GOOD, *group(100)[:2], (0x34, bytes(8))],
          "1 frame of Acceleration (034) with 8 bytes instead of 6: the rest is ignored; if another node", 0),
         ([*GOOD, (0x31, b"\x7f" * 7)], "1 frame of DeltaV (031) with an exponent above 30", 1),
@@ -499,6 +551,19 @@ def test_messages_of_python_can_are_read() -> None:
     log = xbus.read_can(sent)
     assert "2 channels (can0, can1), which are read as one bus" in log.traffic.findings[0]
     assert len(xbus.read_can(sent, channel="can1")) == 50
+
+
+def test_an_error_frame_of_candump_has_no_channel(tmp_path: Path) -> None:
+    path = tmp_path / "drive.log"
+    path.write_text(
+        "(1.0) can0 005#00000000\n(1.1) can0 20000088#0000000000000000\n(1.2) can0 005#000003E8\n"
+    )
+    log = xbus.read_can(path, channel="can0")
+    assert (len(log), log.traffic.frames) == (2, 2)
+    first, *_ = xbus.read_can(path).traffic.findings
+    assert first.startswith("1 error frame: the bus is disturbed")
+    with pytest.raises(ValueError, match=r"it has can0$"):
+        xbus.read_can(path, channel="can1")
 
 
 @pytest.mark.parametrize("size", [0, 40, 100, 144, 160, 4000, -100, -1])

@@ -11,14 +11,13 @@ import pytest
 import xbus
 from xbus.can import CAN_MESSAGES, EXTENDED
 from xbus.device.can_output import (
-    EVERY,
     bus_load,
     can_baud_code,
     parse_can_configuration,
 )
-from xbus.protocol import encode
+from xbus.protocol import decode, encode
 from xbus.protocol.can import frame_bits
-from xbus.protocol.values import CAN_BAUD_CODES, CanConfig, CanDataId, CanOutput
+from xbus.protocol.values import CAN_BAUD_CODES, CAN_EVERY, EVERY, CanConfig, CanDataId, CanOutput
 
 
 @pytest.fixture
@@ -58,6 +57,19 @@ def test_four_frames_of_eight_bytes_fit_at_400_hz_and_five_do_not() -> None:
     assert bus_load(five, 250_000) == pytest.approx(5 * 135 / 625)
 
 
+def test_the_vendors_frequency_for_every_group_is_understood(device: xbus.Device) -> None:
+    """Figure 4 of MT1604P: 11 bits of a frequency, which software of the vendor sets to FFFF."""
+    payload = bytes.fromhex("05000000 0005 FFFF 21000000 0021 0064 34000000 0034 0064")
+    outputs = decode("SetCanOutputConfig", payload)
+    assert [output.rate for output in outputs] == [None, 100, 100]
+    assert encode("SetCanOutputConfig", outputs) == payload
+    assert bus_load(outputs, 250_000) == bus_load(
+        parse_can_configuration({"SampleTime": None, "quaternion": 100, "acceleration": 100}),
+        250_000,
+    )
+    assert device.set_can_output_configuration(outputs) == outputs
+
+
 def test_a_device_is_configured_in_the_terms_of_the_output_configuration(
     device: xbus.Device,
 ) -> None:
@@ -90,7 +102,8 @@ FULL = dict.fromkeys(["quaternion", "delta_q", "lat_lon", "rate_of_turn", "accel
             "Acceleration has no CAN identifier in ids",
         ),
         ({"acceleration": 1}, {"baudrate": 300_000}, "CAN has no 300,000 bit/s; choose from 5,000"),
-        ([CanOutput(0x99, extended=False, can_id=1, frequency=EVERY)], {}, "called 0x99"),
+        ([CanOutput(0x51, extended=False, can_id=1, frequency=EVERY - 1)], {}, "at most 2046 Hz"),
+        ([CanOutput(0x99, extended=False, can_id=1, frequency=CAN_EVERY)], {}, "called 0x99"),
     ],
 )
 def test_what_does_not_fit_is_not_sent(

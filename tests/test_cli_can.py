@@ -31,7 +31,7 @@ def test_a_capture_is_decoded_like_any_log() -> None:
     table = pl.read_parquet("drive.parquet")
     assert (result.exit_code, len(table)) == (0, 199)
     assert result.stderr == (
-        "drive.parquet: 199 rows, 21 columns; 0.50 s, 1 sample lost in 1 gap, no damage\n"
+        "drive.parquet: 199 rows, 21 columns; 0.50 s, 1 sample lost in 1 gap\n"
     )
     log = xbus.read_can(arrays(SENT))
     np.testing.assert_array_equal(table["velocity_xyz_z"], log["velocity_xyz"]["z"])
@@ -86,9 +86,14 @@ def test_findings_are_shown() -> None:
     shown = run("info", "odd.blf").stdout
     assert "findings\n1 frame of Acceleration (034) with 4 bytes instead of 6" in shown
     assert json.loads(run("info", "odd.blf", "--json").stdout)[0]["findings"] == findings
+    assert "\nframes    300 of MTi devices\n" in shown
+    assert "no damage" not in shown + decoded.stderr
     assert json.loads(run("info", WALK, "--json").stdout)[0]["findings"] == []
     reported = run("report", "odd.blf", "-o", "odd.html")
     assert reported.stderr.splitlines()[:-1] == [f"xbus: {finding}" for finding in findings]
+    page = Path("odd.html").read_text()
+    assert all(finding in page for finding in findings)
+    assert "no damage" not in page
 
 
 @pytest.mark.parametrize(
@@ -106,6 +111,8 @@ def test_findings_are_shown() -> None:
         (["decode", "drive.blf", "-o", "o.csv", "--channel", "9"], "the capture has no channel 9; it has 0"),
         (["cut", "drive.blf", "--from", "1", "-o", "o.mtb"], "a CAN capture; xbus info, decode and report"),
         (["can", "dbc", "-o", "/dev/full"], "cannot write /dev/full"),
+        (["identify", "can:socketcan:none0"], "sudo ip link set none0 up type can bitrate 250000"),
+        (["sim", "--can", "socketcan:none0", "--product", "MTi-680"], "cannot open can:socketcan:none0"),
     ],
 )  # fmt: skip
 def test_failures(args: list[str], text: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from itertools import pairwise
 from typing import Any
@@ -229,12 +230,25 @@ def test_can_is_off_until_it_is_configured() -> None:
         xbus.SimulatedDevice("MTi-630", can="none:1")
 
 
-def test_a_device_on_a_bus_of_python_can() -> None:
+#: A group of this process, because other tests may run beside it.
+GROUP = f"239.74.{os.getpid() >> 8 & 0xFF}.{os.getpid() & 0xFF}"
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel"),
+    [("virtual", "bus600"), ("udp_multicast", GROUP)],
+    ids=["virtual", "udp_multicast"],
+)
+def test_a_device_on_a_bus_of_python_can(interface: str, channel: str) -> None:
     """Configured over its serial port, and read live on the bus."""
+    try:
+        other = can.Bus(interface=interface, channel=channel)
+    except OSError as error:
+        pytest.skip(f"no multicast here: {error}")
     with (
-        xbus.connect("sim:MTi-680G?can=virtual:bus600&time_to_fix=0") as serial,
-        xbus.connect("can:virtual:bus600", listen=True) as live,
-        can.Bus(interface="virtual", channel="bus600") as other,
+        other,
+        xbus.connect(f"sim:MTi-680G?can={interface}:{channel}&time_to_fix=0") as serial,
+        xbus.connect(f"can:{interface}:{channel}", listen=True) as live,
     ):
         with serial.configure() as cfg:
             cfg.set_can_output_configuration(STAMPS | {"acceleration": 100, "quaternion": 100})

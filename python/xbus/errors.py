@@ -8,7 +8,7 @@ XbusError
 ├─ ApplyError                     some settings were applied before one failed
 └─ Disconnected(ConnectionError)  the port is gone
 
-BusError(OSError)                  I²C or SPI cannot be opened; later, the port is gone
+BusError(OSError)                  I²C, SPI or CAN cannot be opened; later, the port is gone
 """
 
 from __future__ import annotations
@@ -165,7 +165,7 @@ class Disconnected(XbusError, ConnectionError):  # noqa: N818 - the name is clea
 
 
 class BusError(OSError):
-    """I²C or SPI cannot be opened, a transfer failed, or it returned what no MTi sends.
+    """I²C, SPI or CAN cannot be opened, a transfer failed, or it returned what no MTi sends.
 
     The message says what to try. `Disconnected` replaces this exception once a device is connected.
     """

@@ -10,6 +10,7 @@ from urllib.parse import parse_qsl, unquote
 
 from xbus.can.ids import DeviceIds, device_ids, parse_ids
 from xbus.can.read import check_rate
+from xbus.errors import BusError
 from xbus.extras import require
 
 __all__ = ["DEFAULT_BITRATE", "SCHEME", "CanAddress", "open_bus", "parse_address"]
@@ -108,7 +109,7 @@ def open_bus(address: CanAddress, **options: Any) -> Any:
 
     Raises:
         ImportError: The extra ``can`` is not installed.
-        OSError: The bus cannot be opened.
+        BusError: The bus cannot be opened.
         ValueError: There is no such interface, or it does not know an option.
     """
     can = require("can", "can", "to use a CAN bus")
@@ -129,7 +130,7 @@ def open_bus(address: CanAddress, **options: Any) -> Any:
 
 @contextlib.contextmanager
 def opening(address: CanAddress) -> Iterator[None]:
-    """Makes an OSError of the errors that the libraries of interfaces raise."""
+    """Makes a BusError of the errors that the libraries of interfaces raise."""
     try:
         yield
     except (ValueError, MemoryError):
@@ -142,6 +143,6 @@ def opening(address: CanAddress) -> Iterator[None]:
                 f"ip link shows the interfaces, and sudo ip link set {address.channel} up type can bitrate "
                 f"{address.bitrate} switches one on"
             )
-        number = getattr(error, "errno", None)
-        arguments = (number, f"{text}; {hint}", address.name) if number else (f"{text}; {hint}",)
-        raise OSError(*arguments) from error
+        raise BusError(
+            getattr(error, "errno", None), f"cannot open {address.name}: {text}; {hint}"
+        ) from error

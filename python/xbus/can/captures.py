@@ -52,7 +52,7 @@ class Frames(NamedTuple):
         sizes: Bytes of data of each, ``(n,)`` uint8.
         data: The data, ``(n, 8)`` uint8, filled with zeros.
         channels: The channel of each as a place in `channel_names`, ``(n,)``; None if there is one.
-        channel_names: The channels that occur.
+        channel_names: The channels that occur; empty for frames without one.
         fault: What is wrong with the capture, or None.
     """
 
@@ -185,7 +185,7 @@ class FrameArrays:
             np.array(self._sizes, np.uint8),
             np.frombuffer(bytes(self._data), np.uint8).reshape(-1, DATA_SIZE),
             np.array(self._channels, np.uint16) if len(self._names) > 1 else None,
-            tuple(map(str, self._names)),
+            tuple("" if name is None else str(name) for name in self._names),
             fault,
         )
 

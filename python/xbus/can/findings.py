@@ -40,7 +40,7 @@ def findings(seen: Tally) -> Iterator[str]:
 
 
 def _channels(seen: Tally) -> Iterator[str]:
-    names = seen.channel_names
+    names = list(filter(None, seen.channel_names))
     if len(names) > 1:
         yield (
             f"the capture has {len(names)} channels ({_list(names)}), which are read as one bus; if several "
@@ -60,14 +60,14 @@ def _frames(seen: Tally) -> Iterator[str]:
         "if another node uses the identifier, give the device others and name them in ids (--ids)"
     )
     for verdict, end in (
-        (Verdict.SHORT, "they are not decoded"),
+        (Verdict.SHORT, "not decoded"),
         (Verdict.LONG, "the rest is ignored"),
     ):
         for text, key in described(verdict):
             sizes = _list(seen.sizes(verdict, key), " or ")
             yield f"{text} with {sizes} bytes instead of {seen.devices.messages[key].size}: {end}; {other}"
     for text, _ in described(Verdict.EXPONENT):
-        yield f"{text} with an exponent above 30: they are not decoded; {other}"
+        yield f"{text} with an exponent above 30: not decoded; {other}"
     for text, _ in described(Verdict.NO_LAYOUT):
         yield f"{text}: not decoded, because no source gives the layout; traffic.undecoded has them"
 

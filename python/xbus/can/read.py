@@ -70,8 +70,9 @@ def read_can(
     """Reads the CAN output of MTi-600 devices from a capture, as a log.
 
     Frames are grouped to samples: a group ends where an identifier does not rise, because the bus sends the
-    lowest identifier first. If a device sends in another order, a group starts with SampleTime or
-    GroupCounter.
+    lowest identifier first. Frames that come late belong to the group of the SampleTime or GroupCounter
+    before them, if it lacks their messages. If a device sends in another order, a group starts with
+    SampleTime or GroupCounter.
 
     Args:
         source: A path (.asc, .blf, .log of candump, .trc, .csv or .mf4), an iterable of ``can.Message``, or
@@ -218,7 +219,7 @@ def _of_channel(blocks: Iterator[Frames], channel: str) -> Iterator[Frames]:
         yield frames.chosen(own)
     if channel not in names:
         raise ValueError(
-            f"the capture has no channel {channel}; it has {', '.join(names) or 'no channels'}"
+            f"the capture has no channel {channel}; it has {', '.join(filter(None, names)) or 'no channels'}"
         )
 
 

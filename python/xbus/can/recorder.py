@@ -44,7 +44,8 @@ class CanRecorder:
 
     The format follows from the suffix. The text formats (.asc, .log, .trc, .csv) can be read up to the last
     flush if the program or the computer crashes, and a .blf file up to its last container of 16 KiB. An .mf4
-    file is written when the recording ends.
+    file is written when the recording ends. A .trc file lacks error frames and remote frames: the writer of
+    python-can leaves them out.
 
     Args:
         path: The first file. With rotation, ``drive-0001.blf`` follows ``drive.blf``; a number that is in use

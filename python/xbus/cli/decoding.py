@@ -93,6 +93,10 @@ def _without_samples(names: str, strings: Iterable[str]) -> Failure:
     return Failure(f"{names} has no samples; xbus info lists the content")
 
 
+def _written(counts: Mapping[str, int]) -> str:
+    return ", ".join(format_count(count, name) for name, count in counts.items())
+
+
 class Decoding:
     """Decodes recordings with the same options.
 
@@ -353,8 +357,7 @@ class Decoding:
         if self._rate is not None:
             table = resampled(log, self._keys, self._rate, self._max_gap, names)
         counts = self._write(log, table, out, progress)
-        text, values = self._result(log, None, counts)
-        return "\n".join([text, *findings]), values | {"findings": list(findings)}
+        return self._capture_result(log, counts, findings)
 
     def _decode_capture_by_parts(
         self, job: Job, progress: ShowsProgress, names: str
@@ -392,9 +395,7 @@ class Decoding:
                 raise Failure(f"{names}: {error}") from error
             except ForeignFilesError as error:
                 raise foreign_files(out, error) from error
-        text, values = self._result(totals, None, counts)
-        findings = capture.findings
-        return "\n".join([text, *findings]), values | {"findings": list(findings)}
+        return self._capture_result(totals, counts, capture.findings)
 
     @property
     def _quantities(self) -> list[EntryKey] | None:
@@ -439,9 +440,17 @@ class Decoding:
         self, log: Log | DecodedTotals, tracker: Tracker | None, counts: Mapping[str, int]
     ) -> tuple[str, dict[str, Any]]:
         """Returns the text and values of what was written; counts are as those of `Writer.counts`."""
-        written = ", ".join(format_count(count, name) for name, count in counts.items())
-        lines = [f"{written}; {quality_text(log, tracker)}", *undecoded_lines(log, tracker)]
+        text = f"{_written(counts)}; {quality_text(log, tracker)}"
+        lines = [text, *undecoded_lines(log, tracker)]
         return "\n".join(lines), self._summary(log, counts)
+
+    def _capture_result(
+        self, log: Log | DecodedTotals, counts: Mapping[str, int], findings: Sequence[str]
+    ) -> tuple[str, dict[str, Any]]:
+        """Returns text and values as `_result`, of a CAN capture."""
+        text = f"{_written(counts)}; {quality_text(log, is_capture=True)}"
+        values = self._summary(log, counts) | {"findings": list(findings)}
+        return "\n".join([text, *findings]), values
 
     def _write(self, log: Log, table: Any, out: str, progress: ShowsProgress) -> dict[str, int]:
         """Writes OUT and returns its rows and columns; for an npz file its samples and quantities."""

@@ -104,8 +104,16 @@ def restart_count(log: Log | LogSummary | DecodedTotals) -> int:
     return len(bids) - len(np.unique(bids))
 
 
-def quality_text(log: Log | LogSummary | DecodedTotals, tracker: Tracker | None = None) -> str:
-    """Returns duration, restarts, losses and damage as one line; losses of one tracker if it is given."""
+def quality_text(
+    log: Log | LogSummary | DecodedTotals,
+    tracker: Tracker | None = None,
+    *,
+    is_capture: bool = False,
+) -> str:
+    """Returns duration, restarts, losses and damage as one line; losses of one tracker if it is given.
+
+    A CAN capture has findings instead of damage.
+    """
     stats = log.stats
     parts = [f"{log.duration:,.2f} s"] if math.isfinite(log.duration) else []
     if not stats.samples:
@@ -121,6 +129,7 @@ def quality_text(log: Log | LogSummary | DecodedTotals, tracker: Tracker | None 
         parts.append(_losses(log, tracker))
     elif stats.messages:
         parts.append(format_count(stats.messages, "message"))
-    parts.append(describe_damage(stats.skipped_bytes, len(log.damage)))
+    if not is_capture:
+        parts.append(describe_damage(stats.skipped_bytes, len(log.damage)))
     fault = getattr(log, "times_fault", None)
     return ", ".join([*parts, fault] if fault else parts)

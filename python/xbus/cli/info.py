@@ -46,7 +46,7 @@ def info(
     keys "file" and "error". A recording of any length fits into memory.
 
     IN can also be a CAN capture: .asc, .blf, .trc, .mf4, .log of candump, or .csv of python-can. "findings"
-    lists what is unusual in it.
+    lists what is unusual in it, and "bytes" is the number of data bytes of its frames.
 
     With --out-dir, the JSON object of each recording is written to a file, and a summary has one line each.
     """
@@ -56,12 +56,11 @@ def info(
 
     def describe(job: batch.Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
         files = job.recording.files
-        findings: tuple[str, ...] = ()
         with inputs.checked_rate(job.recording) as use:
             if can.check(inputs, files):
                 found: list[str] = []
                 summary = LogSummary(use.watch(can.parts(inputs, files, progress, found)))
-                findings = tuple(found)
+                summary.capture_findings = tuple(found)
             else:
                 with inputs.opened(files, progress) as source:
                     parts = iter_log(source, block_bytes=BLOCK, **inputs.for_log)
@@ -69,8 +68,9 @@ def info(
                 if not summary.stats.frames and not summary.stats.strings:
                     raise no_frame(files, summary.stats.bytes, source.head)
         if job.out is None and not as_json:
-            return info_text(job.recording.heading, summary, findings), {}
-        values = summary.to_dict(files[0]) | {"files": files, "findings": list(findings)}
+            return info_text(job.recording.heading, summary), {}
+        findings = list(summary.capture_findings or ())
+        values = summary.to_dict(files[0]) | {"files": files, "findings": findings}
         if job.out is None:
             return "", values
         from xbus.describe.json_text import json_pieces
@@ -80,7 +80,8 @@ def info(
             for piece in json_pieces(values):
                 file.write(piece.encode())
             file.write(b"\n")
-        return quality_text(summary), values if as_json else {}
+        is_capture = summary.capture_findings is not None
+        return quality_text(summary, is_capture=is_capture), values if as_json else {}
 
     if skip_existing and out_dir is None:
         raise click.UsageError("--skip-existing needs --out-dir")

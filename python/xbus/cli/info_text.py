@@ -25,15 +25,15 @@ MAX_ROWS = 5
 MAX_UNKNOWN = 50
 
 
-def info_text(name: str, summary: LogSummary, findings: Sequence[str] = ()) -> str:
-    """Returns the description of a log; findings are sentences about a CAN capture."""
+def info_text(name: str, summary: LogSummary) -> str:
+    """Returns the description of a log."""
     lines = [bold(name), *(_line(*row) for row in log_rows(summary)), "", *_quantities(summary)]
     for title, section in (
         ("gaps", _gaps(summary)),
         ("damage", _damage(summary)),
         ("errors and warnings", _events(summary)),
         ("unknown data identifiers", _unknown(summary)),
-        ("findings", _wrapped(findings)),
+        ("findings", _wrapped(summary.capture_findings or ())),
     ):
         if rows := list(section):
             lines += ["", bold(title), *rows]

@@ -96,8 +96,11 @@ def report(
         files = recording.files
         with inputs.checked_rate(recording) as use:
             if can.check(inputs, files):
-                logs = can.parts(inputs, files, progress, recording.notes)
-                return gather_parts(use.watch(logs), options)
+                found: list[str] = []
+                data = gather_parts(use.watch(can.parts(inputs, files, progress, found)), options)
+                data.summary.capture_findings = tuple(found)
+                recording.notes.extend(found)
+                return data
             with inputs.opened(files, progress) as source:
                 parts = use.watch(iter_log(source, block_bytes=BLOCK, **inputs.for_log))
                 data = gather_parts(parts, options)
@@ -163,4 +166,7 @@ def _names(recordings: Sequence[Recording]) -> list[str]:
 def _outcome(data: ReportData) -> tuple[str, dict[str, Any]]:
     """Returns what was read, in words and as values."""
     summary = data.summary
-    return quality_text(summary), asdict(summary.stats) | {"damage": len(summary.damage)}
+    is_capture = summary.capture_findings is not None
+    return quality_text(summary, is_capture=is_capture), asdict(summary.stats) | {
+        "damage": len(summary.damage)
+    }

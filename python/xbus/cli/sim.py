@@ -14,6 +14,7 @@ from xbus.cli.inputs import no_frame
 from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_line
 from xbus.cli.recordings import show_unread_piece
+from xbus.errors import BusError
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -145,10 +146,8 @@ def _device(
         return SimulatedDevice(product, replay=replay, **parse_options(_pairs(options)))
     except ValueError as error:
         raise click.UsageError(str(error)) from None
-    except OSError as error:
-        raise Failure(
-            f"cannot open the CAN bus {options['can']}: {error.strerror or error}"
-        ) from error
+    except BusError as error:
+        raise Failure(str(error)) from error
 
 
 def _pairs(

@@ -9,7 +9,7 @@ from xbus.can.ids import EXTENDED, DeviceIds, device_ids
 from xbus.device.output_configuration import instants_per_second
 from xbus.protocol.can import CAN_MESSAGES, CanMessage, can_message, can_messages, frame_bits
 from xbus.protocol.tables import Product
-from xbus.protocol.values import CAN_BAUD_CODES, CanDataId, CanOutput
+from xbus.protocol.values import CAN_BAUD_CODES, CAN_EVERY, EVERY, CanDataId, CanOutput
 
 __all__ = [
     "CanConfiguration",
@@ -25,8 +25,6 @@ __all__ = [
 #: requests the highest or, for time stamps and status, every group.
 CanConfiguration = Mapping[Any, int | None] | Iterable[CanOutput]
 
-#: The frequency that stands for the highest rate, or every group.
-EVERY = 0x7FF
 #: Bits of a CAN identifier.
 STANDARD_BITS, EXTENDED_BITS = 11, 29
 #: Bytes of a message whose layout is not known.
@@ -71,7 +69,7 @@ def parse_can_configuration(
             CanDataId(code),
             bool(identifiers[code] & EXTENDED),
             identifiers[code] & ~EXTENDED,
-            EVERY if rate is None else rate,
+            CAN_EVERY if rate is None else rate,
         )
         for code, rate in sorted(rates.items())
     )
@@ -80,7 +78,7 @@ def parse_can_configuration(
 def _checked_rate(row: CanMessage, rate: int | None) -> int | None:
     if rate is None:
         return None
-    if isinstance(rate, bool) or rate not in range(EVERY):
+    if isinstance(rate, bool) or rate not in range(CAN_EVERY):
         raise ValueError(f"{row.name}: a rate is a whole number of Hz, not {rate!r}")
     _check_rate(row, rate)
     return int(rate)
@@ -113,8 +111,12 @@ def check_can_outputs(outputs: Iterable[CanOutput]) -> None:
                 f"{name}: the CAN identifier 0x{output.can_id:X} has more than {bits} bits; use at most"
                 f" 0x{(1 << bits) - 1:X}{remedy}"
             )
-        if row is not None and output.frequency != EVERY:
-            _check_rate(row, output.frequency)
+        if output.frequency > CAN_EVERY and output.frequency != EVERY:
+            raise ValueError(
+                f"{name}: a rate on CAN is at most {CAN_EVERY - 1} Hz, not {output.frequency}"
+            )
+        if row is not None and output.rate is not None:
+            _check_rate(row, output.rate)
 
 
 def bus_load(outputs: Iterable[CanOutput], baudrate: int) -> float:
@@ -129,11 +131,8 @@ def bus_load(outputs: Iterable[CanOutput], baudrate: int) -> float:
     '64.8%'
     """
     outputs = list(outputs)
-    rates = [
-        CAN_MESSAGES[output.data_id].max_rate if output.frequency == EVERY else output.frequency
-        for output in outputs
-    ]
-    rated = [rate for rate in rates if rate]
+    rates = [output.rate or CAN_MESSAGES[output.data_id].max_rate for output in outputs]
+    rated = [rate for rate in rates if rate is not None]
     groups = instants_per_second(rated) if rated else STAMPS_RATE
     bits = sum(
         (groups if rate is None else rate)

@@ -16,6 +16,7 @@ from xbus.protocol.ids import Coordinates, Precision
 __all__ = [
     "BAUD_CODES",
     "CAN_BAUD_CODES",
+    "CAN_EVERY",
     "EVERY",
     "SATELLITE_USED_BIT",
     "Alignment",
@@ -741,6 +742,10 @@ class CanDataId(IntEnum):
     GNSS_RECEIVER_DOP = 0x7A
 
 
+#: The same on CAN, where a frequency has 11 bits. Software of the vendor writes `EVERY`, which has them all.
+CAN_EVERY = 0x7FF
+
+
 @dataclass(frozen=True)
 class CanOutput:
     """One line of the CAN output configuration.
@@ -749,13 +754,23 @@ class CanOutput:
         data_id: Data identifier of the message.
         extended: Whether the CAN identifier has 29 bits, not 11.
         can_id: CAN identifier.
-        frequency: Rate in Hz; 0x7FF means the highest, or with every group.
+        frequency: Rate in Hz; `CAN_EVERY` or `EVERY` means the highest, or with every group.
     """
 
     data_id: CanDataId | int
     extended: bool
     can_id: int
     frequency: int
+
+    @property
+    def rate(self) -> int | None:
+        """Rate in Hz; None for the highest, or with every group.
+
+        >>> CanOutput(CanDataId.ACCELERATION, False, 0x34, EVERY).rate is None
+        True
+        """
+        rate = self.frequency & CAN_EVERY
+        return None if rate in (0, CAN_EVERY) else rate
 
 
 @dataclass(frozen=True)

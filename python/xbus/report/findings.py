@@ -35,6 +35,7 @@ def findings(data: ReportData) -> list[Finding]:
     """Returns all findings, the problems first."""
     found = [
         *_losses(data),
+        *_capture(data),
         *_events(data),
         *_status(data),
         *_values(data),
@@ -81,6 +82,12 @@ def _pauses(series: Series, data: ReportData) -> bool:
     group = COLUMN_QUANTITIES[series.name].group
     regular = group not in ("Timestamp", "Indication") and series.steps.rows >= MIN_ROWS
     return data.axis.kind == "time" and regular and 0 < series.steps.gaps < series.steps.rows / 10
+
+
+def _capture(data: ReportData) -> Iterator[Finding]:
+    """What is unusual in a CAN capture. Often it is that other nodes send, too."""
+    for sentence in data.summary.capture_findings or ():
+        yield Finding(False, sentence, "timeline")
 
 
 def _events(data: ReportData) -> Iterator[Finding]:

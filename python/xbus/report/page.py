@@ -56,6 +56,10 @@ def _verdict(data: ReportData, found: list[Finding]) -> tuple[str, str]:
         notes = len(found) - bad
         and_notes = f" and {format_count(notes, 'note')}" if notes else ""
         return "bad", f"{format_count(bad, 'problem')}{and_notes} in this recording"
+    if data.summary.capture_findings is not None:
+        if found:
+            return "note", f"{format_count(len(found), 'note')} about this recording"
+        return ("good", "No sample lost") if data.has_counter else ("note", "No problem found")
     if data.has_counter:
         return "good", "No sample lost, no damage, no errors"
     return "note", "No damage, no errors"

@@ -69,7 +69,9 @@ def _timeline(data: ReportData) -> Iterator[Block]:
     if (figure := figures.events(data)) is not None:
         yield Plot(figure)
     else:
-        yield Paragraph("No gaps by the packet counter, no damage, no errors and no warnings.")
+        is_capture = data.summary.capture_findings is not None
+        more = "" if is_capture else ", no damage, no errors and no warnings"
+        yield Paragraph(f"No gaps by the packet counter{more}.")
     if any(curves.rows for curves in data.steps.values()):
         yield Plot(figures.steps(data))
         text = (

@@ -17,8 +17,6 @@ from xbus.sim.sensors import PHASE_RATE, PVT_FIELDS, IntArray, Sensors, Ticks, n
 
 __all__ = ["CanFrame", "CanStream", "can_groups_per_second", "deltav_exponent"]
 
-#: The frequency that stands for the highest rate, or every group.
-EVERY = 0x7FF
 #: Groups per second of a device that sends nothing with a rate: the default rate of Table 2.
 STAMPS_RATE = 100
 #: Number of values that are computed at a time.
@@ -271,6 +269,6 @@ class _Output:
 
 def _rate_of(row: CanMessage, output: CanOutput) -> int | None:
     """Returns the rate of an output in Hz; None if it is in every group."""
-    if output.frequency != EVERY and output.frequency:
-        return min(output.frequency, row.max_rate or output.frequency)
-    return row.max_rate
+    if output.rate is None:
+        return row.max_rate
+    return min(output.rate, row.max_rate or output.rate)
