@@ -266,7 +266,10 @@ def test_legacy_output_shows_that_the_device_measures() -> None:
 @pytest.mark.parametrize(
     ("mid", "name"),
     [
-        (0x32, "MTData (0x32), the legacy output, which xbus records but does not decode"),
+        (
+            0x32,
+            "MTData (0x32), the legacy output, whose OutputMode and OutputSettings are not known",
+        ),
         (UNLISTED, "message 0x08, which the manual does not list"),
     ],
 )
@@ -312,8 +315,9 @@ def test_a_recording_of_legacy_output(
     assert result.exit_code == 0
     note, last = result.stderr.splitlines()
     assert re.fullmatch(
-        r"xbus: no sample for 5 s, but \d+ messages MTData \(0x32\), the legacy output, which xbus records"
-        r" but does not decode; --output or --config sets outputs that replace it; the recording continues",
+        r"xbus: no sample for 5 s, but \d+ messages MTData \(0x32\), the legacy output, whose OutputMode and"
+        r" OutputSettings are not known; --output or --config sets outputs that replace it; the recording"
+        r" continues",
         note,
     )
     log = xbus.read_log(path)

@@ -125,7 +125,7 @@ def undecoded_output(mid: int) -> str:
     """Returns what a message of `output_mids` is.
 
     >>> undecoded_output(0x32)
-    'MTData (0x32), the legacy output, which xbus records but does not decode'
+    'MTData (0x32), the legacy output, whose OutputMode and OutputSettings are not known'
     """
     what = output_name(mid) if mid == MessageId.MTData else f"message {output_name(mid)}"
     return f"{what}, {_reason(mid)}"
@@ -133,5 +133,5 @@ def undecoded_output(mid: int) -> str:
 
 def _reason(mid: int) -> str:
     if mid == MessageId.MTData:
-        return "the legacy output, which xbus records but does not decode"
+        return "the legacy output, whose OutputMode and OutputSettings are not known"
     return "which the manual does not list"
