@@ -76,6 +76,27 @@ def test_numbers_that_json_does_not_have_are_null() -> None:
     assert (second["temperature"], second["time"], second["utc"]) == (None, None, None)
 
 
+@pytest.mark.parametrize("block_bytes", [16, 1 << 20])
+def test_json_names_coordinates_however_a_log_is_divided(block_bytes: int) -> None:
+    samples: list[dict[Any, Any]] = [
+        {("velocity_xyz", "ENU"): (1, 2, 3)},
+        {("velocity_xyz", "NED"): (4, 5, 6)},
+        {("velocity_xyz", "NED"): (7, 8, 9), ("velocity_xyz", "ENU"): (8, 7, -9)},
+    ]
+    data = b"".join(map(xbus.encode_sample, samples))
+    parts = xbus.iter_log(data, block_bytes=block_bytes)
+    rows = [row for part in parts for row in sample_dicts(part)]
+    found = [{key: row[key] for key in row if key.startswith("velocity")} for row in rows]
+    assert found == [
+        {"velocity_xyz": {"x": 1, "y": 2, "z": 3, "coordinates": "ENU"}},
+        {"velocity_xyz": {"x": 4, "y": 5, "z": 6, "coordinates": "NED"}},
+        {
+            "velocity_xyz": {"x": 8, "y": 7, "z": -9, "coordinates": "ENU"},
+            "velocity_xyz_ned": {"x": 7, "y": 8, "z": 9, "coordinates": "NED"},
+        },
+    ]
+
+
 def test_a_virtual_device(receiver: Receiver) -> None:
     own, url = receiver
     result = run("stream", "sim:MTi-630", "--to", url, "--duration", "0.5")
@@ -203,7 +224,9 @@ def test_what_lsl_says_about_a_stream(lsl: Any, monkeypatch: pytest.MonkeyPatch)
     outlets: dict[str, Any] = {}
     create = sink._outlet
     monkeypatch.setattr(
-        sink, "_outlet", lambda name, column: outlets.setdefault(name, create(name, column))
+        sink,
+        "_outlet",
+        lambda device, name, column: outlets.setdefault(name, create(device, name, column)),
     )
     sink.write(xbus.read_log(WALK))
     info = outlets["acceleration"].get_info()
@@ -218,6 +241,64 @@ def test_what_lsl_says_about_a_stream(lsl: Any, monkeypatch: pytest.MonkeyPatch)
     assert units == ["m/s2"] * 3 + [""]
     sink.close()
     assert str(sink) == "1,040 samples sent in 15 streams"
+
+
+class KeptRows:
+    """An outlet of LSL that keeps what it gets."""
+
+    def __init__(self, coordinates: str | None) -> None:
+        self.coordinates = coordinates
+        self.rows: list[list[float]] = []
+        self.stamps: list[float] = []
+
+    def push_chunk(self, rows: list[list[float]], stamps: list[float]) -> None:
+        self.rows += rows
+        self.stamps += stamps
+
+
+@pytest.mark.parametrize("block_bytes", [64, 1 << 20])
+def test_each_device_and_coordinate_system_has_streams_of_its_own(
+    block_bytes: int, lsl: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from xbus.cli.lsl_sink import LslSink
+
+    def sample(at: int, bid: int, system: str) -> bytes:
+        time = {"packet_counter": at, "sample_time_fine": 100 * at + 5_000_000 * bid}
+        velocity = {("velocity_xyz", system): (at, bid, 0.5)}
+        return xbus.encode_sample(time | {"temperature": 10 * bid + at} | velocity, bid=bid)
+
+    identifier = xbus.encode_frame(xbus.MessageId.DeviceID, (0x00B42D4B).to_bytes(4, "big"), bid=1)
+    data = identifier + b"".join(
+        sample(at, 1, "ENU") + sample(at, 2, "ENU" if at < 6 else "NED") for at in range(10)
+    )
+    sink = LslSink("bus.mtb", None)
+    outlets: dict[str, KeptRows] = {}
+    monkeypatch.setattr(
+        sink,
+        "_outlet",
+        lambda device, name, column: outlets.setdefault(
+            f"{device} {name}", KeptRows(column.coordinates)
+        ),
+    )
+    for part in xbus.iter_log(data, block_bytes=block_bytes):
+        sink.write(part)
+    prefixes = {1: "00B42D4B", 2: "bus.mtb BID 2"}
+    for bid, prefix in prefixes.items():
+        rows = [[10 * bid + at, at] for at in range(10)]
+        assert outlets[f"{prefix} temperature"].rows == rows
+        first = 10 if bid == 1 else 6
+        velocity = outlets[f"{prefix} velocity_xyz"]
+        assert velocity.coordinates == "ENU"
+        assert velocity.rows == [[at, bid, 0.5, at] for at in range(first)]
+    ned = outlets[f"{prefixes[2]} velocity_xyz_ned"]
+    assert ned.coordinates == "NED"
+    assert ned.rows == [[at, 2, 0.5, at - 6] for at in range(6, 10)]
+    assert str(sink) == "20 samples sent in 9 streams"
+    if block_bytes > len(data):
+        # Each device has a clock of its own; the last sample of both is due now.
+        ends = [outlets[f"{prefix} temperature"].stamps for prefix in prefixes.values()]
+        assert ends[0][-1] == pytest.approx(ends[1][-1], abs=0.1)
+        assert np.diff(ends[1]) == pytest.approx([0.01] * 9, abs=1e-6)
 
 
 #: A receiver: one inlet reads all the time, the other one keeps 100 samples and is read at the end.

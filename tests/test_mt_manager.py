@@ -12,6 +12,8 @@ import pandas as pd
 import pytest
 
 import xbus
+from conftest import counter
+from streams import mtdata2, real
 from test_cli import WALK, run, sentence
 from test_decode_parts import LOGS
 from xbus import MessageId, encode_frame, encode_sample
@@ -124,6 +126,14 @@ def test_separators_and_missing_values(options: dict[str, Any], expected: str) -
     log = log_of(sample(1, temperature=1.5), sample(2, baro_pressure=100_000))
     log.to_mt_manager("out.txt", **options)
     assert Path("out.txt").read_text().splitlines()[-2] == expected
+
+
+def test_names_have_the_letters_of_the_coordinates() -> None:
+    log_of(mtdata2(counter(1), real(0x4034, 1, 2, 3), real(0xD018, 4, 5, 6))).to_mt_manager(
+        "out.txt"
+    )
+    names = Path("out.txt").read_text().splitlines()[12].split("\t")[1:]
+    assert names == ["FreeAcc_N", "FreeAcc_E", "FreeAcc_D", "Vel_N", "Vel_W", "Vel_U"]
 
 
 def test_lost_samples_have_rows() -> None:

@@ -104,6 +104,19 @@ def test_sentences_of_the_filter() -> None:
     assert len(found["GPZDA"]) == 1
 
 
+def test_the_fix_and_the_time_count_also_if_only_positions_are_chosen() -> None:
+    samples = [moving(at, status_word=0b110 if at else 0, utc_time=UTC) for at in range(3)]
+    Path("log.mtb").write_bytes(b"".join(samples))
+    for chosen in ([], ["--quantity", "lat_lon"]):
+        assert run("decode", "log.mtb", "-o", "out.nmea", *chosen).exit_code == 0
+        found = [message for message in read() if message.msgID == "GGA"]
+        assert [(m.quality, bool(m.lat), bool(m.time)) for m in found] == [
+            (0, False, True),
+            (1, True, True),
+            (1, True, True),
+        ]
+
+
 @pytest.mark.parametrize(
     ("fields", "expected"),
     [

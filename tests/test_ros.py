@@ -17,9 +17,10 @@ from pynmeagps import NMEAReader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 import xbus
-from conftest import fine, shared
+from conftest import counter, fine, shared
 from ros_messages import Message, approximately, first, messages, store, values
 from streams import mtdata2, packet, real
+from test_cli import run
 from xbus import encode_packet
 from xbus.export.ros.cdr import Layout
 from xbus.export.ros.definitions import DEFINITIONS, HASHES, definition_of
@@ -316,6 +317,35 @@ def test_a_pose_is_in_the_frame_of_the_earth() -> None:
         for keeps in (True, False)
     )
     assert kept == converted
+
+
+@pytest.mark.parametrize("style", ["rep", "driver"])
+def test_a_position_without_a_fix_is_not_published(style: Any) -> None:
+    """The driver publishes the zeros that the filter has without one."""
+    orientation, height = real(0x2013, 1, 0, 0, 0), real(0x5020, 100)
+    positions = {
+        "a fix": (real(0x5043, 52, 7), 0b110),
+        "zero": (real(0x5043, 0, 0), 0b110),
+        "no GNSS": (real(0x5043, 52, 7), 0b010),
+        "not valid": (real(0x5043, 52, 7), 0b100),
+        "no place": (real(0x5043, 91, 7), 0b110),
+    }
+    data = b"".join(
+        mtdata2(
+            counter(at), position, height, orientation, packet(0xE020, status.to_bytes(4, "big"))
+        )
+        for at, (position, status) in enumerate(positions.values())
+    )
+    found = [message.topic for message in written(data, ros_style=style)]
+    expected = len(positions) if style == "driver" else 1
+    assert found.count("/filter/positionlla") == found.count("/gnss_pose") == expected
+    assert found.count("/status") == len(positions)
+    # Of which positions there is a fix does not depend on what is chosen.
+    names = ["lat_lon", "altitude_ellipsoid"]
+    Path("log.mtb").write_bytes(data)
+    chosen = [argument for name in names for argument in ("--quantity", name)]
+    assert run("decode", "log.mtb", "-o", "out.mcap", "--ros-style", style, *chosen).exit_code == 0
+    assert [message.topic for message in messages("out.mcap")] == ["/filter/positionlla"] * expected
 
 
 def test_the_transform_is_that_of_the_orientation() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -10,12 +11,13 @@ import numpy as np
 
 from xbus.extras import require
 from xbus.formatting import device_name, format_count
+from xbus.protocol.tables import device_of
 
 if TYPE_CHECKING:
     from xbus.log.column import Column
     from xbus.log.log import Log
 
-__all__ = ["LslSink"]
+__all__ = ["ALONE", "LslSink"]
 
 #: Seconds of data that LSL keeps for each client. A slower one loses the oldest.
 BUFFER = 360
@@ -23,26 +25,45 @@ BUFFER = 360
 COUNTER = "counter"
 #: The counter begins again at 0 after this many: float32 holds all integers below it.
 COUNTS = 1 << 24
+#: The BID of a stand-alone device.
+ALONE = 1
+
+
+@dataclass
+class _Stream:
+    """A stream of LSL.
+
+    Attributes:
+        outlet: The outlet of LSL; None at the end.
+        count: Number of its samples.
+    """
+
+    outlet: Any
+    count: int = 0
 
 
 class LslSink:
-    """A stream of LSL for each quantity. Its clients read at their own pace; LSL keeps data for each of them.
+    """A stream of LSL for each quantity of each device. Its clients read at their own pace.
 
-    The last channel of each stream counts its samples, so that a client sees what it has lost.
+    LSL keeps data for each client. The last channel of each stream counts its samples, so that a client sees
+    what it has lost.
 
     Args:
-        source: What identifies the device to clients, where its identifier is not known.
+        source: What identifies a device to clients, where its identifier is not known.
+        device_id: Identifier of the device that is connected, if it is known before the first sample.
+        bid: Its BID.
 
     Raises:
         ImportError: The extra ``lsl`` is not installed.
     """
 
-    def __init__(self, source: str, device_id: int | None) -> None:
+    def __init__(self, source: str, device_id: int | None, bid: int = ALONE) -> None:
         self._pylsl = require("pylsl", "lsl", "to stream to LSL")
-        self._device = source if device_id is None else device_name(device_id)
-        self._outlets: dict[str, Any] = {}
-        #: Number of samples of each stream.
-        self._counts: dict[str, int] = {}
+        self._source = source
+        #: The name of each device, by BID.
+        self._names = {} if device_id is None else {device_of(bid): device_name(device_id)}
+        #: The streams of each device, by quantity and coordinate system.
+        self._streams: dict[tuple[int, str, str | None], _Stream] = {}
         self._samples = 0
 
     @property
@@ -52,20 +73,42 @@ class LslSink:
 
     def write(self, block: Log) -> None:
         """Sends the quantities of a block."""
+        devices = block.devices
+        for device in devices:
+            number = device_of(device.bid)
+            if number not in self._names:
+                self._names[number] = self._name(number, device.device_id)
+            own = block if len(devices) == 1 else block.of_device(device.bid)
+            self._write(own, number)
+        self._samples += len(block)
+
+    def _name(self, device: int, device_id: int | None) -> str:
+        if device_id is not None:
+            return device_name(device_id)
+        return self._source if device == ALONE else f"{self._source} BID {device}"
+
+    def _write(self, block: Log, device: int) -> None:
+        """Sends the quantities of a block of one device."""
         stamps = self._stamps(block)
-        for key, column in block.items():
+        for column in block.values():
             if column.name == "gnss_sat_info":
                 continue
-            name = key if isinstance(key, str) else f"{key[0]}_{key[1].lower()}"
-            if name not in self._outlets:
-                self._outlets[name] = self._outlet(name, column)
-            times = stamps[column.sample - block.first_sample]
-            rows, count = _rows(column), self._counts.get(name, 0)
-            counter = np.arange(count, count + len(rows)) % COUNTS
-            self._counts[name] = count + len(rows)
+            stream = self._stream(device, column)
+            rows = _rows(column)
+            counter = np.arange(stream.count, stream.count + len(rows)) % COUNTS
+            stream.count += len(rows)
             chunk = np.column_stack([rows, counter]).tolist()
-            self._outlets[name].push_chunk(chunk, times.tolist())
-        self._samples += len(block)
+            stream.outlet.push_chunk(chunk, stamps[column.sample - block.first_sample].tolist())
+
+    def _stream(self, device: int, column: Column) -> _Stream:
+        """Returns the stream of a quantity. In a second coordinate system it is another stream."""
+        key = device, column.name, column.coordinates
+        if key not in self._streams:
+            is_second = any(known[:2] == key[:2] for known in self._streams)
+            suffix = f"_{column.coordinates.lower()}" if is_second and column.coordinates else ""
+            name = self._names[device], column.name + suffix
+            self._streams[key] = _Stream(self._outlet(*name, column))
+        return self._streams[key]
 
     def _stamps(self, block: Log) -> Any:
         """Returns when each sample was measured, else when it arrived, on the clock of LSL."""
@@ -77,16 +120,16 @@ class LslSink:
             measured = block.time + (now - (known.max() if len(known) else 0.0))
         return np.where(np.isfinite(measured), np.minimum(measured, now), now)
 
-    def _outlet(self, name: str, column: Column) -> Any:
+    def _outlet(self, device: str, name: str, column: Column) -> Any:
         pylsl = self._pylsl
         labels = (*(column.fields or (name,)), COUNTER)
         info = pylsl.StreamInfo(
-            f"{self._device} {name}",
+            f"{device} {name}",
             "IMU",
             len(labels),
             pylsl.IRREGULAR_RATE,
             pylsl.cf_float32 if column.dtype == np.float32 else pylsl.cf_double64,
-            f"xbus-{self._device}-{name}",
+            f"xbus-{device}-{name}",
         )
         channels = info.desc().append_child("channels")
         for label in labels:
@@ -104,10 +147,11 @@ class LslSink:
 
     def close(self) -> None:
         """Ends the streams."""
-        self._outlets.clear()
+        for stream in self._streams.values():
+            stream.outlet = None
 
     def __str__(self) -> str:
-        streams = format_count(len(self._counts), "stream")
+        streams = format_count(len(self._streams), "stream")
         return f"{format_count(self._samples, 'sample')} sent in {streams}"
 
 

@@ -108,9 +108,9 @@ def _sink(
     target: str, form: Literal["json", "nmea"], source: str, bid: int | None, live: LiveInput
 ) -> UdpSink | LslSink:
     if target == "lsl":
-        from xbus.cli.lsl_sink import LslSink
+        from xbus.cli.lsl_sink import ALONE, LslSink
 
-        return LslSink(source, live.device_id)
+        return LslSink(source, live.device_id, ALONE if bid is None else bid)
     from xbus.cli.udp_sink import UdpSink
 
     if form == "json":

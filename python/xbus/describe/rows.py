@@ -18,9 +18,10 @@ __all__ = ["sample_dicts"]
 def sample_dicts(log: Log) -> Iterator[dict[str, Any]]:
     """Yields one object per sample: its index, its times, its device, and the quantities that it has.
 
-    A quantity is a number, or an object of its components or fields in their units; ``quaternion_ned`` if
-    coordinates are mixed. The satellites of ``gnss_sat_info`` are a list. A number that JSON does not have
-    (NaN, infinity) is None, and so is a time that is not known.
+    A quantity is a number, or an object of its components or fields in their units, with its coordinates if
+    it has any. If a sample has it in two coordinate systems, the second one is ``quaternion_ned``. The
+    satellites of ``gnss_sat_info`` are a list. A number that JSON does not have (NaN, infinity) is None, and
+    so is a time that is not known.
 
     >>> import json, xbus
     >>> log = xbus.read_log(xbus.encode_sample({"acceleration": (0.5, float("nan"), 9.75)}))
@@ -39,11 +40,16 @@ def sample_dicts(log: Log) -> Iterator[dict[str, Any]]:
         }
         for at, (time, stamp, host_time, bid) in enumerate(heads)
     ]
-    for key, column in log.items():
-        name = key if isinstance(key, str) else f"{key[0]}_{key[1].lower()}"
+    names = [column.name for column in log.values()]
+    # Which of two coordinate systems is the first one must not depend on the samples before.
+    for column in sorted(
+        log.values(), key=lambda column: (names.index(column.name), column.coordinates or "")
+    ):
         at = (column.sample - log.first_sample).tolist()
+        taken = {row for row in at if column.name in rows[row]}
+        second = f"{column.name}_{(column.coordinates or '').lower()}"
         for row, value in zip(at, _values(column), strict=True):
-            rows[row][name] = value
+            rows[row][second if row in taken else column.name] = value
     yield from rows
 
 
@@ -56,8 +62,9 @@ def _values(column: Column) -> Iterator[Any]:
     elif column.dtype.names:
         yield from _records(column.scaled)
     elif names := column.fields:
+        system = {} if column.coordinates is None else {"coordinates": column.coordinates}
         for row in column.values.reshape(len(column), -1).tolist():
-            yield dict(zip(names, map(finite, row), strict=True))
+            yield dict(zip(names, map(finite, row), strict=True)) | system
     else:
         yield from map(finite, column.values.tolist())
 

@@ -16,7 +16,7 @@ from xbus import _core
 from xbus.export.format import ExportError, Format, Survey, Writer
 from xbus.export.part import Part, PartDevice, device_label
 from xbus.export.replacing import replacing_all
-from xbus.export.ros.measured import Measured, Rows, columns_of, outer
+from xbus.export.ros.measured import Measured, Rows, columns_of, outer, system_of
 from xbus.export.text import formatted
 from xbus.export.update_rate import UpdateRate
 from xbus.protocol.keys import EntryKey
@@ -101,9 +101,10 @@ class MtManager(Format):
                 systems = [
                     ":".join(key) for key in found if isinstance(key, tuple) and key[0] == name
                 ]
+                other = "; or one device with --bid" if len(shape.devices) > 1 else ""
                 raise ExportError(
                     f"{name} in several coordinates; choose --quantity {' or '.join(systems)}, "
-                    "and the other quantities"
+                    f"and the other quantities{other}"
                 )
         others = (*OTHERS, "sample_time_fine", "utc_time")
         return [*found, *(name for name in others if name in shape)]
@@ -212,7 +213,7 @@ class _Layout:
         if ends is QUATERNION and self._mtm == "3.x":
             ends = "wxyz"
         if self._mtm == "2022" and quantity in ("free_acceleration", "velocity_xyz"):
-            ends = columns_of(self._shape, quantity)[0].coordinates or "ENU"
+            ends = system_of(columns_of(self._shape, quantity)[0])
         return [start + end for end in ends]
 
     def _comments(self) -> list[str]:

@@ -16,7 +16,7 @@ from xbus.export.part import Part
 from xbus.export.positions import Points, Positions, Source, positions_of
 from xbus.export.replacing import replacing
 from xbus.export.ros.measured import Measured, columns_of
-from xbus.export.valid import known_time
+from xbus.export.valid import STATUS, known_time
 from xbus.geometry import quaternion
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import UTC_SOURCES
@@ -46,6 +46,8 @@ class Nmea(Format):
     """
 
     needs_samples = False
+    #: The status decides which positions of the filter count, and UTC is in the sentences.
+    always = (*STATUS, "utc_time")
     source: Source | None = None
     has_strings: bool = False
 

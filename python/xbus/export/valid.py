@@ -16,6 +16,7 @@ __all__ = [
     "has_filter_fix",
     "has_fix",
     "has_position",
+    "is_place",
     "known_time",
     "rows_of",
     "status_of",
@@ -38,10 +39,15 @@ def has_fix(rows: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
 
 def has_position(part: Part, column: PartColumn) -> npt.NDArray[np.bool_]:
     """Returns which rows of ``lat_lon`` or ``position_ecef`` are a position with a fix, ``(N,)``."""
-    values = column.values
-    limits = (90.0, 180.0) if column.name == "lat_lon" else (FARTHEST,) * 3
-    is_place: npt.NDArray[np.bool_] = (np.abs(values) <= limits).all(axis=1)
-    return is_place & has_filter_fix(part, column.sample, values)
+    is_fixed = has_filter_fix(part, column.sample, column.values)
+    return is_place(column.name, column.values) & is_fixed
+
+
+def is_place(name: str, values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Returns which rows of ``lat_lon`` or ``position_ecef`` are a place on Earth or near it, ``(N,)``."""
+    limits = (90.0, 180.0) if name == "lat_lon" else (FARTHEST,) * 3
+    found: npt.NDArray[np.bool_] = (np.abs(values) <= limits).all(axis=1)
+    return found
 
 
 def has_filter_fix(

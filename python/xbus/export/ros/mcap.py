@@ -22,6 +22,7 @@ from xbus.export.ros.measured import ENU, ORIENTED, Measured, columns_of, system
 from xbus.export.ros.rosbag2 import Written, WrittenTopic, metadata_text
 from xbus.export.ros.stamps import TIME_QUANTITIES, TimeBase
 from xbus.export.ros.topics import TOPICS, Frames, Style, Topic
+from xbus.export.valid import STATUS
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import device_of
 
@@ -113,11 +114,12 @@ class Mcap(Format):
                 "choose quantities of one, or convert all to ENU"
             )
         names = {name for topic in topics for group in topic.needs for name in group}
-        names |= {"sample_time_coarse", "status_word", "status_byte"}
+        names.add("sample_time_coarse")
         keys: list[EntryKey] = [
             key for key in shape if (key if isinstance(key, str) else key[0]) in names
         ]
-        return [*keys, *(name for name in TIME_QUANTITIES if name not in keys)]
+        # Times, and which positions have a fix, do not depend on what is chosen.
+        return [*keys, *(name for name in (*TIME_QUANTITIES, *STATUS) if name not in keys)]
 
     def survey(self, shape: Part) -> Survey:  # noqa: ARG002 - as in the base class
         """See `Format.survey`."""

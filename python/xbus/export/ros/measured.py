@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.part import Part, PartColumn
+from xbus.export.valid import has_filter_fix, is_place
 from xbus.geometry import quaternion
 from xbus.protocol.formats import COORDINATE_BITS
 from xbus.protocol.ids import Coordinates
@@ -24,6 +25,7 @@ __all__ = [
     "euler_of",
     "inner",
     "outer",
+    "system_of",
     "xyzw",
 ]
 
@@ -201,6 +203,16 @@ class Measured:
         """Returns a quantity as float64."""
         sample, values = self.rows(name)
         return Rows(sample, values.astype(np.float64))
+
+    @cached_property
+    def positions(self) -> Rows:
+        """Latitude and longitude in degrees, where the filter has a fix; without one they are zero."""
+        sample, values = found = self.numbers("lat_lon")
+        if not len(sample):
+            return found
+        is_fixed = is_place("lat_lon", values)
+        is_fixed &= has_filter_fix(self._part, sample + self._part.first_sample, values)
+        return Rows(sample[is_fixed], values[is_fixed])
 
     @cached_property
     def orientation(self) -> Rows:

@@ -277,8 +277,13 @@ def _fix(measured: Measured, style: Style, layout: Layout) -> Bodies:
     return Bodies(sample, navsat_rows(records, layout, is_driver=style.is_driver))
 
 
+def _lat_lon(measured: Measured, style: Style) -> Rows:
+    """Returns the positions of the filter: for the driver those without a fix, too."""
+    return measured.numbers("lat_lon") if style.is_driver else measured.positions
+
+
 def _position(measured: Measured, style: Style, layout: Layout) -> Bodies:  # noqa: ARG001
-    lat_lon, altitude = measured.numbers("lat_lon"), measured.numbers("altitude_ellipsoid")
+    lat_lon, altitude = _lat_lon(measured, style), measured.numbers("altitude_ellipsoid")
     sample = inner(lat_lon, altitude)
     return Bodies(sample, _columns(lat_lon.at(sample), altitude.at(sample)))
 
@@ -306,7 +311,7 @@ def _nmea(measured: Measured, style: Style, layout: Layout) -> Bodies:  # noqa: 
 
 
 def _pose(measured: Measured, style: Style, layout: Layout) -> Bodies:  # noqa: ARG001
-    lat_lon, altitude = measured.numbers("lat_lon"), measured.numbers("altitude_ellipsoid")
+    lat_lon, altitude = _lat_lon(measured, style), measured.numbers("altitude_ellipsoid")
     orientation = measured.orientation if style.is_driver else measured.enu_orientation
     sample = inner(lat_lon, altitude, orientation)
     lat, lon = lat_lon.at(sample).reshape(-1, 2).T
