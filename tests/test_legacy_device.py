@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +15,12 @@ from hypothesis import strategies as st
 import xbus
 from xbus import Session, SimulatedDevice, StateError, XbusTimeout, connect
 from xbus.device.events import Reply
+from xbus.device.mtdata_output import plan_mtdata
 from xbus.protocol import EVERY, OrientationForm, Output, OutputMode, OutputSettings, State
+from xbus.protocol.mtdata import MTDATA_ITEMS
 from xbus.protocol.products import support
 from xbus.protocol.tables import LEGACY_PRODUCTS
+from xbus.wire.mtdata import mtdata_layout
 
 LEGACY = list(LEGACY_PRODUCTS)
 #: Of the 10- and 100-series, in legacy mode.
@@ -100,10 +104,27 @@ CONFIGURATIONS: list[tuple[dict[Any, int | None], OutputMode, OutputSettings, tu
         _M.GPS_PVT, OutputSettings.from_word(0x0008_0000), (1152, 0),
     ),
     (
+        {"gps_pvt_data": 100},
+        _M.GPS_PVT, OutputSettings.from_word(0), (1152, 0),
+    ),
+    (
         {"lat_lon": 100, ("velocity_xyz", "NWU"): 100},
         _M.POSITION | _M.VELOCITY, OutputSettings.from_word(0), (1152, 0),
     ),
 ]  # fmt: skip
+
+
+@pytest.mark.parametrize("product", LEGACY + LATER)
+def test_all_that_is_wanted_is_sent(product: str) -> None:
+    """Of the GPS receiver of an MTi-G, one bit leaves out both the data and their age."""
+    known = support(product)
+    names = {row.quantity for row in MTDATA_ITEMS if OutputMode(row.mode) in known.output_modes}
+    forms = {"quaternion", "euler_angles", "rotation_matrix"}, {"status_byte", "status_word"}
+    for pair in map(set, combinations(sorted(names), 2)):
+        if not any(pair <= form for form in forms):
+            plan = plan_mtdata(dict.fromkeys(pair, 100), known)
+            layout = mtdata_layout(int(plan.mode), int(plan.settings))
+            assert pair <= {item.name for item in layout.items}
 
 
 @pytest.mark.parametrize(("wanted", "mode", "form", "rate"), CONFIGURATIONS)

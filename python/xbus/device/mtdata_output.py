@@ -99,9 +99,11 @@ def plan_mtdata(configuration: OutputConfiguration, support: Support) -> MtDataP
     mode = 0
     for row in chosen:
         mode |= row.mode
-    # An item of a chosen group that is not wanted is left out if a bit can do that.
+    # An item of a chosen group that is not wanted is left out if a bit of its own can do that.
+    needed = {row.mask for row in chosen}
     for row in rows:
-        if row.mode & mode and row.quantity not in names and row.value == 0 and _is_bit(row.mask):
+        can_be_left_out = row.value == 0 and _is_bit(row.mask) and row.mask not in needed
+        if row.mode & mode and row.quantity not in names and can_be_left_out:
             settings |= row.mask
     settings |= _format_bits(wanted, product)
     period, skip_factor = _rate_of(wanted, product)
