@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -85,6 +86,7 @@ def test_the_values_are_drawn_at_their_times() -> None:
         ("temperature", ["temperature, degC"]),
         (["acceleration", "temperature"], ["acceleration, m/s2", "temperature, degC"]),
         ([("euler_angles", "ENU")], ["euler_angles, deg"]),
+        (("euler_angles", "NED"), ["euler_angles NED, deg"]),
         ("lat_lon", ["lat_lon\nlatitude, deg", "lat_lon\nlongitude, deg"]),
         ("gps_dop", ["gps_dop"]),
         ("rotation_matrix", ["rotation_matrix"]),
@@ -94,6 +96,7 @@ def test_keys(keys: Any, labels: list[str]) -> None:
     log = log_of(
         WALK.read_bytes(),
         xbus.encode_sample({"rotation_matrix": range(9)}),
+        xbus.encode_sample({("euler_angles", "NED"): range(3)}),
         mtdata2(packet(0x8830, bytes(18))),
     )
     axes = log.plot(keys)
@@ -265,7 +268,7 @@ def test_a_missing_extra(
 @given(damaged_streams())
 def test_any_stream_can_be_plotted(data: bytes) -> None:
     log = xbus.read_log(data)
-    drawn = {plot.label.partition("\n")[0].partition(",")[0] for plot in plots_of(log)}
+    drawn = {re.split("[\n, ]", plot.label)[0] for plot in plots_of(log)}
     assert drawn == {column.name for column in log.values() if has_panels(column.name)}
 
 

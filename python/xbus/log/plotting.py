@@ -104,6 +104,8 @@ def _plots(
     samples = column.sample - part.first
     time, devices = positions[samples], device_of(part.bid)
     of_rows, is_one = devices[samples], len(np.unique(devices)) < 2
+    coordinates = None if column.coordinates == "ENU" else column.coordinates
+    name = " ".join(filter(None, (column.name, coordinates)))
     plots: dict[str, Plot] = {}
     for rows in panel_rows(column):
         for bid in np.unique(of_rows).tolist():
@@ -112,8 +114,8 @@ def _plots(
                 curves = _curves(rows.names, time[own], rows.values[own], run[samples][own])
             else:
                 curves = _curves(rows.names, time, rows.values, run[samples])
-            text = label(column.name, rows.title, rows.unit)
-            text = f"{column.name}\n{text}" if rows.title else text
+            text = label(name, rows.title, rows.unit)
+            text = f"{name}\n{text}" if rows.title else text
             plot = plots.setdefault(rows.title, Plot(text))
             plot.curves["" if is_one else f"BID {bid}"] = curves.by_name
     return list(plots.values())
