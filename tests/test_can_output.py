@@ -103,6 +103,11 @@ FULL = dict.fromkeys(["quaternion", "delta_q", "lat_lon", "rate_of_turn", "accel
         ),
         ({"acceleration": 1}, {"baudrate": 300_000}, "CAN has no 300,000 bit/s; choose from 5,000"),
         ([CanOutput(0x51, extended=False, can_id=1, frequency=EVERY - 1)], {}, "at most 2046 Hz"),
+        (
+            {"altitude_ellipsoid": 1, "position_ecef": 1},
+            {},
+            "or as PositionEcef, not both; choose one",
+        ),
         ([CanOutput(0x99, extended=False, can_id=1, frequency=CAN_EVERY)], {}, "called 0x99"),
     ],
 )

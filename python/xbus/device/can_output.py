@@ -25,6 +25,11 @@ __all__ = [
 #: requests the highest or, for time stamps and status, every group.
 CanConfiguration = Mapping[Any, int | None] | Iterable[CanOutput]
 
+#: A device sends its position in one of these forms (MT1604P, section 6.8.2).
+POSITIONS = (
+    (CanDataId.LAT_LON, CanDataId.ALTITUDE_ELLIPSOID),
+    (CanDataId.POSITION_ECEF_X, CanDataId.POSITION_ECEF_Y, CanDataId.POSITION_ECEF_Z),
+)
 #: Bits of a CAN identifier.
 STANDARD_BITS, EXTENDED_BITS = 11, 29
 #: Bytes of a message whose layout is not known.
@@ -93,8 +98,15 @@ def check_can_outputs(outputs: Iterable[CanOutput]) -> None:
     """Checks the identifiers and rates of outputs. Messages that are not known have any rate.
 
     Raises:
-        ValueError: An identifier has too many bits or is that of two outputs, or a rate is too high.
+        ValueError: An identifier has too many bits or is that of two outputs, a rate is too high, or two
+            outputs exclude each other.
     """
+    outputs = list(outputs)
+    codes = {output.data_id for output in outputs}
+    if all(codes.intersection(form) for form in POSITIONS):
+        raise ValueError(
+            "the position is sent as LatLong and AltitudeEllipsoid or as PositionEcef, not both; choose one"
+        )
     names: dict[tuple[bool, int], str] = {}
     for output in outputs:
         row = CAN_MESSAGES.get(int(output.data_id))
