@@ -164,6 +164,38 @@ def test_a_slow_client_loses_its_own_data_and_the_loss_is_counted(
     assert str(sink).endswith(f"2 clients, {sink.lost:,} messages lost by 1 too slow")
 
 
+def test_an_answer_waits_until_the_server_knows_the_channel(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Without this, one of seven clients that subscribed at once did not receive the first topic."""
+    monkeypatch.setattr(websocket_relay, "PATIENCE", 0.1)
+
+    async def delay() -> float:
+        clock = asyncio.get_running_loop().time
+        times: list[float] = []
+
+        async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+            times.append(clock())
+            writer.write(b"head\r\n\r\n")
+            await reader.readexactly(1)
+            times.append(clock())
+            writer.close()
+
+        server = await asyncio.start_server(answer, "127.0.0.1", 0)
+        target = server.sockets[0].getsockname()[1]
+        relay = await asyncio.to_thread(websocket_relay.WebSocketRelay, "127.0.0.1", 0, target)
+        reader, writer = await asyncio.open_connection("127.0.0.1", relay.port)
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(b"!")
+        await reader.read()
+        writer.close()
+        await asyncio.to_thread(relay.close)
+        server.close()
+        return times[1] - times[0]
+
+    assert asyncio.run(asyncio.wait_for(delay(), 30)) >= 0.1
+
+
 def test_messages_of_a_device_have_the_time_of_the_host() -> None:
     log = xbus.read_log(b"".join(xbus.encode_sample({"temperature": t}) for t in (1.0, 2.0)))
     found = list(LiveMessages(Mcap()).of(log))
