@@ -21,8 +21,8 @@ HEAD = 1 << 16
 #: Seconds that clients have at the end to take what waits for them, and seconds without data after which
 #: everything has arrived.
 CLOSING, QUIET = 1.0, 0.05
-#: Seconds that the data of a client waits. The server advertises a new channel before it knows it, and ignores
-#: a subscription that comes in between: the client would never receive the channel.
+#: Seconds that the data of a client waits. The server advertises a new channel before it knows it, and
+#: ignores a subscription that comes in between: the client would never receive the channel.
 PATIENCE = 0.02
 #: The first byte of a whole binary frame (RFC 6455), and that of its payload for a message of a channel.
 BINARY, MESSAGE = 0x82, 1
