@@ -805,7 +805,14 @@ def test_a_replay_is_restarted_and_sped_up(studio: Any) -> None:
     bar.get_by_role("button", name="replay from the beginning").wait_for()
     choose("10×")
     bar.get_by_text("end of the recording").wait_for()
+    # The plots stand still at the end.
+    page.wait_for_function(
+        "() => Math.abs(getElement(document.querySelector('.xbus-chart')).now() - 9.98) < 0.05"
+    )
     page.locator(".xbus-strip").get_by_text("no samples lost").wait_for()
+    # After a choice, keys are for the page again.
+    page.keyboard.press(" ")
+    page.get_by_role("button", name="Resume").wait_for()
 
 
 def test_files_and_notes_of_others_are_text(studio: Any) -> None:

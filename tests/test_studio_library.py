@@ -19,6 +19,7 @@ from conftest import OWN_CAPTURES
 from xbus.cli import main
 from xbus.cli.failure import Failure
 from xbus.cli.studio import _sources
+from xbus.log.pacing import ReplayPace
 from xbus.studio import library, replaying, thumbnail
 from xbus.studio.drawing import cloud, curve
 from xbus.studio.library import FileCache, find_recordings, unused_path
@@ -236,6 +237,34 @@ def test_a_replay_goes_to_any_moment_at_any_speed(tmp_path: Path) -> None:
         assert stats.lost_samples == stats.skipped_bytes == 0
     finally:
         hub.close_all()
+
+
+UNSTAMPED = b"".join(xbus.encode_sample({"temperature": float(row)}) for row in range(600))
+
+
+@pytest.mark.parametrize("data", [2 * WALK.read_bytes(), UNSTAMPED], ids=["restart", "unstamped"])
+def test_the_times_of_a_replay_are_those_of_the_recording(data: bytes, tmp_path: Path) -> None:
+    """Also when the recorded clock steps back, and when another moment is chosen."""
+    path = tmp_path / "walk.mtb"
+    path.write_bytes(data)
+    recorded = ReplayPace().times(xbus.read_log(data))
+    replaying = Replaying(replay_source([path]))
+    device = xbus.connect(replaying.device)
+    blocks = device.blocks(seconds=0.05)
+    times = []
+    while not replaying.is_over:
+        times.append(replaying.times(next(blocks)))
+    assert np.concatenate(times) == pytest.approx(recorded)
+    assert replaying.now == replaying.duration
+    for start in (3.0, 3.3, recorded[-1] - 2, 0.5, 0.45):
+        replaying.start_at(start)
+        with device.configure():
+            pass
+        found = np.concatenate([replaying.times(next(blocks)) for _ in range(6)])
+        found = found[np.isfinite(found)]  # those before are left out
+        first = np.searchsorted(recorded, start - 1e-6)
+        assert found == pytest.approx(recorded[first : first + len(found)], abs=1e-6)
+        assert len(found) > 20
 
 
 def test_what_cannot_be_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,10 @@ from nicegui.element import Element
 
 from xbus.studio.history import Series
 
-__all__ = ["Attitude3D", "Chart", "CursorTable", "Horizon", "KeyPress", "Keys", "Map"]
+__all__ = ["BLUR", "Attitude3D", "Chart", "CursorTable", "Horizon", "KeyPress", "Keys", "Map"]
+
+#: For the end of a choice from a list, which takes letters for itself: keys are for the page again.
+BLUR = "() => document.activeElement.blur()"
 
 
 def _show(element: Element, props: dict[str, Any]) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
+from xbus.studio.components import BLUR
 from xbus.studio.replaying import SPEEDS, Replaying
 from xbus.studio.station import Station
 
@@ -46,6 +47,7 @@ class ReplayBar:
             self._speed = ui.select(
                 {speed: f"{speed:g}×" for speed in SPEEDS}, value=1, on_change=self._set_speed
             ).props("dense aria-label='speed'")
+            self._speed.on("popup-hide", js_handler=BLUR)
         self.refresh()
 
     def refresh(self) -> None:

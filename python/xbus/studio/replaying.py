@@ -88,6 +88,8 @@ class Replaying:
         self.device = SimulatedDevice(product or "MTi-630", replay=self._replay)
         self.speed = 1.0
         self._pace, self._begin, self._received = ReplayPace(), 0.0, 0.0
+        #: Whether a moment was chosen, and samples from there on have not arrived yet.
+        self._is_chosen = False
 
     @property
     def duration(self) -> float:
@@ -116,6 +118,7 @@ class Replaying:
     def start_at(self, seconds: float) -> None:
         """Begins there when the device next begins to measure."""
         self._replay.start = min(max(seconds, 0.0), self.duration)
+        self._is_chosen = True
 
     def times(self, block: Log) -> npt.NDArray[np.float64]:
         """Returns when the samples of a block were recorded, whatever the speed of the replay.
@@ -132,15 +135,16 @@ class Replaying:
         times = self._begin + self._pace.times(block)
         position = self.position
         # A device that begins to measure begins at the chosen moment. A recorded restart looks the same in a
-        # block, so the position decides.
+        # block, so without a choice the position decides.
         for first in (block.restarts - block.first_sample)[-1:].tolist():
             pace = ReplayPace()
             fresh = pace.times(block)
             begin = self._replay.start - float(fresh[first])
-            if abs(begin + fresh[-1] - position) < abs(times[-1] - position):
+            is_nearer = abs(begin + fresh[-1] - position) < abs(times[-1] - position)
+            if self._is_chosen or is_nearer:
                 times = begin + fresh
                 times[:first] = np.nan
-                self._pace, self._begin = pace, begin
+                self._pace, self._begin, self._is_chosen = pace, begin, False
         late = position - float(times[-1])
         if abs(late) > self._delay:
             self._begin += late

@@ -135,8 +135,9 @@ class Station:
             self.exchange = Exchange()
             self.device: Device = self._resources.enter_context(connect(port, baudrate))
             self.device.trace(self.exchange)
-            with self.device.configure():
-                pass  # reads the identity
+            with self.device.configure():  # reads the identity
+                if replaying is not None:
+                    self.device.discard()  # the recording begins when the device measures again
             self.settings = DeviceSettings(
                 self.device, self.exchange, check_baudrate=not self.is_virtual
             )

@@ -8,7 +8,7 @@ from typing import Any
 
 from nicegui import background_tasks, run, ui
 
-from xbus.studio.components import Chart, CursorTable, KeyPress, Keys
+from xbus.studio.components import BLUR, Chart, CursorTable, KeyPress, Keys
 from xbus.studio.cursor_table import HEADS, apart, table_of
 from xbus.studio.cursors import NAMES, Cursors, Name
 from xbus.studio.history import SPAN, History, Selection
@@ -25,8 +25,10 @@ PLOTS = 3
 SPANS = {5: "5 s", 10: "10 s", 30: "30 s", 60: "1 min", 300: "5 min"}
 #: Series that are drawn in other ways.
 HIDDEN = (ATTITUDE, TRACK)
-#: After a choice, keys are for the page again; a list takes letters for itself.
-BLUR = "() => document.activeElement.blur()"
+HINT = (
+    "Drag over a plot to see a part of the time in detail. Click on a paused plot to set a cursor."
+)
+OTHERS = "The list of plots ends with the quantities of the other devices."
 #: The keys of the page, for the user.
 HELP = (
     ("Space", "pauses the plots, and resumes them"),
@@ -71,9 +73,7 @@ class Plots:
         self._is_measuring = self._is_outdated = False
         self._controls()
         self._column = ui.column().classes("w-full gap-2")
-        ui.label(
-            "Drag over a plot to see a part of the time in detail. Click on a paused plot to set a cursor."
-        ).classes("xbus-quiet text-xs")
+        self._hint = ui.label(HINT).classes("xbus-quiet text-xs")
         keys = [" ", "Escape", "a", "b", "c", "ArrowLeft", "ArrowRight", "+", "=", "-", "?"]
         Keys(keys, self._key)
 
@@ -136,6 +136,8 @@ class Plots:
         if offered != self._titles:
             self._titles = offered
             self._select.set_options(offered)
+            has_others = any(plot.source != self._station.source for plot in offered)
+            self._hint.set_text(f"{HINT} {OTHERS}" if has_others else HINT)
         plots, stations = self._view.plots, self._hub.stations
         if plots is None:
             own = [plot for plot in offered if plot.source == self._station.source]

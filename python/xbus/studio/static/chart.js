@@ -32,7 +32,7 @@ export default {
   mounted() {
     this.time = [];
     this.values = this.fields.map(() => []);
-    this.last = 0; // time of the newest point
+    this.last = 0; // time of the point from which the clock of the chart runs
     this.lastAt = 0; // when it arrived, in ms
     this.fixed = this.locked ? this.limits : null; // limits of the y axis
     this.observer = new ResizeObserver(() => this.resize());
@@ -69,6 +69,9 @@ export default {
       this.lock();
       this.draw();
     },
+    speed() {
+      if (this.time.length) this.follow(this.time[this.time.length - 1]);
+    },
     cursors() {
       this.plot.redraw(false, false);
     },
@@ -87,6 +90,11 @@ export default {
     },
     now() {
       return this.last + Math.min(2 * this.span, (this.speed * (performance.now() - this.lastAt)) / 1000);
+    },
+    // Lets the clock of the chart run from a point that has arrived now.
+    follow(time) {
+      this.last = time;
+      this.lastAt = performance.now();
     },
     // Keeps the present limits of the y axis, once there are some.
     lock() {
@@ -134,8 +142,7 @@ export default {
       const last = this.time[this.time.length - 1];
       // The clock of the chart never runs back, although messages are not evenly spaced.
       if (last > this.now() || last < this.now() - Math.max(1, this.speed)) {
-        this.last = last;
-        this.lastAt = performance.now();
+        this.follow(last);
       }
       const old = this.time.findIndex((t) => t >= last - 1.2 * this.span);
       if (old > 0.2 * this.time.length) {
