@@ -134,7 +134,9 @@ class Plots:
         """Offers new series, and draws plots once their series exist."""
         offered = self._offered()
         if offered != self._titles:
-            self._titles = offered
+            # What is in the list keeps its place, because the user may be choosing.
+            before = {plot: offered[plot] for plot in self._titles if plot in offered}
+            self._titles = offered = before | offered
             self._select.set_options(offered)
             has_others = any(plot.source != self._station.source for plot in offered)
             self._hint.set_text(f"{HINT} {OTHERS}" if has_others else HINT)
