@@ -300,7 +300,7 @@ impl Contents {
             *self = next;
             return;
         }
-        let real = matches!(table::quantity(self.id).map(|quantity| quantity.kind), Some(Kind::Real(_)))
+        let real = matches!(table::column_quantity(self.id).map(|quantity| quantity.kind), Some(Kind::Real(_)))
             && self.numbers != "raw";
         self.mixed_ids |= next.mixed_ids || self.id != next.id;
         self.mixed_precisions |= next.mixed_precisions || (real && Precision::of(self.id) != Precision::of(next.id));
