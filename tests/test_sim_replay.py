@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import gzip
+import lzma
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -173,3 +176,12 @@ def test_pieces_are_replayed_as_one(tmp_path: Path) -> None:
     for path, piece in zip(paths, (data[:70_001], data[70_001:]), strict=True):  # within a frame
         path.write_bytes(piece)
     assert Replay(paths).play(0.0).take(100.0) == Replay(data).play(0.0).take(100.0)
+
+
+@pytest.mark.parametrize(("suffix", "compress"), [(".gz", gzip.compress), (".xz", lzma.compress)])
+def test_a_compressed_recording_is_replayed(
+    suffix: str, compress: Callable[[bytes], bytes], tmp_path: Path
+) -> None:
+    path = tmp_path / f"walk.mtb{suffix}"
+    path.write_bytes(compress(WALK.read_bytes()))
+    assert Replay(path).play(0.0).take(100.0) == Replay(WALK).play(0.0).take(100.0)

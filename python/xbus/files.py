@@ -17,6 +17,7 @@ __all__ = [
     "RECORDING_SUFFIX",
     "check_is_recording",
     "compression_of",
+    "content_size",
     "decompressed",
     "file_version",
     "is_magic_start",
@@ -25,6 +26,7 @@ __all__ = [
     "local_name",
     "open_file",
     "suffix_of_compression",
+    "uncompressed_name",
 ]
 
 #: Suffix of the recordings of a device.
@@ -42,11 +44,22 @@ MAGIC = {
 MAGIC_SIZE = max(map(len, MAGIC))
 #: Bytes of compressed input that are read at once.
 CHUNK = 1 << 16
+#: Bytes to decompress at a time.
+BLOCK = 1 << 20
 
 
 def suffix_of_compression(name: str) -> str:
     """Returns the suffix of a compressed file, such as ``".gz"``; empty for other files."""
     return next((suffix for suffix in COMPRESSIONS if name.lower().endswith(suffix)), "")
+
+
+def uncompressed_name(name: str) -> str:
+    """Returns a name without the suffix of a compression.
+
+    >>> uncompressed_name("walk.mtb.gz"), uncompressed_name("walk.mtb")
+    ('walk.mtb', 'walk.mtb')
+    """
+    return name[: len(name) - len(suffix_of_compression(name))]
 
 
 def is_url(name: str) -> bool:
@@ -152,6 +165,28 @@ def _open_local(path: str, *, is_regular: bool) -> BinaryIO:
         file.close()
         raise OSError(errno.EINVAL, "not a regular file", path)
     return file
+
+
+def content_size(path: str, limit: int | None = None) -> int:
+    """Returns the size of the content of a local file in bytes, for which a compressed one is decompressed.
+
+    Args:
+        path: The file.
+        limit: Size from which on it is not decompressed further; None for no limit.
+
+    Raises:
+        ImportError: The library for the compression is not installed.
+        OSError: The file cannot be read.
+    """
+    if is_plain(path):
+        return os.stat(path).st_size  # noqa: PTH116
+    size, file = 0, open_file(path)
+    try:
+        while (limit is None or size < limit) and (data := file.read(BLOCK)):
+            size += len(data)
+    finally:
+        file.close()
+    return size
 
 
 def decompressed(raw: Any, suffix: str, name: str) -> BinaryIO:

@@ -16,7 +16,7 @@ from xbus.cli.inputs import STDIN, label
 from xbus.cli.printing import align, print_json
 from xbus.cli.progress import Progress, ShowsProgress
 from xbus.cli.recordings import Recording
-from xbus.files import is_url, local_name, suffix_of_compression
+from xbus.files import is_url, local_name, uncompressed_name
 from xbus.formatting import format_count
 
 __all__ = [
@@ -138,7 +138,7 @@ def plan(recordings: Sequence[Recording], folder: str, suffix: str) -> list[Job]
     jobs = []
     for path, recording in zip(paths, recordings, strict=True):
         name = "standard-input" if path == STDIN else os.path.basename(path.rstrip("/"))  # noqa: PTH119
-        stem, _ = os.path.splitext(name[: len(name) - len(suffix_of_compression(name))])  # noqa: PTH122
+        stem, _ = os.path.splitext(uncompressed_name(name))  # noqa: PTH122
         subfolder = ""
         if path in local:
             subfolder = os.path.relpath(os.path.dirname(os.path.abspath(path)), common)  # noqa: PTH100, PTH120

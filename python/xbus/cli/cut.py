@@ -20,7 +20,7 @@ from xbus.cli.moments import Content, arrivals_of, bounds_of, moment, time_error
 from xbus.cli.progress import Progress
 from xbus.cli.recordings import Recording
 from xbus.cli.rotation import parse_rotation
-from xbus.files import local_name, suffix_of_compression
+from xbus.files import local_name, suffix_of_compression, uncompressed_name
 from xbus.formatting import format_count, format_size
 
 if TYPE_CHECKING:
@@ -273,7 +273,7 @@ def _out_path(recording: Recording, folder: str) -> str:
     """Returns the path of the first piece, which has the name of the recording."""
     name = os.path.basename(local_name(recording.files[0]))  # noqa: PTH119
     name = "standard-input.mtb" if name == STDIN else name
-    return os.path.join(folder, name[: len(name) - len(suffix_of_compression(name))])  # noqa: PTH118
+    return os.path.join(folder, uncompressed_name(name))  # noqa: PTH118
 
 
 def _path_of_device(path: str, bid: int) -> str:

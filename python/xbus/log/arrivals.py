@@ -25,7 +25,14 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.files import is_plain, is_url, local_name, open_file, suffix_of_compression
+from xbus.files import (
+    content_size,
+    is_url,
+    local_name,
+    open_file,
+    suffix_of_compression,
+    uncompressed_name,
+)
 from xbus.log.arrays import read_only
 from xbus.log.hostclock import HostClock
 from xbus.log.source import Source
@@ -228,7 +235,7 @@ def side_files(path: str) -> tuple[str, ...]:
     (('walk.mtb.times',), ('walk.mtb.times', 'walk.mtb.times.gz'))
     """
     compression = suffix_of_compression(path)
-    side = path[: len(path) - len(compression)] + SUFFIX
+    side = uncompressed_name(path) + SUFFIX
     return (side, side + compression) if compression else (side,)
 
 
@@ -247,25 +254,12 @@ def arrivals_of(source: Source) -> Arrivals | None:
     for side in side_files(path):
         try:
             with contextlib.closing(open_file(side, is_regular=True)) as file:
-                return _arrivals(file, side, _content_size(path))
+                return _arrivals(file, side, content_size(path))
         except FileNotFoundError:
             continue
         except OSError as error:
             return _none(f"{side} cannot be read: {error.strerror}")
     return None
-
-
-def _content_size(path: str) -> int:
-    """Returns the size of a local file in bytes, decompressed."""
-    if is_plain(path):
-        return os.stat(path).st_size  # noqa: PTH116
-    with contextlib.closing(open_file(path)) as file:
-        return sum(map(len, _blocks(file)))
-
-
-def _blocks(file: BinaryIO) -> Iterator[bytes]:
-    while data := file.read(BLOCK):
-        yield data
 
 
 def _arrivals(file: BinaryIO, side: str, size: int) -> Arrivals:

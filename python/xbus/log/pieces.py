@@ -18,7 +18,13 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from xbus import _core
-from xbus.files import is_plain, is_url, local_name, suffix_of_compression
+from xbus.files import (
+    is_plain,
+    is_url,
+    local_name,
+    suffix_of_compression,
+    uncompressed_name,
+)
 from xbus.log.arrivals import Arrivals, arrivals_of, joined
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.log import Log, steady_time
@@ -133,7 +139,7 @@ def piece_name(path: str) -> PieceName:
     PieceName(recording='logs/walk.mtb', number=12)
     """
     folder, name = os.path.split(path)
-    name = name[: len(name) - len(suffix_of_compression(name))]
+    name = uncompressed_name(name)
     stem, suffix = os.path.splitext(name)  # noqa: PTH122 - pathlib is slow to import
     found = re.fullmatch(r"(.+)-([0-9]{4,})", stem)
     if found is None:

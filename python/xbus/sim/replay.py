@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 import numpy as np
 
+from xbus.files import open_file
 from xbus.log.log import Log
 from xbus.log.pacing import UNSTAMPED_RATE, ReplayPace
 from xbus.log.read import read_log
@@ -36,7 +37,8 @@ class Replay:
     clock takes no time.
 
     Args:
-        source: Path of the recording, its bytes, or the paths of its pieces in order.
+        source: Path of the recording, its bytes, or the paths of its pieces in order; files may be
+            compressed.
         strings: String types without a checksum to look for, as in `xbus.read_log`.
 
     Attributes:
@@ -47,6 +49,7 @@ class Replay:
         position: Seconds into the recording until which it was sent.
 
     Raises:
+        ImportError: The library for a compression is not installed.
         OSError: The file cannot be read.
 
     Example:
@@ -70,7 +73,7 @@ class Replay:
         if isinstance(source, str | os.PathLike):
             source = [source]
         if not isinstance(source, bytes):
-            source = b"".join(Path(path).read_bytes() for path in source)
+            source = b"".join(map(_content, source))
         self._data = source
         log = read_log(self._data, quantities=RECEIVER, strings=strings)
         times = ReplayPace().times(log)
@@ -147,6 +150,11 @@ class Playback:
 
     def _frame(self, index: int) -> bytes:
         return self._replay._data[self._replay._offsets[index] : self._replay._ends[index]]
+
+
+def _content(path: str | os.PathLike[str]) -> bytes:
+    with contextlib.closing(open_file(os.fspath(path))) as file:
+        return file.read()
 
 
 def _ends(log: Log, offsets: IntArray, size: int) -> IntArray:

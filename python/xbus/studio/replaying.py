@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.describe.names import file_label
+from xbus.files import content_size, is_plain
 from xbus.formatting import format_count, format_size
 from xbus.log.log import Log
 from xbus.log.pacing import ReplayPace
@@ -72,11 +73,13 @@ class Replaying:
 
     def __init__(self, source: str) -> None:
         names = _files_of(source)
-        size = sum(Path(name).stat().st_size for name in names)
+        size = sum(content_size(name, LARGEST + 1) for name in names)
         if size > LARGEST:
+            most = format_size(LARGEST)
+            found = format_size(size) if all(map(is_plain, names)) else f"more than {most}"
             raise ValueError(
-                f"it has {format_size(size)}, and a replay at most {format_size(LARGEST)}; cut a part of it "
-                "first, with Cut on the page Recordings or xbus cut"
+                f"it has {found}, and a replay at most {most}; cut a part of it first, with Cut on the page "
+                "Recordings or xbus cut"
             )
         self._replay = Replay(names)
         if not len(self._replay):
