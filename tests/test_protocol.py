@@ -317,6 +317,26 @@ def test_every_message_has_a_layout() -> None:
         assert (layout is NOTHING) == (MESSAGES[name].kind == "empty"), name
 
 
+def test_every_field_has_a_type_and_few_messages_are_bytes() -> None:
+    """What a form takes in hex: data that no source describes, and bytes for others."""
+    sent = [name for name, row in MESSAGES.items() if row.direction != "to host"]
+    assert [name for name in sent if list(LAYOUTS[name].kinds) != list(LAYOUTS[name].fields)] == []
+    kinds = LAYOUTS["SetSyncSettings"].kinds
+    assert (kinds["line"], kinds["trigger_once"], kinds["offset"]) == (SyncLine, bool, int)
+    described = {
+        name: MESSAGES[name].payload
+        for name in sent
+        if bytes in LAYOUTS[name].kinds.values()
+        and MESSAGES[name].payload not in ("unknown", "opaque")
+    }
+    assert described == {
+        "ReqEmts": "00 FF",
+        "SetObjectAlignment": "F4 matrix of 3 by 3",
+        "ForwardGnssData": "bytes for the GNSS receiver",
+        "SetDeviceIdContext": "device id",
+    }
+
+
 def test_every_layout_is_tested() -> None:
     known = {name for name, output in LAYOUTS.items() if output not in (NOTHING, RAW)}
     assert known == {name for name, _, _ in VALUES} - {"ReqEmts"}

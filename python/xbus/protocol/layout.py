@@ -43,6 +43,8 @@ class Layout:
         encode: Value to bytes; raises ValueError with the name of the field that does not fit.
         decode: Bytes to value; raises ValueError for a wrong length.
         fields: The fields by name, each with the function that reads its value from a word.
+        kinds: The types of their values by name: `int`, `float`, `str`, `bytes`, `bool`, or a class of
+            enumerations or flags, whose names a word may have.
         make: Makes the value from the values of its fields.
         several: Whether the value is a list, and ``fields`` are those of one entry.
     """
@@ -52,6 +54,7 @@ class Layout:
     fields: Mapping[str, Callable[[str], Any]] = attribute(default_factory=dict)
     make: Callable[..., Any] = lambda: None
     several: bool = False
+    kinds: Mapping[str, Any] = attribute(default_factory=dict)
 
     def read(self, words: list[str]) -> Any:
         """Returns the value of words: ``name=value`` each, or ``name=value,name=value`` for a list entry.
@@ -118,7 +121,7 @@ def _hex(text: str) -> bytes:
 #: A payload of no bytes; its value is None.
 NOTHING = Layout(_no_value, _no_bytes)
 #: A payload that is passed on unchanged; its value is bytes.
-RAW = Layout(_raw, bytes, {"data": _hex}, lambda data: data)
+RAW = Layout(_raw, bytes, {"data": _hex}, lambda data: data, kinds={"data": bytes})
 
 #: Format characters of `struct`.
 _CODES = {
@@ -314,8 +317,9 @@ def record(
         return make(**{**dict.fromkeys(names), **form.decode(payload)})
 
     make = (lambda **given: given[names[0]]) if is_number else kind
-    readers = {field.name: field.read for form in reversed(parts) for field in form.fields}
-    return Layout(encode, decode, {name: readers[name] for name in names}, make)
+    found = {field.name: field for form in reversed(parts) for field in form.fields}
+    readers = {name: found[name].read for name in names}
+    return Layout(encode, decode, readers, make, kinds={name: found[name].kind for name in names})
 
 
 def kinds_of(record: type) -> dict[str, type]:
@@ -353,7 +357,7 @@ def repeated(entry: Layout, row: MessageRow) -> Layout:
             return ()
         return tuple(entry.decode(payload[at : at + size]) for at in range(0, len(payload), size))
 
-    return Layout(encode, decode, entry.fields, entry.make, several=True)
+    return Layout(encode, decode, entry.fields, entry.make, several=True, kinds=entry.kinds)
 
 
 def mapped(layout: Layout, to: Callable[[Any], Any], back: Callable[[Any], Any]) -> Layout:
@@ -387,4 +391,4 @@ def _text(most: int, filled: int) -> Layout:
     def decode(payload: bytes) -> str:
         return payload.decode("ascii", "replace").replace("\0", " ").split(" ", 1)[0]
 
-    return Layout(encode, decode, {"text": str}, lambda text: text)
+    return Layout(encode, decode, {"text": str}, lambda text: text, kinds={"text": str})

@@ -104,7 +104,11 @@ def _outputs(row: MessageRow) -> Layout:
             raise ValueError(f"{unknown[0]!r} is not one of {', '.join(_FORMATS)}")
         return int(data_id.read(name)) + sum(known[name.upper()] for name in formats)
 
-    return replace(layout, fields={**layout.fields, "data_id": read})
+    return replace(
+        layout,
+        fields={**layout.fields, "data_id": read},
+        kinds={**layout.kinds, "data_id": DataId},
+    )
 
 
 def _sync_settings(row: MessageRow) -> Layout:
@@ -138,7 +142,12 @@ def _word(row: MessageRow, kind: type[v.PortConfig | v.CanConfig | v.OutputSetti
         return int(value)
 
     word = mapped(record(row.forms, int), kind.from_word, to_word)
-    word = replace(word, fields={part.name: part.read for part in parts}, make=kind)
+    word = replace(
+        word,
+        fields={part.name: part.read for part in parts},
+        make=kind,
+        kinds={part.name: part.kind for part in parts},
+    )
     return repeated(word, row) if row.kind == "list" else word
 
 

@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import html
 import time
-from functools import partial
+from enum import IntEnum
 from typing import Any
 
 from nicegui import ui
 
+from xbus.errors import StateError
 from xbus.protocol.messages import LAYOUTS
 from xbus.protocol.tables import MESSAGES, MessageRow
 from xbus.studio.commands import command_line
-from xbus.studio.entered import problem_of
 from xbus.studio.exchange import Entry
+from xbus.studio.pages.message_form import MessageForm
 from xbus.studio.setting_fields import command_help
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
@@ -63,6 +65,7 @@ class _Composer:
 
     def __init__(self, session: Session, station: Station) -> None:
         self._session, self._station = session, station
+        self._form: MessageForm | None = None
         names = [name for name in LAYOUTS if MESSAGES[name].direction != "to host"]
         with ui.row().classes("items-start w-full no-wrap gap-4"):
             self._message = (
@@ -71,8 +74,10 @@ class _Composer:
                 .props("dense")
             )
             self._body = ui.row().classes("grow items-start gap-x-4 gap-y-0")
-            self._in_config = ui.checkbox("in Config State", value=True).classes("shrink-0")
-            self._in_config.tooltip("enters Config State for the message, and restores the state")
+            self._in_config = ui.checkbox("in Config State", value=True)
+            self._in_config.on_value_change(self._show_command).classes("shrink-0").tooltip(
+                "enters Config State for the message, and restores the state"
+            )
             ui.button("Send", icon="send", on_click=self._send).props("no-caps").classes("shrink-0")
         self._hint = ui.label().classes("xbus-quiet text-sm")
         self._message.on_value_change(self._choose)
@@ -85,69 +90,69 @@ class _Composer:
     def _choose(self) -> None:
         """Shows the fields of another message."""
         states, support = self._row.states, self._station.device.support
+        self._form = None  # it shows the command once it is complete
         self._in_config.set_value(states == ("config",))
         valid = " or ".join(f"{state.capitalize()} State" for state in states)
         parts = [command_help(self._row.name), f"MID 0x{self._row.mid:02X}, valid in {valid}."]
-        if LAYOUTS[self._row.name].several:
-            parts.append(f"Fields of an entry: {', '.join(LAYOUTS[self._row.name].fields)}.")
         if support is not None and self._row.name not in support.messages:
             parts.append(f"The {support.product.name} does not have it.")
         self._hint.set_text(" ".join(part for part in parts if part))
         self._body.clear()
         with self._body:
-            self._draw_fields()
+            self._form = MessageForm(self._row.name, self._show_command, self._send)
         self._show_command()
 
-    def _draw_fields(self) -> None:
-        """Draws an input for each field, or one for the entries of a list."""
-        layout = LAYOUTS[self._message.value]
-        self._inputs: dict[str, ui.input] = {}
-        if layout.several:
-            example = ",".join(f"{name}=…" for name in layout.fields)
-            self._entries = ui.input("entries", placeholder=example, on_change=self._show_command)
-            self._entries.classes("grow min-w-64").props("dense").on("keydown.enter", self._send)
-            self._entries.tooltip(f"{example}; a space separates entries")
-            return
-        rows = {field.name: field for form in self._row.forms for field in form}
-        for name in layout.fields:
-            row = rows.get(name)
-            label = f"{name}, {row.unit}" if row is not None and row.unit else name
-            problem = partial(problem_of, layout.fields[name])
-            control = ui.input(label, validation=problem, on_change=self._show_command)
-            control.classes("w-56").props("dense hide-bottom-space").on("keydown.enter", self._send)
-            if row is not None and row.note:
-                control.props(f'hint="{html.escape(row.note)}"')
-            self._inputs[name] = control
-
-    def _words(self) -> list[str]:
-        """Returns the fields as ``xbus send`` takes them."""
-        if LAYOUTS[self._message.value].several:
-            return (self._entries.value or "").split()
-        values = {name: (control.value or "").strip() for name, control in self._inputs.items()}
-        return [f"{name}={value}" for name, value in values.items() if value]
-
     def _show_command(self) -> None:
+        if self._form is None:
+            return
         name, config = self._row.name, ["--config"] if self._in_config.value else []
-        value = ", value" if LAYOUTS[name].fields else ""
+        value = f", {self._literal()}" if LAYOUTS[name].fields else ""
+        device = "with device.configure() as cfg: cfg" if config else "device"
         self._session.show_command(
-            command_line("send", self._station.source, *config, name, *self._words()),
-            f'device.command("{name}"{value})',
+            command_line("send", self._station.source, *config, name, *self._form.words),
+            f'{device}.command("{name}"{value})',
         )
 
+    def _literal(self) -> str:
+        """Returns the value in Python; only its name if it is not complete, or a record."""
+        with contextlib.suppress(ValueError):
+            value = self._form.read() if self._form is not None else None
+            if isinstance(value, IntEnum):
+                return f"xbus.protocol.{type(value).__name__}.{value.name}"
+            if type(value) in (int, float, str, bytes):
+                return repr(value)
+        return "value"
+
     async def _send(self) -> None:
-        name, words, device = self._row.name, self._words(), self._station.device
+        name, form, device = self._row.name, self._form, self._station.device
         in_config = self._in_config.value
+        if form is None:
+            return
 
         def command() -> None:
-            value = LAYOUTS[name].read(words)
-            if in_config:
-                with device.configure():
+            value = form.read()
+            with device.configure() if in_config else contextlib.nullcontext():
+                try:
                     device.command(name, value)
-            else:
-                device.command(name, value)
+                except StateError as error:
+                    raise _state_problem(error) from None
 
         self._show_command()
         await self._session.attempt(command)
+
+
+def _state_problem(error: StateError) -> Exception:
+    """Returns the problem with a remedy of this page; the error itself names Python functions."""
+    states = MESSAGES[error.command].states
+    if error.state in states:  # the product is the problem
+        return error
+    valid = " or ".join(f"{state.capitalize()} State" for state in states)
+    remedy = (
+        "tick in Config State"
+        if "config" in states
+        else "untick in Config State, or send GoToMeasurement"
+    )
+    return ValueError(f"{error.command} is valid in {valid} only; nothing was sent; {remedy}")
 
 
 def _hex_input(session: Session, station: Station) -> None:
