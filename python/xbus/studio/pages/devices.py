@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import html
 from collections.abc import Awaitable, Callable
 from functools import partial
@@ -9,7 +10,8 @@ from typing import Any
 
 from nicegui import ui
 
-from xbus.device import find_ports
+from xbus.describe.names import file_label
+from xbus.device import Port, find_ports
 from xbus.doctor import examine
 from xbus.formatting import device_name
 from xbus.protocol.values import Selftest
@@ -21,29 +23,57 @@ from xbus.watch.rows import device_state
 
 __all__ = ["devices_page"]
 
+#: Seconds after which the page looks for devices and ports again.
+REFRESH = 2.0
 #: Icon and class of each verdict of the doctor.
 VERDICTS = {
     "ok": ("check_circle", "xbus-ok"),
     "warning": ("warning", "xbus-caution"),
     "problem": ("error", "xbus-fault"),
 }
+#: The parts that every product tests.
+SENSORS = Selftest((Selftest.MAG_Z << 1) - 1)
+#: Icon, class and words of each result of a self test.
+RESULTS = {
+    "passed": ("check_circle", "xbus-ok", "passed"),
+    "failed": ("error", "xbus-fault", "failed"),
+    "not reported": ("remove", "xbus-quiet", "not reported; the product may not have this part"),
+}
 
 
 def devices_page(session: Session) -> None:
     """Lists ports and open devices."""
+    devices: list[str] = []
+    ports: list[Port] = []
     with ui.row().classes("w-full gap-4 items-start no-wrap max-md:flex-wrap"):
         with ui.column().classes("gap-3 grow min-w-0"):
             ui.label("Open devices").classes("text-lg")
-            _open_devices(session)
+            _open_devices(session, devices)
         with ui.column().classes("gap-3 w-96 shrink-0"):
-            _ports(session)
+            _ports(session, ports)
             _virtual(session)
             _findings(session)
 
+    async def refresh() -> None:
+        """Shows devices that others open and close, and ports that come and go."""
+        found = await asyncio.to_thread(find_ports)
+        if found != ports or list(session.hub.stations) != devices:
+            _draw_again()
+
+    ui.timer(REFRESH, refresh)
+
+
+def _draw_again() -> None:
+    """Draws the devices and the ports on all pages again."""
+    _open_devices.refresh()
+    _port_list.refresh()
+
 
 @ui.refreshable
-def _open_devices(session: Session) -> None:
+def _open_devices(session: Session, shown: list[str]) -> None:
+    """Draws the open devices, and keeps their ports in a list."""
     stations = list(session.hub.stations.values())
+    shown[:] = [station.source for station in stations]
     if not stations:
         with ui.element("div").classes("xbus-card w-full"):
             ui.label("No device is open.")
@@ -55,33 +85,36 @@ def _open_devices(session: Session) -> None:
 
 
 def _device(session: Session, station: Station) -> None:
-    device = station.device
+    device, replaying = station.device, station.replaying
     with ui.element("div").classes(f"xbus-card w-full xbus-device-{station.key}"):
         with ui.row().classes("items-center w-full"):
             ui.label(station.title).classes("text-base font-semibold")
             if station.is_virtual:
-                ui.badge("virtual").props("outline")
+                ui.badge("virtual" if replaying is None else "replay").props("outline")
             ui.space()
             ui.button(
                 "Live", icon="show_chart", on_click=lambda: ui.navigate.to(f"/live/{station.key}")
             ).props("flat dense no-caps")
-            ui.button(
-                "Self test", icon="health_and_safety", on_click=lambda: _self_test(session, station)
-            ).props("flat dense no-caps").tooltip(
-                "RunSelftest, section 5.3.2 of the manual: takes up to 3 s, and measuring stops meanwhile"
-            )
+            if replaying is None:  # it would be a test of no device
+                ui.button(
+                    "Self test",
+                    icon="health_and_safety",
+                    on_click=lambda: _self_test(session, station),
+                ).props("flat dense no-caps").tooltip(
+                    "RunSelftest, section 5.3.2 of the manual: takes up to 3 s, and measuring stops meanwhile"
+                )
             ui.button("Close", icon="close", on_click=lambda: _close(session, station)).props(
                 "flat dense no-caps"
             )
         firmware = "unknown" if device.firmware is None else str(device.firmware)
         number = "unknown" if device.device_id is None else device_name(device.device_id)
         rate = device.link.baudrate
-        rows = {
-            "port": station.source,
-            "device identifier": number,
-            "firmware": firmware,
-            "baud rate": f"{rate:,}" if device.link.is_line and rate else "none: not a serial line",
-        }
+        rows = {"device identifier": number, "firmware": firmware}
+        if replaying is None:
+            line = f"{rate:,}" if device.link.is_line and rate else "none: not a serial line"
+            rows = {"port": station.source, **rows, "baud rate": line}
+        else:
+            rows = {"recording": ", ".join(map(file_label, replaying.files)), **rows}
         cells = "".join(
             f"<tr><th>{html.escape(name)}</th><td>{html.escape(text)}</td></tr>"
             for name, text in rows.items()
@@ -106,22 +139,24 @@ async def _self_test(session: Session, station: Station) -> None:
             return device.commands.run_selftest()
 
     session.show_command(
-        command_line("send", station.source, "RunSelftest"),
+        command_line("send", station.source, "--config", "RunSelftest"),
         "with device.configure() as cfg: cfg.commands.run_selftest()",
     )
     result = await session.attempt(run)
     if result is None:
         return
+    support = station.device.support
+    expected = SENSORS if support is None else support.selftest
     with ui.dialog() as dialog, ui.card():
         ui.label(f"Self test of {station.title}").classes("text-base font-semibold")
         for part in Selftest:
-            is_good = part in result
+            icon, level, verdict = RESULTS[
+                "passed" if part in result else "failed" if part in expected else "not reported"
+            ]
             with ui.row().classes("items-center gap-2"):
-                ui.icon("check_circle" if is_good else "error").classes(
-                    "xbus-ok" if is_good else "xbus-fault"
-                )
+                ui.icon(icon).classes(level)
                 name = str(part.name).replace("_", " ").lower()
-                ui.label(f"{name}: {'passed' if is_good else 'failed or absent'}")
+                ui.label(f"{name}: {verdict}")
         ui.button("Close", on_click=dialog.close).props("flat no-caps")
     dialog.open()
 
@@ -129,7 +164,7 @@ async def _self_test(session: Session, station: Station) -> None:
 async def _open(session: Session, source: str) -> None:
     if await session.open(source) is not None:
         session.show_command(command_line("identify", source), f'device = xbus.connect("{source}")')
-        _open_devices.refresh()
+        _draw_again()
 
 
 async def _close(session: Session, station: Station) -> None:
@@ -137,10 +172,10 @@ async def _close(session: Session, station: Station) -> None:
         ui.notify(problem, type="negative", multi_line=True, timeout=0, close_button=True)
     if session.key == station.key:
         session.key = None
-    _open_devices.refresh()
+    _draw_again()
 
 
-def _ports(session: Session) -> None:
+def _ports(session: Session, shown: list[Port]) -> None:
     with ui.element("div").classes("xbus-card w-full"):
         with ui.row().classes("items-center w-full"):
             ui.label("Ports").classes("text-base font-semibold")
@@ -148,7 +183,7 @@ def _ports(session: Session) -> None:
             ui.button(icon="refresh", on_click=lambda: _port_list.refresh()).props(
                 "flat dense round aria-label='look for ports again'"
             ).tooltip("look for ports again")
-        _port_list(session)
+        _port_list(session, shown)
         with ui.row().classes("items-center w-full no-wrap"):
             name = ui.input("port or URL", placeholder="/dev/ttyUSB0, socket://HOST:PORT")
             name.classes("grow").props("dense")
@@ -157,20 +192,24 @@ def _ports(session: Session) -> None:
 
 
 @ui.refreshable
-def _port_list(session: Session) -> None:
-    ports = find_ports()
-    if not ports:
+def _port_list(session: Session, shown: list[Port]) -> None:
+    """Draws the ports, and keeps them in a list."""
+    shown[:] = find_ports()
+    if not shown:
         ui.label("No serial port. Check the cable, or use a virtual device.").classes(
             "xbus-quiet text-sm"
         )
-    for port in ports:
+    for port in shown:
         with ui.row().classes("items-center w-full no-wrap"):
             with ui.column().classes("gap-0 grow min-w-0"):
                 ui.label(port.device).classes("xbus-mono")
                 ui.label(port.description).classes("xbus-quiet text-xs ellipsis")
             if port.likely:
                 ui.badge("Xsens").props("outline color=positive")
-            _open_button(session, port.device, partial(str, port.device))
+            if port.device in session.hub.stations:
+                ui.label("open").classes("xbus-ok text-sm")
+            else:
+                _open_button(session, port.device, partial(str, port.device))
 
 
 def _virtual(session: Session) -> None:
