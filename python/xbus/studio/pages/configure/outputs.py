@@ -14,7 +14,7 @@ from xbus.studio.pages.configure.document import Document
 
 __all__ = ["Outputs"]
 
-#: Quantities of the presets; those that the product lacks are left out. None is its highest rate.
+#: Quantities of the presets, of which the page names those that the product lacks. None is the highest rate.
 PRESETS: dict[str, dict[str, int | None]] = {
     "Orientation at 100 Hz": {
         "packet_counter": EVERY,
@@ -61,9 +61,9 @@ class Outputs:
         with ui.element("div").classes("xbus-card w-full"):
             with ui.row().classes("items-center gap-2 w-full"):
                 for name, outputs in PRESETS.items():
-                    ui.button(name, on_click=partial(self._preset, outputs)).props(
-                        "outline dense no-caps size=sm"
-                    )
+                    button = ui.button(name, on_click=partial(self._preset, outputs))
+                    button.props("outline no-caps")
+            self._left_out = ui.label().classes("xbus-caution text-sm mt-1")
             self._load = ui.html("", sanitize=False).classes("w-full mt-2")
             self._grid = ui.grid(columns="auto auto auto auto 1fr")
             self._grid.classes("items-center gap-x-4 gap-y-0 mt-2")
@@ -73,6 +73,7 @@ class Outputs:
 
     def _draw(self) -> None:
         """Draws all quantities of the product."""
+        self._left_out.set_text("")
         self._grid.clear()
         with self._grid:
             for head in ("quantity", "rate", "precision", "coordinates", ""):
@@ -82,47 +83,61 @@ class Outputs:
                     self._output(name, rates)
 
     def _output(self, name: str, rates: tuple[int, ...]) -> None:
+        """Draws one quantity. Without a rate it is not sent; a rate that is chosen ticks it."""
         draft = self._document.draft
         row, output = QUANTITIES[name], draft.output(name)
         frequency = None if output is None else output.frequency
 
+        def tick() -> None:
+            if box.value != (rate.value is not None):
+                rate.set_value(rates[0] if box.value else None)
+
         def change() -> None:
-            wanted = rate.value if box.value else None
+            box.set_value(rate.value is not None)
+            show_highest()
             self._document.change(
                 lambda: draft.set_output(
                     name,
-                    wanted,
+                    rate.value,
                     None if precision is None else precision.value,
                     None if coordinates is None else coordinates.value,
                 )
             )
 
-        box = ui.checkbox(name, value=output is not None, on_change=change).props("dense")
+        def show_highest() -> None:
+            highest = "every message" if rates[0] == EVERY else f"up to {rates[0]} Hz"
+            if rate.value is None:
+                rate.props(f'display-value="{highest}"').classes("xbus-offered")
+            else:
+                rate.props(remove="display-value").classes(remove="xbus-offered")
+
+        box = ui.checkbox(name, value=output is not None, on_change=tick).props("dense")
         box.tooltip(f"{row.manual}, data identifier 0x{row.id:04X} (Table 16)")
         options = {each: "every message" if each == EVERY else f"{each} Hz" for each in rates}
         if frequency is not None and frequency not in options:
             options[frequency] = "highest" if frequency == EVERY else f"{frequency} Hz"
-        rate = ui.select(options, value=frequency or rates[0], on_change=change).props(
-            "dense borderless"
-        )
+        rate = ui.select(options, value=frequency, on_change=change)
+        rate.props(f'dense borderless aria-label="rate of {name}"')
+        show_highest()
+
+        def format_of(kind: str, names: list[str], present: str) -> ui.select:
+            control = ui.select(names, value=present, on_change=change)
+            control.props(f'dense borderless aria-label="{kind} of {name}"')
+            return control.bind_enabled_from(box, "value")
+
         precision = coordinates = None
         if row.kind == "real":
             names = [each.name for each in Precision]
-            present = (
-                output.precision.name
-                if output is not None and output.precision is not None
-                else names[0]
-            )
-            precision = ui.select(names, value=present, on_change=change).props("dense borderless")
+            number = None if output is None else output.precision
+            present = names[0] if number is None else number.name
+            precision = format_of("precision", names, present)
         else:
             ui.label()
         if row.coordinates:
-            systems = [each.name for each in Coordinates]
+            names = [each.name for each in Coordinates]
             system = None if output is None else output.coordinates
-            present = system.name if isinstance(system, Coordinates) else systems[0]
-            coordinates = ui.select(systems, value=present, on_change=change).props(
-                "dense borderless"
-            )
+            present = system.name if isinstance(system, Coordinates) else names[0]
+            coordinates = format_of("coordinates", names, present)
         else:
             ui.label()
         ui.label(row.unit).classes("xbus-quiet text-xs")
@@ -131,11 +146,19 @@ class Outputs:
         draft = self._document.draft
         offered = {name: draft.support.rates_of(name) for name in outputs}
         rates = {
-            name: max(each for each in offered[name] if rate is None or each <= rate)
+            name: max(
+                (each for each in offered[name] if rate is None or each <= rate),
+                default=offered[name][-1],
+            )
             for name, rate in outputs.items()
             if offered[name]
         }
         self._document.replace(lambda: draft.set(output_configuration=rates))
+        if lacking := [name for name in outputs if name not in rates]:
+            product = draft.support.product.title
+            self._left_out.set_text(
+                f"Left out, because the {product} does not have them: {', '.join(lacking)}"
+            )
 
     def _show_load(self) -> None:
         """Shows how much of the line the outputs need."""
