@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import re
 import shutil
@@ -31,6 +32,8 @@ PAGES = (
     "rtk/sim-MTi-680G",
     "messages/sim-MTi-3",
 )
+#: A recording.
+WALK = Path(__file__).parent / "captures" / "walk.mtb"
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
 
@@ -527,6 +530,91 @@ def test_outputs_are_changed_and_read_back(studio: Any) -> None:
     table.get_by_text("rate_of_turn").wait_for()
 
 
+def test_a_preset_names_what_it_leaves_out_and_a_rate_is_shown_only_if_it_is_set(
+    studio: Any,
+) -> None:
+    page = studio.page
+    studio.open("configure/sim-MTi-630")
+    rate = page.get_by_role("combobox", name="rate of temperature")
+    box = page.get_by_role("checkbox", name="temperature")
+    precision = page.get_by_role("combobox", name="precision of temperature")
+    page.get_by_role("button", name="Navigation").click()
+    lacking = "lat_lon, altitude_ellipsoid, velocity_xyz, gnss_pvt_data"
+    reason = page.get_by_text(f"Left out, because the MTi-630 AHRS does not have them: {lacking}")
+    reason.wait_for()
+    row = page.locator(".xbus-offered", has=rate)
+    assert row.inner_text().startswith("up to 400 Hz")
+    assert precision.count() == 0  # there is nothing to choose
+    assert not box.is_checked()
+    # A rate that is chosen ticks the quantity; without the tick there is no rate.
+    rate.click()
+    page.get_by_role("option", name="50 Hz", exact=True).click()
+    page.get_by_text(
+        '+  { quantity = "temperature", precision = "Float32", frequency = 50'
+    ).wait_for()
+    assert box.is_checked()
+    precision.wait_for()
+    box.click()
+    row.wait_for()
+    box.click()
+    page.get_by_text(
+        '+  { quantity = "temperature", precision = "Float32", frequency = 400'
+    ).wait_for()
+    page.get_by_role("button", name="Revert").click()
+    page.get_by_text("as the device has it").wait_for()
+    assert not reason.is_visible()
+
+
+def test_buttons_are_large_enough_for_fingers(running: Any, browser: Any) -> None:
+    url, _ = running
+    tablet = browser.new_context(
+        viewport={"width": 1024, "height": 768}, has_touch=True, is_mobile=True
+    )
+    page = tablet.new_page()
+    for path, name in {"configure/sim-MTi-630": "Navigation", "": "Self test"}.items():
+        page.goto(url + path)
+        button = page.get_by_role("button", name=name).first
+        button.wait_for(timeout=60_000)
+        box = button.bounding_box()
+        assert min(box["width"], box["height"]) >= 44
+    tablet.close()
+
+
+def test_the_compass_is_calibrated_and_the_initial_heading_set(studio: Any) -> None:
+    page = studio.page
+    studio.open("configure/sim-MTi-680G")
+    page.get_by_role("tab", name="Device").click()
+    page.get_by_role("button", name="start of the calibration").click()
+    page.get_by_text(
+        "representative motion is running: turn the device, then Stop"
+    ).first.wait_for()
+    page.get_by_text("xbus send sim:MTi-680G IccCommand command=START").wait_for()
+    page.get_by_role("button", name="stop of the calibration").click()
+    page.get_by_text(
+        re.compile(r"(good|not enough data.*): estimate in [23]D, disturbance \d")
+    ).wait_for()
+    page.get_by_role("button", name="stop of the calibration").click()
+    page.get_by_text("the device answered IccCommand with Error").wait_for()
+    page.get_by_role("button", name="state of the calibration").click()
+    page.get_by_text("no representative motion is running").wait_for()
+    page.get_by_role("button", name="store the calibration").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_text("It replaces the stored calibration.").wait_for()
+    dialog.get_by_role("button", name="Store").click()
+    page.get_by_text("the calibration is stored").wait_for()
+    page.get_by_label("heading, deg").fill("-90.5")
+    page.get_by_role("button", name="set the initial heading").click()
+    page.get_by_text(
+        "the device took the initial heading -90.5 deg; it cannot be read back"
+    ).wait_for()
+    page.get_by_text("xbus send sim:MTi-680G --config SetInitialHeading -90.5").wait_for()
+    # Only for products that have the commands.
+    studio.open("configure/sim-MTi-630")
+    page.get_by_role("tab", name="Device").click()
+    page.get_by_role("button", name="store the calibration").wait_for()
+    assert page.get_by_label("heading, deg").count() == 0
+
+
 def test_wrong_settings_are_shown_at_once(studio: Any) -> None:
     page = studio.page
     studio.open("configure/sim-MTi-630")
@@ -721,7 +809,7 @@ def test_pages_fit(studio: Any, path: Any) -> None:
 
 def test_recordings_are_described_replayed_and_exported(studio: Any) -> None:
     page = studio.page
-    shutil.copy(Path(__file__).parent / "captures" / "walk.mtb", studio.folder / "walk.mtb")
+    shutil.copy(WALK, studio.folder / "walk.mtb")
     studio.open("recordings")
     card = page.locator(".xbus-card", has_text="walk.mtb")
     card.get_by_text("MTi-680G-8A1G6").wait_for()
@@ -754,7 +842,7 @@ def test_a_part_is_cut_out(studio: Any) -> None:
     page = studio.page
     (studio.folder / "day").mkdir()
     path = studio.folder / "day" / "whole.mtb"
-    shutil.copy(Path(__file__).parent / "captures" / "walk.mtb", path)
+    shutil.copy(WALK, path)
     studio.open("recordings")
     card = page.locator(".xbus-card", has_text="day/whole.mtb")
     card.get_by_text("1,040 samples").wait_for()
@@ -771,6 +859,52 @@ def test_a_part_is_cut_out(studio: Any) -> None:
     page.get_by_text("wrote whole-cut.mtb").wait_for()
     page.locator(".xbus-card", has_text="whole-cut.mtb").get_by_text("3.0 s").wait_for()
     assert xbus.read_log(path.with_name("whole-cut.mtb")).duration == pytest.approx(2.99, abs=0.01)
+
+
+def test_a_compressed_recording_with_a_gap(studio: Any) -> None:
+    page = studio.page
+    log = xbus.read_log(WALK)
+    data = WALK.read_bytes()
+    path = studio.folder / "packed.mtb.gz"
+    path.write_bytes(gzip.compress(data[: log.offset[300]] + data[log.offset[500] :]))
+    studio.open("recordings")
+    page.get_by_label("filter: name").fill("PACKED")
+    page.wait_for_function("document.querySelectorAll('.xbus-recording').length === 1")
+    card = page.locator(".xbus-recording")
+    card.get_by_text("compressed, ").wait_for()
+    card.get_by_text("840 samples").wait_for()
+    card.get_by_text("200 samples lost").wait_for()
+    assert card.locator("svg.xbus-thumbnail rect").count() == 1
+    card.get_by_role("button", name="Export").click()
+    page.get_by_text("CSV: spreadsheets").click()
+    page.get_by_text("wrote packed.csv").wait_for()
+    assert (studio.folder / "packed.csv").read_text().count("\n") == 841
+    page.keyboard.press("Escape")
+    card.get_by_role("button", name="Cut").click()
+    page.get_by_role("dialog").get_by_label("end, s").fill("1")
+    page.get_by_role("dialog").get_by_role("button", name="Cut").click()
+    page.get_by_text("wrote packed-cut.mtb").wait_for()
+    card = page.locator(".xbus-recording", has_text="packed.mtb.gz")
+    page.locator(".xbus-recording", has_text="packed-cut.mtb").wait_for()
+    assert page.locator(".xbus-recording").count() == 2  # the filter stays
+    card.get_by_role("button", name="Replay").click()
+    wait_for_data(page)
+
+
+def test_recordings_that_cannot_be_read_say_why(studio: Any) -> None:
+    page = studio.page
+    (studio.folder / "damaged.mtb.gz").write_bytes(gzip.compress(WALK.read_bytes())[:5000])
+    (studio.folder / "empty.mtb").write_bytes(b"")
+    studio.open("recordings")
+    reason = {"damaged.mtb.gz": "the compressed data is damaged", "empty.mtb": "the input is empty"}
+    for name, text in reason.items():
+        page.locator(".xbus-recording", has_text=name).get_by_text(text).wait_for()
+    # A file that disappears before something is done with it.
+    (studio.folder / "empty.mtb").unlink()
+    card = page.locator(".xbus-recording", has_text="empty.mtb")
+    card.get_by_role("button", name="Replay").click()
+    page.get_by_text("empty.mtb: No such file or directory").wait_for()
+    (studio.folder / "damaged.mtb.gz").unlink()
 
 
 def test_the_magnetic_field_of_a_recording(studio: Any) -> None:
@@ -798,7 +932,7 @@ def test_the_magnetic_field_of_a_recording(studio: Any) -> None:
 def test_a_replay_is_restarted_and_sped_up(studio: Any) -> None:
     page = studio.page
     path = studio.folder / "again.mtb"
-    shutil.copy(Path(__file__).parent / "captures" / "walk.mtb", path)
+    shutil.copy(WALK, path)
     studio.open("recordings")
     page.locator(".xbus-card", has_text="again.mtb").get_by_role("button", name="Replay").click()
     bar = page.locator(".xbus-replay")
@@ -882,6 +1016,48 @@ def test_messages_are_sent_and_listed(studio: Any) -> None:
     page.get_by_text("is not hex; write bytes").wait_for()
     page.get_by_label("or in hex").fill("10")
     page.get_by_role("button", name="Send hex").click()
+
+
+def test_a_list_has_inputs_for_each_field_of_each_entry(studio: Any) -> None:
+    page = studio.page
+
+    def choose(label: str, option: str, number: int = 0) -> None:
+        page.get_by_label(label).nth(number).click()
+        page.get_by_role("option", name=option, exact=True).click()
+
+    def compose(name: str) -> None:
+        page.get_by_label("message").fill(name)
+        page.get_by_role("option", name=name, exact=True).click()
+
+    studio.open("messages/sim-MTi-630")
+    compose("SetSyncSettings")
+    choose("function", "START_SAMPLING")
+    choose("line", "IN1")
+    choose("polarity", "RISING")
+    for field in ("skip_first", "skip_factor", "pulse_width, 0.1 ms"):
+        page.get_by_label(field).fill("0")
+    page.get_by_label("offset, 0.1 ms").fill("5")
+    page.get_by_role("button", name="Add entry").click()
+    page.get_by_role("button", name="Remove entry 2").wait_for()
+    page.get_by_role("button", name="Send", exact=True).click()
+    page.get_by_text("fields are missing: function").wait_for()
+    page.get_by_role("button", name="Remove entry 2").click()
+    page.get_by_text("function=START_SAMPLING,line=IN1,polarity=RISING").first.wait_for()
+    page.get_by_role("button", name="Send", exact=True).click()
+    table = page.locator(".xbus-table")
+    table.get_by_text("SetSyncSettingsAck").first.wait_for()
+    table.get_by_text("offset=5").first.wait_for()
+    page.get_by_role("button", name="Remove entry 1").click()
+    page.get_by_text("no entries: the list of the device is cleared").wait_for()
+    page.get_by_role("button", name="Send", exact=True).click()
+    table.get_by_text("FA FF 2C 0C 00 00 00 00 00 00 00 00 00 00 00 00 C9").first.wait_for()
+    # Flags, and a message that no source describes.
+    compose("SetOptionFlags")
+    choose("clear", "ENABLE_AHS")
+    page.keyboard.press("Escape")
+    page.get_by_text("SetOptionFlags set=0 clear=ENABLE_AHS").wait_for()
+    compose("SetMagneticField")
+    page.get_by_text("Only in hex, because no source describes the fields.").wait_for()
 
 
 def test_corrections_of_a_caster(studio: Any) -> None:

@@ -9,6 +9,7 @@ import os
 import signal
 import socket
 import threading
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,8 @@ from xbus.studio.health import health
 from xbus.studio.hub import Hub, HubError
 from xbus.studio.library import Entry, find_recordings
 from xbus.studio.pages.record import _rotation_problem, _table
-from xbus.studio.pages.recordings import FORMATS, summary_of
-from xbus.studio.recording import NOTES, ByteRate, read_notes
+from xbus.studio.pages.recording_card import FORMATS, file_facts, notes_of, summary_of
+from xbus.studio.recording import NOTES, ByteRate, Note, read_notes
 from xbus.watch.model import Clipped
 
 resource = pytest.importorskip("resource", reason="not on Windows")
@@ -255,6 +256,17 @@ def test_the_summary_of_a_recording_claims_no_more_than_is_known(tmp_path: Any) 
     assert "no samples lost" in texts["counted"]
     assert "no packet counter to detect losses" in texts["uncounted"]
     assert all("duration not known" in text and "0.0 s" not in text for text in texts.values())
+
+
+def test_what_files_and_notes_show() -> None:
+    path = Path("walk.mtb")
+    day = datetime(2026, 11, 29, 15, 4).timestamp()
+    assert file_facts(Entry((path, path), 2_000_000, day)) == "2 files, 2.0 MB, 2026-11-29 15:04"
+    packed = Entry((Path("walk.mtb.gz"),), 2_000_000, 1e20)  # no date has this time
+    assert file_facts(packed) == "2.0 MB compressed"
+    shown = notes_of([Note(day, "<b>"), *[Note(day, "")] * 1100])
+    assert shown.startswith("<div>15:04:00 &lt;b&gt;</div><div>15:04:00 marker</div>")
+    assert shown.endswith("<div>and 1,081 more</div>")
 
 
 def test_a_recording_can_be_exported_to_every_format() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gzip
 import os
 import shutil
 import time
@@ -20,7 +21,8 @@ from xbus.cli import main
 from xbus.cli.failure import Failure
 from xbus.cli.studio import _sources
 from xbus.log.pacing import ReplayPace
-from xbus.studio import library, replaying, thumbnail
+from xbus.studio import library, replaying, sampled, thumbnail
+from xbus.studio.commands import command_line
 from xbus.studio.drawing import cloud, curve
 from xbus.studio.library import FileCache, find_recordings, unused_path
 from xbus.studio.replaying import Replaying, replay_source
@@ -60,6 +62,37 @@ def test_a_name_does_not_make_a_piece(tmp_path: Path) -> None:
         head = xbus.encode_frame(xbus.MessageId.DeviceID, bytes.fromhex(identifier))
         (tmp_path / name).write_bytes(head + xbus.encode_sample({"packet_counter": 1}))
     assert names(tmp_path) == [["walk-0001.mtb"], ["walk.mtb"]]
+
+
+def test_compressed_recordings_are_listed_one_by_one(tmp_path: Path) -> None:
+    data = gzip.compress(WALK.read_bytes())
+    for name in ("walk.mtb.gz", "walk-0001.mtb.gz", "one.MTB.zst", "notes.txt.gz", "one.mtb.zip"):
+        (tmp_path / name).write_bytes(data)
+    shutil.copy(WALK, tmp_path / "walk.mtb")
+    assert names(tmp_path) == [
+        ["one.MTB.zst"],
+        ["walk-0001.mtb.gz"],
+        ["walk.mtb"],
+        ["walk.mtb.gz"],
+    ]
+    entries = {each.path.name: each for each in find_recordings(tmp_path).entries}
+    found = entries["walk-0001.mtb.gz"]
+    assert (found.plain_path.name, found.is_compressed) == ("walk-0001.mtb", True)
+    assert not entries["walk.mtb"].is_compressed
+
+
+def test_names_are_printable(tmp_path: Path) -> None:
+    name = os.fsdecode(b"walk\n\xff.mtb")
+    (tmp_path / name).write_bytes(b"")
+    (entry,) = find_recordings(tmp_path).entries
+    assert entry.heading == "walk\\n\ufffd.mtb"
+    assert command_line("info", *entry.arguments).endswith("\ufffd.mtb'")
+
+
+def test_a_folder_that_cannot_be_read_is_not_empty(tmp_path: Path) -> None:
+    assert find_recordings(tmp_path / "missing").entries == []
+    with pytest.raises(NotADirectoryError):
+        find_recordings(WALK)
 
 
 def test_the_latest_are_listed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -114,14 +147,15 @@ def columns_of(svg: str) -> list[dict[int, tuple[float, float]]]:
     return found
 
 
-def test_a_picture_has_the_extremes_of_each_column() -> None:
+def test_a_picture_has_the_extremes_of_each_moment() -> None:
     x, y, z = columns_of(thumbnail.thumbnail([WALK]))
     assert list(x) == list(range(thumbnail.COLUMNS)) == list(y) == list(z)
     log = xbus.read_log(WALK)
     values = log["acceleration"].values
-    rows = log.offset[log["acceleration"].sample] * thumbnail.COLUMNS // WALK.stat().st_size
+    time = log.time[log["acceleration"].sample]
+    rows = (time - time[0]) * thumbnail.COLUMNS // (time[-1] - time[0])
     low, high = values.min(), values.max()
-    for column in (0, 80, 159):
+    for column in (0, 80, 158):
         own = values[rows == column, 2]
         top, bottom = (
             1 + (thumbnail.HEIGHT - 2) * (high - end) / (high - low)
@@ -130,29 +164,92 @@ def test_a_picture_has_the_extremes_of_each_column() -> None:
         assert z[column] == pytest.approx((top - 0.4, bottom + 0.4), abs=0.06)
 
 
+def count_reads(monkeypatch: pytest.MonkeyPatch, part: int) -> list[int]:
+    """Makes every recording a large one that is read in small parts, and returns the sizes of these."""
+    monkeypatch.setattr(sampled, "WHOLE", 1000)
+    monkeypatch.setattr(sampled, "PART", part)
+    read, plain = [], sampled._Bytes.read
+
+    def count(self: Any, start: int, end: int) -> None:
+        read.append(end - start)
+        plain(self, start, end)
+
+    monkeypatch.setattr(sampled._Bytes, "read", count)
+    return read
+
+
 def test_a_large_recording_is_read_in_parts(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     whole = columns_of(thumbnail.thumbnail([WALK]))
-    pieces = split(tmp_path)
-    monkeypatch.setattr(thumbnail, "WHOLE", 1000)
-    monkeypatch.setattr(thumbnail, "WINDOW", 1500)
-    read = []
-    plain = thumbnail._read
+    read = count_reads(monkeypatch, 600)
+    parts = columns_of(thumbnail.thumbnail(split(tmp_path)))
+    assert max(read) == 600
+    assert sum(read) < 0.65 * WALK.stat().st_size
+    assert [list(line) for line in parts] == [list(range(thumbnail.COLUMNS))] * 3
+    tops = [
+        (part[at][0], line[at][0]) for part, line in zip(parts, whole, strict=True) for at in part
+    ]
+    assert np.mean(np.diff(tops)) == pytest.approx(0, abs=1)
 
-    def count(*args: Any) -> bytes:
-        data = plain(*args)
-        read.append(len(data))
-        return data
 
-    monkeypatch.setattr(thumbnail, "_read", count)
-    parts = columns_of(thumbnail.thumbnail(pieces))
-    assert len(read) == thumbnail.COLUMNS + 1
-    assert max(read) <= thumbnail.HEAD
-    assert len(parts) == 3
-    both = set(parts[2]) & set(whole[2])
-    assert len(both) > 0.9 * thumbnail.COLUMNS
-    assert np.mean([parts[2][at][0] - whole[2][at][0] for at in both]) == pytest.approx(0, abs=2)
+def write_rates(path: Path) -> None:
+    """Writes 100 Hz for 20 s, nothing for 8 s, and 10 Hz for 12 s."""
+    ticks = [*range(2000), *range(2800, 4000, 10)]
+    samples = [
+        xbus.encode_sample({"sample_time_fine": 100 * tick, "acceleration": [tick, 0.0, 0.0]})
+        for tick in ticks
+    ]
+    path.write_bytes(b"".join(samples))
+
+
+@pytest.mark.parametrize("part", [None, 60, 150, 300])
+def test_a_gap_is_marked_and_a_lower_rate_is_none(
+    part: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of the picture has nearly all of the bytes."""
+    path = tmp_path / "rates.mtb"
+    write_rates(path)
+    read = [] if part is None else count_reads(monkeypatch, part)
+    svg = thumbnail.thumbnail([path])
+    (mark,) = ET.fromstring(svg).findall("rect")  # noqa: S314 - our own
+    assert float(mark.attrib["x"]) == pytest.approx(80, abs=0.5)
+    assert float(mark.attrib["width"]) == pytest.approx(32, abs=0.5)
+    assert ", 1 gap<" in svg
+    x = columns_of(svg)[0]
+    assert sorted(set(range(thumbnail.COLUMNS)) - set(x)) == list(range(81, 112))
+    tops = [x[at][0] for at in x]
+    assert tops == sorted(tops, reverse=True)
+    assert len(read) < 2 * thumbnail.COLUMNS
+
+
+def test_without_time_stamps_a_large_recording_is_drawn_by_its_bytes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "walk.mtb"
+    rows = [xbus.encode_sample({"acceleration": [float(row), 0.0, 0.0]}) for row in range(3000)]
+    path.write_bytes(b"".join(rows))
+    count_reads(monkeypatch, 150)
+    svg = thumbnail.thumbnail([path])
+    assert "<rect" not in svg
+    x = columns_of(svg)[0]
+    assert list(x) == list(range(thumbnail.COLUMNS))
+    assert [x[at][0] for at in x] == sorted((ends[0] for ends in x.values()), reverse=True)
+
+
+def test_a_compressed_recording_has_a_picture_unless_it_is_large(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, hidden = tmp_path / "walk.mtb.gz", tmp_path / "hidden.mtb"
+    path.write_bytes(gzip.compress(WALK.read_bytes()))
+    shutil.copy(path, hidden)  # compressed, and the name does not say so
+    expected = thumbnail.thumbnail([WALK])
+    assert thumbnail.thumbnail([path]) == thumbnail.thumbnail([hidden]) == expected
+    monkeypatch.setattr(sampled, "WHOLE", WALK.stat().st_size - 1)
+    assert thumbnail.thumbnail([path]) == ""
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(OSError, match="the compressed data is damaged"):
+        thumbnail.thumbnail([path])
 
 
 @pytest.mark.parametrize("data", [b"", b"no frame" * 100, xbus.encode_frame(0x3E)])
@@ -160,7 +257,7 @@ def test_nothing_to_draw(data: bytes, tmp_path: Path, monkeypatch: pytest.Monkey
     path = tmp_path / "walk.mtb"
     path.write_bytes(data)
     assert thumbnail.thumbnail([path]) == ""
-    monkeypatch.setattr(thumbnail, "WHOLE", -1)
+    monkeypatch.setattr(sampled, "WHOLE", -1)
     assert thumbnail.thumbnail([path]) == ""
 
 
@@ -281,6 +378,12 @@ def test_what_cannot_be_replayed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(replaying, "LARGEST", 100_000)
     with pytest.raises(ValueError, match=r"169\.1 kB, and a replay at most 100\.0 kB; cut a part"):
         Replaying(replay_source([WALK]))
+    compressed = tmp_path / "walk.mtb.gz"
+    compressed.write_bytes(gzip.compress(WALK.read_bytes()))
+    with pytest.raises(
+        ValueError, match=r"more than 100\.0 kB, and a replay at most 100\.0 kB; cut"
+    ):
+        Replaying(replay_source([compressed]))
 
 
 def test_a_name_can_look_like_pieces(tmp_path: Path) -> None:
@@ -306,6 +409,8 @@ def test_wrong_arguments_are_one_sentence(tmp_path: Path) -> None:
         _sources([str(tmp_path)], tmp_path)
     with pytest.raises(Failure, match=r"there is no recording nowhere\.mtb; check the name"):
         _sources(["nowhere.mtb"], None)
+    with pytest.raises(Failure, match=r"there is no recording nowhere\.mtb\.gz; check the name"):
+        _sources(["nowhere.mtb.gz"], None)
 
 
 def test_reports_of_the_folder_and_the_folders_in_it(tmp_path: Path) -> None:
@@ -336,12 +441,14 @@ def test_facts_are_read_once_for_two_pages(tmp_path: Path, monkeypatch: pytest.M
         return await plain(*words)
 
     monkeypatch.setattr(commands, "run_command", run)
+    small = commands.small_facts(entry)
+    monkeypatch.setattr(commands, "SMALL", 0)
 
     async def two() -> list[commands.Facts]:
         return list(await asyncio.gather(commands.describe(entry), commands.describe(entry)))
 
     one, other = asyncio.run(two())
-    assert one == other
+    assert one == other == small
     assert (one.samples, one.lost_samples, one.places) == (1040, 0, 0)
     assert "magnetic_field" in one.quantities
     assert len(runs) == 1

@@ -13,7 +13,7 @@ import click
 from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import is_recording, label
 from xbus.cli.recordings import several_recordings
-from xbus.files import RECORDING_SUFFIX
+from xbus.files import RECORDING_SUFFIX, uncompressed_name
 
 if TYPE_CHECKING:
     from xbus.studio.hub import Hub
@@ -121,7 +121,7 @@ def _sources(names: Sequence[str], folder: Path | None) -> tuple[list[str], Path
     replays = [replay_source(map(Path, recording.files)) for recording in recordings]
     ports = [name for name in names if name not in (*folders, *files)]
     for name in ports:
-        if name.lower().endswith(RECORDING_SUFFIX):
+        if uncompressed_name(name).lower().endswith(RECORDING_SUFFIX):
             raise Failure(f"there is no recording {label(name)}; check the name")
     return ports + replays, Path(folders[0]) if folders else folder or Path()
 

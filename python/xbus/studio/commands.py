@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import shlex
 import sys
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from xbus.describe.log_summary import LogSummary
+from xbus.files import is_plain
+from xbus.log.read import iter_log
 from xbus.studio.library import Entry, FileCache
 
 __all__ = [
@@ -19,6 +23,7 @@ __all__ = [
     "number_text",
     "part_options",
     "run_command",
+    "small_facts",
 ]
 
 
@@ -27,8 +32,8 @@ class CommandError(Exception):
 
 
 def command_line(*words: str) -> str:
-    """Returns a command as a shell takes it."""
-    return shlex.join(["xbus", *words])
+    """Returns a command as a shell takes it, as printable text."""
+    return os.fsencode(shlex.join(["xbus", *words])).decode("utf-8", "replace")
 
 
 def number_text(number: float) -> str:
@@ -111,6 +116,8 @@ class Facts(NamedTuple):
 
 #: Tasks that find the facts about recordings, or have found them.
 _facts: FileCache[asyncio.Task[Facts]] = FileCache()
+#: Up to this size, in bytes, a recording is read in this process: to start another one takes longer.
+SMALL = 4 << 20
 #: From this size on, in bytes, a recording is large: one of them is read at a time, and others do not wait.
 LARGE = 200_000_000
 #: Commands that run at the same time for small recordings, and for large ones.
@@ -139,10 +146,27 @@ async def describe(entry: Entry) -> Facts:
 
 async def _read_facts(entry: Entry) -> Facts:
     async with _gates[entry.size >= LARGE]:
+        if (found := await asyncio.to_thread(small_facts, entry)) is not None:
+            return found
         # With many gaps, the text is long.
         return await asyncio.to_thread(
             facts_of, await run_command("info", "--json", *entry.arguments)
         )
+
+
+def small_facts(entry: Entry) -> Facts | None:
+    """Returns the facts about a small recording; None if ``xbus info`` must find them, or what is wrong."""
+    files = [str(file) for file in entry.files]
+    if entry.size > SMALL or not all(map(is_plain, files)):
+        return None
+    try:
+        parts = iter_log(files if len(files) > 1 else files[0], block_bytes=SMALL)
+        summary = LogSummary(parts)
+    except (OSError, ValueError):
+        return None
+    if not summary.stats.frames and not summary.stats.strings:
+        return None
+    return _from_info(summary.to_dict(files[0]))
 
 
 def facts_of(text: str) -> Facts:
@@ -154,7 +178,10 @@ def facts_of(text: str) -> Facts:
     found = json.loads(text)
     if len(found) > 1:
         raise CommandError(f"these files are {len(found)} recordings; read the folder again")
-    (info,) = found
+    return _from_info(found[0])
+
+
+def _from_info(info: dict[str, Any]) -> Facts:
     names = tuple(row["name"] for row in info["quantities"])
     return Facts(
         tuple(

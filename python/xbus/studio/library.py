@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
-from xbus.files import RECORDING_SUFFIX
+from xbus.describe.names import file_label
+from xbus.files import RECORDING_SUFFIX, uncompressed_name
 from xbus.log.grouping import continued
 from xbus.log.pieces import piece_name
 
@@ -19,7 +20,7 @@ __all__ = ["Entry", "FileCache", "Library", "find_recordings", "unused_path"]
 T = TypeVar("T")
 
 #: Recordings that are listed, the latest first.
-MAX_ENTRIES = 200
+MAX_ENTRIES = 1000
 #: Files and folders that are looked at, at most: someone may start the studio in a home folder.
 MAX_LOOKED_AT = 50_000
 
@@ -44,14 +45,30 @@ class Entry:
         return self.files[0]
 
     @property
+    def plain_path(self) -> Path:
+        """The first file without the suffix of a compression: notes and exports have its name."""
+        return self.path.with_name(uncompressed_name(self.path.name))
+
+    @property
+    def is_compressed(self) -> bool:
+        """Whether the name is that of a compressed file."""
+        return self.plain_path != self.path
+
+    @property
     def arguments(self) -> list[str]:
         """The files as arguments of a command; no name looks like an option."""
         return [f"./{file}" if str(file).startswith("-") else str(file) for file in self.files]
 
     @property
     def heading(self) -> str:
-        """The name of the first file, and of the last one."""
-        return self.path.name + (f" to {self.files[-1].name}" if len(self.files) > 1 else "")
+        """The name of the first file, and of the last one, as printable text."""
+        name = self.path.name + (f" to {self.files[-1].name}" if len(self.files) > 1 else "")
+        return file_label(name)
+
+    def name_in(self, folder: Path) -> str:
+        """Returns the heading, with the folder below another one."""
+        below = os.path.relpath(self.path.parent, folder)
+        return self.heading if below == "." else f"{file_label(below)}{os.sep}{self.heading}"
 
 
 class Library(NamedTuple):
@@ -78,20 +95,29 @@ def find_recordings(folder: Path) -> Library:
     """Returns the recordings of a folder and the folders in it, without hidden ones.
 
     The files of a recording in several pieces, such as those of ``xbus record --rotate``, are one recording.
-    A file that disappears meanwhile is left out.
+    Compressed pieces are one each, because what continues another is known only when it is decompressed. A
+    file that disappears meanwhile is left out.
+
+    Raises:
+        OSError: The folder exists and cannot be read.
     """
     names: dict[str, list[_File]] = {}
+    with contextlib.suppress(FileNotFoundError), os.scandir(folder):
+        pass
     looked_at = 0
     for entry in _walk(folder):
         looked_at += 1
         if looked_at > MAX_LOOKED_AT:
             break
-        if entry.name.lower().endswith(RECORDING_SUFFIX):
+        plain = uncompressed_name(entry.path)
+        if plain.lower().endswith(RECORDING_SUFFIX):
             with contextlib.suppress(OSError):
                 state = entry.stat()
                 if entry.is_file():
                     file = _File(Path(entry.path), state.st_size, state.st_mtime)
-                    names.setdefault(piece_name(entry.path).recording, []).append(file)
+                    is_plain = plain == entry.path
+                    name = piece_name(entry.path).recording if is_plain else entry.path
+                    names.setdefault(name, []).append(file)
     latest = sorted(names.values(), key=lambda group: max(each.modified for each in group))
     entries: list[Entry] = []
     for group in reversed(latest[-MAX_ENTRIES:]):

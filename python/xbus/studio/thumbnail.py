@@ -1,9 +1,9 @@
-"""A recording as a small picture, from samples of it: a file of any size takes the same time."""
+"""A recording as a small picture."""
 
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,18 +11,16 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.palette import COLOURS
-from xbus.log.log import Log
-from xbus.log.read import read_log
+from xbus.formatting import format_count
 from xbus.protocol.tables import QUANTITIES
+from xbus.studio.sampled import columns_of, sampled
 
 __all__ = ["thumbnail"]
 
-#: Size of the picture in its own units: one column for each place in the recording that is read.
+#: Size of the picture in its own units: columns, and a height.
 COLUMNS, HEIGHT = 160, 40
-#: A recording up to this size is read as a whole; of a larger one, this many bytes for each column.
-WHOLE, WINDOW = 4 << 20, 24 << 10
-#: Bytes at the start of a recording that are read with each window: legacy devices describe samples there.
-HEAD = 2048
+#: Width of the mark of a short gap.
+SHORTEST = 0.8
 #: The first of these that a recording has is drawn.
 WANTED = (
     "acceleration",
@@ -39,79 +37,63 @@ WANTED = (
     "temperature",
 )
 
-Rows = tuple[npt.NDArray[Any], npt.NDArray[Any]]
-
 
 def thumbnail(files: Sequence[Path]) -> str:
     """Returns an SVG of one quantity over a recording; empty if it has none to draw.
 
-    Each column shows the minimum and the maximum of each component, at its place in the bytes of the
-    recording. Of a large recording only a part of each column is read, 4 MB in all.
+    Each column shows the minimum and the maximum of each component. The columns are moments of the
+    recording; without time stamps, its packet counter or the places in its bytes. Gaps are marked. See
+    `xbus.studio.sampled` for what is read of a large recording.
 
     Args:
         files: The pieces of the recording.
 
     Raises:
+        ImportError: The library for a compression is not installed.
         OSError: A file cannot be read.
 
     >>> thumbnail([Path("tests/captures/walk.mtb")])[:52]
     '<svg viewBox="0 0 160 40" preserveAspectRatio="none"'
     """
-    found: dict[str, list[Rows]] = {}
-    for columns, log in _samples(files):
-        for name in WANTED:
-            if name in log:
-                rows = log[name]
-                values = np.asarray(rows.values, np.float64).reshape(len(rows), -1)
-                found.setdefault(name, []).append((columns[rows.sample], values))
-    if not found:
+    found = sampled(files, COLUMNS, WANTED)
+    name = None if found is None else next((each for each in WANTED if each in found.log), None)
+    if found is None or name is None:
         return ""
-    name = min(found, key=WANTED.index)
-    places, values = (np.concatenate(parts) for parts in zip(*found[name], strict=True))
+    rows = found.log[name]
+    values = np.asarray(rows.values, np.float64).reshape(len(rows), -1)
+    places = columns_of(found.position[rows.sample], COLUMNS)
     lines = [_line(places, component) for component in values.T]
-    ends = [end for line in lines for end in (line[1], line[2])]
-    finite = np.concatenate(ends)
+    finite = np.concatenate([end for line in lines for end in (line[1], line[2])])
     if not len(finite):
         return ""
     low, high = float(finite.min()), float(finite.max())
+    gaps = found.gaps(rows.sample)
+    marks = "".join(
+        f'<rect x="{x:.2f}" width="{end - x:.2f}" height="{HEIGHT}"/>' for x, end in _marks(gaps)
+    )
     paths = "".join(
         f'<path d="{_path(line, low, high)}" stroke="{COLOURS[at % len(COLOURS)]}"/>'
         for at, line in enumerate(lines)
     )
     unit = QUANTITIES[name].unit
-    title = html.escape(f"{name}, {low:.4g} to {high:.4g} {unit}".strip())
+    facts = [f"{name}, {low:.4g} to {high:.4g} {unit}".strip()]
+    facts += [format_count(len(gaps), "gap")] if gaps else []
+    title = html.escape(", ".join(facts))
     return (
         f'<svg viewBox="0 0 {COLUMNS} {HEIGHT}" preserveAspectRatio="none" class="xbus-thumbnail" role="img" '
-        f'aria-label="{title}"><title>{title}</title>{paths}</svg>'
+        f'aria-label="{title}"><title>{title}</title>{marks}{paths}</svg>'
     )
 
 
-def _samples(files: Sequence[Path]) -> Iterator[tuple[npt.NDArray[np.int64], Log]]:
-    """Yields parts of a recording, with the column of each sample."""
-    sizes = [file.stat().st_size for file in files]
-    total = sum(sizes)
-    if total <= WHOLE:
-        data = b"".join(file.read_bytes() for file in files)
-        log = read_log(data, quantities=WANTED)
-        yield log.offset * COLUMNS // max(total, 1), log
-        return
-    head = _read(files, sizes, 0, HEAD)
-    for column in range(COLUMNS):
-        data = head + _read(files, sizes, total * column // COLUMNS, WINDOW)
-        log = read_log(data, quantities=WANTED)
-        places = np.where(log.offset < len(head), 0, column)
-        yield places, log
-
-
-def _read(files: Sequence[Path], sizes: Sequence[int], start: int, size: int) -> bytes:
-    """Returns bytes of the recording; fewer at the end of a piece."""
-    for file, length in zip(files, sizes, strict=True):
-        if start < length:
-            with file.open("rb") as opened:
-                opened.seek(start)
-                return opened.read(size)
-        start -= length
-    return b""
+def _marks(gaps: Iterable[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Returns the marks of gaps in ascending order: a short one is visible, and those that touch are one."""
+    marks: list[tuple[float, float]] = []
+    for begin, end in gaps:
+        x, right = COLUMNS * begin, COLUMNS * max(end, begin + SHORTEST / COLUMNS)
+        if marks and x <= marks[-1][1]:
+            x = marks.pop()[0]
+        marks.append((x, right))
+    return marks
 
 
 def _line(

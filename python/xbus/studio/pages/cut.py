@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
+from xbus.describe.names import file_label
 from xbus.studio.commands import command_line, part_options
 from xbus.studio.library import Entry
 
@@ -65,9 +66,9 @@ async def choose_part(entry: Entry, duration: float, picture: str, out: Path) ->
             begin = ui.number("begin, s", value=0, min=0, on_change=lambda: changed())
             end = ui.number("end, s", value=round(duration, 2), min=0, on_change=lambda: changed())
             ui.label(f"of {duration:,.2f} s").classes("xbus-quiet")
-        ui.label(f"Writes {out.name} beside the recording, which stays as it is.").classes(
-            "xbus-quiet text-sm"
-        )
+        ui.label(
+            f"Writes {file_label(out.name)} beside the recording, which stays as it is."
+        ).classes("xbus-quiet text-sm")
         command = ui.label().classes("xbus-mono break-all")
         with ui.row().classes("w-full justify-end"):
             ui.button("Cancel", on_click=lambda: dialog.submit(None)).props("flat no-caps")

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 
 from nicegui import ui
 
+from xbus.formatting import format_size
 from xbus.log.log import Log
 from xbus.log.read import iter_log
 from xbus.plots.panels import MAGNETIC
@@ -61,7 +62,10 @@ async def show_field(session: Session, entry: Entry) -> None:
 
     def show_progress() -> None:
         if not progress.is_deleted:
-            progress.set_text(f"reading {100 * done / max(entry.size, 1):.0f} %")
+            share = f"{100 * done / max(entry.size, 1):.0f} %"
+            progress.set_text(
+                f"decompressed {format_size(done)}" if entry.is_compressed else f"reading {share}"
+            )
 
     with ui.dialog() as dialog, ui.card().classes("w-[860px] max-w-full gap-2"):
         ui.label(f"Magnetic field of {entry.heading}").classes("text-base font-semibold")
@@ -79,7 +83,7 @@ async def show_field(session: Session, entry: Entry) -> None:
         data = await asyncio.to_thread(read)
     except _ClosedError:
         return
-    except (OSError, ValueError) as error:
+    except (ImportError, OSError, ValueError) as error:
         if dialog.is_deleted:
             return
         content.clear()

@@ -3,46 +3,19 @@
 from __future__ import annotations
 
 import asyncio
-import html
-import os
-from collections.abc import Awaitable, Callable
-from datetime import datetime
-from pathlib import Path
-from urllib.parse import quote
+from itertools import islice
 
 from nicegui import ui
 
-from xbus.formatting import describe_damage, describe_losses, format_size
-from xbus.plots.panels import MAGNETIC
-from xbus.studio.commands import CommandError, Facts, command_line, describe, run_command
-from xbus.studio.library import Entry, FileCache, find_recordings, unused_path
-from xbus.studio.pages.cut import choose_part
-from xbus.studio.pages.field import show_field
-from xbus.studio.recording import read_notes
-from xbus.studio.replaying import replay_source
-from xbus.studio.shell import Session
-from xbus.studio.thumbnail import thumbnail
+from xbus.studio.commands import command_line
+from xbus.studio.library import Library, find_recordings
+from xbus.studio.pages.recording_card import RecordingCard
+from xbus.studio.shell import Session, failure_text
 
 __all__ = ["recordings_page"]
 
-#: Formats to export to: suffix, and what reads it.
-FORMATS = {
-    ".parquet": "Parquet: pandas, polars, DuckDB",
-    ".csv": "CSV: spreadsheets",
-    ".mat": "MATLAB",
-    ".h5": "HDF5",
-    ".xlsx": "Excel",
-    ".mcap": "MCAP: ROS 2, Foxglove",
-    ".gpx": "GPX: maps",
-    ".kml": "KML: Google Earth",
-    ".geojson": "GeoJSON: maps",
-    ".txt": "text of MT Manager",
-    ".sto": "OpenSim",
-    ".nmea": "NMEA sentences",
-    ".rrd": "rerun",
-}
-#: Pictures of recordings.
-_thumbnails: FileCache[str] = FileCache()
+#: Recordings that are shown at first, and with each *Show more*.
+SHOWN = 30
 
 
 def recordings_page(session: Session) -> None:
@@ -50,27 +23,34 @@ def recordings_page(session: Session) -> None:
     folder = session.hub.folder
     session.show_command(command_line("info", str(folder)), 'log = xbus.read_log("walk.mtb")')
     with ui.row().classes("items-center w-full"):
-        ui.label(f"Recordings in {folder.resolve()}").classes("text-lg")
+        ui.label(f"Recordings in {folder.resolve()}").classes("text-lg break-all")
         ui.space()
         ui.button(icon="refresh", on_click=lambda: _list.refresh()).props(
             "flat dense round aria-label='read the folder again'"
         )
-    _list(session)
+    _list(session, {"name": ""})
 
 
 @ui.refreshable
-def _list(session: Session) -> None:
+def _list(session: Session, wanted: dict[str, str]) -> None:
+    """Draws the recordings; ``wanted`` has the filter, which stays when they are read again."""
     folder = session.hub.folder
     with ui.column().classes("w-full gap-2") as column:
         ui.label(f"reading {folder}").classes("xbus-quiet")
 
     async def fill() -> None:
-        found = await asyncio.to_thread(find_recordings, folder)
+        problem, found = "", Library([], 0, True)
+        try:
+            found = await asyncio.to_thread(find_recordings, folder)
+        except OSError as error:
+            problem = failure_text(error)
         if column.is_deleted:
             return  # the page is closed
         column.clear()
         with column:
-            if not found.entries:
+            if problem:
+                ui.label(problem).classes("xbus-fault")
+            elif not found.entries:
                 ui.label("There is no recording yet.").classes("xbus-quiet")
             if not found.is_complete:
                 ui.label(
@@ -81,155 +61,36 @@ def _list(session: Session) -> None:
                 ui.label(f"The latest {len(found.entries)} of {found.total:,} recordings.").classes(
                     "xbus-quiet text-sm"
                 )
-            for entry in found.entries:
-                _Card(session, entry)
+            _Shelf(session, found, wanted)
 
     ui.timer(0, fill, once=True)
 
 
-class _Card:
-    """A recording of the list."""
+class _Shelf:
+    """The recordings, some at a time, and a filter of their names."""
 
-    def __init__(self, session: Session, entry: Entry) -> None:
-        self._session, self._entry = session, entry
-        self._facts: Facts | None = None
-        with ui.element("div").classes("xbus-card xbus-recording w-full"):
-            self._picture = ui.html("", sanitize=False).classes("xbus-picture")
-            with ui.column().classes("gap-0 grow min-w-0"):
-                with ui.row().classes("items-baseline gap-x-3 gap-y-0 w-full"):
-                    ui.label(_name(session.hub.folder, entry)).classes("font-semibold break-all")
-                    when = datetime.fromtimestamp(entry.modified)
-                    pieces = f"{len(entry.files)} files, " if len(entry.files) > 1 else ""
-                    ui.label(f"{pieces}{format_size(entry.size)}, {when:%Y-%m-%d %H:%M}").classes(
-                        "xbus-quiet text-sm"
-                    )
-                self._summary = ui.html(
-                    '<span class="xbus-quiet">reading</span>', sanitize=False
-                ).classes("text-sm")
-                if notes := read_notes(entry.path):
-                    lines = "".join(
-                        f"<div>{datetime.fromtimestamp(note.time):%H:%M:%S} "
-                        f"{html.escape(note.text or 'marker')}</div>"
-                        for note in notes
-                    )
-                    ui.html(lines, sanitize=False).classes("xbus-quiet text-sm")
-                with ui.row().classes("gap-1 -ml-2"):
-                    self._button("Replay", "play_arrow", self._replay)
-                    self._button("Report", "summarize", self._report)
-                    with (
-                        ui.button("Export", icon="download").props("flat dense no-caps"),
-                        ui.menu(),
-                    ):
-                        for suffix, what in FORMATS.items():
-                            ui.menu_item(
-                                f"{suffix}  {what}",
-                                on_click=lambda suffix=suffix: self._export(suffix),
-                            )
-                    self._button("Cut", "content_cut", self._cut).tooltip(
-                        "writes a part of the recording to another file"
-                    )
-                    self._field = self._button("Magnetic field", "explore", self._magnetic)
-                    self._field.tooltip("hard and soft iron, and whether the field is disturbed")
-                    self._field.set_visibility(False)
-        ui.timer(0, self._read, once=True)
+    def __init__(self, session: Session, found: Library, wanted: dict[str, str]) -> None:
+        self._session, self._entries, self._wanted = session, found.entries, wanted
+        self._search = ui.input("filter: name", value=wanted["name"], on_change=self._draw)
+        self._search.props("dense clearable debounce=300").classes("w-80")
+        self._search.set_visibility(len(self._entries) > 1)
+        self._cards = ui.column().classes("w-full gap-2")
+        self._button = ui.button(on_click=self._show_more).props("outline no-caps")
+        self._draw()
 
-    @staticmethod
-    def _button(text: str, icon: str, action: Callable[[], Awaitable[None]]) -> ui.button:
-        return ui.button(text, icon=icon, on_click=action).props("flat dense no-caps")
+    def _draw(self) -> None:
+        """Shows the first recordings with the name."""
+        self._wanted["name"] = wanted = (self._search.value or "").lower()
+        folder = self._session.hub.folder
+        found = [entry for entry in self._entries if wanted in entry.name_in(folder).lower()]
+        self._left, self._count = iter(found), len(found)
+        self._cards.clear()
+        self._show_more()
 
-    async def _read(self) -> None:
-        entry = self._entry
-        try:
-            key = FileCache.key(entry.files)
-            if (picture := _thumbnails.get(key)) is None:
-                picture = await asyncio.to_thread(thumbnail, entry.files)
-                _thumbnails.put(key, picture)
-            if self._picture.is_deleted:
-                return
-            self._picture.set_content(picture)
-            self._facts = await describe(entry)
-        except (CommandError, OSError) as error:
-            if self._summary.is_deleted:
-                return
-            self._summary.set_content(f'<span class="xbus-fault">{html.escape(str(error))}</span>')
-            return
-        if self._summary.is_deleted:
-            return
-        self._summary.set_content(summary_of(self._facts))
-        self._field.set_visibility(any(name in MAGNETIC for name in self._facts.quantities))
-
-    async def _replay(self) -> None:
-        session, entry = self._session, self._entry
-        session.show_command(command_line("studio", *entry.arguments[:1]), "xbus.sim.Replay(path)")
-        station = await session.open(replay_source(entry.files))
-        if station is not None:
-            ui.navigate.to(f"/live/{station.key}")
-
-    async def _report(self) -> None:
-        out = self._entry.path.with_suffix(".html")
-        if await self._run("report", *self._entry.arguments, "-o", str(out), "-q"):
-            name = os.path.relpath(out, self._session.hub.folder).replace(os.sep, "/")
-            ui.navigate.to(f"/recordings/file/{quote(name)}", new_tab=True)
-
-    async def _export(self, suffix: str) -> None:
-        out = self._entry.path.with_suffix(suffix)
-        if await self._run("decode", *self._entry.arguments, "-o", str(out), "-q"):
-            with ui.notification(
-                f"wrote {out.name}", type="positive", timeout=15, close_button=True
-            ):
-                ui.button("Download", on_click=lambda: ui.download.file(out)).props(
-                    "flat no-caps color=white"
-                )
-
-    async def _cut(self) -> None:
-        if self._facts is None or not self._facts.duration:
-            ui.notify("It is not known how long the recording is.", type="warning")
-            return
-        out = unused_path(self._entry.path, "-cut")
-        words = await choose_part(self._entry, self._facts.duration, self._picture.content, out)
-        if words is not None and await self._run(*words):
-            ui.notify(f"wrote {out.name}", type="positive")
-            _list.refresh()
-
-    async def _magnetic(self) -> None:
-        await show_field(self._session, self._entry)
-
-    async def _run(self, *words: str) -> bool:
-        """Runs a command, and shows it and its failure; returns whether it succeeded."""
-        self._session.show_command(
-            command_line(*words), "log.to_parquet(path)" if words[0] == "decode" else ""
-        )
-        waiting = ui.notification(command_line(*words[:2]), spinner=True, timeout=None)
-        try:
-            await run_command(*words)
-        except CommandError as error:
-            ui.notify(
-                str(error), type="negative", multi_line=True, timeout=15_000, close_button=True
-            )
-            return False
-        finally:
-            waiting.dismiss()
-        return True
-
-
-def _name(folder: Path, entry: Entry) -> str:
-    """Returns the name of a recording, with the folder below the library."""
-    below = os.path.relpath(entry.path.parent, folder)
-    return entry.heading if below == "." else f"{below}{os.sep}{entry.heading}"
-
-
-def summary_of(facts: Facts) -> str:
-    """Returns the facts about a recording as HTML."""
-    losses = describe_losses(facts.lost_samples, facts.gaps, has_counter=facts.has_counter)
-    is_lossless = "xbus-ok" if facts.has_counter else "xbus-quiet"
-    texts = [
-        (", ".join(facts.devices) or "no device", ""),
-        ("duration not known" if facts.duration is None else f"{facts.duration:,.1f} s", ""),
-        (f"{facts.samples:,} samples", ""),
-        (losses, "xbus-fault" if facts.lost_samples else is_lossless),
-        (
-            describe_damage(facts.skipped_bytes, facts.places),
-            "xbus-fault" if facts.skipped_bytes else "xbus-ok",
-        ),
-    ]
-    return " · ".join(f'<span class="{level}">{html.escape(text)}</span>' for text, level in texts)
+    def _show_more(self) -> None:
+        with self._cards:
+            for entry in islice(self._left, SHOWN):
+                RecordingCard(self._session, entry, _list.refresh)
+                self._count -= 1
+        self._button.set_text(f"Show more: {self._count:,} are not shown")
+        self._button.set_visibility(self._count > 0)
