@@ -17,6 +17,7 @@ WANTED = (
     "xbus/_core.pyi",
     "xbus/cli/__init__.py",
     "xbus/doctor/70-xsens.rules",
+    "xbus/can/mti600.dbc",
     "xbus/report/page.js",
 )
 

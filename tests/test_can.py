@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import sys
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -16,7 +17,7 @@ from hypothesis import strategies as st
 
 import xbus
 from xbus.can import CAN_MESSAGES, EXTENDED, CanLog, can_message
-from xbus.can.dbc import dbc_text
+from xbus.can.dbc import FILE, dbc_text, make_dbc
 from xbus.protocol.tables import CAN_QUANTITIES, QUANTITIES
 
 can = pytest.importorskip("can")
@@ -619,6 +620,29 @@ def test_cantools_with_our_dbc_agrees_with_our_decoder(frame: tuple[int, bytes])
     for name, value in own.items():
         assert values[name] == pytest.approx(value, rel=1e-15, abs=0)
     assert DBC.encode_message(code, DBC.decode_message(code, data), strict=False) == data
+
+
+def test_the_dbc_of_the_package_is_that_of_the_table() -> None:
+    def rows(text: str) -> list[tuple[object, ...]]:
+        found: list[tuple[object, ...]] = []
+        for m in cantools.load_string(text, "dbc").messages:
+            found.append((m.frame_id, m.is_extended_frame, m.name, m.length, m.comment, m.senders))
+            for s in m.signals:
+                found.append((s.name, s.start, s.length, s.byte_order, s.is_signed, s.receivers))
+                found.append((s.scale, s.offset, s.unit, s.minimum, s.maximum))
+                found.append((s.is_multiplexer, s.multiplexer_ids, s.multiplexer_signal))
+        return found
+
+    if rows(made := make_dbc()) != rows(dbc_text()):
+        FILE.write_text(made, "ascii", newline="\n")
+        pytest.fail(f"{FILE.name} was written again; run the test once more")
+
+
+def test_the_dbc_of_the_package_needs_no_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "cantools.database", None)
+    assert dbc_text().count("\nBO_ ") == 26
+    with pytest.raises(ImportError, match=r"xbus-mti\[can\]"):
+        dbc_text(0x100)
 
 
 def test_the_dbc_has_every_message_with_a_layout() -> None:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from xbus.can.ids import EXTENDED, Ids, device_ids
 from xbus.extras import require
 from xbus.protocol.can import CanMessage, CanSignal
 
-__all__ = ["dbc_text"]
+__all__ = ["FILE", "dbc_text", "make_dbc"]
 
+#: The file for a device with the identifiers of its factory settings. `make_dbc` wrote it.
+FILE = Path(__file__).with_name("mti600.dbc")
 #: The exponents of DeltaV that a device sends: by its rate, from 1 to 400 Hz.
 EXPONENTS = range(8, 18)
 #: The node that receives all signals.
@@ -30,6 +33,7 @@ COMMENTS = {
 def dbc_text(ids: Ids | None = None) -> str:
     """Returns a DBC file that decodes the CAN output of MTi-600 devices.
 
+    That for the identifiers of the factory settings is a part of the package; others are written by cantools.
     Signals have the units of `xbus.can.CanSignal`. The exponent of DeltaV selects one of ten sets of signals
     (``x_17`` at 400 Hz), because a DBC file has no other way to scale a signal by another one. Messages of
     several devices have the number of the device behind their names.
@@ -38,14 +42,19 @@ def dbc_text(ids: Ids | None = None) -> str:
         ids: Identifiers of the devices, as in `xbus.read_can`.
 
     Raises:
-        ImportError: The extra ``can`` is not installed.
+        ImportError: There are ``ids``, and the extra ``can`` is not installed.
         TypeError: The identifiers are of the wrong type.
         ValueError: An identifier is out of range or used twice.
 
     >>> print(next(line for line in dbc_text().splitlines() if "SG_ pressure" in line).strip())
     SG_ pressure : 7|32@0+ (3.0517578125e-05,0) [30000.0|125000.0] "Pa"  Host
     """
-    library = require("cantools.database", "can", "to write a DBC file")
+    return FILE.read_text("ascii") if ids is None else make_dbc(ids)
+
+
+def make_dbc(ids: Ids | None = None) -> str:
+    """Returns a DBC file, as `dbc_text`, from the table of messages."""
+    library = require("cantools.database", "can", "to write a DBC file for these identifiers")
     devices = device_ids(ids)
     messages = []
     for number, device in enumerate(devices, 1):

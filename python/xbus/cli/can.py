@@ -38,8 +38,8 @@ def dbc(out: str | None, ids: Sequence[DeviceIds] | None) -> None:
     signals: x_17 is that of 400 Hz. With --ids, the messages have the identifiers of the devices; those of
     several devices have the number of the device behind their names.
 
-    An existing OUT is replaced, and a failed run leaves no partial file. Requires the extra: pip install
-    "xbus-mti[can]".
+    An existing OUT is replaced, and a failed run leaves no partial file. --ids requires the extra: pip
+    install "xbus-mti[can]".
     """
     from xbus.can.dbc import dbc_text
 
