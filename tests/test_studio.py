@@ -490,12 +490,16 @@ def test_recording_goes_on_without_a_page(studio: Any, browser: Any) -> None:
     other.close()
     files = sorted(studio.folder.glob("*.mtb"))
     assert [file.name.split("-8A")[0] for file in files] == ["MTi-630", "MTi-680G"]
+    times = set()
     for file in files:
         log = xbus.read_log(file)
         assert log.duration > 1
         assert log.stats.lost_samples == log.stats.skipped_bytes == 0
         lines = Path(f"{file}.notes").read_text("utf-8").splitlines()
-        assert [json.loads(line)["text"] for line in lines] == ["on the bench", "a knock"]
+        notes = [json.loads(line) for line in lines]
+        assert [note["text"] for note in notes] == ["on the bench", "a knock"]
+        times.add(notes[1]["time"])
+    assert len(times) == 1, "a note has the same time in the recordings of all devices"
 
 
 def test_dark_and_light(studio: Any) -> None:

@@ -135,13 +135,17 @@ class StudioRecording:
         """Whether it is running."""
         return self._ended is None and self._recording.is_active
 
-    def add_note(self, text: str) -> Note:
+    def add_note(self, text: str, seconds: float | None = None) -> Note:
         """Appends a note to the side file, at once.
+
+        Args:
+            text: The text; a marker has none.
+            seconds: Time of the note, in seconds since 1970; None for now.
 
         Raises:
             OSError: The side file cannot be written.
         """
-        note = Note(time.time(), text)
+        note = Note(time.time() if seconds is None else seconds, text)
         stamp = datetime.fromtimestamp(note.time, UTC).isoformat(timespec="milliseconds")
         line = json.dumps({"time": stamp, "text": text}, ensure_ascii=False) + "\n"
         data = line.encode("utf-8", "replace")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import shutil
+import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -109,10 +110,12 @@ def record_page(session: Session) -> None:
         refresh()
 
     async def add_note() -> None:
-        for station in active():
-            if station.recording is not None:
-                await session.attempt(station.recording.add_note, text.value.strip())
-        text.set_value("")
+        # One note has one time in the files of all devices.
+        words, now = text.value.strip(), time.time()
+        recordings = [each.recording for each in active() if each.recording is not None]
+        saved = [await session.attempt(each.add_note, words, now) for each in recordings]
+        if None not in saved:
+            text.set_value("")
 
     def refresh() -> None:
         is_recording = bool(active())
