@@ -1,4 +1,4 @@
-"""Commands that the studio runs as a user would: ``xbus info``, ``decode``, ``report``."""
+"""Commands that the studio shows, or runs as a user would, such as ``xbus record`` and ``xbus info``."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ import json
 import os
 import shlex
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 from xbus.describe.log_summary import LogSummary
+from xbus.device.rotation import parse_rotation
 from xbus.files import is_plain
 from xbus.log.read import iter_log
 from xbus.studio.library import Entry, FileCache
@@ -22,6 +25,7 @@ __all__ = [
     "facts_of",
     "number_text",
     "part_options",
+    "record_commands",
     "run_command",
     "small_facts",
 ]
@@ -43,6 +47,40 @@ def number_text(number: float) -> str:
     ('10', '100000.25')
     """
     return f"{number:.15g}"
+
+
+def record_commands(
+    ports: Sequence[str], folder: Path, duration: float | None, rotation: str
+) -> tuple[str, str]:
+    """Returns what records devices at the same time, in a shell and in Python.
+
+    Args:
+        ports: The devices.
+        folder: Where the files go.
+        duration: Seconds after which the recordings stop; None for no limit.
+        rotation: As for ``xbus record --rotate``; empty for one file.
+
+    >>> for text in record_commands(["COM3", "COM4"], Path(), None, ""):
+    ...     print(text)
+    xbus record COM3 -o walk_1.mtb & xbus record COM4 -o walk_2.mtb
+    with device_1.record("walk_1.mtb"), device_2.record("walk_2.mtb"): ...
+    >>> for text in record_commands(["COM3"], Path(), 60, "1h"):
+    ...     print(text)
+    xbus record COM3 -o walk.mtb --duration 60 --rotate 1h
+    with device.record("walk.mtb", rotate_seconds=3600): time.sleep(60)
+    """
+    ends = [""] if len(ports) == 1 else [f"_{number}" for number in range(1, len(ports) + 1)]
+    words = [] if duration is None else ["--duration", number_text(duration)]
+    words += ["--rotate", rotation] if rotation else []
+    shell = [
+        command_line("record", port, "-o", str(folder / f"walk{end}.mtb"), *words)
+        for port, end in zip(ports, ends, strict=True)
+    ]
+    options = parse_rotation(rotation) if rotation else {}
+    arguments = "".join(f", {name}={number_text(value)}" for name, value in options.items())
+    python = ", ".join(f'device{end}.record("walk{end}.mtb"{arguments})' for end in ends)
+    body = "..." if duration is None else f"time.sleep({number_text(duration)})"
+    return " & ".join(shell), f"with {python}: {body}"
 
 
 def part_options(begin: float, end: float, duration: float) -> list[str]:

@@ -14,7 +14,7 @@ from nicegui import ui
 
 from xbus.device.rotation import parse_rotation
 from xbus.formatting import format_count, format_size
-from xbus.studio.commands import command_line, number_text
+from xbus.studio.commands import record_commands
 from xbus.studio.entered import problem_of
 from xbus.studio.recording import StudioRecording
 from xbus.studio.shell import Session
@@ -82,14 +82,12 @@ def record_page(session: Session) -> None:
 
     def show_command() -> None:
         ports = [each.source for each in stations if each.replaying is None and is_chosen(each)]
-        if not ports:
+        rotation = (rotate.value or "").strip()
+        if not ports or (rotation and _rotation_problem(rotation)):
             session.show_command("", "")
-            return
-        words = ["record", ports[0], "-o", str(hub.folder / "walk.mtb")]
-        words += ["--duration", number_text(limit.value)] if limit.value else []
-        if (rotation := (rotate.value or "").strip()) and not _rotation_problem(rotation):
-            words += ["--rotate", rotation]
-        session.show_command(command_line(*words), 'with device.record("walk.mtb"): ...')
+        else:
+            duration = float(limit.value) if limit.value else None
+            session.show_command(*record_commands(ports, hub.folder, duration, rotation))
 
     async def start() -> None:
         def record(station: Station) -> StudioRecording:

@@ -168,7 +168,8 @@ class Outputs:
         draft = self._document.draft
         needed, capacity = draft.line_load(self._baudrate)
         if capacity is None:
-            return f'<span class="xbus-quiet">about {needed:,} bytes per second</span>'
+            text = f"about {needed:,} bytes per second; this connection has no limit by baud rate"
+            return f'<span class="xbus-quiet">{text}</span>'
         share = needed / capacity
         level = "xbus-fault" if share > 1 else "xbus-caution" if share > 0.8 else "xbus-ok"
         reason = draft.overload(self._baudrate) if self._baudrate and share > 1 else None
