@@ -29,13 +29,8 @@ def buses(draw: st.DrawFn) -> list[Frame]:
         codes = list(CODES)
         if draw(st.booleans()):  # a device that does not send in the order of identifiers
             random.shuffle(codes)
-        is_shuffled = draw(st.booleans())  # frames that come late
-        sent_by_one: list[Frame] = []
-        for n in range(0, draw(st.integers(0, 24)), every):
-            if is_shuffled and random.random() < 0.5:
-                random.shuffle(codes)
-            sent_by_one += group(n, *codes, offset=offset, seed=seed)
-        queues.append(sent_by_one)
+        numbers = range(0, draw(st.integers(0, 24)), every)
+        queues.append([f for n in numbers for f in group(n, *codes, offset=offset, seed=seed)])
     sent: list[Frame] = []
     while any(queues):
         queue = random.choice([queue for queue in queues if queue])

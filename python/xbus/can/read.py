@@ -70,9 +70,8 @@ def read_can(
     """Reads the CAN output of MTi-600 devices from a capture, as a log.
 
     Frames are grouped to samples: a group ends where an identifier does not rise, because the bus sends the
-    lowest identifier first. Frames that come late belong to the group of the SampleTime or GroupCounter
-    before them, if it lacks their messages. If a device sends in another order, a group starts with
-    SampleTime or GroupCounter.
+    lowest identifier first. If a device sends in another order, a group starts with SampleTime or
+    GroupCounter.
 
     Args:
         source: A path (.asc, .blf, .log of candump, .trc, .csv or .mf4), an iterable of ``can.Message``, or

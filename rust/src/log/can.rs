@@ -1,10 +1,9 @@
 //! Logs of CAN frames: the frames of one sample instant are a group, and a group is a sample.
 //!
 //! A device sends the frames of a group one after the other, and the bus orders them: the lowest identifier first. So a
-//! group ends where an identifier does not rise. Frames that come late, with a lower identifier, belong to the group of the
-//! `SampleTime` or `GroupCounter` before them, if it has none of their messages; otherwise the header of their group was
-//! lost. If a device sends its frames in another order, as frames that are recorded behind a gateway may be, a group begins
-//! with `SampleTime` or `GroupCounter`. Which of the two holds is counted in the first groups of each device.
+//! group ends where an identifier does not rise. If a device sends its frames in another order, as frames that are
+//! recorded behind a gateway may be, a group begins with `SampleTime` or `GroupCounter`. Which of the two holds is
+//! counted in the first groups of each device.
 //!
 //! Captures and live frames take the same path: see the module `groups`. Nothing of this is in the scanner's terms: the
 //! offset of a sample is the index of its first frame, and a frame that is not decoded has a [`Verdict`].

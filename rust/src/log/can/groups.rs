@@ -162,8 +162,6 @@ impl Grouper {
             received: vec![],
             is_ordered: true,
         };
-        // The samples that are the rest of the group before, which has another sample.
-        let mut rests = vec![];
         // The first frame that waits for something else than the end of its group.
         let mut undecided = u64::MAX;
         let mut last = 0;
@@ -182,22 +180,16 @@ impl Grouper {
             };
             let group = &mut open[entry.device];
             let frame = index(at);
-            let step = group.step(entry, rises, frame);
-            if step != Step::Same {
-                rests.extend(group.before.filter(|_| step == Step::NextAfterRest).map(|before| (group.sample, before)));
-                let before = (step == Step::Rest).then(|| Before::of(group));
+            if group.is_over(entry, rises, frame) {
                 #[allow(clippy::cast_possible_truncation)] // fewer samples than frames
                 let sample = groups.spans.len() as u32;
-                *group = Open { sample, first: frame, before, ..Open::default() };
+                *group = Open { sample, first: frame, ..Open::default() };
                 huge_pages::push(&mut groups.spans, Single { offset: frame, length: 0, bid: entry.bid });
                 huge_pages::push(&mut groups.received, frames.times[at]);
             }
             let bit = 1 << entry.place;
             group.seen |= bit;
-            if entry.is_header() {
-                group.headers |= bit;
-                group.header_priority = entry.priority;
-            }
+            group.headers |= if entry.is_header() { bit } else { 0 };
             group.priority = entry.priority;
             groups.samples.push(group.sample);
             groups.is_ordered &= group.sample >= last;
@@ -207,11 +199,6 @@ impl Grouper {
             let length = (frame - span.offset) as u32 + 1;
             span.length = length;
         }
-        if is_end {
-            let whole = open.iter().filter(|group| self.next < group.begin() + GROUP_FRAMES);
-            rests.extend(whole.filter_map(|group| Some((group.sample, group.before?))));
-        }
-        groups.join(&rests, &mut open);
         if !is_end {
             self.hold(&mut groups, frames, index, &open, undecided);
         }
@@ -228,20 +215,17 @@ impl Grouper {
         undecided: u64,
     ) {
         let open: Vec<_> =
-            open.iter().filter(|group| group.seen != 0 && self.next < group.begin() + GROUP_FRAMES).collect();
+            open.iter().filter(|group| group.seen != 0 && self.next < group.first + GROUP_FRAMES).collect();
         // Groups that began after this frame wait.
         let limit = match self.release {
             Release::Complete => u64::MAX,
-            Release::InOrder => open.iter().map(|group| group.begin()).min().unwrap_or(u64::MAX).min(undecided),
+            Release::InOrder => open.iter().map(|group| group.first).min().unwrap_or(u64::MAX).min(undecided),
         };
         if open.is_empty() && undecided == u64::MAX {
             return;
         }
         let mut places: Vec<u32> = vec![0; groups.spans.len()];
-        for group in &open {
-            places[group.sample as usize] = HELD;
-            group.before.iter().for_each(|before| places[before.sample as usize] = HELD);
-        }
+        open.iter().for_each(|group| places[group.sample as usize] = HELD);
         let mut kept = 0;
         for (place, span) in places.iter_mut().zip(&groups.spans) {
             if *place != HELD && span.offset < limit {
@@ -309,82 +293,18 @@ struct Open {
     /// The messages that begin a group.
     headers: u64,
     priority: u32,
-    /// Priority of the last of its messages that begin a group.
-    header_priority: u32,
     sample: u32,
     /// Index of its first frame.
     first: u64,
-    /// The group before, as long as this one may be the rest of it.
-    before: Option<Before>,
-}
-
-/// A group after which frames came that begin no group: either their header was lost, or they came late and belong to
-/// this one. The latter, if none of their messages was in it when the next header comes.
-#[derive(Clone, Copy)]
-struct Before {
-    seen: u64,
-    header_priority: u32,
-    sample: u32,
-    first: u64,
-    /// Whether identifiers have fallen after its end again.
-    falls: bool,
-}
-
-impl Before {
-    const fn of(group: &Open) -> Self {
-        let &Open { seen, header_priority, sample, first, .. } = group;
-        Self { seen, header_priority, sample, first, falls: false }
-    }
-}
-
-/// Where a frame belongs.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Step {
-    /// To the open group.
-    Same,
-    /// To the next group.
-    Next,
-    /// To the next group, and the open one is the rest of the group before.
-    NextAfterRest,
-    /// To a group that may be the rest of the open one.
-    Rest,
 }
 
 impl Open {
-    /// Index of the first frame that waits for the end of the group.
-    fn begin(&self) -> u64 {
-        self.before.map_or(self.first, |before| before.first)
-    }
-
-    /// Where a frame of the device belongs.
-    fn step(&mut self, entry: Entry, rises: bool, frame: u64) -> Step {
-        if self.seen == 0 || frame >= self.begin() + GROUP_FRAMES {
-            return Step::Next;
-        }
-        let (bit, falls) = (1 << entry.place, entry.priority <= self.priority);
-        if let Some(before) = &mut self.before {
-            if entry.is_header() {
-                return Step::NextAfterRest;
-            }
-            if (before.seen | self.seen) & bit == 0 && entry.priority > before.header_priority {
-                before.falls |= falls;
-                return Step::Same;
-            }
-            if before.falls {
-                return Step::Next;
-            }
-            self.before = None;
-        }
-        let is_over = if rises { falls } else { entry.is_header() && self.seen & !self.headers != 0 };
-        if self.seen & bit != 0 {
-            Step::Next
-        } else if !is_over {
-            Step::Same
-        } else if self.headers != 0 && !entry.is_header() && entry.priority > self.header_priority {
-            Step::Rest
-        } else {
-            Step::Next
-        }
+    /// Whether a frame of the device begins the next group.
+    const fn is_over(&self, entry: Entry, rises: bool, frame: u64) -> bool {
+        self.seen == 0
+            || self.seen & 1 << entry.place != 0
+            || frame >= self.first + GROUP_FRAMES
+            || if rises { entry.priority <= self.priority } else { entry.is_header() && self.seen & !self.headers != 0 }
     }
 }
 
@@ -425,41 +345,6 @@ impl Counts {
 }
 
 impl Groups {
-    /// Joins each of these samples to that of the group before.
-    fn join(&mut self, rests: &[(u32, Before)], open: &mut [Open]) {
-        if rests.is_empty() {
-            return;
-        }
-        let mut joined = vec![NO_SAMPLE; self.spans.len()];
-        rests.iter().for_each(|(rest, before)| joined[*rest as usize] = before.sample);
-        let mut places: Vec<u32> = vec![];
-        let mut kept = 0;
-        for (at, &group) in joined.iter().enumerate() {
-            if group == NO_SAMPLE {
-                places.push(kept);
-                kept += 1;
-                continue;
-            }
-            places.push(places[group as usize]);
-            let Single { offset, length, .. } = self.spans[at];
-            let span = &mut self.spans[group as usize];
-            #[allow(clippy::cast_possible_truncation)] // at most GROUP_FRAMES
-            let until = (offset - span.offset) as u32 + length;
-            span.length = until;
-        }
-        let mut is_kept = joined.iter().map(|group| *group == NO_SAMPLE);
-        self.spans.retain(|_| is_kept.next().unwrap_or(false));
-        let mut is_kept = joined.iter().map(|group| *group == NO_SAMPLE);
-        self.received.retain(|_| is_kept.next().unwrap_or(false));
-        let own = self.samples.iter_mut().filter(|sample| **sample < HELD);
-        own.for_each(|sample| *sample = places[*sample as usize]);
-        for group in open.iter_mut().filter(|group| group.seen != 0) {
-            group.sample = places[group.sample as usize];
-            group.before.iter_mut().for_each(|before| before.sample = places[before.sample as usize]);
-        }
-        self.is_ordered = false;
-    }
-
     /// The frames of samples, in the order of the samples.
     pub fn order(&self) -> Vec<usize> {
         let own = || self.samples.iter().enumerate().filter(|(_, sample)| **sample != NO_SAMPLE);
