@@ -871,6 +871,7 @@ def test_a_compressed_recording_with_a_gap(studio: Any) -> None:
     data = WALK.read_bytes()
     path = studio.folder / "packed.mtb.gz"
     path.write_bytes(gzip.compress(data[: log.offset[300]] + data[log.offset[500] :]))
+    (studio.folder / "other.mtb").write_bytes(data)
     studio.open("recordings")
     page.get_by_label("filter: name").fill("PACKED")
     page.wait_for_function("document.querySelectorAll('.xbus-recording').length === 1")
