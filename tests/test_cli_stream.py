@@ -295,7 +295,7 @@ def test_each_device_and_coordinate_system_has_streams_of_its_own(
     assert ned.rows == [[at, 2, 0.5, at - 6] for at in range(6, 10)]
     assert str(sink) == "20 samples sent in 9 streams"
     if block_bytes > len(data):
-        # Each device has a clock of its own; the last sample of both is due now.
+        # Each device has a separate clock; the last sample of both is due now.
         ends = [outlets[f"{prefix} temperature"].stamps for prefix in prefixes.values()]
         assert ends[0][-1] == pytest.approx(ends[1][-1], abs=0.1)
         assert np.diff(ends[1]) == pytest.approx([0.01] * 9, abs=1e-6)

@@ -99,7 +99,7 @@ def plan_mtdata(configuration: OutputConfiguration, support: Support) -> MtDataP
     mode = 0
     for row in chosen:
         mode |= row.mode
-    # An item of a chosen group that is not wanted is left out if a bit of its own can do that.
+    # An item of a chosen group that is not wanted is left out by its bit, if no chosen item needs the bit.
     needed = {row.mask for row in chosen}
     for row in rows:
         can_be_left_out = row.value == 0 and _is_bit(row.mask) and row.mask not in needed

@@ -36,16 +36,16 @@ class MessageForm:
     def __init__(
         self, name: str, on_change: Callable[[], Any], on_enter: Callable[[], Any]
     ) -> None:
-        self._row, self._layout = MESSAGES[name], LAYOUTS[name]
-        self._on_change, self._on_enter = on_change, on_enter
+        self._row, self._layout, self._on_change = MESSAGES[name], LAYOUTS[name], on_change
         rows = {field.name: field for form in self._row.forms for field in form}
-        self._fields = {field: rows.get(field) for field in self._layout.fields}
+        fields = {field: rows.get(field) for field in self._layout.fields}
+        self._draw_record = partial(_Record, self._layout, fields, on_change, on_enter)
         self._entries: list[_ListEntry] = []
         if self._layout.several:
             self._draw_list()
         else:
             with ui.row().classes("items-start gap-x-4 gap-y-0"):
-                self._record = _Record(self._layout, self._fields, on_change, on_enter)
+                self._record = self._draw_record()
             if self._row.kind == "bytes":
                 ui.label(self._reason).classes("xbus-quiet text-sm self-center")
 
@@ -60,7 +60,7 @@ class MessageForm:
     def words(self) -> list[str]:
         """The fields as ``xbus send`` takes them."""
         if self._layout.several:
-            return [",".join(entry.words) for entry in self._entries]
+            return [",".join(entry.record.words) for entry in self._entries]
         return self._record.words
 
     def read(self) -> Any:
@@ -70,7 +70,7 @@ class MessageForm:
             ValueError: A field is missing, or has no value.
         """
         for at, entry in enumerate(self._entries, 1):
-            if not entry.words:
+            if not entry.record.words:
                 raise ValueError(f"entry {at} is empty; fill in its fields, or remove it")
         return self._layout.read(self.words)
 
@@ -88,9 +88,7 @@ class MessageForm:
 
     def _add_row(self) -> None:
         with self._list:
-            entry = _ListEntry(
-                self._layout, self._fields, self._on_change, self._on_enter, self._remove
-            )
+            entry = _ListEntry(self._draw_record, self._remove)
         self._entries.append(entry)
         self._show_list()
 
@@ -131,20 +129,19 @@ class _Record:
         return [f"{name}={word}" for name, word in words.items() if word]
 
 
-class _ListEntry(_Record):
-    """The inputs of an entry of a list."""
+class _ListEntry:
+    """An entry of a list.
+
+    Attributes:
+        record: The inputs.
+    """
 
     def __init__(
-        self,
-        layout: Layout,
-        fields: Mapping[str, MessageField | None],
-        on_change: Callable[[], Any],
-        on_enter: Callable[[], Any],
-        on_remove: Callable[[_ListEntry], Any],
+        self, draw_record: Callable[[], _Record], on_remove: Callable[[_ListEntry], Any]
     ) -> None:
         with ui.row().classes("w-full items-start gap-x-4 gap-y-0 xbus-entry") as self._row:
             self._number = ui.label().classes("xbus-quiet self-center")
-            super().__init__(layout, fields, on_change, on_enter)
+            self.record = draw_record()
             self._button = ui.button(icon="delete", on_click=lambda: on_remove(self))
             self._button.props("flat round").classes("self-center")
 
