@@ -6,6 +6,7 @@ Modules of one package do not import each other in a cycle.
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections.abc import Iterator
 from graphlib import CycleError, TopologicalSorter
@@ -26,20 +27,25 @@ def layers() -> list[str]:
     return [line.split()[0] for line in diagram.splitlines()][::-1]
 
 
+@functools.cache
+def import_nodes(text: str) -> list[ast.Import | ast.ImportFrom]:
+    """The imports in a module; the tests ask for those of the same module many times."""
+    nodes = ast.walk(ast.parse(text))
+    return [node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom)]
+
+
 def imports(path: Path) -> Iterator[tuple[int, str]]:
     """Line and name, without ``xbus.``, of every import of xbus in a module.
 
     Imports inside functions and TYPE_CHECKING blocks count too.
     """
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in import_nodes(path.read_text()):
         if isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path}:{node.lineno}: relative import"
             module = node.module or ""
             names = [f"{module}.{alias.name}" for alias in node.names]
-        elif isinstance(node, ast.Import):
-            names = [alias.name for alias in node.names]
         else:
-            continue
+            names = [alias.name for alias in node.names]
         for name in names:
             if name.split(".")[0] == "xbus":
                 yield node.lineno, name.partition(".")[2]
