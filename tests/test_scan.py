@@ -33,9 +33,9 @@ ENGINES: tuple[Literal["in-memory", "streaming"], ...] = ("in-memory", "streamin
 def end_of_reading() -> Iterator[None]:
     """Waits for threads that still read a part when a query has all it needs."""
     yield
-    gc.collect()
-    for thread in threading.enumerate():
-        if thread.name.startswith("xbus_"):
+    if threads := [one for one in threading.enumerate() if one.name.startswith("xbus_")]:
+        gc.collect()
+        for thread in threads:
             thread.join(10)
 
 
