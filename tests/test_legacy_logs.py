@@ -8,11 +8,13 @@ from __future__ import annotations
 import io
 import json
 import struct
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -280,28 +282,25 @@ def long_log() -> bytes:
 
 def content(*logs: xbus.Log) -> dict[str, Any]:
     """Everything of a log, or of its parts."""
-    found: dict[str, Any] = {"samples": 0}
+    arrays: dict[str, list[npt.NDArray[Any]]] = {}
+    counts: Counter[str] = Counter()
     for log in logs:
-        found["samples"] += len(log)
         for key, column in log.items():
-            rows = found.setdefault(f"{key} {column.coordinates}", [])
-            rows += zip(
-                column.sample.tolist(),
-                column.values.astype(column.values.dtype).tolist(),
-                strict=True,
-            )
-        arrays: dict[str, Any] = {
+            name = f"{key} {column.coordinates}"
+            arrays.setdefault(name, []).append(column.values)
+            arrays.setdefault(f"samples of {name}", []).append(column.sample)
+        own: dict[str, npt.NDArray[Any]] = {
             "offset": log.offset,
             "counter": log.packet_counter,
             "bid": log.bid,
-            "mids": log.messages.mid,
+            "mids": np.asarray(log.messages.mid),
+            "time": log.time,
         }
-        for name, array in arrays.items():
-            found.setdefault(name, []).extend(array.tolist())
-        found.setdefault("time", []).extend(np.nan_to_num(log.time, nan=-1).tolist())
-        for name, count in vars(log.stats).items():
-            found[name] = found.get(name, 0) + count
-    return {name: repr(value) for name, value in found.items()}
+        for name, array in own.items():
+            arrays.setdefault(name, []).append(array)
+        counts.update({"samples": len(log), **vars(log.stats)})
+    joined = {name: np.concatenate(parts) for name, parts in arrays.items()}
+    return {**counts, **{name: (one.dtype, one.tobytes()) for name, one in joined.items()}}
 
 
 def test_parts_are_the_whole(tmp_path: Path) -> None:
