@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import base64
+import functools
 import json
-import os
 import re
 import shutil
 import struct
-import subprocess
-from html import unescape
+from collections.abc import Callable, Iterator
 from html.parser import HTMLParser
 from itertools import pairwise
 from pathlib import Path
@@ -95,7 +94,9 @@ def text_of(source: Any, title: str = "walk") -> str:
     return page(title, [(title, gather(source))], NO_PLOTLY)
 
 
+@functools.lru_cache(maxsize=8)
 def page_of(source: Any) -> Page:
+    """The page of a recording. Many tests look at that of the same one."""
     return Page(text_of(source))
 
 
@@ -578,7 +579,7 @@ def test_a_page_of_a_file(tmp_path: Path) -> None:
 def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
     whole = page_of(FIELD)
     monkeypatch.setattr("xbus.report.BLOCK", 3000)
-    parts = page_of(FIELD)
+    parts = Page(text_of(FIELD))
     assert parts.text == whole.text
     assert parts.figures == whole.figures
 
@@ -587,40 +588,39 @@ def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
 
 #: A browser to take pictures with; `.ci/run browser` installs one.
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+drawing = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
 
 
-browser = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    playwright = pytest.importorskip("playwright.sync_api")
+    # There is no network: the page must not need any.
+    args = ["--no-sandbox", "--disable-gpu", "--proxy-server=127.0.0.1:9"]
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=args)
+        yield browser
+        browser.close()
 
 
-def browse(path: Path, what: str, *, width: int = 1200) -> tuple[str, str]:
-    """Opens a page without a window, and returns stdout and the console messages."""
-    assert CHROMIUM is not None
-    folder = path.parent
-    done = subprocess.run(  # noqa: S603 - a browser that was found, and our own page
-        [
-            CHROMIUM,
-            "--headless=new",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--hide-scrollbars",
-            # There is no network: the page must not need any.
-            "--proxy-server=127.0.0.1:9",
-            f"--user-data-dir={folder / 'profile'}",
-            f"--window-size={width},4000",
-            "--virtual-time-budget=60000",
-            "--enable-logging=stderr",
-            "--v=0",
-            what,
-            path.as_uri(),
-        ],
-        capture_output=True,
-        check=True,
-        timeout=100,
-        cwd=folder,
-        env=os.environ | {"HOME": str(folder), "XDG_CACHE_HOME": str(folder)},
-    )
-    log = done.stderr.decode("utf-8", "replace").splitlines()
-    return done.stdout.decode("utf-8"), "\n".join(item for item in log if "CONSOLE" in item)
+@pytest.fixture
+def opened(browser: Any) -> Iterator[Callable[..., Any]]:
+    """Opens a file, and returns the page once its plots are drawn. It must not complain."""
+    tabs, complaints = [], []
+
+    def open_file(path: Path, width: int = 1200) -> Any:
+        tab = browser.new_page(viewport={"width": width, "height": 4000})
+        # A violation of the content policy, such as a fetch, is a console message too.
+        tab.on("console", lambda message: complaints.append(message.text))
+        tab.on("pageerror", lambda error: complaints.append(str(error)))
+        tab.goto(path.as_uri())
+        tab.locator("body[data-drawn]").wait_for(timeout=60_000)
+        tabs.append(tab)
+        return tab
+
+    yield open_file
+    for tab in tabs:
+        tab.close()
+    assert complaints == []
 
 
 def evil_page(folder: Path, *, spectra: bool = False) -> tuple[Path, list[dict[str, Any]]]:
@@ -632,12 +632,10 @@ def evil_page(folder: Path, *, spectra: bool = False) -> tuple[Path, list[dict[s
     return out, Page(out.read_text("utf-8")).figures
 
 
-@browser
-def test_a_browser_draws_every_curve(tmp_path: Path) -> None:
+@drawing
+def test_a_browser_draws_every_curve(tmp_path: Path, opened: Callable[..., Any]) -> None:
     out, figures = evil_page(tmp_path, spectra=True)
-    dom, complaints = browse(out, "--dump-dom")
-    # A violation of the content policy, such as a fetch, is a console message too.
-    assert complaints == ""
+    dom = opened(out).content()
     assert f'data-drawn="{len(figures)}"' in dom
     # Each plot draws as many curves as its figure has.
     plots = dom.split('class="plot js-plotly-plot"')[1:]
@@ -664,11 +662,11 @@ def test_a_position_without_a_fix_is_not_in_the_track(name: str) -> None:
     assert gather(data).tracks[name].rows == 2
 
 
-@browser
-def test_a_browser_shows_the_colours(tmp_path: Path) -> None:
+@drawing
+def test_a_browser_shows_the_colours(tmp_path: Path, opened: Callable[..., Any]) -> None:
     imread = pytest.importorskip("matplotlib.image").imread
     out, _ = evil_page(tmp_path)
-    browse(out, f"--screenshot={tmp_path / 'page.png'}")
+    opened(out).screenshot(path=tmp_path / "page.png")
     picture = imread(tmp_path / "page.png")
     flat = 255 * picture[..., :3].reshape(-1, 3)
     # The colours of curves, bands and problems.
@@ -678,20 +676,16 @@ def test_a_browser_shows_the_colours(tmp_path: Path) -> None:
         assert np.count_nonzero(near) > 300, colour
 
 
-@browser
+@drawing
 @pytest.mark.parametrize("width", [360, 500, 800, 1600])
-def test_every_mark_is_visible_at_every_width(width: int, tmp_path: Path) -> None:
+def test_every_mark_is_visible_at_every_width(
+    width: int, tmp_path: Path, opened: Callable[..., Any]
+) -> None:
     """Each gap, place of damage and error has a mark that is two pixels wide, however narrow the plot."""
     out = tmp_path / "page.html"
     write_report(FIELD, out)
-    text = out.read_text("utf-8")
-    figures = Page(text).figures
-    # A window is at least 500 pixels wide. The policy of the page allows no other style.
-    text = re.sub("<meta http-equiv[^>]*>", "", text)
-    style = f"<style>html {{ width: {width}px }}</style></head>"
-    out.write_text(text.replace("</head>", style, 1), "utf-8")
-    dom, complaints = browse(out, "--dump-dom", width=max(width, 500))
-    assert complaints == ""
+    figures = Page(out.read_text("utf-8")).figures
+    dom = opened(out, width).content()
     at = [figure["name"] for figure in figures].index("events")
     plot = dom.split('class="plot js-plotly-plot"')[1:][at]
     drawn = re.search(r'class="main-svg"[^>]* width="([0-9.]+)"', plot)
@@ -710,16 +704,18 @@ def test_every_mark_is_visible_at_every_width(width: int, tmp_path: Path) -> Non
 
 
 #: Zooms in one plot, prints, and reports the ranges of all plots.
-VISITOR = """<script>
-(async () => {
-  while (!document.body.dataset.drawn) await new Promise((go) => setTimeout(go, 10));
+VISITOR = """async () => {
   const plots = [...document.querySelectorAll(".plot")];
   const report = {};
   const ranges = () => plots.map((plot) => plot.layout.xaxis.range.map(Number));
   report.before = ranges();
   const zoom = async (from, to) => {
-    await Plotly.relayout(plots[0], { "xaxis.range[0]": from, "xaxis.range[1]": to });
-    await new Promise((go) => setTimeout(go, 100));
+    const { ticktext } = plots[1].layout.xaxis;
+    // A zoom has no effect while the plots still follow the one before.
+    while (plots[1].layout.xaxis.ticktext === ticktext) {
+      await Plotly.relayout(plots[0], { "xaxis.range[0]": from, "xaxis.range[1]": to });
+      await new Promise((go) => setTimeout(go, 100));
+    }
     return plots[1].layout.xaxis;
   };
   report.marks = [];
@@ -732,16 +728,12 @@ VISITOR = """<script>
   report.printed = plots.map((plot) => plot.layout.width);
   dispatchEvent(new Event("afterprint"));
   report.after = plots.map((plot) => plot.querySelector("svg").getBoundingClientRect().width > 900);
-  const note = document.createElement("pre");
-  note.id = "ranges";
-  note.textContent = JSON.stringify(report);
-  document.body.append(note);
-})();
-</script>"""
+  return report;
+}"""
 
 
-@browser
-def test_zoom_and_print_apply_to_all_plots(tmp_path: Path) -> None:
+@drawing
+def test_zoom_and_print_apply_to_all_plots(tmp_path: Path, opened: Callable[..., Any]) -> None:
     """A zoom in one plot over time applies to all of them; printed plots are as wide as the paper."""
     rows = [
         sample(
@@ -755,13 +747,8 @@ def test_zoom_and_print_apply_to_all_plots(tmp_path: Path) -> None:
     out = tmp_path / "page.html"
     text = page("page", [("page", gather(b"".join(rows)))], plotly_js())
     figures = Page(text).figures
-    text = re.sub("<meta http-equiv[^>]*>", "", text)
-    out.write_text(text.replace("</body>", f"{VISITOR}</body>"), "utf-8")
-    dom, complaints = browse(out, "--dump-dom")
-    assert complaints == ""
-    found = re.search('<pre id="ranges">(.*?)</pre>', dom)
-    assert found is not None
-    reported = json.loads(unescape(found[1]))
+    out.write_text(text, "utf-8")
+    reported = opened(out).evaluate(VISITOR)
     for figure, before, zoomed in zip(figures, reported["before"], reported["zoomed"], strict=True):
         assert zoomed == ([2, 3] if figure["is_over_time"] else before), figure["name"]
         assert before != [2, 3]
