@@ -134,6 +134,24 @@ fn damaged_and_hostile_logs() {
     check(&[0xFA, 0xFF, 0x36, 0xFF, 0x20, 0x00, 0x10, 0x20, 0x00].repeat(5000));
 }
 
+/// A false header makes the buffer long, in which a long message begins. The next step has a new buffer, with fewer bytes
+/// of the message than were seen already.
+#[test]
+fn long_messages_behind_a_false_header() {
+    let packets: Vec<u8> = std::iter::repeat_n(packet(0x4020, &[1; 12]), 4000).flatten().collect();
+    let false_header = [0xFA, 0xFF, 0x36, 0xFF, 0xFF, 0xFF];
+    let stream = [&inertial(0)[..], &false_header, &[0; 16_000], &extended(0xFF, 0x36, &packets)].concat().repeat(2);
+    let whole = Log::whole(&stream, Options::default());
+    assert_eq!((whole.stats.samples, whole.stats.skipped_bytes), (4, 2 * 16_006));
+    let mut file = tempfile();
+    file.write_all(&stream).unwrap();
+    let mut reader = Reader::new(Options::default(), 0);
+    while !reader.is_finished() {
+        reader.read_parallel(Input::Copied(&file), reader.at() + 1, Blocks { size: 10, threads: 2 }).unwrap();
+    }
+    Log::of(&reader.take(), &mut Clocks::default()).same_as(&whole, "single steps");
+}
+
 /// Threads stop at the same fault, with the same samples before it.
 #[test]
 fn strict_logs() {
@@ -224,7 +242,11 @@ fn sizes(pieces: &Pieces) -> impl Iterator<Item = u64> {
 /// Whatever others write while they are read, each byte is in one frame, one string or damage.
 #[test]
 fn bytes_that_change() {
-    let stream: Vec<u8> = (0..4000).flat_map(inertial).collect();
+    let packets: Vec<u8> = std::iter::repeat_n(packet(0x4020, &[1; 12]), 1000).flatten().collect();
+    let long = extended(0xFF, 0x36, &packets);
+    let stream: Vec<u8> = (0..4000)
+        .flat_map(|i| if i % 1000 == 999 { [long.clone(), inertial(i)].concat() } else { inertial(i) })
+        .collect();
     for round in 0..20 {
         let bytes = Changing { bytes: &stream, reads: AtomicU64::new(round * 10_000) };
         for threads in [1, 2, 3] {

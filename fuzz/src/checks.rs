@@ -1,8 +1,11 @@
 //! The laws. Each function takes any bytes and panics if the law does not hold.
 
+use std::io::{self, Read};
+
 use xbus::clock::{Clocks, Gap, Restart};
 use xbus::column::Column;
 use xbus::error::Fault;
+use xbus::input::ReadAt;
 use xbus::log::{self, Blocks, Options, Part, Reader, Shape, TimedPart, Times};
 use xbus::packet::{Coordinates, Packet, Precision, packets};
 use xbus::scan::Window;
@@ -154,6 +157,8 @@ pub fn parallel(data: &[u8]) {
     let options = options(&mut random);
     let whole = Log::whole(&stream, options.clone());
     for _ in 0..3 {
+        let pieces = Pieces { bytes: &stream, most: random.pick(&[1, 60, 5000, usize::MAX]) };
+        let input = if random.once_in(2) { log::Input::Copied(&pieces) } else { log::Input::Memory(&stream) };
         let blocks = Blocks { size: random.pick(&[1, 30, 300, 5000]), threads: 2 + random.below(3) };
         let mut reader = Reader::new(options.clone(), stream.len() as u64);
         let mut clocks = Clocks::default();
@@ -161,12 +166,30 @@ pub fn parallel(data: &[u8]) {
         let step = random.pick(&[100, 5000, stream.len() + 1]);
         while !reader.is_finished() {
             let until = reader.at() + 1 + random.below(step) as u64;
-            reader.read_parallel(log::Input::Memory(&stream), until, blocks).expect("not strict");
+            reader.read_parallel(input, until, blocks).expect("not strict");
             if random.once_in(2) || reader.is_finished() {
                 joined.join(Log::of(&reader.take(), &mut clocks));
             }
         }
         joined.same_as(&whole, "parallel, whole");
+    }
+}
+
+/// Bytes of which each read returns a few.
+struct Pieces<'a> {
+    bytes: &'a [u8],
+    most: usize,
+}
+
+impl ReadAt for Pieces<'_> {
+    fn size(&self) -> io::Result<u64> {
+        Ok(self.bytes.len() as u64)
+    }
+
+    fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize> {
+        let from = self.bytes.len().min(usize::try_from(position).unwrap_or(usize::MAX));
+        let most = buffer.len().min(self.most);
+        (&self.bytes[from..]).read(&mut buffer[..most])
     }
 }
 

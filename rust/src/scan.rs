@@ -510,7 +510,8 @@ impl Walk {
     fn tiles(&mut self, candidate: u64, bytes: &[u8], header: &Header) -> Tiling {
         let payload = &bytes[header.size..bytes.len().min(header.size + header.payload)];
         let cost = if header.size > HEADER_SIZE { PACKET_COST } else { 0 };
-        let resumed = self.candidate == candidate;
+        // Bytes that others write may have another header now.
+        let resumed = self.candidate == candidate && self.at <= header.payload;
         let mut at = if resumed { self.at } else { 0 };
         let tiling = loop {
             let left = header.payload - at;
@@ -520,7 +521,9 @@ impl Walk {
             if left < PACKET_HEADER {
                 break Tiling::Broken;
             }
-            let Some(&[high, low, size]) = payload[at..].first_chunk() else { break Tiling::Cut };
+            // A reader that goes on with a new buffer may have fewer bytes than before.
+            let rest = payload.get(at..).unwrap_or_default();
+            let Some(&[high, low, size]) = rest.first_chunk() else { break Tiling::Cut };
             let end = at + PACKET_HEADER + usize::from(size);
             if end > header.payload || self.credit < cost {
                 break Tiling::Broken;
