@@ -12,8 +12,6 @@ from hypothesis import strategies as st
 
 from xbus.report.allan import Longest, Stretch, allan_deviation, at_one_second, flicker_floor
 
-allantools = pytest.importorskip("allantools")
-
 
 def noise(kind: str, rows: int) -> npt.NDArray[np.float64]:
     white = np.random.default_rng(7).normal(size=rows)
@@ -23,6 +21,7 @@ def noise(kind: str, rows: int) -> npt.NDArray[np.float64]:
 @pytest.mark.parametrize("rate", [0.5, 100.0, 400.0, 2000.0])
 @pytest.mark.parametrize("kind", ["white", "walk", "offset"])
 def test_against_allantools(kind: str, rate: float) -> None:
+    allantools = pytest.importorskip("allantools")  # late: it imports much of scipy
     rows = noise(kind, 20_000)
     tau, deviation = allan_deviation(rows, rate)
     theirs = allantools.oadev(rows, rate=rate, data_type="freq", taus=tau)
