@@ -7,8 +7,11 @@
 use crate::catch::{expect_memory, out_of_memory};
 use crate::column::Progress;
 
-/// Below this many numbers a vector doubles: a quantity that occurs once must not reserve memory for millions of rows.
+/// Below this many numbers a vector grows at most by `PACE`: a quantity that occurs once must not reserve memory for
+/// millions of rows.
 const SMALL: usize = 1 << 14;
+/// How many times as large a small vector becomes if the rest of the input is expected to need it.
+const PACE: usize = 16;
 
 /// Reserves memory for at least `more` numbers at the end of `out`.
 ///
@@ -20,13 +23,13 @@ pub fn reserve<T>(out: &mut Vec<T>, more: usize, progress: Progress) {
     }
     let needed = out.len() + more;
     let doubled = needed.max(2 * out.len());
-    if needed < SMALL {
-        return reserve_or_end(out, doubled - out.len());
-    }
     let expected = needed as u128 * u128::from(progress.total) / u128::from(progress.done.max(1));
     // A number takes at least one byte of input.
     let most = needed as u128 + u128::from(progress.total.saturating_sub(progress.done));
     let expected = usize::try_from((expected + expected / 64).min(most)).unwrap_or(needed);
+    if needed < SMALL {
+        return reserve_or_end(out, doubled.max(expected.min(PACE * needed).min(SMALL)) - out.len());
+    }
     // The stated length of the input may be wrong.
     if out.try_reserve_exact(expected.max(doubled) - out.len()).is_err() {
         reserve_or_end(out, doubled - out.len());

@@ -8,8 +8,9 @@ use std::ops::Range;
 use crate::huge_pages;
 use crate::scan::Window;
 
-/// Most bytes to read at a time: enough to make system calls cheap, few enough for the second-level cache.
-const PIECE: usize = 1 << 19;
+/// Most bytes to read at a time: enough to make system calls cheap, few enough for the second-level cache, and for a part
+/// of a megabyte, whose buffer is new.
+const PIECE: usize = 1 << 18;
 /// Fewest bytes to ask for, so that parts of a few bytes do not cost a system call each.
 const LEAST: usize = 1 << 12;
 
@@ -56,7 +57,10 @@ impl<R: Read> Stream<R> {
             self.held = 0..self.held.len();
         }
         let missing = until.saturating_sub(position + self.held.len() as u64);
-        let end = self.held.end + usize::try_from(missing).unwrap_or(PIECE).clamp(LEAST, PIECE);
+        let wanted = usize::try_from(missing).unwrap_or(PIECE).clamp(LEAST, PIECE);
+        // A shorter read is cheaper than a larger buffer: a buffer that grows is copied.
+        let room = self.buffer.len() - self.held.end;
+        let end = self.held.end + if room < PIECE / 2 { wanted } else { wanted.min(room) };
         if self.buffer.len() < end {
             let more = end - self.buffer.len();
             huge_pages::reserve_or_end(&mut self.buffer, more);
