@@ -208,12 +208,19 @@ def file_version(name: str) -> Version:
 
     Raises:
         ImportError: A library for the URL is not installed.
-        OSError: The file cannot be accessed.
+        OSError: The file cannot be accessed, or is a folder.
+        TypeError: It is a pipe or a device.
     """
     path = local_name(name)
     if is_url(path):
         return remote_version(path)
     status = os.stat(path)  # noqa: PTH116 - pathlib is slow to import
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), name)
+    if not stat.S_ISREG(status.st_mode):
+        raise TypeError(
+            f"{name} is no regular file and can be read only once; copy it to one, or use iter_log"
+        )
     return status.st_size, str(status.st_mtime_ns)
 
 

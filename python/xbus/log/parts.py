@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import errno
 import io
 import math
 import os
-import stat
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from xbus import _core
 from xbus.errors import XbusError
-from xbus.files import file_version, is_plain, is_url, local_name
+from xbus.files import file_version, is_plain, local_name
 from xbus.log.arrivals import Arrivals, HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
@@ -27,6 +25,7 @@ from xbus.log.source import (
     Source,
     array_of,
     open_range,
+    open_source,
     quantity_filter,
     with_storage_options,
 )
@@ -299,7 +298,7 @@ def split_log(
         given = pieces.known()
     versions = _versions(given)
     arrivals = arrivals_of(pieces or given)
-    opened: Any = pieces or (_opened(given, 0, None) if _is_name(given) else given)
+    opened: Any = pieces or (_opened(given, 0, None) if _is_name(given) else open_source(given))
     reader = reader_of(
         opened,
         strict=False,
@@ -447,8 +446,8 @@ def _opened(source: Any, start: int, end: int | None) -> Source | Readable:
         pieces = source.open()
         pieces.go_to(start, end)
         return pieces
-    plain: Source = source
-    return plain if is_plain(os.fsdecode(source)) else open_range(plain, start, end)
+    name = os.fsdecode(source)
+    return local_name(name) if is_plain(name) else open_range(source, start, end)
 
 
 def _is_name(source: object) -> bool:
@@ -472,18 +471,7 @@ def _versions(source: Any) -> tuple[Version | None, ...]:
         OSError: A piece cannot be accessed.
         TypeError: A piece is a pipe or a device.
     """
-    return tuple(_version(one) if _is_name(one) else None for one in _each(source))
-
-
-def _version(source: str | os.PathLike[str]) -> Version:
-    name = os.fsdecode(source)
-    if not is_url(name) and not stat.S_ISREG(mode := os.stat(local_name(name)).st_mode):  # noqa: PTH116
-        if stat.S_ISDIR(mode):
-            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), name)
-        raise TypeError(
-            f"{name} is no regular file and can be read only once; copy it to one, or use iter_log"
-        )
-    return file_version(name)
+    return tuple(file_version(os.fsdecode(one)) if _is_name(one) else None for one in _each(source))
 
 
 def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: str) -> None:

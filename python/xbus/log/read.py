@@ -117,7 +117,7 @@ def read_log(
     source = _one_source(source, between, rate, bid, kinds, legacy, allow_restart=allow_restart)
     threads = thread_count(threads)
     reader = reader_of(
-        source,
+        open_source(source),
         strict=strict,
         quantities=keep,
         strings=mask_of(kinds),
@@ -180,7 +180,7 @@ def iter_log(
     source = with_storage_options(source, storage_options)
     source = _one_source(source, between, rate, bid, kinds, legacy, allow_restart=allow_restart)
     reader = reader_of(
-        source,
+        open_source(source),
         strict=strict,
         quantities=keep,
         strings=mask_of(kinds),
@@ -313,7 +313,7 @@ def cut_parts(
 
 
 def reader_of(
-    source: Source,
+    opened: Source,
     *,
     strict: bool,
     quantities: QuantityFilter | None,
@@ -327,21 +327,20 @@ def reader_of(
 ) -> _core.Reader:
     """Returns a reader for parts of ``part_bytes``, or for one part.
 
-    It keeps values, or only counts rows. It is at the start of ``source``, or where another reader had
+    It keeps values, or only counts rows. It is at the start of the input, or where another reader had
     ``state``.
     """
     if rate is not None and not 0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of Hz, not {rate!r}")
-    paths = source.paths if isinstance(source, Pieces) and threads > 1 else None
-    opened = paths or open_source(source)
+    paths = opened.paths if isinstance(opened, Pieces) and threads > 1 else None
     return _core.Reader(
-        opened,
+        paths or opened,
         limit=LONGEST,
         strict=strict,
         wanted=quantities,
         strings=strings,
         legacy=legacy_outputs(legacy),
-        part_bytes=size_hint(opened) if part_bytes is None else part_bytes,
+        part_bytes=size_hint(paths or opened) if part_bytes is None else part_bytes,
         rate=rate,
         threads=threads,
         values=values,
