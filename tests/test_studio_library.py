@@ -21,7 +21,7 @@ from xbus.cli import main
 from xbus.cli.failure import Failure
 from xbus.cli.studio import _sources
 from xbus.log.pacing import ReplayPace
-from xbus.studio import library, replaying, sampled, thumbnail
+from xbus.studio import commands, library, replaying, sampled, thumbnail
 from xbus.studio.commands import command_line
 from xbus.studio.drawing import cloud, curve
 from xbus.studio.library import FileCache, find_recordings, unused_path
@@ -57,28 +57,68 @@ def test_pieces_are_one_recording_and_folders_are_searched(tmp_path: Path) -> No
     assert found.heading == "walk.mtb to walk-0003.mtb"
 
 
-def test_a_name_does_not_make_a_piece(tmp_path: Path) -> None:
+def write_two(folder: Path) -> list[Path]:
+    """Writes recordings of two devices with the names of one recording, and returns them."""
     for name, identifier in {"walk.mtb": "03801234", "walk-0001.mtb": "03805678"}.items():
         head = xbus.encode_frame(xbus.MessageId.DeviceID, bytes.fromhex(identifier))
-        (tmp_path / name).write_bytes(head + xbus.encode_sample({"packet_counter": 1}))
+        (folder / name).write_bytes(head + xbus.encode_sample({"packet_counter": 1}))
+    return [folder / "walk.mtb", folder / "walk-0001.mtb"]
+
+
+def test_a_name_does_not_make_a_piece(tmp_path: Path) -> None:
+    write_two(tmp_path)
     assert names(tmp_path) == [["walk-0001.mtb"], ["walk.mtb"]]
 
 
-def test_compressed_recordings_are_listed_one_by_one(tmp_path: Path) -> None:
+def compress(path: Path) -> None:
+    """Replaces a file by a compressed one."""
+    path.with_name(f"{path.name}.gz").write_bytes(gzip.compress(path.read_bytes()))
+    path.unlink()
+
+
+def test_compressed_recordings_are_listed(tmp_path: Path) -> None:
     data = gzip.compress(WALK.read_bytes())
-    for name in ("walk.mtb.gz", "walk-0001.mtb.gz", "one.MTB.zst", "notes.txt.gz", "one.mtb.zip"):
+    for name in ("walk.mtb.gz", "log-2026.mtb.gz", "log-2027.mtb.gz", "one.MTB.zst", "one.mtb.zip"):
         (tmp_path / name).write_bytes(data)
     shutil.copy(WALK, tmp_path / "walk.mtb")
-    assert names(tmp_path) == [
-        ["one.MTB.zst"],
-        ["walk-0001.mtb.gz"],
-        ["walk.mtb"],
-        ["walk.mtb.gz"],
-    ]
+    expected = ["log-2026.mtb.gz", "log-2027.mtb.gz", "one.MTB.zst", "walk.mtb", "walk.mtb.gz"]
+    assert names(tmp_path) == [[name] for name in expected]
     entries = {each.path.name: each for each in find_recordings(tmp_path).entries}
-    found = entries["walk-0001.mtb.gz"]
-    assert (found.plain_path.name, found.is_compressed) == ("walk-0001.mtb", True)
+    found = entries["walk.mtb.gz"]
+    assert (found.plain_path.name, found.is_compressed) == ("walk.mtb", True)
     assert not entries["walk.mtb"].is_compressed
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_compressed_pieces_are_one_recording(count: int, tmp_path: Path) -> None:
+    """Also while the last ones are not compressed yet."""
+    for piece in split(tmp_path)[:count]:
+        compress(piece)
+    (entry,) = find_recordings(tmp_path).entries
+    assert [file.name.removesuffix(".gz") for file in entry.files] == [
+        "walk.mtb",
+        "walk-0001.mtb",
+        "walk-0002.mtb",
+        "walk-0003.mtb",
+    ]
+    assert (entry.plain_path.name, entry.is_compressed) == ("walk.mtb", True)
+    assert asyncio.run(commands.describe(entry)).samples == 1040
+    assert thumbnail.thumbnail(entry.files) == thumbnail.thumbnail([WALK])
+    assert Replaying(replay_source(entry.files)).duration == pytest.approx(9.99, abs=0.02)
+
+
+def test_compressed_files_that_are_several_recordings(tmp_path: Path) -> None:
+    """Their names do not say so; once they are read, it is known."""
+    for path in write_two(tmp_path):
+        compress(path)
+    (entry,) = find_recordings(tmp_path).entries
+    with pytest.raises(ValueError, match=r"does not continue .*walk\.mtb\.gz"):
+        Replaying(replay_source(entry.files))
+    with pytest.raises(commands.CommandError, match="are 2 recordings; read the folder again"):
+        asyncio.run(commands.describe(entry))
+    assert names(tmp_path) == [["walk-0001.mtb.gz"], ["walk.mtb.gz"]]
+    for each in find_recordings(tmp_path).entries:
+        assert asyncio.run(commands.describe(each)).samples == 1
 
 
 def test_names_are_printable(tmp_path: Path) -> None:
@@ -237,7 +277,7 @@ def test_without_time_stamps_a_large_recording_is_drawn_by_its_bytes(
     assert [x[at][0] for at in x] == sorted((ends[0] for ends in x.values()), reverse=True)
 
 
-def test_a_compressed_recording_has_a_picture_unless_it_is_large(
+def test_a_compressed_recording_has_a_picture_unless_it_is_huge(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, hidden = tmp_path / "walk.mtb.gz", tmp_path / "hidden.mtb"
@@ -245,11 +285,34 @@ def test_a_compressed_recording_has_a_picture_unless_it_is_large(
     shutil.copy(path, hidden)  # compressed, and the name does not say so
     expected = thumbnail.thumbnail([WALK])
     assert thumbnail.thumbnail([path]) == thumbnail.thumbnail([hidden]) == expected
-    monkeypatch.setattr(sampled, "WHOLE", WALK.stat().st_size - 1)
-    assert thumbnail.thumbnail([path]) == ""
+    monkeypatch.setattr(sampled, "MOST_DECOMPRESSED", WALK.stat().st_size)
+    assert thumbnail.thumbnail([path]) == expected
+    monkeypatch.setattr(sampled, "MOST_DECOMPRESSED", WALK.stat().st_size - 1)
+    assert "no picture: more than" in thumbnail.thumbnail([path])
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(OSError, match="the compressed data is damaged"):
         thumbnail.thumbnail([path])
+
+
+def test_of_a_large_compressed_recording_parts_are_decoded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = columns_of(thumbnail.thumbnail([WALK]))
+    monkeypatch.setattr(sampled, "SMALL_PART", 400)
+    monkeypatch.setattr(sampled, "MOST_SMALL_PARTS", 300)
+    pieces = split(tmp_path)
+    for piece in pieces:
+        compress(piece)
+    known = sampled._decompressed([piece.with_name(f"{piece.name}.gz") for piece in pieces])
+    assert known is not None
+    starts = [part.start for part in known.parts()]
+    assert set(np.diff(starts).tolist()) == {800}  # 423 parts of 400 bytes are too many
+    found = sampled._decoded(known, ["acceleration"])
+    places = sampled.columns_of(found.position, thumbnail.COLUMNS)
+    assert np.unique(places).tolist() == list(range(thumbnail.COLUMNS)) == list(whole[0])
+    log = xbus.read_log(WALK)
+    assert np.isin(found.log["acceleration"].values, log["acceleration"].values).all()
+    assert 300 < len(found.log) < 600
 
 
 @pytest.mark.parametrize("data", [b"", b"no frame" * 100, xbus.encode_frame(0x3E)])
@@ -429,8 +492,6 @@ def test_reports_of_the_folder_and_the_folders_in_it(tmp_path: Path) -> None:
 
 
 def test_facts_are_read_once_for_two_pages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from xbus.studio import commands
-
     shutil.copy(WALK, tmp_path / "walk.mtb")
     (entry,) = find_recordings(tmp_path).entries
     runs = []

@@ -15,7 +15,7 @@ from xbus.describe.log_summary import LogSummary
 from xbus.device.rotation import parse_rotation
 from xbus.files import is_plain
 from xbus.log.read import iter_log
-from xbus.studio.library import Entry, FileCache
+from xbus.studio.library import Entry, FileCache, remember_recordings
 
 __all__ = [
     "CommandError",
@@ -173,6 +173,8 @@ async def describe(entry: Entry) -> Facts:
     task = _facts.get(key)
     if task is None:
         task = asyncio.create_task(_read_facts(entry))
+        # Without a page that waits, a failure is shown to none; asyncio would print it.
+        task.add_done_callback(lambda done: done.cancelled() or done.exception())
         _facts.put(key, task)
     try:
         # A page that is closed does not end what another one waits for.
@@ -215,16 +217,19 @@ def facts_of(text: str) -> Facts:
     """
     found = json.loads(text)
     if len(found) > 1:
+        remember_recordings([each["files"] for each in found])
         raise CommandError(f"these files are {len(found)} recordings; read the folder again")
     return _from_info(found[0])
 
 
 def _from_info(info: dict[str, Any]) -> Facts:
-    names = tuple(row["name"] for row in info["quantities"])
+    devices, names = info["devices"], tuple(row["name"] for row in info["quantities"])
+
+    def unknown(bid: int) -> str:
+        return f"BID {bid}" if len(devices) > 1 else "unknown product"
+
     return Facts(
-        tuple(
-            (device["product_code"] or f"BID {device['bid']}").strip() for device in info["devices"]
-        ),
+        tuple((device["product_code"] or unknown(device["bid"])).strip() for device in devices),
         info["duration_s"],
         info["samples"],
         info["lost_samples"],

@@ -11,11 +11,18 @@ from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
 from xbus.describe.names import file_label
-from xbus.files import RECORDING_SUFFIX, uncompressed_name
+from xbus.files import RECORDING_SUFFIX, suffix_of_compression, uncompressed_name
 from xbus.log.grouping import continued
 from xbus.log.pieces import piece_name
 
-__all__ = ["Entry", "FileCache", "Library", "find_recordings", "unused_path"]
+__all__ = [
+    "Entry",
+    "FileCache",
+    "Library",
+    "find_recordings",
+    "remember_recordings",
+    "unused_path",
+]
 
 T = TypeVar("T")
 
@@ -51,8 +58,8 @@ class Entry:
 
     @property
     def is_compressed(self) -> bool:
-        """Whether the name is that of a compressed file."""
-        return self.plain_path != self.path
+        """Whether the name of a file is that of a compressed one."""
+        return any(suffix_of_compression(file.name) for file in self.files)
 
     @property
     def arguments(self) -> list[str]:
@@ -95,8 +102,8 @@ def find_recordings(folder: Path) -> Library:
     """Returns the recordings of a folder and the folders in it, without hidden ones.
 
     The files of a recording in several pieces, such as those of ``xbus record --rotate``, are one recording.
-    Compressed pieces are one each, because what continues another is known only when it is decompressed. A
-    file that disappears meanwhile is left out.
+    Whether a compressed piece continues another is known only when it is decompressed: until then, the names
+    decide. A file that disappears meanwhile is left out.
 
     Raises:
         OSError: The folder exists and cannot be read.
@@ -115,15 +122,13 @@ def find_recordings(folder: Path) -> Library:
                 state = entry.stat()
                 if entry.is_file():
                     file = _File(Path(entry.path), state.st_size, state.st_mtime)
-                    is_plain = plain == entry.path
-                    name = piece_name(entry.path).recording if is_plain else entry.path
-                    names.setdefault(name, []).append(file)
+                    names.setdefault(piece_name(entry.path).recording, []).append(file)
     latest = sorted(names.values(), key=lambda group: max(each.modified for each in group))
     entries: list[Entry] = []
     for group in reversed(latest[-MAX_ENTRIES:]):
         files = {str(each.path): each for each in group}
-        for recording in continued(list(files)):
-            pieces = [files[name] for name in recording.files]
+        for names_of_pieces in _grouped(list(files)):
+            pieces = [files[name] for name in names_of_pieces]
             entries.append(
                 Entry(
                     tuple(each.path for each in pieces),
@@ -134,6 +139,32 @@ def find_recordings(folder: Path) -> Library:
     entries.sort(key=lambda each: each.modified, reverse=True)
     total = len(entries) + max(0, len(latest) - MAX_ENTRIES)
     return Library(entries[:MAX_ENTRIES], total, looked_at <= MAX_LOOKED_AT)
+
+
+def remember_recordings(recordings: Sequence[Sequence[str]]) -> None:
+    """Remembers that files with the names of one recording are several, as long as they do not change."""
+    files = sorted(file for recording in recordings for file in recording)
+    with contextlib.suppress(OSError):  # a file is gone
+        _several.put(FileCache.key(list(map(Path, files))), [[*each] for each in recordings])
+
+
+def _grouped(files: list[str]) -> list[list[str]]:
+    """Returns files with the names of one recording, grouped into recordings."""
+    suffixes = {suffix_of_compression(file) for file in files}
+    if suffixes == {""} or len(files) == 1:
+        return [group.files for group in continued(files)]
+    numbers = {file: piece_name(file).number for file in files}
+    if len(set(numbers.values())) < len(files):  # walk.mtb and walk.mtb.gz
+        if len(suffixes) == 1:
+            return [[file] for file in files]
+        own = [[file for file in files if suffix_of_compression(file) == each] for each in suffixes]
+        return [group for same in own for group in _grouped(same)]
+    if 0 not in numbers.values():  # other programs give such names to recordings of any kind
+        return [[file] for file in files]
+    with contextlib.suppress(OSError):  # reading reports the error
+        if found := _several.get(FileCache.key(list(map(Path, sorted(files))))):
+            return found
+    return [sorted(files, key=numbers.__getitem__)]
 
 
 def _walk(folder: Path) -> Iterator[os.DirEntry[str]]:
@@ -195,3 +226,7 @@ class FileCache(Generic[T]):
     def forget(self, key: object) -> None:
         """Forgets it."""
         self._known.pop(key, None)
+
+
+#: Files whose names are those of one recording, and which are several.
+_several: FileCache[list[list[str]]] = FileCache()

@@ -11,8 +11,10 @@ import numpy.typing as npt
 from xbus.describe.names import file_label
 from xbus.files import content_size, is_plain
 from xbus.formatting import format_count, format_size
+from xbus.log.identity import Identity
 from xbus.log.log import Log
 from xbus.log.pacing import ReplayPace
+from xbus.log.pieces import pieces_of
 from xbus.protocol.products import product_of_code
 from xbus.sim import Replay, SimulatedDevice
 
@@ -68,7 +70,7 @@ class Replaying:
 
     Raises:
         OSError: A file cannot be read.
-        ValueError: There is nothing to replay, or too much.
+        ValueError: There is nothing to replay, or too much, or the files are not those of one recording.
     """
 
     def __init__(self, source: str) -> None:
@@ -81,10 +83,12 @@ class Replaying:
                 f"it has {found}, and a replay at most {most}; cut a part of it first, with Cut on the page "
                 "Recordings or xbus cut"
             )
+        if len(names) > 1:
+            pieces_of(names)  # of compressed pieces, only the names were compared
         self._replay = Replay(names)
         if not len(self._replay):
             raise ValueError("the recording has no frame of a device")
-        code = self._replay.identity.product_code
+        code = self.identity.product_code
         product = None if code is None else product_of_code(code)
         self.files = tuple(names)
         self.name = Path(names[0]).name
@@ -93,6 +97,11 @@ class Replaying:
         self._pace, self._begin, self._received = ReplayPace(), 0.0, 0.0
         #: Whether a moment was chosen, and samples from there on have not arrived yet.
         self._is_chosen = False
+
+    @property
+    def identity(self) -> Identity:
+        """The device that was recorded, as far as the recording identifies it."""
+        return self._replay.identity
 
     @property
     def duration(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -27,6 +27,10 @@ FloatArray = npt.NDArray[np.float64]
 WHOLE, PART = 4 << 20, 24 << 10
 #: The most parts that are read, and how often more are read where time has no samples.
 MOST_PARTS, ROUNDS = 640, 16
+#: The most bytes that are decompressed, and the size and the greatest number of parts that are kept of them.
+MOST_DECOMPRESSED, SMALL_PART, MOST_SMALL_PARTS = 256_000_000, 4 << 10, 4096
+#: Bytes that are decompressed at a time.
+BLOCK = 1 << 20
 
 
 class Sampled(NamedTuple):
@@ -68,7 +72,8 @@ def sampled(files: Sequence[Path], columns: int, quantities: Iterable[str]) -> S
     """Returns samples for each column of a picture of a recording, as far as there are any.
 
     A large recording is read at places of the same distance. Where columns are empty, because the rate
-    changes or samples are missing, more is read, until the bytes on both sides of a gap are known.
+    changes or samples are missing, more is read, until the bytes on both sides of a gap are known. A
+    compressed one is decompressed once, and smaller parts of the same distance are decoded.
 
     Args:
         files: The pieces of the recording.
@@ -76,7 +81,7 @@ def sampled(files: Sequence[Path], columns: int, quantities: Iterable[str]) -> S
         quantities: Names of the quantities to decode.
 
     Returns:
-        The samples; None of a large compressed recording, because all of it would have to be decompressed.
+        The samples; None of a compressed recording with more than `MOST_DECOMPRESSED`.
 
     Raises:
         ImportError: The library for a compression is not installed.
@@ -84,8 +89,8 @@ def sampled(files: Sequence[Path], columns: int, quantities: Iterable[str]) -> S
     """
     quantities = (*RECEIVER, *quantities)
     if not all(is_plain(str(file)) for file in files):
-        data = _decompressed(files)
-        return None if data is None else _decoded(_Bytes([], data), quantities)
+        decompressed = _decompressed(files)
+        return None if decompressed is None else _decoded(decompressed, quantities)
     known = _Bytes(files)
     if known.size <= WHOLE:
         known.read(0, known.size)
@@ -113,16 +118,6 @@ def _evenly(first: int, last: int, count: int) -> list[int]:
     return [first + (last - first) * at // (count - 1) for at in range(count)]
 
 
-def _decompressed(files: Sequence[Path]) -> bytes | None:
-    """Returns the content of files; None if it is more than is read as a whole."""
-    data = b""
-    for file in files:
-        with contextlib.closing(open_file(str(file), is_regular=True)) as opened:
-            while len(data) <= WHOLE and (more := opened.read(WHOLE + 1 - len(data))):
-                data += more
-    return data if len(data) <= WHOLE else None
-
-
 class _Part(NamedTuple):
     """Bytes of a recording that follow each other.
 
@@ -143,17 +138,18 @@ class _Bytes:
     """The bytes of a recording that are known.
 
     Args:
-        files: The pieces of the recording.
-        data: The bytes at its start.
+        files: The pieces of the recording, from which more can be read.
+        known: What is known of it, by place.
 
     Attributes:
         size: Size of the recording in bytes.
     """
 
-    def __init__(self, files: Sequence[Path], data: bytes = b"") -> None:
+    def __init__(self, files: Sequence[Path], known: Mapping[int, bytes] | None = None) -> None:
         self._sizes = [(file, file.stat().st_size) for file in files]
-        self.size = sum(size for _, size in self._sizes) or len(data)
-        self._known = {0: data} if data else {}
+        self._known = dict(known or {})
+        ends = [start + len(data) for start, data in self._known.items()]
+        self.size = max(sum(size for _, size in self._sizes), *ends, 0)
         self._trimmed: dict[tuple[int, int], _Part] = {}
 
     def read(self, start: int, end: int) -> None:
@@ -201,6 +197,41 @@ class _Bytes:
             first, last = _whole_frames(data)
             self._trimmed[key] = _Part(start, start + len(data), start + first, data[first:last])
         return self._trimmed[key]
+
+
+def _decompressed(files: Sequence[Path]) -> _Bytes | None:
+    """Returns parts of the same distance of files that are compressed; None if they have too many bytes.
+
+    How many bytes there are is known at the end only. So the distance between parts doubles whenever they are
+    too many.
+    """
+    parts: dict[int, bytes] = {}
+    size, step = 0, SMALL_PART
+    for data in _small_parts(files):
+        if size % step == 0:
+            parts[size] = data
+        if len(parts) > MOST_SMALL_PARTS:
+            step *= 2
+            parts = {start: part for start, part in parts.items() if start % step == 0}
+        size += len(data)
+        if size > MOST_DECOMPRESSED:
+            return None
+    return _Bytes([], parts)
+
+
+def _small_parts(files: Sequence[Path]) -> Iterator[bytes]:
+    """Yields the content of files in parts of `SMALL_PART` bytes; only the last one may be shorter."""
+    data = b""
+    for file in files:
+        with contextlib.closing(open_file(str(file), is_regular=True)) as opened:
+            while more := opened.read(BLOCK):
+                data += more
+                whole = len(data) - len(data) % SMALL_PART
+                for start in range(0, whole, SMALL_PART):
+                    yield data[start : start + SMALL_PART]
+                data = data[whole:]
+    if data:
+        yield data
 
 
 def _whole_frames(data: bytes) -> tuple[int, int]:

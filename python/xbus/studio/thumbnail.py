@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.palette import COLOURS
-from xbus.formatting import format_count
+from xbus.formatting import format_count, format_size
 from xbus.protocol.tables import QUANTITIES
-from xbus.studio.sampled import columns_of, sampled
+from xbus.studio.sampled import MOST_DECOMPRESSED, columns_of, sampled
 
 __all__ = ["thumbnail"]
 
@@ -39,7 +39,7 @@ WANTED = (
 
 
 def thumbnail(files: Sequence[Path]) -> str:
-    """Returns an SVG of one quantity over a recording; empty if it has none to draw.
+    """Returns an SVG of one quantity over a recording; empty if there is none, a text if it is too large.
 
     Each column shows the minimum and the maximum of each component. The columns are moments of the
     recording; without time stamps, its packet counter or the places in its bytes. Gaps are marked. See
@@ -56,8 +56,10 @@ def thumbnail(files: Sequence[Path]) -> str:
     '<svg viewBox="0 0 160 40" preserveAspectRatio="none"'
     """
     found = sampled(files, COLUMNS, WANTED)
-    name = None if found is None else next((each for each in WANTED if each in found.log), None)
-    if found is None or name is None:
+    if found is None:
+        most = format_size(MOST_DECOMPRESSED)
+        return f'<span class="xbus-quiet text-xs">no picture: more than {most} decompressed</span>'
+    if (name := next((each for each in WANTED if each in found.log), None)) is None:
         return ""
     rows = found.log[name]
     values = np.asarray(rows.values, np.float64).reshape(len(rows), -1)
