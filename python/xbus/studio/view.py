@@ -69,6 +69,7 @@ class View:
     Attributes:
         plots: The plots; None before a choice.
         span: Seconds that live plots show.
+        is_grid: Whether two plots are side by side.
         limits: The limits of the y axes that are locked; None if they are free.
         cursors: What paused plots show; None while they are live.
         held: The samples of paused plots; None while they are live.
@@ -78,6 +79,7 @@ class View:
 
     plots: list[Plot] | None = None
     span: int = 10
+    is_grid: bool = False
     limits: dict[Plot, tuple[float, float]] | None = None
     cursors: Cursors | None = None
     held: Held | None = None

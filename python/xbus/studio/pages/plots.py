@@ -72,7 +72,8 @@ class Plots:
         self._titles: dict[Plot, str] = {}
         self._is_measuring = self._is_outdated = False
         self._controls()
-        self._column = ui.column().classes("w-full gap-2")
+        self._column = ui.element("div")
+        self._arrange()
         self._hint = ui.label(HINT).classes("xbus-quiet text-xs")
         keys = [" ", "Escape", "a", "b", "c", "ArrowLeft", "ArrowRight", "+", "=", "-", "?"]
         Keys(keys, self._key)
@@ -116,6 +117,9 @@ class Plots:
                 value=view.limits is not None,
                 on_change=lambda event: self._set_locked(event.value),
             ).tooltip("keeps the present limits of the y axes")
+            ui.button(icon="grid_view", on_click=self._toggle_grid).props(
+                "dense flat round aria-label='two plots side by side'"
+            ).tooltip("two plots side by side, or one below the other")
             ui.button(icon="keyboard", on_click=self._help).props(
                 "dense flat round aria-label='keys of this page'"
             ).tooltip("keys of this page")
@@ -244,6 +248,15 @@ class Plots:
     def _set_span(self, span: int) -> None:
         self._view.span = span
         self._resume()
+
+    def _toggle_grid(self) -> None:
+        self._view.is_grid = not self._view.is_grid
+        self._arrange()
+        self._on_view()
+
+    def _arrange(self) -> None:
+        grid = " xbus-grid" if self._view.is_grid else ""
+        self._column.classes(replace=f"xbus-plots{grid} w-full")
 
     def _set_locked(self, is_locked: bool) -> None:
         self._view.limits = {} if is_locked else None
