@@ -11,7 +11,7 @@ pytest.importorskip("nicegui", reason="the extra studio is not installed")
 
 import xbus
 from xbus.protocol.tables import STATUS_FLAGS
-from xbus.studio.health import ages, clipping, filter_state
+from xbus.studio.health import ages, clipping, devices, filter_state
 from xbus.watch.model import Clipped, Model, QuantityState
 from xbus.watch.rows import BAD, DIM, GOOD, PLAIN, WARNING
 
@@ -55,6 +55,14 @@ def test_a_quantity_in_other_coordinates_is_current() -> None:
         "quaternion", None
     ]
     assert ages_of(model) == [("all values are current", GOOD)]
+
+
+def test_devices_whose_numbers_are_mixed() -> None:
+    model = model_with(acceleration=99.9)
+    model.devices = {1}
+    assert devices(model) == []
+    model.devices = {2, 1}
+    assert devices(model) == [("BID 1, 2: the numbers mix them, plots do not", WARNING)]
 
 
 def test_ages_of_many() -> None:

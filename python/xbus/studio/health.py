@@ -24,7 +24,7 @@ from xbus.watch.rows import (
     status_rows,
 )
 
-__all__ = ["ages", "clipping", "filter_state", "health", "rates"]
+__all__ = ["ages", "clipping", "devices", "filter_state", "health", "rates"]
 
 #: Classes of the style sheet by style of a row.
 CLASSES = {GOOD: "xbus-ok", DIM: "xbus-quiet", WARNING: "xbus-caution", BAD: "xbus-fault"}
@@ -32,6 +32,7 @@ CLASSES = {GOOD: "xbus-ok", DIM: "xbus-quiet", WARNING: "xbus-caution", BAD: "xb
 MEANINGS = {
     "state": "Measurement State: the device sends data. Config State: it takes settings.",
     "replay": "A recording is replayed. Rates, ages and times are those of the recording, at any speed.",
+    "devices": "Devices on one line, by bus identifier (BID). Rates and numbers mix them; plots do not.",
     "rate": "Of the fastest output, as measured, and outputs that are not at their configured rates.",
     "age": "Outputs whose latest value is overdue.",
     "filter": "Whether orientation is valid, and how the filter uses the receiver, by the status word.",
@@ -57,6 +58,7 @@ def health(station: Station) -> str:
         ("state", [(device_state(model), BAD if model.is_lost else PLAIN)])
         if replaying is None
         else ("replay", [(_progress(replaying), PLAIN)]),
+        ("devices", devices(model)),
         ("rate", rates(station)),
         ("age", [] if replaying is not None and replaying.is_over else ages(station)),
         ("filter", filter_state(model)),
@@ -69,6 +71,14 @@ def health(station: Station) -> str:
         text = f"{recording.seconds:.0f} s" if recording.error is None else "ended early"
         facts.append(("recording", [(text, BAD)]))
     return "".join(_fact(label, parts) for label, parts in facts if parts)
+
+
+def devices(model: Model) -> list[Span]:
+    """Returns the devices whose numbers are mixed; none if there is only one."""
+    if len(model.devices) < 2:
+        return []
+    bids = ", ".join(map(str, sorted(model.devices)))
+    return [(f"BID {bids}: the numbers mix them, plots do not", WARNING)]
 
 
 def _progress(replaying: Replaying) -> str:
