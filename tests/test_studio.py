@@ -114,7 +114,7 @@ def test_devices_are_listed_and_identified(studio: Any) -> None:
         assert "firmware" in card.inner_text()
 
 
-def test_a_device_is_opened_tested_and_closed(studio: Any) -> None:
+def test_a_device_is_opened_tested_and_closed(studio: Any, browser: Any) -> None:
     page = studio.page
     studio.open("")
     page.get_by_role("textbox", name="port or URL").fill("sim:MTi-300")
@@ -123,6 +123,17 @@ def test_a_device_is_opened_tested_and_closed(studio: Any) -> None:
     card.get_by_role("button", name="Self test").click()
     dialog = page.get_by_role("dialog")
     dialog.get_by_text("acc x: passed").wait_for()
+    # The devices are drawn again when another page opens one; the dialog stays.
+    other = browser.new_page()
+    other.goto(studio.url)
+    other.get_by_role("textbox", name="port or URL").fill("sim:MTi-2")
+    other.get_by_role("button", name="Open the port or URL").click(timeout=60_000)
+    page.locator(".xbus-device-sim-MTi-2").wait_for(state="attached")
+    other.locator(".xbus-device-sim-MTi-2").get_by_role("button", name="Close").click(
+        timeout=60_000
+    )
+    page.locator(".xbus-device-sim-MTi-2").wait_for(state="detached")
+    other.close()
     dialog.get_by_role("button", name="Close").click()
     card.get_by_role("button", name="Close").click()
     card.wait_for(state="detached")
@@ -1019,6 +1030,12 @@ def test_messages_are_sent_and_listed(studio: Any) -> None:
     page.get_by_label("or in hex").fill("xyz")
     page.get_by_role("button", name="Send hex").click()
     page.get_by_text("is not hex; write bytes").wait_for()
+    # A number with names is chosen by its name.
+    page.get_by_label("message").fill("SetBaudrate")
+    page.get_by_role("option", name="SetBaudrate").click()
+    page.get_by_role("combobox", name="code").click()
+    page.get_by_role("option", name="921,600 baud").click()
+    page.get_by_text("xbus send sim:MTi-630 --config SetBaudrate code=128").wait_for()
     page.get_by_label("or in hex").fill("10")
     page.get_by_role("button", name="Send hex").click()
 

@@ -56,7 +56,16 @@ def test_devices_of_the_same_title_have_their_ports_too(hub: Any) -> None:
 def test_a_replay_has_the_name_of_its_file(hub: Any) -> None:
     source = f"replay:{OWN_CAPTURES / 'walk.mtb'}"
     title = hub.open(source).title
+    assert title == "MTi-680G 008000A1B2"
     assert hub.titled()[source][1] == f"{title}, walk.mtb"
+
+
+def test_a_replay_does_not_have_the_identity_of_a_virtual_device(hub: Any, tmp_path: Any) -> None:
+    path = tmp_path / "walk.mtb"
+    path.write_bytes(xbus.encode_sample({"packet_counter": 1}))
+    station = hub.open(f"replay:{path}")
+    assert station.device.device_id is not None
+    assert (station.title, station.identity.device_id) == ("unknown product", None)
 
 
 def test_counts_are_cleared(hub: Any) -> None:

@@ -25,6 +25,7 @@ from xbus.studio.setting_fields import (
     flags,
     help_of,
     is_record,
+    message_choices,
 )
 from xbus.studio.settings_draft import Draft
 
@@ -220,6 +221,20 @@ def test_the_fields_of_each_setting_have_its_value_among_their_choices(name: Any
                     assert int(present) in options, field
                 elif issubclass(field.kind, IntFlag):
                     assert int(present) & ~sum(flags(field, known)) == 0
+
+
+@pytest.mark.parametrize("product", ["MTi-3", "MTi-630", "MTi-680G", "MTi-300"])
+def test_a_message_has_the_rates_of_the_product(product: str) -> None:
+    has = support(product)
+    expected = {baud_code(rate): f"{rate:,} baud" for rate in has.baudrates}
+    for message, field in {
+        "SetBaudrate": "code",
+        "SetPortConfig": "baud_code",
+        "SetGnssReceiverSettings": "baud_code",
+    }.items():
+        assert message_choices(message, field, has) == expected
+    assert message_choices("SetLocationID", "location_id", has) is None
+    assert message_choices("SetNoRotation", "duration", has) is None
 
 
 def test_a_draft_begins_as_the_device_has_it(draft: Draft) -> None:

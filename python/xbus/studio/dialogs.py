@@ -24,4 +24,7 @@ async def is_confirmed(title: str, sentences: Iterable[str], answer: str) -> boo
         with ui.row():
             ui.button(answer, on_click=lambda: dialog.submit(True)).props("no-caps")
             ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat no-caps")
-    return bool(await dialog)
+    answered = bool(await dialog)
+    if not dialog.is_deleted:  # with its page
+        dialog.delete()
+    return answered

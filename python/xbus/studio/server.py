@@ -123,7 +123,7 @@ def _root(hub: Hub) -> None:
 
     def opened(page: str) -> Callable[..., None]:
         def show(key: str | None = None) -> None:
-            session.page, session.key = page, key or session.key
+            session.begin_page(page, key)
             BUILDERS[page](session)
 
         return show

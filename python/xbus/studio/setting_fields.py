@@ -31,6 +31,7 @@ __all__ = [
     "help_of",
     "is_record",
     "label",
+    "message_choices",
     "profiles",
     "title",
 ]
@@ -261,6 +262,7 @@ def _can_messages(support: Support, _: Any) -> dict[int, str]:
 _CHOICES: dict[tuple[str, str], _Choices] = {
     ("sync_settings", "function"): lambda support, _: _names(support.sync),
     ("sync_settings", "line"): _sync_lines,
+    ("baudrate", "code"): _baudrates,
     ("port_config", "baud_code"): _baudrates,
     ("gnss_receiver_settings", "baud_code"): _baudrates,
     ("can_config", "baud_code"): lambda *_: {
@@ -282,6 +284,18 @@ def choices(name: str, field: Field, support: Support, entry: Any) -> Mapping[in
     if (known := _CHOICES.get((name, field.name))) is not None:
         return known(support, entry)
     return _names(field.kind) if issubclass(field.kind, IntEnum) else None
+
+
+def message_choices(message: str, field: str, support: Support) -> Mapping[int, str] | None:
+    """Returns the numbers of a field of a message that a product has, with their names; None without names.
+
+    >>> from xbus.protocol.products import support
+    >>> message_choices("SetBaudrate", "code", support("MTi-3"))[2]
+    '115,200 baud'
+    """
+    settings = [name for name, row in SETTINGS.items() if f"Set{row.message}" == message]
+    known = _CHOICES.get((settings[0], field)) if settings else None
+    return None if known is None else known(support, None)
 
 
 _FLAGS: dict[str, Callable[[Support], IntFlag]] = {

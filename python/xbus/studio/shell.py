@@ -2,23 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from nicegui import run, ui
+from nicegui.element import Element
 
 from xbus.errors import XbusError
+from xbus.studio.dialogs import is_confirmed
 from xbus.studio.health import health
 from xbus.studio.hub import Hub, HubError
 from xbus.studio.replay_bar import ReplayBar
 from xbus.studio.replaying import source_label
 from xbus.studio.station import Station
 
-__all__ = ["PAGES", "Session", "failure_text", "frame"]
+__all__ = ["GAP", "PAGES", "Session", "failure_text", "frame"]
 
 T = TypeVar("T")
+
+#: What Config State does to a recording.
+GAP = "The device does not measure meanwhile, so the recording gets a gap."
 
 #: Pages in the order of the menu: path, name, icon.
 PAGES = (
@@ -46,14 +51,25 @@ class Session:
         hub: The devices.
         key: Key of the selected device; None if none is.
         page: Name of the page that is shown.
+        dialogs: Where dialogs are drawn that stay until another page is shown.
     """
 
     hub: Hub
     key: str | None = None
     page: str = "devices"
+    dialogs: Element = field(init=False, repr=False)
     _panel: Callable[[str, str], None] = field(default=lambda _command, _python: None)
+    _menu: dict[str, ui.button] = field(default_factory=dict, repr=False)
     #: The device that the page is about, if there is one.
     _shown: Station | None = None
+
+    def begin_page(self, page: str, key: str | None) -> None:
+        """Removes what the page before has left, and marks the page in the menu."""
+        self.page, self.key = page, key or self.key
+        self.dialogs.clear()
+        self.show_command("", "")
+        for name, button in self._menu.items():
+            button.props("aria-current=page" if name == page else "", remove="aria-current")
 
     @property
     def station(self) -> Station | None:
@@ -78,6 +94,26 @@ class Session:
                 ui.link("All devices", "/")
         return self._shown
 
+    def require_device(self, refusal: str) -> Station | None:
+        """Returns the selected device; for a replay, the page shows the refusal."""
+        station = self.require_station()
+        if station is None or station.replaying is None:
+            return station
+        with ui.element("div").classes("xbus-card w-full"):
+            ui.label(refusal)
+            ui.link("All devices", "/")
+        return None
+
+    async def may_interrupt(self, station: Station) -> bool:
+        """Returns whether a device may stop measuring for a moment: during a recording, the user decides."""
+        if station.recording is None:
+            return True
+        return await is_confirmed(
+            f"Interrupt the recording of {station.title}?",
+            (GAP,),
+            "Interrupt",
+        )
+
     async def open(self, source: str) -> Station | None:
         """Opens a device, makes it measure and selects it. Returns None if it cannot be opened."""
         waiting = ui.notification(f"opening {source_label(source)}", spinner=True, timeout=None)
@@ -94,6 +130,11 @@ class Session:
         if (station := await self.open(source)) is not None:
             ui.navigate.to(address(self.page, station.key))
             ui.navigate.reload()
+
+    async def stay(self, action: Awaitable[T]) -> T:
+        """Runs an action whose button may be drawn again meanwhile: its dialogs and messages stay."""
+        with self.dialogs:
+            return await action
 
     def show_command(self, command: str, python: str) -> None:
         """Shows what does the same in a shell and in Python."""
@@ -133,9 +174,8 @@ def frame(session: Session) -> Iterator[None]:
         ui.label("xbus studio").classes("text-base font-semibold")
         with ui.row().classes("gap-1 items-center").props("role=navigation"):
             for path, name, icon in PAGES:
-                ui.button(name, icon=icon, on_click=lambda path=path: _go(session, path)).props(
-                    "flat dense no-caps"
-                ).mark(f"page-{path}")
+                button = ui.button(name, icon=icon, on_click=lambda path=path: _go(session, path))
+                session._menu[path] = button.props("flat dense no-caps").mark(f"page-{path}")
         ui.space()
         with ui.row().classes("gap-1 items-center") as tabs:
             pass
@@ -150,11 +190,12 @@ def frame(session: Session) -> Iterator[None]:
         )
     replay = ReplayBar(lambda: session.station, session.attempt)
     with ui.footer(elevated=False).classes("xbus-footer items-center gap-4 py-1"):
-        ui.icon("terminal").classes("xbus-quiet")
+        prompt = ui.icon("terminal").classes("xbus-quiet")
         command = ui.label().classes("xbus-mono")
         python = ui.label().classes("xbus-mono xbus-quiet")
 
     def show(text: str, code: str) -> None:
+        prompt.set_visibility(bool(text or code))
         command.set_text(text)
         python.set_text(code)
 
@@ -184,6 +225,7 @@ def frame(session: Session) -> Iterator[None]:
 
     refresh()
     ui.timer(0.5, refresh)
+    session.dialogs = ui.element("div").classes("hidden")
     with ui.element("div").classes("xbus-page"):
         yield
 

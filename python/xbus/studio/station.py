@@ -17,7 +17,9 @@ import numpy.typing as npt
 from xbus.device import Device, connect
 from xbus.extras import require
 from xbus.formatting import device_name
+from xbus.log.identity import Identity
 from xbus.log.log import Log
+from xbus.protocol.products import product_of_code
 from xbus.protocol.tables import QUANTITIES
 from xbus.protocol.values import Output, State
 from xbus.rtk import Caster
@@ -172,12 +174,19 @@ class Station:
         return self.model.history
 
     @property
+    def identity(self) -> Device | Identity:
+        """Identifier, product code and firmware of the device, or of the one that was recorded."""
+        return self.device if self.replaying is None else self.replaying.identity
+
+    @property
     def title(self) -> str:
         """Product and identifier, as far as they are known, or else the port."""
-        product, code, number = self.device.product, self.device.product_code, self.device.device_id
+        code, number = self.identity.product_code, self.identity.device_id
+        product = self.device.product if self.replaying is None else product_of_code(code or "")
         name = product.name if product is not None else code and code.strip()
         known = [name, None if number is None else device_name(number)]
-        return " ".join(part for part in known if part) or self.source
+        other = self.source if self.replaying is None else "unknown product"
+        return " ".join(part for part in known if part) or other
 
     @property
     def is_virtual(self) -> bool:
@@ -339,7 +348,7 @@ class Station:
     @property
     def file_stem(self) -> str:
         """Product and time, for the name of a file."""
-        code = self.device.product_code or self.source
+        code = self.identity.product_code or self.source
         product = re.sub(r"[^A-Za-z0-9-]+", "-", code.strip()).strip("-")
         return f"{product}-{datetime.now():%Y%m%d-%H%M%S}"
 

@@ -43,6 +43,7 @@ RESULTS = {
 
 def devices_page(session: Session) -> None:
     """Lists ports and open devices."""
+    session.show_command(command_line("ports"), "xbus.find_ports()")
     devices: list[str] = []
     ports: list[Port] = []
     with ui.row().classes("w-full gap-4 items-start no-wrap max-md:flex-wrap"):
@@ -99,15 +100,16 @@ def _device(session: Session, station: Station) -> None:
                 ui.button(
                     "Self test",
                     icon="health_and_safety",
-                    on_click=lambda: _self_test(session, station),
+                    on_click=lambda: session.stay(_self_test(session, station)),
                 ).props("flat dense no-caps").tooltip(
                     "RunSelftest, section 5.3.2 of the manual: takes up to 3 s, and measuring stops meanwhile"
                 )
-            ui.button("Close", icon="close", on_click=lambda: _close(session, station)).props(
-                "flat dense no-caps"
-            )
-        firmware = "unknown" if device.firmware is None else str(device.firmware)
-        number = "unknown" if device.device_id is None else device_name(device.device_id)
+            ui.button(
+                "Close", icon="close", on_click=lambda: session.stay(_close(session, station))
+            ).props("flat dense no-caps")
+        identity = station.identity
+        firmware = "unknown" if identity.firmware is None else str(identity.firmware)
+        number = "unknown" if identity.device_id is None else device_name(identity.device_id)
         rate = device.link.baudrate
         rows = {"device identifier": number, "firmware": firmware}
         if replaying is None:
@@ -134,6 +136,9 @@ def _device(session: Session, station: Station) -> None:
 
 
 async def _self_test(session: Session, station: Station) -> None:
+    if not await session.may_interrupt(station):
+        return
+
     def run() -> Any:
         with station.device.configure() as device:
             return device.commands.run_selftest()
@@ -158,6 +163,7 @@ async def _self_test(session: Session, station: Station) -> None:
                 name = str(part.name).replace("_", " ").lower()
                 ui.label(f"{name}: {verdict}")
         ui.button("Close", on_click=dialog.close).props("flat no-caps")
+    dialog.on("hide", dialog.delete)
     dialog.open()
 
 
@@ -203,7 +209,8 @@ def _port_list(session: Session, shown: list[Port]) -> None:
         with ui.row().classes("items-center w-full no-wrap"):
             with ui.column().classes("gap-0 grow min-w-0"):
                 ui.label(port.device).classes("xbus-mono")
-                ui.label(port.description).classes("xbus-quiet text-xs ellipsis")
+                if port.description != "n/a":  # as pyserial writes that there is none
+                    ui.label(port.description).classes("xbus-quiet text-xs ellipsis")
             if port.likely:
                 ui.badge("Xsens").props("outline color=positive")
             if port.device in session.hub.stations:
@@ -257,7 +264,7 @@ def _open_button(
 
     async def open_port() -> None:
         if name := source().strip():
-            await _open(session, name)
+            await session.stay(_open(session, name))
 
     ui.button("Open", on_click=open_port).props(f'flat dense no-caps aria-label="Open {what}"')
     return open_port

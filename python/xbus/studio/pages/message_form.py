@@ -13,8 +13,10 @@ from nicegui.elements.mixins.value_element import ValueElement
 
 from xbus.protocol.layout import Layout
 from xbus.protocol.messages import LAYOUTS
+from xbus.protocol.products import Support
 from xbus.protocol.tables import MESSAGES, MessageField
 from xbus.studio.entered import problem_of
+from xbus.studio.setting_fields import message_choices
 
 __all__ = ["MessageForm"]
 
@@ -29,17 +31,27 @@ class MessageForm:
 
     Args:
         name: Name of the message.
+        support: What the product of the device supports; None if that is not known.
         on_change: Called after each change.
         on_enter: Called when Enter is pressed in an input.
     """
 
     def __init__(
-        self, name: str, on_change: Callable[[], Any], on_enter: Callable[[], Any]
+        self,
+        name: str,
+        support: Support | None,
+        on_change: Callable[[], Any],
+        on_enter: Callable[[], Any],
     ) -> None:
         self._row, self._layout, self._on_change = MESSAGES[name], LAYOUTS[name], on_change
         rows = {field.name: field for form in self._row.forms for field in form}
         fields = {field: rows.get(field) for field in self._layout.fields}
-        self._draw_record = partial(_Record, self._layout, fields, on_change, on_enter)
+        numbers = {
+            field: message_choices(name, field, support) or {}
+            for field, kind in self._layout.kinds.items()
+            if kind is int and support is not None
+        }
+        self._draw_record = partial(_Record, self._layout, fields, numbers, on_change, on_enter)
         self._entries: list[_ListEntry] = []
         if self._layout.several:
             self._draw_list()
@@ -114,11 +126,12 @@ class _Record:
         self,
         layout: Layout,
         fields: Mapping[str, MessageField | None],
+        numbers: Mapping[str, Mapping[int, str]],
         on_change: Callable[[], Any],
         on_enter: Callable[[], Any],
     ) -> None:
         self._controls = {
-            name: _control(name, layout, field, on_change, on_enter)
+            name: _control(name, layout, field, numbers.get(name), on_change, on_enter)
             for name, field in fields.items()
         }
 
@@ -159,17 +172,20 @@ def _control(
     name: str,
     layout: Layout,
     field: MessageField | None,
+    numbers: Mapping[int, str] | None,
     on_change: Callable[[], Any],
     on_enter: Callable[[], Any],
 ) -> ValueElement[Any]:
-    """Draws the input of one field."""
+    """Draws the input of one field; of ``numbers``, which have names, one is chosen."""
     kind = layout.kinds[name]
     label = f"{name}, {field.unit}" if field is not None and field.unit else name
     if kind is bool:
         return ui.checkbox(label, value=False, on_change=on_change).classes("self-center")
     names = [str(each.name) for each in kind] if issubclass(kind, IntEnum | IntFlag) else []
     control: ui.select | ui.input
-    if issubclass(kind, IntFlag):
+    if numbers:
+        control = ui.select(dict(numbers), label=label, clearable=True, on_change=on_change)
+    elif issubclass(kind, IntFlag):
         # Without a flag the value is zero.
         control = ui.select(names, label=label, multiple=True, on_change=on_change).props(
             "use-chips"
@@ -202,4 +218,4 @@ def _word(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, list):
         return "|".join(value) or "0"
-    return (value or "").strip()
+    return "" if value is None else str(value).strip()

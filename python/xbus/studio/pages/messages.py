@@ -27,12 +27,20 @@ __all__ = ["messages_page"]
 SHOWN = 200
 #: Bytes of a message that are shown.
 SHOWN_BYTES = 64
+#: What differs for a recording.
+REPLAYED = (
+    "A virtual device replays this recording, and replies to messages: its settings are not those of the"
+    " recorded device. Config State interrupts the replay, which then starts again at the moment that you"
+    " chose last."
+)
 
 
 def messages_page(session: Session) -> None:
     """Shows the messages of the selected device."""
     if (station := session.require_station()) is None:
         return
+    if station.replaying is not None:
+        ui.label(REPLAYED).classes("xbus-card xbus-caution w-full mb-3")
     with ui.element("div").classes("xbus-card w-full"):
         _Composer(session, station)
         _hex_input(session, station)
@@ -99,11 +107,11 @@ class _Composer:
         self._hint.set_text(" ".join(part for part in parts if part))
         self._body.clear()
         with self._body:
-            self._form = MessageForm(self._row.name, self._show_command, self._send)
+            self._form = MessageForm(self._row.name, support, self._show_command, self._send)
         self._show_command()
 
     def _show_command(self) -> None:
-        if self._form is None:
+        if self._form is None or self._station.replaying is not None:
             return
         name, config = self._row.name, ["--config"] if self._in_config.value else []
         value = f", {self._literal()}" if LAYOUTS[name].fields else ""
@@ -126,7 +134,7 @@ class _Composer:
     async def _send(self) -> None:
         name, form, device = self._row.name, self._form, self._station.device
         in_config = self._in_config.value
-        if form is None:
+        if form is None or (in_config and not await self._session.may_interrupt(self._station)):
             return
 
         def command() -> None:
@@ -165,9 +173,10 @@ def _hex_input(session: Session, station: Station) -> None:
         def command() -> None:
             station.device.send(frame_from_hex(raw.value))
 
-        session.show_command(
-            command_line("send", station.source, "--hex", raw.value), "device.send(data)"
-        )
+        if station.replaying is None:
+            session.show_command(
+                command_line("send", station.source, "--hex", raw.value), "device.send(data)"
+            )
         await session.attempt(command)
 
     send.on_click(run)

@@ -25,11 +25,13 @@ __all__ = ["record_page"]
 
 def record_page(session: Session) -> None:
     """Records the open devices."""
-    hub = session.hub
-    if not hub.stations:
-        session.require_station()
+    hub, form = session.hub, session.hub.record_form
+    titled = {source: each for source, each in hub.titled().items() if each[0].replaying is None}
+    if not titled:
+        session.require_device(
+            "This recording is a file already; Cut on the page Recordings writes a part of it."
+        )
         return
-    titled, form = hub.titled(), hub.record_form
     stations = [station for station, _ in titled.values()]
     with ui.element("div").classes("xbus-card w-full"):
         with ui.row().classes("items-center gap-4 w-full"):
@@ -39,9 +41,9 @@ def record_page(session: Session) -> None:
                 .mark("record")
             )
             chosen = {
-                source: ui.checkbox(
-                    title, value=form.chosen.get(source, station.replaying is None)
-                ).mark(f"use-{station.key}")
+                source: ui.checkbox(title, value=form.chosen.get(source, True)).mark(
+                    f"use-{station.key}"
+                )
                 for source, (station, title) in titled.items()
             }
         note = ui.input("note", value=form.note, placeholder="what is recorded")
@@ -81,7 +83,7 @@ def record_page(session: Session) -> None:
         return limits | (parse_rotation(rotation) if rotation else {})
 
     def show_command() -> None:
-        ports = [each.source for each in stations if each.replaying is None and is_chosen(each)]
+        ports = [each.source for each in stations if is_chosen(each)]
         rotation = (rotate.value or "").strip()
         if not ports or (rotation and _rotation_problem(rotation)):
             session.show_command("", "")

@@ -45,9 +45,10 @@ FORMATS = {
 }
 #: Notes that are shown of a recording.
 MAX_NOTES = 20
-#: Pictures of recordings, which are drawn one after the other: pages stay responsive.
+#: Pictures of recordings, which are drawn one after the other: pages stay responsive. Those of compressed
+#: recordings take longer, and others do not wait for them.
 _thumbnails: FileCache[str] = FileCache()
-_drawing = asyncio.Semaphore(1)
+_drawing = {False: asyncio.Semaphore(1), True: asyncio.Semaphore(1)}
 
 
 class RecordingCard:
@@ -74,7 +75,7 @@ class RecordingCard:
                     '<span class="xbus-quiet">reading</span>', sanitize=False
                 ).classes("text-sm")
                 self._notes = ui.html("", sanitize=False).classes("xbus-quiet text-sm")
-                with ui.row().classes("gap-1 -ml-2"):
+                with ui.row().classes("gap-1 -ml-2") as self._actions:
                     self._button("Replay", "play_arrow", self._replay)
                     self._button("Report", "summarize", self._report)
                     with (
@@ -84,7 +85,7 @@ class RecordingCard:
                         for suffix, what in FORMATS.items():
                             ui.menu_item(
                                 f"{suffix}  {what}",
-                                on_click=lambda suffix=suffix: self._export(suffix),
+                                on_click=lambda suffix=suffix: session.stay(self._export(suffix)),
                             )
                     self._button("Cut", "content_cut", self._cut).tooltip(
                         "writes a part of the recording to another file"
@@ -100,14 +101,14 @@ class RecordingCard:
         paths = [each.path.resolve() for each in recordings if each is not None]
         return self._entry.path.resolve() in paths
 
-    @staticmethod
-    def _button(text: str, icon: str, action: Callable[[], Awaitable[None]]) -> ui.button:
-        return ui.button(text, icon=icon, on_click=action).props("flat dense no-caps")
+    def _button(self, text: str, icon: str, action: Callable[[], Awaitable[None]]) -> ui.button:
+        button = ui.button(text, icon=icon, on_click=lambda: self._session.stay(action()))
+        return button.props("flat dense no-caps")
 
     async def _read(self) -> None:
         entry = self._entry
         try:
-            async with _drawing:
+            async with _drawing[entry.is_compressed]:
                 if self._picture.is_deleted:
                     return  # the page is closed
                 notes, picture = await asyncio.to_thread(_look_at, entry)
@@ -129,6 +130,7 @@ class RecordingCard:
     def _show_problem(self, text: str) -> None:
         if not self._summary.is_deleted:
             self._summary.set_content(f'<span class="xbus-fault">{html.escape(text)}</span>')
+            self._actions.set_visibility(False)
 
     async def _replay(self) -> None:
         session, entry = self._session, self._entry

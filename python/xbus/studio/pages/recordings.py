@@ -27,7 +27,7 @@ def recordings_page(session: Session) -> None:
         ui.space()
         ui.button(icon="refresh", on_click=lambda: _list.refresh()).props(
             "flat dense round aria-label='read the folder again'"
-        )
+        ).tooltip("read the folder again")
     _list(session, {"name": ""})
 
 

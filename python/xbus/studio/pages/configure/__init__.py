@@ -7,14 +7,17 @@ from nicegui import ui
 from xbus.studio.commands import command_line
 from xbus.studio.pages.configure.document import Document
 from xbus.studio.pages.configure.editor import draw_editor
-from xbus.studio.shell import Session
+from xbus.studio.shell import GAP, Session
 
 __all__ = ["configure_page"]
 
 
 def configure_page(session: Session) -> None:
     """Edits the settings of the selected device."""
-    if (station := session.require_station()) is None:
+    station = session.require_device(
+        "A recording does not have all settings of its device, and none can be changed; choose a device."
+    )
+    if station is None:
         return
     session.show_command(
         command_line("config", "dump", station.source, "-o", "mti.toml"),
@@ -37,7 +40,16 @@ def configure_page(session: Session) -> None:
             else:
                 draw_editor(Document(session, station, reading, support))
 
-    with body, ui.row().classes("items-center"):
-        ui.spinner()
-        ui.label("reading the settings")
-    ui.timer(0, load, once=True)
+    async def begin() -> None:
+        body.clear()
+        with body, ui.row().classes("items-center"):
+            ui.spinner()
+            ui.label("reading the settings")
+        await load()
+
+    if station.recording is None:
+        ui.timer(0, begin, once=True)
+        return
+    with body, ui.element("div").classes("xbus-card w-full"):
+        ui.label(f"To read the settings interrupts the recording. {GAP}").classes("xbus-caution")
+        ui.button("Read the settings", on_click=begin).props("no-caps").classes("mt-2")

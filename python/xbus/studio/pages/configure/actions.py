@@ -136,6 +136,8 @@ class DeviceActions(Cards):
                 return device.commands.req_utc_time()
 
         async def show(action: Callable[[], UtcTime]) -> None:
+            if not await self._document.session.may_interrupt(self._station):
+                return
             if (time := await self._document.session.attempt(action)) is not None:
                 date = f"{time.year}-{time.month:02}-{time.day:02}"
                 clock = f"{time.hour:02}:{time.minute:02}:{time.second:02}"

@@ -12,6 +12,7 @@ from xbus.device import Applied, Settings
 from xbus.device.settings import Change, Plan
 from xbus.studio.commands import command_line
 from xbus.studio.pages.configure.document import Document
+from xbus.studio.shell import GAP
 
 __all__ = ["Changes", "difference_lines"]
 
@@ -123,6 +124,8 @@ class Changes:
                 ui.label(f"left out: {text}").classes("xbus-caution")
             if Applied(planned.changes).needs_reset:
                 ui.label(AT_RESET).classes("xbus-caution")
+            if self._document.station.recording is not None:
+                ui.label(GAP).classes("xbus-caution")
             with ui.row():
                 ui.button("Apply", on_click=lambda: dialog.submit(True)).props("no-caps")
                 ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat no-caps")

@@ -65,8 +65,9 @@ class Document:
 
     async def read(self) -> None:
         """Reads the settings again; changes that are not applied stay."""
-        await self.session.attempt(self.station.settings.read)
-        self.take_reading()
+        if await self.session.may_interrupt(self.station):
+            await self.session.attempt(self.station.settings.read)
+            self.take_reading()
 
     def take_reading(self) -> None:
         """Shows what the device has, if this page or another one has read it."""

@@ -185,6 +185,8 @@ class Orientation(Cards):
                 self._send("--config", "SetInitialHeading", number_text(degrees)),
                 f"with device.configure() as cfg: cfg.commands.set_initial_heading({number_text(degrees)})",
             )
+            if not await self._document.session.may_interrupt(self._station):
+                return
             if await self._run(send, degrees):
                 ui.notify(
                     f"the device took the initial heading {number_text(degrees)} deg; it cannot be read back",
