@@ -10,6 +10,7 @@ from xbus.rtk import Mountpoint, read_source_table
 from xbus.rtk.address import parse_address
 from xbus.studio.commands import command_line
 from xbus.studio.entered import problem_of
+from xbus.studio.pages.mountpoints import Mountpoints
 from xbus.studio.shell import Session
 from xbus.studio.station import Station
 
@@ -21,10 +22,8 @@ GGA = 10
 
 def rtk_page(session: Session) -> None:
     """Forwards corrections to the selected device."""
-    if (station := session.require_station()) is None:
-        return
-    if station.replaying is not None:
-        ui.label("A recording takes no corrections; choose a device.")
+    station = session.require_device("A recording takes no corrections; choose a device.")
+    if station is None:
         return
     support = station.device.support
     if support is not None and "ForwardGnssData" not in support.messages:
@@ -60,7 +59,7 @@ class _Corrections:
                 self._button = ui.button("Start", icon="cell_tower", on_click=self._toggle).props(
                     "no-caps"
                 )
-                self._table = ui.column().classes("w-full max-h-96 overflow-auto")
+                self._points = Mountpoints(self._mountpoint.set_value)
             with ui.element("div").classes("xbus-card w-[420px] shrink-0 max-lg:w-full"):
                 ui.label("State").classes("text-base font-semibold")
                 self._state = ui.html("", sanitize=False)
@@ -106,25 +105,16 @@ class _Corrections:
         if not self._is_address(url):
             return
         self._show_command("--list")
+        self._points.show_state("asking the caster")
 
         def read() -> list[Mountpoint]:
             return read_source_table(url, user=user or None, password=password or None)
 
         found = await self._session.attempt(read)
-        if found is None:
-            return
-        self._table.clear()
-        with self._table:
-            for point in found:
-                with ui.row().classes("items-center w-full no-wrap"):
-                    ui.button(
-                        point.name,
-                        on_click=lambda name=point.name: self._mountpoint.set_value(name),
-                    ).props("flat dense no-caps")
-                    facts = (point.place, point.format, point.systems, point.country)
-                    ui.label(", ".join(fact for fact in facts if fact)).classes(
-                        "text-sm xbus-quiet"
-                    )
+        if found:
+            self._points.show(found, self._station.model.fix.position)
+        else:
+            self._points.show_state("" if found is None else "the caster has no mountpoints")
 
     async def _toggle(self) -> None:
         if self._station.corrections is not None:
