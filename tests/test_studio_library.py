@@ -204,6 +204,18 @@ def test_a_picture_has_the_extremes_of_each_moment() -> None:
         assert z[column] == pytest.approx((top - 0.4, bottom + 0.4), abs=0.06)
 
 
+def test_of_several_devices_the_first_is_drawn(tmp_path: Path) -> None:
+    path = tmp_path / "bus.mtb"
+    samples = [
+        xbus.encode_sample({"packet_counter": at, "acceleration": [float(bid), at, 9.8]}, bid=bid)
+        for at in range(400)
+        for bid in (2, 1)
+    ]
+    path.write_bytes(b"".join(samples))
+    svg = thumbnail.thumbnail([path])
+    assert "<title>acceleration of BID 2, 0 to 399 m/s2</title>" in svg
+
+
 def count_reads(monkeypatch: pytest.MonkeyPatch, part: int) -> list[int]:
     """Makes every recording a large one that is read in small parts, and returns the sizes of these."""
     monkeypatch.setattr(sampled, "WHOLE", 1000)

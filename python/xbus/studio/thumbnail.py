@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from xbus.export.palette import COLOURS
 from xbus.formatting import format_count, format_size
-from xbus.protocol.tables import QUANTITIES
+from xbus.protocol.tables import QUANTITIES, device_of
 from xbus.studio.sampled import MOST_DECOMPRESSED, columns_of, sampled
 
 __all__ = ["thumbnail"]
@@ -42,8 +42,8 @@ def thumbnail(files: Sequence[Path]) -> str:
     """Returns an SVG of one quantity over a recording; empty if there is none, a text if it is too large.
 
     Each column shows the minimum and the maximum of each component. The columns are moments of the
-    recording; without time stamps, its packet counter or the places in its bytes. Gaps are marked. See
-    `xbus.studio.sampled` for what is read of a large recording.
+    recording; without time stamps, its packet counter or the places in its bytes. Gaps are marked. Of several
+    devices, the first is drawn. See `xbus.studio.sampled` for what is read of a large recording.
 
     Args:
         files: The pieces of the recording.
@@ -62,14 +62,17 @@ def thumbnail(files: Sequence[Path]) -> str:
     if (name := next((each for each in WANTED if each in found.log), None)) is None:
         return ""
     rows = found.log[name]
-    values = np.asarray(rows.values, np.float64).reshape(len(rows), -1)
-    places = columns_of(found.position[rows.sample], COLUMNS)
+    bids = device_of(found.log.bid[rows.sample])
+    own = bids == bids[0]
+    sample = rows.sample[own]
+    values = np.asarray(rows.values, np.float64).reshape(len(rows), -1)[own]
+    places = columns_of(found.position[sample], COLUMNS)
     lines = [_line(places, component) for component in values.T]
     finite = np.concatenate([end for line in lines for end in (line[1], line[2])])
     if not len(finite):
         return ""
     low, high = float(finite.min()), float(finite.max())
-    gaps = found.gaps(rows.sample)
+    gaps = found.gaps(sample)
     marks = "".join(
         f'<rect x="{x:.2f}" width="{end - x:.2f}" height="{HEIGHT}"/>' for x, end in _marks(gaps)
     )
@@ -78,7 +81,8 @@ def thumbnail(files: Sequence[Path]) -> str:
         for at, line in enumerate(lines)
     )
     unit = QUANTITIES[name].unit
-    facts = [f"{name}, {low:.4g} to {high:.4g} {unit}".strip()]
+    of = "" if own.all() else f" of BID {bids[0]}"
+    facts = [f"{name}{of}, {low:.4g} to {high:.4g} {unit}".strip()]
     facts += [format_count(len(gaps), "gap")] if gaps else []
     title = html.escape(", ".join(facts))
     return (
