@@ -911,16 +911,19 @@ def test_recordings_that_cannot_be_read_say_why(studio: Any) -> None:
     page = studio.page
     (studio.folder / "damaged.mtb.gz").write_bytes(gzip.compress(WALK.read_bytes())[:5000])
     (studio.folder / "empty.mtb").write_bytes(b"")
+    shutil.copy(WALK, studio.folder / "gone.mtb")
     studio.open("recordings")
     reason = {"damaged.mtb.gz": "the compressed data is damaged", "empty.mtb": "the input is empty"}
     for name, text in reason.items():
-        page.locator(".xbus-recording", has_text=name).get_by_text(text).wait_for()
+        card = page.locator(".xbus-recording", has_text=name)
+        card.get_by_text(text).wait_for()
+        card.get_by_role("button", name="Replay").wait_for(state="hidden")
+        (studio.folder / name).unlink()
     # A file that disappears before something is done with it.
-    (studio.folder / "empty.mtb").unlink()
-    card = page.locator(".xbus-recording", has_text="empty.mtb")
+    (studio.folder / "gone.mtb").unlink()
+    card = page.locator(".xbus-recording", has_text="gone.mtb")
     card.get_by_role("button", name="Replay").click()
-    page.get_by_text("empty.mtb: No such file or directory").wait_for()
-    (studio.folder / "damaged.mtb.gz").unlink()
+    page.get_by_text("gone.mtb: No such file or directory").wait_for()
 
 
 def test_the_magnetic_field_of_a_recording(studio: Any) -> None:
