@@ -312,7 +312,6 @@ def test_a_log_of_can_has_all_that_a_log_has(tmp_path: Path) -> None:
     table = log.to_arrow()
     assert table["acceleration_x"].to_pylist() == log["acceleration"]["x"].tolist()
     log.to_parquet(tmp_path / "log.parquet")
-    log.to_gpx(tmp_path / "log.gpx") if "gnss_pvt_data" in log else None
     assert len(log.resample(100, "acceleration")) == 25
 
 
@@ -363,6 +362,42 @@ def test_counters_and_times_wrap() -> None:
     assert log.packet_counter.tolist() == list(range(65530, 65550))
     np.testing.assert_allclose(np.diff(log.time), 0.01, rtol=1e-6)
     assert log.stats.lost_samples == 0
+
+
+#: Places of the frames of `group(n, 0x34)`.
+TIME, COUNTER, REST, ALL = (0,), (1,), (2,), (0, 1, 2)
+
+
+@pytest.mark.parametrize(
+    ("missing", "lost", "gaps"),
+    [
+        ({10: ALL}, 1, [10]),
+        ({10: COUNTER}, 0, []),
+        ({10: COUNTER, 11: COUNTER}, 0, []),
+        ({10: COUNTER, 11: ALL}, 1, [11]),
+        ({10: ALL, 11: COUNTER}, 1, [11]),
+        ({10: COUNTER, 20: ALL}, 1, [20]),
+        ({10: (*COUNTER, *REST)}, 0, []),
+        # The frames that are left are part of the group before, or could be.
+        ({10: (*TIME, *COUNTER)}, 1, [11]),
+        # A counter that is sent less often counts all groups.
+        ({n: COUNTER for n in range(30) if n % 10}, 0, []),
+        ({n: COUNTER if n != 15 else ALL for n in range(30) if n % 10}, 1, [19]),
+    ],
+)  # fmt: skip
+def test_a_lost_counter_is_no_lost_sample(
+    missing: dict[int, tuple[int, ...]], lost: int, gaps: list[int]
+) -> None:
+    log = read(
+        [
+            frame
+            for n in range(30)
+            for place, frame in enumerate(group(n, 0x34))
+            if place not in missing.get(n, ())
+        ]
+    )
+    assert log.stats.lost_samples == lost
+    assert log.gaps["sample"].tolist() == gaps
 
 
 def test_host_times_are_those_of_the_capture() -> None:

@@ -22,7 +22,7 @@ pub struct Stamps {
     pub coarse: Option<u32>,
     /// Time stamp of a TriggerIn packet, µs.
     pub trigger: Option<u32>,
-    /// Whether the sample carries GNSS receiver data.
+    /// Whether the sample has data of the GNSS receiver.
     pub gnss: bool,
 }
 
@@ -130,6 +130,8 @@ pub struct Moment {
 pub enum Change {
     /// The message names the device, whose fine time wraps after this many ticks.
     Wrap(u64),
+    /// The device sends on CAN. Its fine time wraps at 32 bits, and its counter counts groups of frames.
+    Can,
     /// A new run starts: the counter may start again, and nothing was lost.
     Restart,
 }
@@ -156,6 +158,10 @@ pub struct Clock {
     time: Option<(i64, i64)>,
     /// Last counter, unwrapped.
     counter: Option<i64>,
+    /// Whether the counter is a frame by itself, which can be lost alone.
+    counts_groups: bool,
+    /// Samples since the last counter that it counted, but whose frame with the counter was lost.
+    uncounted: u64,
     /// How fast the counter counts.
     pace: Pace,
     /// Counts per second of a device that sends no time stamps, if known.
@@ -183,10 +189,11 @@ const SHORT_GAP: i64 = 256;
 const COUNTS: i64 = 1 << 16;
 
 impl Clock {
-    /// Takes note of a message between two samples.
+    /// Makes a change between two samples.
     pub fn change(&mut self, change: Change) {
         match change {
             Change::Wrap(ticks) => self.wrap = Some(ticks.cast_signed()),
+            Change::Can => (self.wrap, self.counts_groups) = (Some(U32), true),
             Change::Restart => (self.restarted, self.recounts) = (true, true),
         }
     }
@@ -205,6 +212,8 @@ impl Clock {
         {
             (self.restarted, self.recounts) = (true, true);
         }
+        // A sample without either may be late frames of the group before, which the counter does not count again.
+        self.uncounted += u64::from(self.counts_groups && stamps.counter.is_none() && stamps.fine.is_some());
         let (counter, lost) = stamps.counter.map_or((-1, 0), |counter| self.count(counter, now));
         if seconds.is_nan() {
             if let (Some(rate), false, 0..) = (self.rate, self.is_stamped, counter) {
@@ -287,6 +296,7 @@ impl Clock {
     fn count(&mut self, counter: u16, now: Option<i64>) -> (i64, u64) {
         let counter = i64::from(counter);
         let restarted = std::mem::take(&mut self.recounts);
+        let uncounted = std::mem::take(&mut self.uncounted);
         let Some(last) = self.counter.replace(counter) else {
             self.pace = Pace::from(now, counter);
             return (counter, 0);
@@ -299,7 +309,7 @@ impl Clock {
         } else if let Some(now) = now {
             step += COUNTS * self.pace.wraps(now, last + step);
         }
-        let missing = if step > 1 && !restarted { step.unsigned_abs() - 1 } else { 0 };
+        let missing = if step > 1 && !restarted { (step.unsigned_abs() - 1).saturating_sub(uncounted) } else { 0 };
         self.counter = Some(last + step);
         (last + step, missing)
     }

@@ -33,7 +33,7 @@
 //! - *What is not there* does not change. Without a fine time neither time nor pace does, and without a counter neither
 //!   counter nor pace.
 //!
-//! Samples with triggers, data of a GNSS receiver or nothing but coarse time are not in a stretch.
+//! Samples with triggers, data of a GNSS receiver or nothing but coarse time are not in a stretch, nor are samples of CAN.
 //!
 //! # What it costs
 //!
@@ -91,7 +91,7 @@ impl Clock {
     /// How many samples follow evenly.
     #[allow(clippy::cast_possible_truncation, clippy::cast_sign_loss)] // stamps as received, and few samples
     fn count_even(&self, stretch: Stretch<'_>) -> usize {
-        if !self.has_begun || self.restarted {
+        if !self.has_begun || self.restarted || self.counts_groups {
             return 0;
         }
         let mut n = stretch.samples.min(MOST);
@@ -233,10 +233,12 @@ mod tests {
     fn clock() -> impl Strategy<Value = Clock> {
         let times = select(vec![None, None, Some(0), Some(TOO_LARGE - 1), Some(TOO_LARGE), Some((1 << 53) - 7)]);
         let counters = select(vec![None, Some(-5), Some(65_535)]);
-        (times, counters, select(vec![None, Some(0.3), Some(0.3)])).prop_map(|(time, counter, rate)| Clock {
+        let rates = select(vec![None, Some(0.3), Some(0.3)]);
+        (times, counters, rates, prop::bool::weighted(0.05)).prop_map(|(time, counter, rate, counts_groups)| Clock {
             rate,
             time: time.map(|time| (0, time)),
             counter,
+            counts_groups,
             is_stamped: time.is_some(),
             has_begun: time.is_some() || counter.is_some(),
             ..Clock::default()

@@ -16,7 +16,7 @@ use rustc_hash::FxHashMap;
 use super::{Part, Single, Stats, Wanted};
 use crate::clock::{Change, Stamps};
 use crate::error::CanError;
-use crate::table::{CAN_MESSAGES, CanContent, CanMessage, MAX_EXPONENT, Quantity, Series};
+use crate::table::{CAN_MESSAGES, CanContent, CanMessage, MAX_EXPONENT, Quantity};
 
 use columns::{Columns, coordinates_of};
 use groups::{GROUP_COUNTER, Grouper, NO_SAMPLE, Release, SAMPLE_TIME};
@@ -142,7 +142,7 @@ impl CanReader {
                 columns: columns.into_columns(),
                 layout: vec![0; groups.spans.len()],
                 singles: groups.spans.clone(),
-                changes: bids.iter().map(|bid| (first, *bid, WRAP)).collect(),
+                changes: bids.iter().map(|bid| (first, *bid, Change::Can)).collect(),
                 ..Part::default()
             };
             CanPart { part, verdicts: vec![], received: groups.received.clone() }
@@ -154,9 +154,6 @@ impl CanReader {
         Ok(CanPart { verdicts, ..part })
     }
 }
-
-/// The clock of a device begins with this.
-const WRAP: Change = Change::Wrap(Series::SixHundred.fine_wrap());
 
 fn bids_of(ids: &[CanId]) -> Vec<u8> {
     let mut bids: Vec<u8> = ids.iter().map(|id| id.bid).collect();
@@ -308,7 +305,7 @@ impl LiveReader {
 
     /// What the clocks of the devices begin with, by bus identifier.
     pub fn changes(&self) -> impl Iterator<Item = (u8, Change)> {
-        self.bids.iter().map(|bid| (*bid, WRAP))
+        self.bids.iter().map(|bid| (*bid, Change::Can))
     }
 
     /// Adds frames, and calls `add` with each sample that is complete.
