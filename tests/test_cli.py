@@ -329,6 +329,19 @@ def test_ctrl_c_when_a_file_has_just_been_opened(
     assert (result.exit_code, result.output) == (130, "")
 
 
+def test_ctrl_c_while_modules_are_imported() -> None:
+    interrupted = (
+        "import sys\n"
+        "class Finder:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'click': raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Finder())\n"
+        "import runpy; runpy.run_module('xbus', run_name='__main__')"
+    )
+    done = subprocess.run([sys.executable, "-c", interrupted], capture_output=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
+
+
 def test_ctrl_c_between_two_reads_ends_the_program(tmp_path: Path) -> None:
     """The signal reaches another thread, or arrives just before the read; the program ends all the same."""
     patched = (
