@@ -12,7 +12,7 @@ from pynmeagps import ERR_RAISE, NMEAReader
 import xbus
 from test_cli import WALK, run, sentence
 from test_maps import UTC, moving, pvt
-from xbus import encode_sample, encode_string
+from xbus import MessageId, encode_frame, encode_sample, encode_string
 from xbus.export.format import export
 from xbus.export.nmea import Nmea
 from xbus.log.part_file import export_parts
@@ -202,6 +202,13 @@ def test_the_parts_of_a_log_give_the_same_bytes() -> None:
 @pytest.mark.parametrize(
     ("data", "arguments", "message"),
     [
+        (bytes(100), [], "no Xbus frame in log.mtb: none in 100 bytes"),
+        (b"", [], "no Xbus frame in log.mtb: the input is empty"),
+        (
+            encode_frame(MessageId.MTData, bytes(40)),
+            [],
+            "nothing was decoded: 1 message MTData (0x32)",
+        ),
         (encode_sample({"temperature": 1.0}), [], "no strings, and no position or orientation"),
         (moving(0), ["--source", "gnss"], "no strings, and no gnss to make sentences from"),
         (
@@ -210,7 +217,7 @@ def test_the_parts_of_a_log_give_the_same_bytes() -> None:
             "sentences do not name a device; choose one with --bid: 1, 2",
         ),
     ],
-    ids=["nothing", "no receiver", "two devices"],
+    ids=["no frame", "no byte", "not decoded", "nothing", "no receiver", "two devices"],
 )
 def test_refusals(data: bytes, arguments: list[str], message: str) -> None:
     Path("log.mtb").write_bytes(data)

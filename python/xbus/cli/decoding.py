@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from xbus.cli.decoded_totals import DecodedTotals
     from xbus.cli.input_options import LogOptions
     from xbus.cli.rate_use import RateUse
+    from xbus.describe.log_summary import LogSummary
     from xbus.export.format import Format
     from xbus.log.log import Log
     from xbus.log.moments import Between
@@ -121,18 +122,18 @@ class Decoding:
         keys: Sequence[EntryKey],
         *,
         can: CanOptions,
-        strict: bool = False,
-        rate: float | None = None,
-        max_gap: float | None = None,
-        tracker: str | None = None,
-        raw: bool = False,
-        options: FormatOptions | None = None,
-        dataset: Dataset | None = None,
-        between: Between | None = None,
-        threads: int = 1,
+        strict: bool,
+        rate: float | None,
+        max_gap: float | None,
+        tracker: str | None,
+        raw: bool,
+        options: FormatOptions,
+        dataset: Dataset | None,
+        between: Between | None,
+        threads: int,
     ) -> None:
         self._between = between
-        self._options = options or FormatOptions()
+        self._options = options
         self._dataset = dataset
         self._threads, self._can = threads, can
         self._inputs, self._keys, self._strict, self._raw = inputs, list(keys), strict, raw
@@ -194,8 +195,6 @@ class Decoding:
         progress: ShowsProgress,
     ) -> tuple[str, dict[str, Any]]:
         from xbus.cli.decoded_totals import DecodedTotals
-        from xbus.export.format import ExportError
-        from xbus.export.replacing import ForeignFilesError
 
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
@@ -206,11 +205,13 @@ class Decoding:
         with reading(names):
             parts = self._parts(recording, lambda done: progress.update(task, done, size))
         empty = parts[0].empty(quantities=self._quantities)
-        suffix = self._options.suffix(out)
-        file_format = None if self._dataset else self._options.format_of(suffix)
+        file_format = self._format_of(out)
         is_empty = not any(part.samples for part in parts) or not (self._keys or len(empty.keys()))
-        if is_empty and (file_format is None or file_format.needs_samples):
-            raise self._nothing_to_write(source, recording, files, empty)
+        if is_empty:
+            summary = self._summary_of_empty(source, recording, files)
+            if file_format is None or file_format.needs_samples:
+                self._check_keys(empty, names)
+                raise _without_samples(names, summary.strings)
         self._check_keys(empty, names)
         totals = DecodedTotals(recording.times_fault)
         task = f"writing {label(os.path.basename(os.path.normpath(out)))}"  # noqa: PTH119
@@ -221,22 +222,30 @@ class Decoding:
             progress.update(task, part.end, size)
 
         progress.update(task, 0, size)
+        counts = self._write_parts(
+            parts, out, file_format, names, read=add, reading=lambda: reading(names)
+        )
+        return self._result(totals, None, counts)
+
+    def _write_parts(
+        self, parts: Sequence[Part], out: str, file_format: Format | None, names: str, **how: Any
+    ) -> dict[str, int]:
+        """Writes parts, and returns `Writer.counts`; ``how`` is for `write_parts` and its siblings."""
+        from xbus.export.format import ExportError
+        from xbus.export.replacing import ForeignFilesError
+
         write = self._write_of(out, file_format)
         with writing(out):
             try:
-                counts = write(
-                    parts,
-                    out,
-                    quantities=self._quantities,
-                    threads=self._threads,
-                    reading=lambda: reading(names),
-                    read=add,
-                )
+                return write(parts, out, quantities=self._quantities, threads=self._threads, **how)
             except ExportError as error:
                 raise Failure(f"{names}: {error}") from error
             except ForeignFilesError as error:
                 raise foreign_files(out, error) from error
-        return self._result(totals, None, counts)
+
+    def _format_of(self, out: str) -> Format | None:
+        """Returns the format of OUT; None for tables."""
+        return None if self._dataset else self._options.format_of(self._options.suffix(out))
 
     def _write_of(self, out: str, file_format: Format | None) -> Callable[..., dict[str, int]]:
         """Returns the function that writes parts."""
@@ -258,10 +267,14 @@ class Decoding:
             **how,
         )
 
-    def _nothing_to_write(
-        self, source: Input, recording: Stored, files: Sequence[str], empty: Log
-    ) -> Failure:
-        """Returns why there is nothing to write, which may take memory for a part only."""
+    def _summary_of_empty(
+        self, source: Input, recording: Stored, files: Sequence[str]
+    ) -> LogSummary:
+        """Returns the content of a recording without samples, with memory for a part only.
+
+        Raises:
+            Failure: It has no frames, or nothing that is decoded.
+        """
         from xbus.describe.log_summary import LogSummary
         from xbus.log.read import iter_log
 
@@ -275,10 +288,9 @@ class Decoding:
         with reading(names):
             summary = LogSummary(parts)
         if not summary.stats.frames and not summary.stats.strings:
-            return no_frame(files, summary.stats.bytes, source.head)
+            raise no_frame(files, summary.stats.bytes, source.head)
         check_decoded(summary, names)
-        self._check_keys(empty, names)
-        return _without_samples(names, summary.strings)
+        return summary
 
     def _parts(self, recording: Stored, progress: Callable[[int], None]) -> list[LogPart]:
         """Returns parts whose tables are no larger than a chunk of the file, so that memory is bounded."""
@@ -363,18 +375,13 @@ class Decoding:
         self, job: Job, progress: ShowsProgress, names: str
     ) -> tuple[str, dict[str, Any]]:
         from xbus.cli.decoded_totals import DecodedTotals
-        from xbus.export.format import ExportError
-        from xbus.export.replacing import ForeignFilesError
-        from xbus.log.dataset import DatasetError
 
         files, out = job.recording.files, job.out
         assert out is not None  # noqa: S101 - see `decode`
-        file_format = self._options.format_of(self._options.suffix(out))
         totals = DecodedTotals()
         with (
             self._can.stored(self._inputs, files, progress, strict=self._strict) as capture,
             self._inputs.checked_rate(job.recording) as use,
-            writing(out),
         ):
             self._check_keys(capture.parts[0].empty(quantities=self._quantities), names)
 
@@ -382,19 +389,7 @@ class Decoding:
                 totals.add(log)
                 use.add(log)
 
-            write = self._write_of(out, None if self._dataset else file_format)
-            try:
-                counts = write(
-                    capture.parts,
-                    out,
-                    quantities=self._quantities,
-                    threads=self._threads,
-                    read=add,
-                )
-            except (ExportError, DatasetError) as error:
-                raise Failure(f"{names}: {error}") from error
-            except ForeignFilesError as error:
-                raise foreign_files(out, error) from error
+            counts = self._write_parts(capture.parts, out, self._format_of(out), names, read=add)
         return self._capture_result(totals, counts, capture.findings)
 
     @property

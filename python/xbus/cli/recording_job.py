@@ -35,7 +35,7 @@ class RecordingJob:
         device: The device.
         recording: Its recording, which has started.
         before: The counts at its start.
-        duration: Seconds after which it is over.
+        duration: Seconds after which it is over; None for no limit.
         reconnect: Whether it continues when a lost port is back.
         is_listening: Whether the port was opened only to listen, so that silence is no error.
         corrections: The corrections that are forwarded meanwhile, or None.
@@ -47,10 +47,10 @@ class RecordingJob:
         recording: Recording,
         before: LiveStats,
         *,
-        duration: float | None = None,
-        reconnect: bool = False,
-        is_listening: bool = False,
-        corrections: Corrections | None = None,
+        duration: float | None,
+        reconnect: bool,
+        is_listening: bool,
+        corrections: Corrections | None,
     ) -> None:
         self.device, self.recording, self.before = device, recording, before
         self.reconnect, self.corrections = reconnect, corrections
