@@ -35,6 +35,7 @@ from xbus.watch import device_source
 from xbus.watch.attitude import Attitude, attitude_of
 from xbus.watch.device_source import DeviceSource
 from xbus.watch.model import Model, QuantityState
+from xbus.watch.rate import Rate
 from xbus.watch.rows import UNICODE, status_rows, value_rows
 
 # Attitude
@@ -138,6 +139,17 @@ def test_the_compass(heading: float, shown: str) -> None:
 
 
 # The model
+
+
+def test_a_rate_is_that_of_the_last_seconds() -> None:
+    rate = Rate()
+    assert rate.value is None
+    for second in range(20):
+        rate.add(second, 1000 * second + 3000 * max(0, second - 10))
+    assert rate.value == 4000
+    for now in (100, 50):  # after a pause, and after a step back of the clock
+        rate.add(now, 10**6)
+        assert rate.value is None
 
 
 def test_rates_are_those_of_the_device() -> None:

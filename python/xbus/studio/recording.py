@@ -9,21 +9,18 @@ import math
 import os
 import shutil
 import time
-from collections import deque
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
 from xbus.device.recording import Recording
 
-__all__ = ["NOTES", "ByteRate", "Note", "StudioRecording", "read_notes"]
+__all__ = ["NOTES", "Note", "StudioRecording", "read_notes"]
 
 #: Suffix of the side file with notes: one JSON object per line.
 NOTES = ".notes"
 #: Free bytes below which a disk is taken as full.
 ALMOST_FULL = 1_000_000
-#: Seconds over which `ByteRate` measures.
-RATE_SPAN = 5.0
 
 
 class Note(NamedTuple):
@@ -36,33 +33,6 @@ class Note(NamedTuple):
 
     time: float
     text: str
-
-
-class ByteRate:
-    """Measures how many bytes arrive per second."""
-
-    def __init__(self) -> None:
-        self._counts: deque[tuple[float, int]] = deque()
-
-    def add(self, now: float, count: int) -> None:
-        """Takes note of the number of bytes so far.
-
-        Args:
-            now: The time, in seconds.
-            count: The number.
-        """
-        self._counts.append((now, count))
-        while now - self._counts[0][0] > RATE_SPAN:
-            self._counts.popleft()
-
-    @property
-    def value(self) -> float:
-        """Bytes per second; 0 if nothing was measured yet."""
-        counts = list(self._counts)
-        if len(counts) < 2:
-            return 0.0
-        (begin, before), (end, count) = counts[0], counts[-1]
-        return (count - before) / (end - begin) if end > begin else 0.0
 
 
 class StudioRecording:

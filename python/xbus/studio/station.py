@@ -29,7 +29,7 @@ from xbus.sim.options import device_of
 from xbus.studio.device_settings import DeviceSettings
 from xbus.studio.exchange import Exchange
 from xbus.studio.history import History, Series
-from xbus.studio.recording import ByteRate, StudioRecording
+from xbus.studio.recording import StudioRecording
 from xbus.studio.replaying import REPLAY, Replaying
 from xbus.studio.track import Track
 from xbus.studio.view import CasterForm, View
@@ -37,6 +37,7 @@ from xbus.watch.attitude import Attitude
 from xbus.watch.corrections import Corrections
 from xbus.watch.device_source import DeviceSource, new_file
 from xbus.watch.model import Model
+from xbus.watch.rate import Rate
 
 __all__ = ["ATTITUDE", "SIMULATED", "TRACK", "TRACK_SPAN", "Station", "key_of"]
 
@@ -155,7 +156,7 @@ class Station:
             self.model = _Watched(**watched, replaying=replaying)
             self.view = View()
             self.caster = CasterForm()
-            self.byte_rate = ByteRate()
+            self.byte_rate = Rate()
             self.recording: StudioRecording | None = None
             self.last_recording: StudioRecording | None = None
             self.corrections: Corrections | None = None

@@ -12,17 +12,17 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.log.column import Column
-from xbus.log.log import Log, steady_time
+from xbus.log.log import Log
+from xbus.log.runs import steady_time
 from xbus.protocol.tables import STATUS_FLAGS, device_of
 from xbus.protocol.undecoded import output_mids, output_name, undecoded_output
 from xbus.protocol.values import State
 from xbus.rtk.fix import Fix
 from xbus.watch.attitude import ORIENTATIONS, Attitude, attitude_of
+from xbus.watch.rate import RATE_SPAN, Rate
 
 __all__ = ["Clipped", "Counts", "Model", "MonitorEvent", "QuantityState", "RecordingState"]
 
-#: Time over which rates are measured, in seconds.
-RATE_SPAN = 5.0
 #: A quantity has stopped after this many periods without a packet, and at least this many seconds.
 STOPPED_PERIODS, STOPPED_SECONDS = 3.0, 1.5
 #: Flags of axes that are out of range, and the names of the axes.
@@ -59,8 +59,7 @@ class QuantityState:
     count: int = 0
     value: Any = None
     updated_at: float = -math.inf
-    #: End times of blocks, on the clock that rates are measured with, and the packet count at each.
-    _ends: deque[tuple[float, int]] = field(default_factory=deque)
+    _rate: Rate = field(default_factory=Rate)
     #: When the last packet with a time stamp arrived; -inf while the host clock measures the rate.
     _stamped_at: float = -math.inf
 
@@ -72,31 +71,19 @@ class QuantityState:
             now: Time of arrival on the clock of the source, s.
             stamp: Time of the last packet on the device clock, s; NaN if none of them has one.
         """
-        ends, is_stamped = self._ends, math.isfinite(stamp)
+        is_stamped = math.isfinite(stamp)
         self.count += count
         self.updated_at = now
         if not is_stamped and now - self._stamped_at <= RATE_SPAN:
             return  # those of the receiver have none; the next stamp measures the rate
-        instant = stamp if is_stamped else now
-        # After a pause, or if the clock was set or replaced, earlier packets say nothing about the rate.
-        is_other_clock = is_stamped != math.isfinite(self._stamped_at)
-        if is_other_clock or (ends and not 0 <= instant - ends[-1][0] <= RATE_SPAN):
-            ends.clear()
+        if is_stamped != math.isfinite(self._stamped_at):
+            self._rate = Rate()  # on the other clock
         self._stamped_at = now if is_stamped else -math.inf
-        ends.append((instant, self.count))
-        while instant - ends[0][0] > RATE_SPAN:
-            ends.popleft()
-
-    @property
-    def _measured_rate(self) -> float | None:
-        if not self._ends:
-            return None
-        (begin, before), (end, count) = self._ends[0], self._ends[-1]
-        return (count - before) / (end - begin) if end > begin else None
+        self._rate.add(stamp if is_stamped else now, self.count)
 
     def has_stopped(self, now: float) -> bool:
         """Returns whether a packet is overdue."""
-        rate = self._measured_rate
+        rate = self._rate.value
         return now - self.updated_at > max(STOPPED_SECONDS, STOPPED_PERIODS / rate if rate else 0.0)
 
     def rate(self, now: float) -> float | None:
@@ -104,7 +91,7 @@ class QuantityState:
 
         The device clock measures the rate, or the host clock if the device sends no time stamps.
         """
-        return 0.0 if self.has_stopped(now) else self._measured_rate
+        return 0.0 if self.has_stopped(now) else self._rate.value
 
 
 @dataclass
@@ -257,7 +244,7 @@ class Model:
             now: When the last of them arrived, on the clock of the source.
         """
         self.now = now
-        times = steady_time(block)
+        times = steady_time(block.core)
         columns = [block[key] for key in block]
         updated = {
             column.name: self._add_column(column, now, times[column.sample - block.first_sample])

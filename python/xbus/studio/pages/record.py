@@ -124,7 +124,7 @@ def record_page(session: Session) -> None:
         button.props(f"color={'negative' if is_recording else 'primary'}")
         mark.set_enabled(is_recording)
         used = active() or [each for each in stations if is_chosen(each)]
-        space.set_text(_space(hub.folder, sum(each.byte_rate.value for each in used)))
+        space.set_text(_space(hub.folder, sum(each.byte_rate.value or 0.0 for each in used)))
         table.set_content(_table(list(hub.stations.values())))
 
     button.on_click(toggle)
