@@ -16,6 +16,7 @@ from xbus.export.valid import STATUS, has_filter_fix, rows_of, status_of
 from xbus.geometry.earth import ecef_to_geodetic
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import STATUS_FLAGS, UTC_SOURCES, UTC_VALID
+from xbus.protocol.values import GNSS_CARRIER_BIT, GNSS_CORRECTED, GNSS_FIX_OK, GnssFixType
 
 __all__ = [
     "FIXES",
@@ -60,11 +61,8 @@ UNKNOWN = np.array((*[np.nan] * 4, np.datetime64("NaT", "ns"), 0, *[np.nan] * 8,
 FIXES = ("", "2d", "3d", "dgps")
 #: The place in `FIXES` for the first values of ``fixtype`` (Table 25); 1 is dead reckoning.
 FIX_TYPES = np.array([0, 0, 1, 2, 2], np.uint8)
-#: Bits of ``flags`` in ``gnss_pvt_data``: the fix is good; it is differential, or its carrier phase is used.
-FIX_OK, DIFFERENTIAL = 1, 0b1100_0010
-#: Of these, corrections are used; and the first of two bits for the carrier phase: none, float, fixed.
-CORRECTED, CARRIER = 0b10, 6
-DEAD_RECKONING = 1
+#: Bits of ``flags`` in ``gnss_pvt_data``: corrections or carrier phases are used.
+DIFFERENTIAL = GNSS_CORRECTED | 0b11 << GNSS_CARRIER_BIT
 #: Qualities in GGA: of a fix, a differential one, and dead reckoning; and by the use of the carrier phase.
 GGA_FIX, GGA_DIFFERENTIAL, GGA_ESTIMATED = 1, 2, 6
 GGA_RTK = np.array([GGA_FIX, 5, 4, GGA_FIX], np.uint8)
@@ -194,13 +192,13 @@ class _Gnss(Positions):
         is_utc = fields["valid"] & UTC_VALID == UTC_VALID
         points["time"][is_utc] = column.datetime[row][is_utc]
         kind, flags = fields["fixtype"], fields["flags"]
-        is_fixed = (flags & FIX_OK > 0) & (kind > 0) & (kind < len(FIX_TYPES))
+        is_fixed = (flags & GNSS_FIX_OK > 0) & (kind > 0) & (kind < len(FIX_TYPES))
         points["fix"][is_fixed] = FIX_TYPES[kind[is_fixed]]
         points["fix"][is_fixed & (flags & DIFFERENTIAL > 0)] = FIXES.index("dgps")
-        carrier = flags >> CARRIER
-        points["quality"] = np.where(flags & CORRECTED, GGA_DIFFERENTIAL, GGA_FIX)
+        carrier = flags >> GNSS_CARRIER_BIT
+        points["quality"] = np.where(flags & GNSS_CORRECTED, GGA_DIFFERENTIAL, GGA_FIX)
         points["quality"][carrier > 0] = GGA_RTK[carrier[carrier > 0]]
-        points["quality"][(kind == DEAD_RECKONING) & (carrier == 0)] = GGA_ESTIMATED
+        points["quality"][(kind == GnssFixType.DEAD_RECKONING) & (carrier == 0)] = GGA_ESTIMATED
         return Rows(column.sample[row], points, is_fixed)
 
 

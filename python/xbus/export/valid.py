@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from xbus.export.part import Part, PartColumn
 from xbus.protocol.tables import RECEIVER, STATUS_FLAGS
+from xbus.protocol.values import GNSS_FIX_OK, POSITION_FIXES
 
 __all__ = [
-    "FIXES",
     "STATUS",
     "has_filter_fix",
     "has_fix",
@@ -22,9 +22,6 @@ __all__ = [
     "status_of",
 ]
 
-#: Fix types of the receiver with a position (Table 25): 2D, 3D, GNSS and dead reckoning. 1 is dead reckoning
-#: alone.
-FIXES = (2, 3, 4)
 #: Quantities with the status, the preferred one first, and the flags of a position of the filter.
 STATUS, FIX_FLAGS = ("status_word", "status_byte"), ("filter_valid", "gnss_fix")
 #: The largest coordinate of a position in ECEF, in metres.
@@ -33,7 +30,8 @@ FARTHEST = 1e9
 
 def has_fix(rows: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     """Returns which rows of ``gnss_pvt_data`` have a position that the receiver marks as valid, ``(N,)``."""
-    fixed: npt.NDArray[np.bool_] = np.isin(rows["fixtype"], FIXES) & (rows["flags"] & 1 == 1)
+    is_position = np.isin(rows["fixtype"], POSITION_FIXES)
+    fixed: npt.NDArray[np.bool_] = is_position & (rows["flags"] & GNSS_FIX_OK > 0)
     return fixed
 
 

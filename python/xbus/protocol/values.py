@@ -18,6 +18,10 @@ __all__ = [
     "CAN_BAUD_CODES",
     "CAN_EVERY",
     "EVERY",
+    "GNSS_CARRIER_BIT",
+    "GNSS_CORRECTED",
+    "GNSS_FIX_OK",
+    "POSITION_FIXES",
     "SATELLITE_USED_BIT",
     "Alignment",
     "AlignmentRotation",
@@ -31,6 +35,7 @@ __all__ = [
     "ExtOutputMode",
     "FilterProfile",
     "GnssChannel",
+    "GnssFixType",
     "GnssLeverArm",
     "GnssPlatform",
     "GnssReceiver",
@@ -856,6 +861,26 @@ class GnssSystem(IntEnum):
 
 #: The bit of the flags of a satellite that is used for navigation (Table 26).
 SATELLITE_USED_BIT = 3
+
+
+class GnssFixType(IntEnum):
+    """Fix types in GnssPvtData (Table 25)."""
+
+    NONE = 0
+    DEAD_RECKONING = 1
+    FIX_2D = 2
+    FIX_3D = 3
+    GNSS_AND_DEAD_RECKONING = 4
+    TIME_ONLY = 5
+
+
+#: The fix types whose position is measured by the receiver.
+POSITION_FIXES = (GnssFixType.FIX_2D, GnssFixType.FIX_3D, GnssFixType.GNSS_AND_DEAD_RECKONING)
+#: Bits of the flags in GnssPvtData (Table 25): the fix is good, and corrections are applied.
+GNSS_FIX_OK, GNSS_CORRECTED = 1 << 0, 1 << 1
+#: The first of two bits of these flags, about the use of carrier phases: 0 none, 1 float, 2 fixed. The manual
+#: does not describe them; they are those of u-blox, whose message this is.
+GNSS_CARRIER_BIT = 6
 
 
 class GnssPlatform(IntEnum):

@@ -9,13 +9,12 @@ from typing import Any, NamedTuple
 from xbus.log.log import Log
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import QUANTITIES, STATUS_FLAGS
+from xbus.protocol.values import GNSS_CARRIER_BIT, POSITION_FIXES
 
 __all__ = ["Fix", "Position"]
 
-#: Fix types of the receiver (Table 25).
+#: Names of the fix types of the receiver (Table 25).
 FIX_TYPES = ("none", "dead reckoning", "2D", "3D", "GNSS and dead reckoning", "time only")
-#: Those with a position.
-WITH_POSITION = ("2D", "3D", "GNSS and dead reckoning")
 RTK = ("none", "float", "fixed")
 _PVT = {field.name: field for field in QUANTITIES["gnss_pvt_data"].fields}
 
@@ -100,9 +99,8 @@ class Fix:
         kind = pvt["fixtype"]
         self.type = FIX_TYPES[kind] if kind < len(FIX_TYPES) else str(kind)
         if not self._has_status:
-            # The manual does not describe these two bits; they are those of u-blox, whose message this is.
-            self.rtk = _rtk_name(pvt["flags"] >> 6 & 3)
-        if self.type in WITH_POSITION:
+            self.rtk = _rtk_name(pvt["flags"] >> GNSS_CARRIER_BIT & 0b11)
+        if kind in POSITION_FIXES:
             self.position = Position(
                 _PVT["lat"].scaled(pvt["lat"]),
                 _PVT["lon"].scaled(pvt["lon"]),

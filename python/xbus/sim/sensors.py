@@ -18,7 +18,14 @@ from xbus.geometry import earth, quaternion
 from xbus.geometry.earth import FloatArray
 from xbus.protocol.products import LEGACY
 from xbus.protocol.tables import QUANTITIES, UTC_VALID, Product
-from xbus.protocol.values import SATELLITE_USED_BIT, GnssSystem
+from xbus.protocol.values import (
+    GNSS_CARRIER_BIT,
+    GNSS_CORRECTED,
+    GNSS_FIX_OK,
+    SATELLITE_USED_BIT,
+    GnssFixType,
+    GnssSystem,
+)
 from xbus.sim.clock import SECOND
 from xbus.sim.motion import TO_ENU, Motion, Trajectory
 
@@ -62,9 +69,6 @@ NO_DOP = 9999
 #: The fields of `gnss_pvt_data`, and counts per unit of each field.
 PVT_FIELDS = {field.name: field for field in QUANTITIES["gnss_pvt_data"].fields}
 PVT_COUNTS = {name: field.per_unit for name, field in PVT_FIELDS.items()}
-#: Values and flags of Table 25: a 3D fix; the fix is valid, corrections are applied, bit of the RTK status.
-FIX_3D = 3
-FIX_VALID, CORRECTIONS_BIT, RTK_BIT = 0x01, 1, 6
 #: Satellites in view by system, each with the number of satellite numbers.
 SATELLITES = {GnssSystem.GPS: (9, 32), GnssSystem.GALILEO: (6, 36), GnssSystem.GLONASS: (5, 24)}
 #: Carrier-to-noise ratio in dBHz from which a satellite is used.
@@ -375,12 +379,12 @@ class Sensors:
         speed = np.hypot(east, north)
         course = PVT_COUNTS["headMot"] * (np.degrees(np.arctan2(east, north)) % 360)
         lat, lon, height = self._geodetic(ticks).T
-        corrections = (self.rtk > 0) << CORRECTIONS_BIT | self.rtk << RTK_BIT
+        corrections = (GNSS_CORRECTED if self.rtk else 0) | self.rtk << GNSS_CARRIER_BIT
         values: dict[str, npt.ArrayLike] = {
             "valid": UTC_VALID,
             "tAcc": TIME_ACCURACY,
-            "fixtype": FIX_3D,
-            "flags": FIX_VALID | corrections,
+            "fixtype": GnssFixType.FIX_3D,
+            "flags": GNSS_FIX_OK | corrections,
             "numSV": self._sky(ticks)[1].sum(axis=1),
             "Reserved1": 0,
             "lon": lon * PVT_COUNTS["lon"],

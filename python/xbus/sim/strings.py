@@ -14,8 +14,8 @@ import numpy.typing as npt
 from xbus.geometry import earth
 from xbus.geometry.earth import FloatArray
 from xbus.protocol.tables import QUANTITIES
-from xbus.protocol.values import StringType
-from xbus.sim.sensors import FIX_3D, IntArray, Sensors, Ticks
+from xbus.protocol.values import GnssFixType, StringType
+from xbus.sim.sensors import IntArray, Sensors, Ticks
 from xbus.wire.strings import encode_string
 
 __all__ = ["StringStream"]
@@ -167,7 +167,7 @@ class _Readings:
 
     @cached_property
     def fix(self) -> npt.NDArray[np.bool_]:
-        return np.asarray(self._pvt("fixtype") == FIX_3D)
+        return np.asarray(self._pvt("fixtype") == GnssFixType.FIX_3D)
 
     def where_fixed(self, values: FloatArray) -> FloatArray:
         return np.asarray(np.where(self.fix, values, np.nan))

@@ -10,19 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus.export.ros.cdr import DOUBLES, Fields, Layout
-from xbus.export.valid import FIXES, has_fix
+from xbus.export.valid import has_fix
 from xbus.protocol.tables import STATUS_FLAGS, UTC_VALID
+from xbus.protocol.values import GNSS_CARRIER_BIT, GNSS_CORRECTED, POSITION_FIXES, GnssFixType
 
 __all__ = ["navsat_fields", "navsat_rows", "sentences"]
 
 NO_FIX, FIX, SBAS_FIX, GBAS_FIX = -1, 0, 1, 2
 COVARIANCE_UNKNOWN, DIAGONAL_KNOWN = 0, 2
-#: The fix type of dead reckoning alone.
-DEAD_RECKONING = 1
 #: An accuracy that the receiver does not give.
 UNKNOWN = 0xFFFFFFFF
-#: Bits of ``flags``: corrections are used, and from which bit on the kind of RTK.
-DIFFERENTIAL, CARRIER = 2, 6
 #: What GGA calls an RTK solution: floating and fixed.
 RTK_QUALITY = {1: 5, 2: 4}
 CENTISECONDS_OF_DAY = 24 * 3600 * 100
@@ -40,7 +37,7 @@ def navsat_fields() -> Fields:
 
 
 def _carrier(records: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return np.asarray(records["flags"] >> CARRIER)
+    return np.asarray(records["flags"] >> GNSS_CARRIER_BIT)
 
 
 def navsat_rows(records: npt.NDArray[Any], layout: Layout, *, is_driver: bool) -> npt.NDArray[Any]:
@@ -58,11 +55,11 @@ def navsat_rows(records: npt.NDArray[Any], layout: Layout, *, is_driver: bool) -
     ):
         bodies[name] = records[field] * scale
     if is_driver:
-        bodies["status"] = np.where(np.isin(records["fixtype"], FIXES), FIX, NO_FIX)
+        bodies["status"] = np.where(np.isin(records["fixtype"], POSITION_FIXES), FIX, NO_FIX)
         is_known = np.ones(len(records), np.bool_)
     else:
         is_fixed = has_fix(records)
-        is_corrected = records["flags"] & DIFFERENTIAL != 0
+        is_corrected = records["flags"] & GNSS_CORRECTED != 0
         augmented = np.where(is_corrected, SBAS_FIX, FIX)
         kind = np.where(_carrier(records) > 0, GBAS_FIX, augmented)
         bodies["status"] = np.where(is_fixed, kind, NO_FIX)
@@ -105,9 +102,9 @@ def _sentence(record: Any, is_fixed: bool) -> str:
         time += f"{hour:02d}{minute:02d}{centiseconds / 100:05.2f}"
     if not is_fixed:
         return f"{time},,,,,0,{record['numSV']:02d},,,M,,M,,"
-    quality = RTK_QUALITY.get(int(record["flags"]) >> CARRIER)
+    quality = RTK_QUALITY.get(int(record["flags"]) >> GNSS_CARRIER_BIT)
     if quality is None:
-        quality = 2 if record["flags"] & DIFFERENTIAL else 1
+        quality = 2 if record["flags"] & GNSS_CORRECTED else 1
     return f"{time},{_place(record)},{quality},{_heights(record)},,"
 
 
@@ -116,7 +113,7 @@ def _sentence_of_driver(record: Any, status: int) -> str:
     quality = RTK_QUALITY.get(STATUS_FLAGS["rtk_status"].of(status))
     if quality is None and STATUS_FLAGS["gnss_fix"].of(status):
         kind = int(record["fixtype"])
-        quality = 6 if kind == DEAD_RECKONING else 1 if kind in FIXES else 0
+        quality = 6 if kind == GnssFixType.DEAD_RECKONING else 1 if kind in POSITION_FIXES else 0
     return (
         f"GPGGA,{record['hour']:02d}{record['min']:02d}{seconds:05.2f},{_place(record)},{quality or 0},"
         f"{_heights(record)},0,0"
