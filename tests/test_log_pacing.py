@@ -8,8 +8,8 @@ import pytest
 from conftest import OWN_CAPTURES, counter, fine
 from streams import mtdata2
 from xbus import iter_log, read_log
-from xbus.log.log import steady_time
 from xbus.log.pacing import UNSTAMPED_RATE, ReplayPace
+from xbus.log.runs import steady_time
 
 
 @pytest.mark.parametrize("name", ["walk.mtb", "field.mtb"])
@@ -22,7 +22,7 @@ def test_parts_have_the_pace_of_the_whole(name: str, block_bytes: int) -> None:
     parts = [pace.times(part) for part in iter_log(path, block_bytes=block_bytes)]
     times = np.concatenate(parts)
     assert np.all(np.diff(times) >= 0)
-    stamped = np.isfinite(steady_time(log))
+    stamped = np.isfinite(steady_time(log.core))
     assert times[stamped] == pytest.approx(whole[stamped])
 
 

@@ -23,10 +23,10 @@ from xbus.log.identity import (
     identities_of,
     identity_of,
 )
-from xbus.log.log import Log, steady_time
+from xbus.log.log import Log
 from xbus.log.messages import Messages
 from xbus.log.rates import Rates
-from xbus.log.runs import PartRuns, Runs
+from xbus.log.runs import PartRuns, Runs, steady_time
 from xbus.log.stats import Stats
 from xbus.log.trackers import count_losses, frames_of
 from xbus.protocol.configuration import Configuration
@@ -109,7 +109,7 @@ class _PartStamps:
     def __init__(self, part: Log, runs: PartRuns, last: Mapping[int, npt.NDArray[Any]]) -> None:
         self._last = last
         self._devices = device_of(part.bid)
-        self._stamps = stamps_of(runs.run, steady_time(part))
+        self._stamps = stamps_of(runs.run, steady_time(part.core))
 
     def before(self, rows: npt.NDArray[np.int64], bids: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
         """Returns the last stamp of a device before each sample, `STAMP`.

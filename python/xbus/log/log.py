@@ -22,8 +22,7 @@ from xbus.log.identity import IDENTITY_MESSAGES, Identity, identities_of, identi
 from xbus.log.messages import Messages, Unknown
 from xbus.log.rendering import html_table, text_table
 from xbus.log.resample import Resampled, check_rate, spans
-from xbus.log.runs import PartRuns, Runs
-from xbus.log.runs import steady_time as steady_time_of
+from xbus.log.runs import PartRuns, Runs, steady_time
 from xbus.log.source import QuantityFilter
 from xbus.log.stats import Stats
 from xbus.log.strings import Strings
@@ -43,15 +42,10 @@ if TYPE_CHECKING:
     from xbus.log.plotting import PlotTime
     from xbus.plots.draw import Backend
 
-__all__ = ["Log", "LogDevice", "MissingDeviceError", "log_devices", "steady_time"]
+__all__ = ["Log", "LogDevice", "MissingDeviceError", "log_devices"]
 
 
 DAMAGE = np.dtype([("offset", "i8"), ("length", "i8"), ("reason", "U12")])
-
-
-def steady_time(log: Log) -> npt.NDArray[np.float64]:
-    """Returns the time of each sample, ``(N,)``; NaN for those of the GNSS receiver, which has its own."""
-    return steady_time_of(log._core)
 
 
 class MissingDeviceError(ValueError):
@@ -543,7 +537,7 @@ class Log(ByQuantity[Column], Exports):
                 "read_log(..., rate=100) derives them from the packet counter"
             )
         # UTC in samples of the GNSS receiver is that of its solution, some 10 ms from the time of the sample.
-        steady = steady_time(self)
+        steady = steady_time(self._core)
         is_steady = bool((~np.isnat(self.utc) & np.isfinite(steady)).any())
         return Resampled(
             rate,

@@ -7,7 +7,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from xbus.log.log import Log, steady_time
+from xbus.log.log import Log
+from xbus.log.runs import steady_time
 from xbus.protocol.tables import device_of
 
 __all__ = ["UNSTAMPED_RATE", "ReplayPace"]
@@ -60,7 +61,7 @@ class ReplayPace:
         if self._device is None:
             self._device = device_of(int(part.bid[0]))
         index = np.arange(len(part), dtype=np.float64)
-        known = np.isfinite(steady_time(part)) & (device_of(part.bid) == self._device)
+        known = np.isfinite(steady_time(part.core)) & (device_of(part.bid) == self._device)
         rows, stamps = index[known], part.time[known]
         if math.isnan(self._stamp):
             if len(stamps) < 2:

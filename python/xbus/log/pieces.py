@@ -27,7 +27,8 @@ from xbus.files import (
 )
 from xbus.log.arrivals import Arrivals, arrivals_of, joined
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
-from xbus.log.log import Log, steady_time
+from xbus.log.log import Log
+from xbus.log.runs import steady_time
 from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary, open_range, skip
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
@@ -393,7 +394,7 @@ def _ends_of(start: Log, end: Log) -> Ends:
 def _stamps(log: Log, at: int) -> dict[int, Stamp]:
     """Returns the first (0) or last (-1) stamp of each device."""
     stamps = {}
-    time, bids = steady_time(log), device_of(log.bid)
+    time, bids = steady_time(log.core), device_of(log.bid)
     for bid in np.unique(bids).tolist():
         times = time[(bids == bid) & np.isfinite(time)]
         counters = log.packet_counter[(bids == bid) & (log.packet_counter >= 0)]

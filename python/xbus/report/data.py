@@ -14,7 +14,8 @@ from xbus.describe.text import describe_message
 from xbus.export.valid import has_fix
 from xbus.log.axis import Axis
 from xbus.log.column import Column
-from xbus.log.log import Log, steady_time
+from xbus.log.log import Log
+from xbus.log.runs import steady_time
 from xbus.plots.panels import MAGNETIC, panel_rows
 from xbus.plots.thin import Bands, BoolArray, Curves, FloatArray, Steps
 from xbus.protocol.tables import COLUMN_QUANTITIES, STATUS_FLAGS, StatusFlag, device_of
@@ -319,7 +320,7 @@ class ReportData:
         """Adds the samples of one device at these positions, and the numbers of their runs."""
         self._last[bid] = float(x[-1])
         if self.axis.kind == "time":
-            is_steady = np.isfinite(steady_time(part))
+            is_steady = np.isfinite(steady_time(part.core))
             self._clocks.setdefault(bid, Clock()).add(x, run, part.utc, is_steady)
         self._add_steps(part, bid, x, run)
         # The status byte repeats a part of the status word.
@@ -379,7 +380,7 @@ class ReportData:
         """Adds the time between samples; times of the GNSS receiver are not comparable."""
         if self.axis.kind != "time":
             return
-        is_steady = np.isfinite(steady_time(part))
+        is_steady = np.isfinite(steady_time(part.core))
         time, run = x[is_steady], run[is_steady]
         if bid in self._last_step:
             last, last_run = self._last_step[bid]
