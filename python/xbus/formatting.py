@@ -1,8 +1,15 @@
-"""Counts, sizes, losses and identifiers in words. Imports nothing, so that commands start fast."""
+"""Counts, sizes, losses and other texts to print. Imports nothing, so that commands start fast."""
 
 from __future__ import annotations
 
-__all__ = ["describe_damage", "describe_losses", "device_name", "format_count", "format_size"]
+__all__ = [
+    "describe_damage",
+    "describe_losses",
+    "device_name",
+    "format_count",
+    "format_size",
+    "printable",
+]
 
 
 def format_count(number: int, noun: str, plural: str | None = None) -> str:
@@ -61,3 +68,14 @@ def describe_damage(length: int, places: int) -> str:
 def device_name(number: int) -> str:
     """Returns a device identifier as printed on the device: 8 digits, 10 from the 600-series on."""
     return f"{number:010X}" if number >> 31 else f"{number:08X}"
+
+
+def printable(text: str) -> str:
+    r"""Returns text without characters that break lines or control a terminal: they are escaped.
+
+    >>> printable("gone\x1b[2J")
+    'gone\\x1b[2J'
+    """
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

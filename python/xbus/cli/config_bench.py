@@ -13,7 +13,7 @@ from xbus.cli.connection import connect_device
 from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_table
 from xbus.errors import XbusError
-from xbus.formatting import format_count
+from xbus.formatting import device_name, format_count, printable
 
 if TYPE_CHECKING:
     from xbus.device import Settings
@@ -74,7 +74,6 @@ def _apply(
 ) -> dict[str, Any]:
     """Returns what was done at a port, or why nothing was."""
     from xbus.device import ApplyError
-    from xbus.formatting import device_name
 
     row: dict[str, Any] = {
         "port": port,
@@ -103,9 +102,7 @@ def _apply(
 
 
 def _device(row: dict[str, Any]) -> str:
-    from xbus.wire.result_code import printable
-
-    code = printable((row["product_code"] or "").encode())
+    code = printable(row["product_code"] or "")
     return f"{code} {row['device_id'] or ''}".strip()
 
 

@@ -10,6 +10,7 @@ from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.failure import Failure
 from xbus.cli.printing import align, print_json, print_line
 from xbus.errors import DeviceError, StateError, XbusTimeout
+from xbus.formatting import device_name, printable
 
 if TYPE_CHECKING:
     from xbus.device import Device
@@ -33,9 +34,6 @@ def identify(port: str, baudrate: int | None, as_json: bool) -> None:
     PORT is a serial port, a pyserial URL (socket://HOST:PORT), a bus (i2c:/dev/i2c-1, spi:/dev/spidev0.0), or
     sim:PRODUCT for a virtual device.
     """
-    from xbus.formatting import device_name
-    from xbus.wire.result_code import printable
-
     with connect_device(port, baudrate) as device, device.configure():
         components, reason = _selftest(device)
         hardware = device.hardware_version
@@ -62,7 +60,7 @@ def identify(port: str, baudrate: int | None, as_json: bool) -> None:
         rows = [
             ("port", facts["port"] + rate),
             ("product", facts["product"] or "unknown"),
-            ("code", "none" if code is None else printable(code.encode())),
+            ("code", "none" if code is None else printable(code)),
             ("id", facts["device_id"] or "unknown"),
             ("firmware", "unknown" if facts["firmware"] is None else facts["firmware"] + build),
             ("hardware", facts["hardware"] or "unknown"),

@@ -15,6 +15,7 @@ from xbus.cli.connection import baudrate_option, connect_device
 from xbus.cli.corrections import caster_options, check_receiver, new_corrections
 from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_line, print_table
+from xbus.formatting import printable
 from xbus.watch.corrections import Corrections
 
 if TYPE_CHECKING:
@@ -88,7 +89,6 @@ def ntrip(
 
 def _print_mountpoints(url: str, user: str | None, password: str | None, *, as_json: bool) -> None:
     from xbus.rtk import read_source_table
-    from xbus.wire.result_code import printable
 
     try:
         table = read_source_table(url, user=user, password=password)
@@ -111,7 +111,7 @@ def _print_mountpoints(url: str, user: str | None, password: str | None, *, as_j
         ]
         for row in table
     ]
-    cells = [[printable(cell.encode()) for cell in row] for row in cells]
+    cells = [[printable(cell) for cell in row] for row in cells]
     print_table(HEAD, cells, optional=["systems", "place"])
 
 

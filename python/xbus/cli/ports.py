@@ -11,6 +11,7 @@ from xbus.cli.connection import connect_device
 from xbus.cli.failure import Failure
 from xbus.cli.printing import print_json_rows, print_line, print_table
 from xbus.errors import XbusError, XbusTimeout
+from xbus.formatting import device_name, printable
 
 if TYPE_CHECKING:
     from xbus.device import Port
@@ -56,8 +57,6 @@ def port_as_json(port: Port) -> dict[str, Any]:
 
 def _identify(port: Port) -> dict[str, Any]:
     """Returns the device on a port, or the problem."""
-    from xbus.formatting import device_name
-
     if sys.stderr is not None and sys.stderr.isatty():
         click.echo(f"identifying {port.device}", err=True)
     try:
@@ -93,9 +92,7 @@ def _print_rows(rows: list[dict[str, Any]], *, identify: bool) -> None:
 
 def _describe(row: dict[str, Any]) -> str:
     """Returns the device on a port as one line."""
-    from xbus.wire.result_code import printable
-
     if "baudrate" not in row:
         return str(row.get("problem", "not identified"))
-    code = printable((row["product_code"] or "no product code").encode())
+    code = printable(row["product_code"] or "no product code")
     return f"{code} {row['device_id']}, firmware {row['firmware']}, {row['baudrate']} baud"

@@ -8,12 +8,17 @@ import numpy as np
 
 from xbus.describe.log_summary import DeviceSummary, LogSummary
 from xbus.describe.text import finite, recording_date
-from xbus.formatting import describe_damage, describe_losses, device_name, format_count
+from xbus.formatting import (
+    describe_damage,
+    describe_losses,
+    device_name,
+    format_count,
+    printable,
+)
 from xbus.log.identity import Identity
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 from xbus.protocol.values import PERIOD_TICKS
-from xbus.wire.result_code import printable
 
 __all__ = ["format_utc", "log_rows", "quantity_rows"]
 
@@ -102,7 +107,7 @@ def _identity(identity: Identity) -> Iterator[str]:
     if identity.product_code is None and identity.device_id is None:
         yield "not named in this log"
     if identity.product_code is not None:
-        yield printable(identity.product_code.encode())
+        yield printable(identity.product_code)
     if identity.device_id is not None:
         yield f"id {device_name(identity.device_id)}"
     if identity.firmware is not None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 
+from xbus.formatting import printable
+
 __all__ = ["file_label"]
 
 
@@ -13,7 +15,4 @@ def file_label(name: str) -> str:
     >>> file_label("walk\n1.mtb")
     'walk\\n1.mtb'
     """
-    text = os.fsencode(name).decode("utf-8", "replace")
-    if text.isprintable():
-        return text
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+    return printable(os.fsencode(name).decode("utf-8", "replace"))

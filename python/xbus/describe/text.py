@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from xbus import _core
-from xbus.formatting import device_name
+from xbus.formatting import device_name, printable
 from xbus.log.identity import Identity
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import Coordinates, Precision
@@ -21,7 +21,7 @@ from xbus.protocol.messages import LAYOUTS
 from xbus.protocol.tables import COLUMN_QUANTITIES, QUANTITIES, Field, Quantity
 from xbus.protocol.values import Output
 from xbus.wire.message import Message
-from xbus.wire.result_code import printable, read_result_code
+from xbus.wire.result_code import read_result_code
 
 __all__ = [
     "describe_message",
@@ -56,7 +56,7 @@ def describe_message(message: Message) -> str:
     if identity.device_id is not None:
         parts.insert(0, device_name(identity.device_id))
     if identity.product_code is not None:
-        parts.insert(0, printable(identity.product_code.encode()))
+        parts.insert(0, printable(identity.product_code))
     return ", ".join(parts) or _payload(message)
 
 
@@ -131,7 +131,7 @@ def _word(value: Any) -> str:
         return str(single if float(single) == value else np.float64(value)).removesuffix(".0")
     if isinstance(value, tuple):
         return ",".join(map(_word, value))
-    return printable(value.encode()) if isinstance(value, str) else str(value).lower()
+    return printable(value) if isinstance(value, str) else str(value).lower()
 
 
 def recording_date(configuration: Configuration) -> str | None:

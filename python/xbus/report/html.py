@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from xbus.formatting import printable
 from xbus.report.blocks import Block, Columns, Heading, Paragraph, Plot, Section, Table
 from xbus.report.findings import Finding
 
@@ -164,11 +165,7 @@ def _link(anchor: str, text: str) -> str:
 
 def _text(text: str) -> str:
     """Escapes HTML and control characters, for example one that reverses the direction of a line."""
-    return escape(
-        "".join(
-            char if char.isprintable() else char.encode("unicode_escape").decode() for char in text
-        )
-    )
+    return escape(printable(text))
 
 
 def _numbers(values: npt.NDArray[Any]) -> dict[str, str]:

@@ -25,7 +25,6 @@ __all__ = [
     "glyphs_for",
     "has_receiver",
     "losses",
-    "printable",
     "status_rows",
     "value_rows",
 ]
@@ -133,13 +132,6 @@ def format_elapsed(seconds: float) -> str:
     """Returns seconds as hours, minutes and seconds."""
     minutes, seconds = divmod(int(seconds), 60)
     return f"{minutes // 60}:{minutes % 60:02}:{seconds:02}"
-
-
-def printable(text: str) -> str:
-    """Returns the text without characters that control a terminal."""
-    if text.isprintable():
-        return text
-    return "".join(char if char.isprintable() else "?" for char in text)
 
 
 def _attitude(attitude: Attitude, degree: str) -> list[Span]:

@@ -1,13 +1,14 @@
-"""Result codes of Error and Warning messages, and text that a device sends."""
+"""Result codes of Error and Warning messages."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+from xbus.formatting import printable
 from xbus.protocol.tables import RESULT_CODES
 from xbus.wire.message import Message
 
-__all__ = ["ResultCode", "printable", "read_result_code"]
+__all__ = ["ResultCode", "read_result_code"]
 
 
 class ResultCode(NamedTuple):
@@ -36,12 +37,6 @@ def read_result_code(message: Message) -> ResultCode:
     code, rest = int.from_bytes(message.payload[:wide], "big"), message.payload[wide:]
     text = RESULT_CODES.get(code, "a code that xbus does not know")
     if message.name == "Warning":
-        words = printable(rest)
+        words = printable(rest.decode("ascii", "backslashreplace").strip("\0 \r\n"))
         return ResultCode(code, f"{text} ({words})" if words else text, None)
     return ResultCode(code, text, rest.hex(" ").upper() or None)
-
-
-def printable(data: bytes) -> str:
-    """Returns text of a device without characters that control a terminal."""
-    text = data.decode("ascii", "backslashreplace").strip("\0 \r\n")
-    return "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)

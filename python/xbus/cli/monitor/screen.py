@@ -18,7 +18,7 @@ from rich.table import Table
 from rich.text import Text
 
 from xbus.cli.monitor.horizon import compass, horizon
-from xbus.formatting import format_size
+from xbus.formatting import format_size, printable
 from xbus.protocol.values import State
 from xbus.watch.attitude import Attitude
 from xbus.watch.model import Model, MonitorEvent
@@ -36,7 +36,6 @@ from xbus.watch.rows import (
     ValueRow,
     device_state,
     format_elapsed,
-    printable,
     status_rows,
     value_rows,
 )

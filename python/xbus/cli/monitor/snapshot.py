@@ -7,13 +7,13 @@ from dataclasses import asdict
 from typing import Any
 
 from xbus.cli.printing import align
+from xbus.formatting import printable
 from xbus.watch.model import Model
 from xbus.watch.rows import (
     HEAD,
     device_state,
     format_elapsed,
     glyphs_for,
-    printable,
     status_rows,
     value_rows,
 )
