@@ -30,7 +30,7 @@ MAX_FRAMES = 1 << 9
 #: Seconds within which the thread ends after the bus was closed.
 JOIN_TIMEOUT = 1.0
 #: Seconds to listen for a device; the lowest output rate is 1 Hz.
-HEAR_SECONDS = 1.2
+LISTEN_SECONDS = 1.2
 #: Seconds by which a good time stamp of an interface differs at most from the clock of this computer.
 GOOD_STAMP = 2.0
 
@@ -72,13 +72,13 @@ class CanLink:
         # A link that is dropped without `close` does not keep bus and thread: neither refers to it.
         self._finalizer = weakref.finalize(self, self._pump.close)
 
-    def hear(self, timeout: float = HEAR_SECONDS) -> None:
-        """Waits for a frame of a device.
+    def wait_for_device(self) -> None:
+        """Waits up to `LISTEN_SECONDS` for a frame of a device.
 
         Raises:
             XbusTimeout: None came; the message says what did.
         """
-        if self._pump.heard.wait(timeout) or self.acquisition.ended is not None:
+        if self._pump.heard.wait(LISTEN_SECONDS) or self.acquisition.ended is not None:
             return
         with self._pump.lock:
             seen = self._pump.tally
@@ -94,7 +94,9 @@ class CanLink:
             f"port), the wiring, and that the bus has {self.baudrate:,} bit/s"
         )
         raise XbusTimeout(
-            f"no frame of an MTi on {self.name} within {timeout:g} s; {text}", None, timeout
+            f"no frame of an MTi on {self.name} within {LISTEN_SECONDS} s; {text}",
+            None,
+            LISTEN_SECONDS,
         )
 
     @property

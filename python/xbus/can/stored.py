@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 import pickle
 import threading
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from tempfile import TemporaryFile
-from types import TracebackType
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -31,7 +30,6 @@ class StoredCapture:
     Args:
         logs: The parts, from `iter_can`.
         bid: The device whose samples are wanted, or None for all.
-        progress: Called with the number of frames read so far, after each part.
 
     Attributes:
         parts: The parts, in order; at least one.
@@ -43,27 +41,19 @@ class StoredCapture:
         OSError: The temporary file cannot be written.
     """
 
-    def __init__(
-        self,
-        logs: Iterable[CanLog],
-        *,
-        bid: int | None = None,
-        progress: Callable[[int], None] = lambda _: None,
-    ) -> None:
+    def __init__(self, logs: Iterable[CanLog], *, bid: int | None = None) -> None:
         self.frames = 0
         self.findings: tuple[str, ...] = ()
         self.parts: list[StoredPart] = []
         self._shape, self._lock = _core.Shape(), threading.Lock()
         self._file: BinaryIO = TemporaryFile(prefix="xbus-")  # noqa: SIM115 - `close` closes it
         try:
-            self._store(logs, bid, progress)
+            self._store(logs, bid)
         except BaseException:
             self.close()
             raise
 
-    def _store(
-        self, logs: Iterable[CanLog], bid: int | None, progress: Callable[[int], None]
-    ) -> None:
+    def _store(self, logs: Iterable[CanLog], bid: int | None) -> None:
         counts: dict[int, int] = {}
         whole, own = _core.Shape(), _core.Shape()
         samples = 0
@@ -83,7 +73,6 @@ class StoredCapture:
             earliest = float(np.nanmin(core.time)) if np.isfinite(core.time).any() else math.nan
             self.parts.append(StoredPart(self, start, self.frames, len(core), earliest))
             samples += len(core)
-            progress(self.frames)
         if bid is not None and not samples:
             raise MissingDeviceError(bid, counts)
         self._shape = whole if bid is None else whole.of_device(own)
@@ -106,12 +95,7 @@ class StoredCapture:
     def __enter__(self) -> StoredCapture:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
 

@@ -397,13 +397,13 @@ def _open_hex(name: str) -> IO[bytes]:
     from xbus.wire.hextext import from_hex
 
     file = _open(name)
-    text = b""
+    text = bytearray()
     while data := file.read(1 << 20):
         text += data
     if name != STDIN:
         file.close()
     try:
-        return io.BytesIO(from_hex(_text(text)))
+        return io.BytesIO(from_hex(_text(bytes(text))))
     except ValueError as error:
         raise Failure(f"cannot read {label(name)}: {error}") from error
 

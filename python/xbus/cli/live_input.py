@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Protocol
 
@@ -146,7 +146,6 @@ def live_input(
     baudrate: int | None = None,
     listen: bool = False,
     speed: float | None = None,
-    strings: Sequence[str] = (),
 ) -> Iterator[LiveInput]:
     """Opens a device or a recording.
 
@@ -156,7 +155,6 @@ def live_input(
         baudrate: Bits per second of a port.
         listen: Whether to send nothing to a port.
         speed: Replay speed of a recording.
-        strings: As in `read_log`.
 
     Raises:
         Failure: It cannot be opened.
@@ -169,16 +167,14 @@ def live_input(
         from xbus.cli.monitor.replay_source import ReplaySource
 
         show_unread_piece(name)
-        yield LiveInput(ReplaySource(name, speed or 1.0, strings, bid), None)
+        yield LiveInput(ReplaySource(name, speed or 1.0, bid=bid), None)
         return
     if speed is not None:
         raise click.UsageError("--speed is for a recording; a device sends at its own rate")
     from xbus.protocol.values import State
     from xbus.watch.device_source import DeviceSource
 
-    with connect_device(
-        name, baudrate, bid=address_of(bid), listen=listen, strings=strings
-    ) as device:
+    with connect_device(name, baudrate, bid=address_of(bid), listen=listen) as device:
         source = DeviceSource(device, reconnect=False)
         if not listen and device.state == State.CONFIG:
             device.go_to_measurement()

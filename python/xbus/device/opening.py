@@ -126,7 +126,7 @@ def _connect_can(
     device = Device(link, listen=True, reconnect=reconnect)
     if not listen:
         try:
-            link.hear()
+            link.wait_for_device()
         except BaseException:
             device.close()
             raise

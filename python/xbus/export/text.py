@@ -33,15 +33,15 @@ def formatted(template: str, values: npt.NDArray[Any], missing: str = "") -> lis
     return [next(found) if known else missing for known in is_known.tolist()]
 
 
-def shortest(values: npt.NDArray[np.floating[Any]], missing: str = "") -> list[str]:
+def shortest(values: npt.NDArray[np.floating[Any]]) -> list[str]:
     """Returns each number with the fewest digits that give the same float64 again, without an exponent.
 
-    ``missing`` stands for NaN.
+    NaN is an empty text.
 
-    >>> shortest(np.array([52.2404917, 1e-7, 3.0, np.nan]), "?")
-    ['52.2404917', '0.0000001', '3.0', '?']
+    >>> shortest(np.array([52.2404917, 1e-7, 3.0, np.nan]))
+    ['52.2404917', '0.0000001', '3.0', '']
     """
-    texts = formatted("%r", values, missing)
+    texts = formatted("%r", values)
     magnitude = np.abs(values)
     # These are the numbers that `repr` writes with an exponent.
     for row in np.flatnonzero(((magnitude < 1e-4) & (values != 0)) | (magnitude >= 1e16)).tolist():
