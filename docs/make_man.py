@@ -11,7 +11,8 @@ from pathlib import Path
 
 import click
 
-from xbus.cli import __version__, main
+from xbus import __version__
+from xbus.cli import main
 
 #: maturin installs what is in `xbus.data/data` below the prefix of the environment.
 PAGE = (

@@ -20,8 +20,8 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable, Container, Iterable
-from typing import ClassVar
+from collections.abc import Callable, Iterable
+from typing import ClassVar, TypeAlias
 
 import click
 from docutils import nodes
@@ -57,7 +57,7 @@ from xbus.protocol.tables import (
 from xbus.protocol.values import BAUD_CODES
 
 #: What a cell shows: text, or code where it is wrapped.
-Cell = str | nodes.Node
+Cell: TypeAlias = str | nodes.Node
 Rows = Iterable[tuple[Cell, ...]]
 
 
@@ -92,7 +92,7 @@ def quantities() -> list[nodes.Node]:
     header = (
         "identifier",
         "name",
-        "carries",
+        "layout",
         "components",
         "unit",
         "axes",
@@ -135,7 +135,7 @@ def mtdata_items() -> list[nodes.Node]:
         )
         for item in MTDATA_ITEMS
     )
-    return [table(("OutputMode", "OutputSettings", "quantity", "carries"), rows)]
+    return [table(("OutputMode", "OutputSettings", "quantity", "layout"), rows)]
 
 
 def mtdata_quantities() -> list[nodes.Node]:
@@ -151,7 +151,7 @@ def mtdata_quantities() -> list[nodes.Node]:
         )
         for row in MTDATA_QUANTITIES.values()
     )
-    header = ("name", "carries", "components", "unit", "axes", "source")
+    header = ("name", "layout", "components", "unit", "axes", "source")
     return [table(header, rows)]
 
 
@@ -260,11 +260,6 @@ def products() -> list[nodes.Node]:
 # What products support
 
 
-def products_with(has: Callable[[Support], bool]) -> str:
-    """Returns the products for which a condition holds."""
-    return describe_products([product for product in PRODUCTS if has(support(product))])
-
-
 def rate(supported: Support, quantity: str) -> str:
     """Returns the highest rate of a quantity, ``only`` where it is the only one."""
     highest = supported.rates.get(quantity, 0)
@@ -328,16 +323,14 @@ def sync() -> list[nodes.Node]:
 
 
 def _bits(
-    kind: type[OptionFlag | StringType],
-    word: str,
-    of: Callable[[Support], Container[OptionFlag | StringType]],
+    kind: type[OptionFlag | StringType], word: str, of: Callable[[Support], int]
 ) -> list[nodes.Node]:
     """Returns the bits of a kind, and the products that have each."""
     rows = (
         (
             code(f"{flag.value:04X}"),
             code(flag.name or ""),
-            products_with(lambda supported, flag=flag: flag in of(supported)),
+            describe_products([number for number in PRODUCTS if of(support(number)) & flag]),
         )
         for flag in kind
     )
@@ -378,7 +371,9 @@ def baudrates() -> list[nodes.Node]:
     rows = (
         (
             f"{baudrate:,}",
-            products_with(lambda supported, rate=baudrate: rate in supported.baudrates),
+            describe_products(
+                [number for number in PRODUCTS if baudrate in support(number).baudrates]
+            ),
         )
         for baudrate in every
     )
