@@ -231,7 +231,7 @@ class MtDataOutputs:
     def __new__(cls, legacy: list[tuple[int, int]]) -> MtDataOutputs:
         """Starts with the settings of the caller: see `xbus.log.legacy.legacy_outputs`."""
     def message(self, bid: int, mid: int, payload: bytes) -> bool:
-        """Takes note of a message other than MTData. Returns whether it changes the settings in force."""
+        """Handles a message other than MTData. Returns whether it changes the settings in force."""
     def output(self, bid: int) -> tuple[int, int] | None:
         """Returns OutputMode and OutputSettings of a device, if both are known."""
     def devices_of(self, bid: int) -> list[int]:
@@ -361,7 +361,7 @@ class SampleClock:
             rate: Rate of the packet counter in Hz, which gives a time to samples without time stamps.
         """
     def message(self, bid: int, mid: int, payload: bytes) -> None:
-        """Takes note of a message that is not a sample: it may name the device, or start a new run."""
+        """Handles a message that is not a sample: it may name the device, or start a new run."""
     def sample(self, bid: int, payload: bytes) -> tuple[float, bool]:
         """The time of the next sample, and whether it leads the clock.
 
@@ -964,7 +964,7 @@ class Acquisition:
     def give_outputs(self, legacy: list[tuple[int, int]]) -> None:
         """Decodes MTData with settings of the caller until the stream has others: see `MtDataOutputs`."""
     def note_request(self, bid: int, mid: int, payload: bytes) -> None:
-        """Takes note of a request before it is sent: its acknowledgement may change the layout of MTData."""
+        """Handles a request before it is sent: its acknowledgement may change the layout of MTData."""
     def resume(self) -> None:
         """Continues after the end with what is pushed, in the same lanes, counts and recording.
 

@@ -101,7 +101,7 @@ def make_xbus_device(tmp_path_factory: pytest.TempPathFactory) -> Iterator[MakeX
             # connect returns when the device has started and measures.
             with xbus.connect(device) as host:
                 if output_configuration is not None:
-                    # Without a baud rate the port is like USB, which carries everything.
+                    # Without a baud rate the port is like USB, which has no limit.
                     with host.configure(output_configuration, check_baudrate=device.is_serial):
                         pass
             device.faults = faults

@@ -70,7 +70,7 @@ pub fn product_code(payload: &[u8]) -> Option<String> {
 pub struct Configuration {
     /// Device identifier.
     pub device_id: u64,
-    /// Product code, where the message carries one.
+    /// Product code, if the message has one.
     pub product_code: Option<String>,
     /// Sampling period in 1/115200 s; devices with 8-byte identifiers have none.
     pub sampling_period: Option<u16>,

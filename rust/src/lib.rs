@@ -50,7 +50,7 @@
 //!
 //! # Features
 //!
-//! None is on by default: the core needs only `memchr`, `chrono` and `rustc-hash`.
+//! None is on by default: the core needs only `memchr`, `chrono` and `rustc-hash`, and on Unix `libc`.
 //!
 //! | feature | adds |
 //! |---|---|

@@ -567,7 +567,7 @@ impl Reader {
         strings.bytes.push(bytes);
     }
 
-    /// Takes note of frames that were added to the batch, in which `waiting` frames waited before.
+    /// Handles frames that were added to the batch, in which `waiting` frames waited before.
     fn recognized(&mut self, window: Window<'_>, at: usize, length: usize, waiting: usize) {
         let (from, sample) = (window.offset + at as u64, self.next_sample() + waiting as u64);
         if from != self.end {

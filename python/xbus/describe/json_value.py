@@ -14,7 +14,7 @@ __all__ = ["json_value", "payload_value"]
 
 
 def payload_value(message: Message) -> Any:
-    """Returns the value that a message carries, for `json.dumps`; None for no payload or a malformed one.
+    """Returns the value of a message for `json.dumps`; None for no payload or a malformed one.
 
     >>> import xbus
     >>> payload = bytes.fromhex("40200064")

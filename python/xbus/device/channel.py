@@ -68,10 +68,10 @@ class Trace(Protocol):
     """Follows the messages between host and device."""
 
     def sent(self, data: bytes) -> None:
-        """Takes note of bytes that were sent."""
+        """Called with bytes that were sent."""
 
     def received(self, item: _core.ScannedFrame | _core.ScannedDamage) -> None:
-        """Takes note of a message or damaged bytes that were received, but not of samples and strings."""
+        """Called with a message or damaged bytes that were received; not with samples and strings."""
 
 
 class Channel:
@@ -209,7 +209,7 @@ class Channel:
             self._answers.append(event)
 
     def _hear(self, frame: _core.ScannedFrame) -> None:
-        """Takes note of a message about the device."""
+        """Remembers a message about the device."""
         if frame.mid == MessageId.Configuration and has_mtdata(frame.payload):
             for mid in SETTINGS_MESSAGES:  # from before
                 self.heard.pop(mid, None)

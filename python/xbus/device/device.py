@@ -9,7 +9,6 @@ from collections.abc import AsyncIterator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import count
-from types import TracebackType
 from typing import Any
 
 from xbus.can.ids import DeviceIds
@@ -105,7 +104,7 @@ class Device:
 
     @property
     def link(self) -> Link:
-        """The port, or what else carries the bytes."""
+        """The link to the device: a port, a bus, or a virtual device."""
         return self._channel.link
 
     @property
@@ -194,12 +193,7 @@ class Device:
     def __enter__(self) -> Device:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def __repr__(self) -> str:

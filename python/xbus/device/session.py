@@ -242,7 +242,7 @@ class Session:
         return self._message(item.offset, item.bid, item.mid, item.payload)
 
     def handle_data(self) -> None:
-        """Takes note of an output: a device whose state is not known is in Measurement State."""
+        """Handles an output: a device whose state is not known is in Measurement State."""
         if self.state in (State.UNKNOWN, State.WAKEUP):
             self.state = State.MEASUREMENT
 

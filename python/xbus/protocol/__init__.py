@@ -1,4 +1,4 @@
-"""What devices and hosts say to each other, as values: messages, settings and products."""
+"""The protocol as values: messages, settings and products."""
 
 from xbus.protocol import values
 from xbus.protocol.messages import decode, encode

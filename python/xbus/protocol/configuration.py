@@ -35,7 +35,7 @@ class Configuration:
 
     Attributes:
         device_id: Device identifier.
-        product_code: Product code, where the message carries one.
+        product_code: Product code; None if the message has none.
         sampling_period: In 1/115200 s; None on devices with 8-byte identifiers.
         output_skip_factor: None on devices with 8-byte identifiers.
         date: ``YYYYMMDD`` as the recording host has set it, or None.

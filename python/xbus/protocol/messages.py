@@ -321,7 +321,7 @@ def encode(name: str, value: Any = None) -> bytes:
     payload = LAYOUTS[name].encode(value)
     row = MESSAGES[name]
     if row.lengths is not None and len(payload) not in row.lengths:
-        raise ValueError(f"{name} carries {row.payload}, not {len(payload)} bytes")
+        raise ValueError(f"the payload of {name} is {row.payload}, not {len(payload)} bytes")
     return payload
 
 

@@ -466,7 +466,7 @@ class Support:
 
     @property
     def strings_have_rate(self) -> bool:
-        """Whether StringOutputType carries the rate; other products use Period and OutputSkipFactor."""
+        """Whether StringOutputType has the rate; other products use Period and OutputSkipFactor."""
         return self.product.series == _SIX
 
     def rates_of(self, quantity: str) -> tuple[int, ...]:

@@ -233,7 +233,7 @@ class MessageRow(NamedTuple):
         name: The manual's name.
         direction: ``"to device"``, ``"to host"`` or ``"both"``.
         states: States in which it is valid: ``"wakeup"``, ``"config"``, ``"measurement"``.
-        payload: What it carries, in words.
+        payload: Its payload, in words.
         lengths: The payload lengths it can have, or None if no source gives them. A message from the device
             has those of all messages with its MID.
         kind: ``"empty"``, ``"record"``, ``"list"``, ``"text"``, or ``"bytes"`` for bytes without a layout.

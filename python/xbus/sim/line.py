@@ -17,7 +17,7 @@ SEND_BUFFER = 2048
 
 
 class Line:
-    """Carries bytes: as a serial line, at a rate that both sides must set; or as USB, without delay.
+    """Transfers bytes: as a serial line, at a rate that both sides must set; or as USB, without delay.
 
     Times are in nanoseconds on the clock of the device, and must not decrease.
 

@@ -41,7 +41,7 @@ TICK = SECOND // 10_000
 NO_ROTATION_DONE, NO_ROTATION_FAILED, NO_ROTATION_RUNNING = 0, 2, 3
 #: The lines whose events are sent as data, on the 600-series.
 TRIGGERS = {SyncLine.IN1: DataId.TriggerIn1, SyncLine.IN2: DataId.TriggerIn2}
-#: Quantities that carry status flags.
+#: Quantities with status flags.
 STATUS_QUANTITIES = ("status_word", "status_byte")
 
 
@@ -78,7 +78,7 @@ class Measurement:
         self._can: CanStream | None = None
         #: Flags that are set in the next status word only.
         self._momentary = 0
-        #: Headers of the packets that carry status flags.
+        #: Headers of the packets with status flags.
         self._status_headers = [
             struct.pack(">HB", output.data_id, QUANTITIES[output.quantity].size)
             for output in settings.output_configuration
@@ -182,12 +182,12 @@ class Measurement:
             self._board.send(frame)
 
     def set_momentary_flag(self, name: str) -> None:
-        """Sets a flag of the status word in the next message that carries it."""
+        """Sets a flag of the status word in the next message that has it."""
         if self._status_headers:
             self._momentary |= status_word(**{name: 1})
 
     def _clear_sent_flags(self, frames: list[bytes]) -> None:
-        """Clears the momentary flags if a frame carried them."""
+        """Clears the momentary flags if a frame had them."""
         if any(header in frame for header in self._status_headers for frame in frames):
             self._momentary = 0
 

@@ -16,7 +16,7 @@ from xbus.sim.faults import Faults
 
 __all__ = ["OPTIONS", "device_of", "parse_options"]
 
-#: Years that UTC messages can carry (section 5.3.7).
+#: Years that UTC messages can have (section 5.3.7).
 YEARS = range(1999, 2100)
 
 

@@ -85,7 +85,7 @@ def require(is_valid: object, code: ErrorCode = ErrorCode.PARAMETER) -> None:
 
 
 def reply_with(reply: str, read: Callable[[Board], Any]) -> Handler:
-    """Returns a handler whose reply carries the value that ``read`` returns."""
+    """Returns a handler whose reply has the value that ``read`` returns."""
     return lambda board, _: encode(reply, read(board))
 
 
@@ -309,7 +309,7 @@ class _Setting(NamedTuple):
         return reply_with(reply, lambda board: getattr(board.settings, self.name))
 
     def writer(self) -> Handler:
-        """Returns the handler of the ``Set`` message. The reply carries the value if its layout does."""
+        """Returns the handler of the ``Set`` message. The reply has the value if its layout has one."""
         reply = f"Set{self.message}Ack"
         has_value = MESSAGES[reply].kind != "empty"
 

@@ -26,7 +26,7 @@ __all__ = ["Stream"]
 FINE_RATE = PHASE_RATE
 #: Hz of the sensor component readout, a multiple of every base rate.
 RAW_RATE = 2000
-#: Hz of messages that carry only time stamps and status: the default rate of Table 2.
+#: Hz of messages that contain only time stamps and status: the default rate of Table 2.
 COMPANIONS_RATE = 100
 #: Hz of the GNSS receiver, and seconds from an epoch to its messages; real receivers need 42 to 52 ms.
 GNSS_RATE = 4

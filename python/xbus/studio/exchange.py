@@ -49,7 +49,7 @@ class Exchange:
         self.settings_sent = 0
 
     def sent(self, data: bytes) -> None:
-        """Takes note of bytes that were sent."""
+        """Adds bytes that were sent."""
         scanner = Scanner()
         for item in [*scanner.feed(data), *scanner.close()]:
             self._add(item, is_sent=True)
@@ -57,7 +57,7 @@ class Exchange:
                 self.settings_sent += 1
 
     def received(self, item: _core.ScannedFrame | _core.ScannedDamage) -> None:
-        """Takes note of a message or of damaged bytes."""
+        """Adds a message or damaged bytes."""
         self._add(named_item(item), is_sent=False)
 
     def _add(self, item: Message | String | Damage, *, is_sent: bool) -> None:

@@ -1,1 +1,1 @@
-"""Single frames, messages, packets and strings, and the link that carries their bytes."""
+"""Single frames, messages, packets and strings, and the link that transfers their bytes."""

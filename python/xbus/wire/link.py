@@ -1,4 +1,4 @@
-"""The protocol of links, which carry bytes to a device and back."""
+"""The protocol of links, which send bytes to a device and receive its bytes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Need(TypedDict, total=False):
 
 
 class Link(Protocol):
-    """Carries bytes in both directions.
+    """Sends bytes to a device, and receives those that it sends.
 
     Attributes:
         name: Name for messages to users: the port.

@@ -277,7 +277,7 @@ impl Acquisition {
         }
     }
 
-    /// Takes note of a request before it is sent: see [`Outputs::learn`](crate::mtdata::Outputs::learn).
+    /// Handles a request before it is sent: see [`Outputs::learn`](crate::mtdata::Outputs::learn).
     pub fn note_request(&self, request: Frame<'_>) {
         if let Some(mut state) = self.state() {
             state.intake.note_request(request);

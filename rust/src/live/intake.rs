@@ -82,7 +82,7 @@ impl Intake {
         self.mtdata.clear();
     }
 
-    /// Takes note of a request of the host, whose acknowledgement puts settings of `MTData` into force.
+    /// Handles a request of the host, whose acknowledgement puts settings of `MTData` into force.
     pub fn note_request(&mut self, request: Frame<'_>) {
         self.learn(request);
     }

@@ -43,7 +43,7 @@ struct Snapshot {
 }
 
 impl Meter {
-    /// Takes note of the counts after the bytes that arrive now.
+    /// Adds the counts after the bytes that arrive now.
     pub fn note(&mut self, counts: &Counts, now: i64) {
         let total = counts.frames + counts.strings.values().sum::<u64>();
         let (before, last) = self.newest.unwrap_or((0, now));

@@ -59,7 +59,7 @@ impl Outputs {
         (self.given, self.trackers) = (given, trackers.or(self.trackers));
     }
 
-    /// Takes note of a message. Returns whether it changes what is in force.
+    /// Handles a message. Returns whether it changes what is in force.
     pub fn learn(&mut self, frame: Frame<'_>) -> bool {
         let Frame { bid, mid, payload } = frame;
         match mid {
@@ -147,7 +147,7 @@ impl Known {
         is_new
     }
 
-    /// Takes note of a message. Returns whether it changes what is in force.
+    /// Handles a message. Returns whether it changes what is in force.
     fn learn(&mut self, mid: u8, payload: &[u8]) -> bool {
         match (mid, payload) {
             (table::SET_OUTPUT_MODE, &[a, b]) => self.requested_mode = Some(u16::from_be_bytes([a, b])),

@@ -287,12 +287,12 @@ pub const MESSAGES: &[Message] = &[
     ack(0xFF, "SetDeviceIdContextAck",       UNKNOWN).on(NONE).status("unlisted"),
 ];
 
-/// A message to the device that carries nothing, and that the next MID answers.
+/// A message to the device without a payload, which the next MID answers.
 const fn req(mid: u8, name: &'static str) -> Message {
     set(mid, name, EMPTY)
 }
 
-/// A message to the device that carries something, and that the next MID answers.
+/// A message to the device with a payload, which the next MID answers.
 const fn set(mid: u8, name: &'static str, payload: Payload) -> Message {
     Message { direction: Direction::ToDevice, reply: Some(mid.wrapping_add(1)), ..ack(mid, name, payload) }
 }

@@ -294,7 +294,7 @@ pub struct Message {
     pub direction: Direction,
     /// When it is valid.
     pub states: States,
-    /// What it carries.
+    /// Its payload.
     pub payload: Payload,
     /// Whether it may also carry nothing.
     pub can_be_empty: bool,
@@ -313,7 +313,7 @@ pub struct Message {
 }
 
 impl Message {
-    /// What it carries, as documentation and error messages say it: `"U2 period (1/115200 s, 225 to 1152)"`.
+    /// Its payload, as documentation and error messages say it: `"U2 period (1/115200 s, 225 to 1152)"`.
     #[must_use]
     pub fn description(&self) -> String {
         let can_be_cleared = matches!(self.payload, Payload::List { zeros: true, .. });
@@ -392,7 +392,7 @@ pub fn messages(mid: u8) -> impl Iterator<Item = &'static Message> {
 }
 
 /// The name of a message. Where a MID has several rows, a row that has payloads of this length goes before one that has
-/// not; of these, an empty payload belongs to the row that carries nothing, and any other to one that carries something.
+/// not; of these, an empty payload belongs to the row without a payload, and any other to one with a payload.
 #[cfg_attr(feature = "python", pyo3::pyfunction)]
 #[must_use]
 pub fn message_name(mid: u8, length: usize) -> Option<&'static str> {

@@ -124,7 +124,7 @@ impl MessageField {
     }
 }
 
-/// What a message carries.
+/// The payload of a message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Payload {
     /// Nothing.

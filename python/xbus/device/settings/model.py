@@ -211,7 +211,7 @@ def _located(line: int, name: str, read: Callable[[Any], Any], found: Any) -> An
 
 
 def _read(name: str, found: Any, lines: Sequence[int]) -> Any:
-    """Returns the value of a setting, as its message carries it.
+    """Returns the value of a setting, as in its message.
 
     Raises:
         ValueError: The value is wrong; for a list, one line for each wrong entry.

@@ -172,7 +172,7 @@ def with_fields(name: str, value: Any) -> Any:
 def value_on_wire(name: str, value: Any) -> Any:
     """Returns the value of a setting with the precision that its message has.
 
-    The wire carries most real numbers as float32, so a device returns 0.1 as 0.10000000149011612.
+    Most real numbers are float32 on the wire, so a device returns 0.1 as 0.10000000149011612.
 
     Raises:
         ValueError: The message cannot hold the value.
