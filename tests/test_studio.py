@@ -35,6 +35,7 @@ PAGES = (
 #: A recording.
 WALK = Path(__file__).parent / "captures" / "walk.mtb"
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+PROGRAM = {"executable_path": CHROMIUM, "args": ["--no-sandbox"]}
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
 
 
@@ -73,18 +74,25 @@ def running(tmp_path_factory: Any) -> Any:
 
 
 @pytest.fixture(scope="module")
-def browser() -> Any:
+def chromium() -> Any:
     with playwright.sync_playwright() as driver:
-        browser = driver.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        yield browser
-        browser.close()
+        yield driver.chromium
+
+
+@pytest.fixture(scope="module")
+def tabs(chromium: Any, tmp_path_factory: Any) -> Any:
+    """The browser of one user. Its profile keeps the scripts of the studio as compiled code."""
+    window = {"width": 1280, "height": 900}
+    profile = tmp_path_factory.mktemp("profile")
+    with chromium.launch_persistent_context(profile, **PROGRAM, viewport=window) as tabs:
+        tabs.set_default_timeout(60_000)
+        yield tabs
 
 
 @pytest.fixture
-def studio(running: Any, browser: Any) -> Any:
+def studio(running: Any, tabs: Any) -> Any:
     url, folder = running
-    page = browser.new_page(viewport={"width": 1280, "height": 900})
-    page.set_default_timeout(60_000)
+    page = tabs.new_page()
     outside = []
     page.on(
         "request",
@@ -149,14 +157,14 @@ def test_a_port_that_does_not_exist_is_one_sentence(studio: Any) -> None:
     ).wait_for()
 
 
-def test_a_closed_device_is_named_and_can_be_opened(studio: Any, browser: Any) -> None:
+def test_a_closed_device_is_named_and_can_be_opened(studio: Any, tabs: Any) -> None:
     page = studio.page
     studio.open("configure/sim-MTi-10")
     page.get_by_text("sim:MTi-10 is not open.").wait_for()
     page.get_by_role("button", name="Open sim:MTi-10").click()
     page.get_by_text("as the device has it").wait_for()
     # Another page closes it.
-    other = browser.new_page()
+    other = tabs.new_page()
     other.goto(studio.url)
     other.locator(".xbus-device-sim-MTi-10").get_by_role("button", name="Close").click(
         timeout=60_000
@@ -381,7 +389,7 @@ LOCKED = """() => {
 }"""
 
 
-def test_a_reload_and_a_second_page_show_what_was_there(studio: Any, browser: Any) -> None:
+def test_a_reload_and_a_second_page_show_what_was_there(studio: Any, tabs: Any) -> None:
     page = studio.page
     studio.open("live/sim-MTi-620")
     page.get_by_role("button", name="Open sim:MTi-620").click()
@@ -417,8 +425,7 @@ def test_a_reload_and_a_second_page_show_what_was_there(studio: Any, browser: An
     ]
     page.reload()
     assert shown(page) == before
-    other = browser.new_page()
-    other.set_default_timeout(60_000)
+    other = tabs.new_page()
     other.goto(page.url)
     assert shown(other) == before
     # What is done there does not disturb the first page.
@@ -471,7 +478,7 @@ def test_a_map_without_tiles(studio: Any) -> None:
     assert not page.locator(".xbus-map").is_visible()
 
 
-def test_recording_goes_on_without_a_page(studio: Any, browser: Any) -> None:
+def test_recording_goes_on_without_a_page(studio: Any, tabs: Any) -> None:
     page = studio.page
     studio.open("record/sim-MTi-630")
     page.get_by_role("checkbox", name=re.compile("^MTi-3 ")).click()
@@ -489,7 +496,7 @@ def test_recording_goes_on_without_a_page(studio: Any, browser: Any) -> None:
     page.get_by_label("note during the recording").fill("a knock")
     page.get_by_role("button", name="Add note").click()
     page.locator("td", has_text="2 notes").first.wait_for()
-    other = browser.new_page()
+    other = tabs.new_page()
     other.goto(studio.url + "record")
     stop = other.get_by_role("button", name="Stop")
     stop.wait_for(timeout=60_000)
@@ -580,19 +587,17 @@ def test_a_preset_names_what_it_leaves_out_and_a_rate_is_shown_only_if_it_is_set
     assert not reason.is_visible()
 
 
-def test_buttons_are_large_enough_for_fingers(running: Any, browser: Any) -> None:
+def test_buttons_are_large_enough_for_fingers(running: Any, chromium: Any) -> None:
     url, _ = running
-    tablet = browser.new_context(
-        viewport={"width": 1024, "height": 768}, has_touch=True, is_mobile=True
-    )
-    page = tablet.new_page()
-    for path, name in {"configure/sim-MTi-630": "Navigation", "": "Self test"}.items():
-        page.goto(url + path)
-        button = page.get_by_role("button", name=name).first
-        button.wait_for(timeout=60_000)
-        box = button.bounding_box()
-        assert min(box["width"], box["height"]) >= 44
-    tablet.close()
+    window = {"width": 1024, "height": 768}
+    with chromium.launch(**PROGRAM) as browser:
+        page = browser.new_page(viewport=window, has_touch=True, is_mobile=True)
+        for path, name in {"configure/sim-MTi-630": "Navigation", "": "Self test"}.items():
+            page.goto(url + path)
+            button = page.get_by_role("button", name=name).first
+            button.wait_for(timeout=60_000)
+            box = button.bounding_box()
+            assert min(box["width"], box["height"]) >= 44
 
 
 def test_the_compass_is_calibrated_and_the_initial_heading_set(studio: Any) -> None:
@@ -645,13 +650,10 @@ def test_wrong_settings_are_shown_at_once(studio: Any) -> None:
     page.get_by_text("as the device has it").wait_for()
 
 
-def test_a_form_is_checked_and_both_pages_show_what_the_device_has(
-    studio: Any, browser: Any
-) -> None:
+def test_a_form_is_checked_and_both_pages_show_what_the_device_has(studio: Any, tabs: Any) -> None:
     page = studio.page
     studio.open("configure/sim-MTi-630")
-    other = browser.new_page()
-    other.set_default_timeout(60_000)
+    other = tabs.new_page()
     other.goto(studio.url + "configure/sim-MTi-630")
     for each in (page, other):
         each.get_by_role("tab", name="Filter").click()
@@ -814,10 +816,10 @@ def test_pages_fit(studio: Any, path: Any) -> None:
     page = studio.page
     for width, height in ((1280, 900), (1024, 768)):
         page.set_viewport_size({"width": width, "height": height})
+        studio.open(path)
+        page.locator(".xbus-card:visible, .xbus-page .xbus-quiet:visible").first.wait_for()
         for scheme in ("light", "dark"):
             page.emulate_media(color_scheme=scheme)
-            studio.open(path)
-            page.locator(".xbus-card:visible, .xbus-page .xbus-quiet:visible").first.wait_for()
             page.wait_for_function(f"() => ({MISFITS})().length === 0")
             assert page.evaluate(MISFITS) == []
 
