@@ -8,6 +8,7 @@ import io
 import json
 import lzma
 import os
+import pickle
 import struct
 import tracemalloc
 from collections.abc import Callable
@@ -22,7 +23,10 @@ import xbus
 from conftest import coarse, counter, fine, shared, trigger
 from streams import frame, mtdata2, packet, real
 from test_cli import run
-from xbus import HostClock
+from xbus import HostClock, XbusError
+from xbus.log import arrivals
+from xbus.log.arrivals import Arrivals
+from xbus.log.parts import joined_parts
 
 HEAD = b"XBUSTIME" + struct.pack("<IIq", 1, 16, 0)
 BEGIN = 1_790_000_000 * 10**9
@@ -394,6 +398,92 @@ def test_a_side_file_of_any_size_needs_little_memory(tmp_path: Path) -> None:
     tracemalloc.stop()
     assert log.times_fault == f"{path}.times has more records than the log has bytes"
     assert peak < 64 << 20
+
+
+@pytest.fixture
+def _stored(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All records stay in the side file, and are read three at a time."""
+    monkeypatch.setattr(arrivals, "MOST_HELD", 0)
+    monkeypatch.setattr(arrivals, "BLOCK", 3 * 16)
+
+
+@pytest.mark.usefixtures("_stored")
+@pytest.mark.parametrize("samples", MIXED.values(), ids=MIXED)
+def test_arrivals_that_stay_in_the_file(
+    tmp_path: Path, samples: list[bytes], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Logs, parts of any size, parts that are joined again, and cuts have the same host times."""
+    data, pieces = recording(samples)
+    path = written(tmp_path, data, HEAD + records(*pieces))
+    want = expected(data, pieces)
+    np.testing.assert_array_equal(xbus.read_log(path).host_time, want)
+    for block in (1, 100, 1000):
+        parts = xbus.split_log(path, block_bytes=block)
+        groups = [joined_parts(parts[at : at + 3]) for at in range(0, len(parts), 3)]
+        for read in (
+            list(xbus.iter_log(path, block_bytes=block)),
+            [part.read() for part in pickle.loads(pickle.dumps(parts))],  # noqa: S301
+            [part.read() for part in groups],
+        ):
+            np.testing.assert_array_equal(np.concatenate([one.host_time for one in read]), want)
+    if len(want) < 2:
+        return
+    sides = []
+    for most in (0, 1000):
+        monkeypatch.setattr(arrivals, "MOST_HELD", most)
+        cut = tmp_path / f"{most}.mtb"
+        assert run("cut", str(path), "--from", "0.3", "-o", str(cut)).exit_code == 0
+        between = xbus.read_log(path, between=(0.3, None)).host_time
+        sides.append((Path(f"{cut}.times").read_bytes(), between.tolist()))
+    assert repr(sides[0]) == repr(sides[1])
+
+
+@pytest.mark.usefixtures("_stored")
+def test_pieces_whose_arrivals_stay_in_the_files(tmp_path: Path) -> None:
+    data, pieces = recording(SAMPLES)
+    at = pieces[7][0]
+    first = written(tmp_path, data[:at], HEAD + records(*pieces[:8]), "night.mtb")
+    behind = [(end - at, time) for end, time in pieces[8:]]
+    second = written(tmp_path, data[at:], HEAD + records(*behind), "night-0001.mtb")
+    want = expected(data, pieces)
+    assert xbus.read_log([first, second]).host_time.tolist() == want
+    parts = xbus.split_log([second, first], block_bytes=200)
+    assert [time for part in parts for time in part.read().host_time.tolist()] == want
+
+
+@pytest.mark.usefixtures("_stored")
+@pytest.mark.parametrize("change", ["shorter", "another", "missing"])
+def test_a_side_file_that_changes_while_it_is_read(tmp_path: Path, change: str) -> None:
+    path = written(tmp_path, DATA, GOOD)
+    parts = xbus.split_log(path, block_bytes=500)
+    side = Path(f"{path}.times")
+    if change == "missing":
+        side.unlink()
+    else:
+        side.write_bytes(GOOD[:40] if change == "shorter" else HEAD + GOOD[40:])
+    problem = "cannot be read any more" if change == "missing" else "changed while its log was read"
+    with pytest.raises(XbusError, match=rf"a\.mtb\.times {problem}"):
+        _ = parts[-1].read().host_time
+
+
+def test_a_long_side_file_needs_little_memory(tmp_path: Path) -> None:
+    """It has a record for each byte."""
+    data = DATA + frame(0x31) * 300_000
+    ends = np.arange(1, len(data) + 1, dtype=np.int64)
+    side = b"".join(Arrivals(ends, BEGIN + ends * MS, len(data)).blocks())
+    path = written(tmp_path, data, side)
+    tracemalloc.start()
+    parts = xbus.split_log(path, block_bytes=100_000)
+    split = [part.read().host_time for part in parts]
+    parted = [part.host_time for part in xbus.iter_log(path, block_bytes=100_000)]
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 12_000_000 < len(side) / 2
+    log = xbus.read_log(DATA)
+    arrival = BEGIN + np.append(log.offset[1:], len(DATA)) * MS
+    want = HostClock().update(log.time, arrival)
+    for found in (split, parted):
+        np.testing.assert_array_equal(np.concatenate(found), want)
 
 
 @pytest.mark.parametrize("is_side_compressed", [False, True])

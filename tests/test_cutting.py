@@ -319,7 +319,7 @@ def timed(folder: Path) -> xbus.Log:
     # Several samples are read at once, and reads end within frames.
     rows = np.arange(3, len(log), 4)
     ends, times = np.append(end[rows] - rows % 3, end[-1]), np.append(time[rows], time[-1] + 1000)
-    Path("walk.mtb.times").write_bytes(Arrivals(ends, times, len(DATA)).to_bytes())
+    Path("walk.mtb.times").write_bytes(b"".join(Arrivals(ends, times, len(DATA)).blocks()))
     whole = xbus.read_log("walk.mtb")
     assert np.isfinite(whole.host_time).sum() > 900
     return whole
@@ -363,7 +363,7 @@ def test_host_times_of_a_device(folder: Path) -> None:
     end = np.append(log.offset[1:], len(data)).astype(np.int64)
     time = 10**18 + np.arange(len(end)) * 5_000_000
     Path("bus.mtb").write_bytes(data)
-    Path("bus.mtb.times").write_bytes(Arrivals(end, time, len(data)).to_bytes())
+    Path("bus.mtb.times").write_bytes(b"".join(Arrivals(end, time, len(data)).blocks()))
     alone = xbus.read_log("bus.mtb", bid=2)
     assert np.isfinite(alone.host_time).all()
     part = xbus.read_log("bus.mtb", bid=2, between=(0.5, 1))
@@ -381,7 +381,8 @@ def test_strings_of_a_part_keep_their_arrivals(folder: Path) -> None:
         ends.append(len(data))
     time = 10**18 + np.arange(100) * 10_000_000
     Path("log.mtb").write_bytes(data)
-    Path("log.mtb.times").write_bytes(Arrivals(np.array(ends), time, len(data)).to_bytes())
+    arrivals = Arrivals(np.array(ends), time, len(data))
+    Path("log.mtb.times").write_bytes(b"".join(arrivals.blocks()))
     whole = xbus.read_log("log.mtb")
     part = xbus.read_log("log.mtb", between=(0.2, 0.5))
     assert len(part.strings) == 30

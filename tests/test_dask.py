@@ -29,6 +29,7 @@ from object_store import ObjectStore
 from streams import mtdata2, packet, real
 from test_docs import PAGE_OF_CLUSTERS
 from xbus import XbusError
+from xbus.log.arrivals import Arrivals
 
 AHRS, GNSSINS = streams.ahrs(3000), streams.gnssins(2000)
 WALK = OWN_CAPTURES / "walk.mtb"
@@ -262,6 +263,21 @@ def test_divisions(
     if divisions is not None:
         first = frame.loc[divisions[0] : divisions[1]].compute(scheduler="sync")
         same(first, expected.loc[divisions[0] : divisions[1]])
+
+
+def test_joined_parts_keep_their_host_times(tmp_path: Path) -> None:
+    """Parts whose times are equal at the ends become one partition."""
+    data, path = times(1, *[2] * 6, 3, 4), tmp_path / "log.mtb"
+    path.write_bytes(data)
+    ends = np.arange(1, 10) * len(times(1))
+    arrivals = Arrivals(ends, 10**18 + ends * 10**9, len(data))
+    Path(f"{path}.times").write_bytes(b"".join(arrivals.blocks()))
+    frame = read_logs(path, block_bytes=2 * len(times(1)) - 1)
+    assert frame.divisions == (1, 4, 4)
+    found = frame["host_time"].compute(scheduler="sync").tolist()
+    expected = xbus.read_log(path).host_time
+    assert np.isfinite(expected).all()
+    assert found == expected.tolist()
 
 
 def test_pieces_are_one_recording(tmp_path: Path) -> None:

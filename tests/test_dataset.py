@@ -135,7 +135,7 @@ def test_the_hour_of_a_sample(data: bytes, times: bool, expected: dict[str, int]
         end = np.arange(1, 13) * len(data) // 12
         arrived = np.datetime64("2026-11-22T23:00", "ns") + np.arange(12) * np.timedelta64(600, "s")
         arrivals = Arrivals(end, arrived.astype(np.int64), len(data))
-        Path("log.mtb.times").write_bytes(arrivals.to_bytes())
+        Path("log.mtb.times").write_bytes(b"".join(arrivals.blocks()))
     assert run("decode", "log.mtb", "-o", "night/", "--partition-by", "hour").exit_code == 0
     counts: dict[str, int] = {}
     for name in files():

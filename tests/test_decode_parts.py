@@ -126,7 +126,7 @@ def times_of(data: bytes, pieces: int = 40) -> bytes:
     from xbus.log.arrivals import Arrivals
 
     end = np.linspace(1, len(data), pieces).astype(np.int64)
-    return Arrivals(end, 10**18 + end * 10**5, len(data)).to_bytes()
+    return b"".join(Arrivals(end, 10**18 + end * 10**5, len(data)).blocks())
 
 
 @pytest.mark.parametrize("kind", ["plain", "gzip", "gzip with the side file", "stdin", "hex"])

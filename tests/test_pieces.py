@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import gzip
 import io
+import os
 import random
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,6 +129,21 @@ def test_one_piece_and_none() -> None:
     assert xbus.read_log([DATA]) == xbus.read_log(DATA)
     with pytest.raises(ValueError, match="at least one piece"):
         xbus.read_log([])
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+@pytest.mark.parametrize("read", [xbus.read_log, xbus.split_log])
+def test_a_pipe_is_no_piece(read: Any, tmp_path: Path) -> None:
+    """It has no writer, for which a reader would wait."""
+    names = [str(tmp_path / name) for name in ("a.mtb", "pipe")]
+    Path(names[0]).write_bytes(DATA)
+    os.mkfifo(names[1])
+    for order in (names, names[::-1]):
+        with pytest.raises(ValueError, match="pipe is a pipe and cannot be one of several pieces"):
+            read(order)
+        result = run("cut", *order, "--from", "0", "-o", str(tmp_path / "cut.mtb"))
+        assert result.exit_code == 1
+        assert result.stderr.startswith(f"xbus: {names[1]} is a pipe and cannot be one of several")
 
 
 def test_a_stream_is_no_piece() -> None:

@@ -258,6 +258,13 @@ def test_device_that_is_not_there() -> None:
         log.device(9)
 
 
+@pytest.mark.parametrize("read", [xbus.read_log, xbus.iter_log])
+@pytest.mark.parametrize("bid", [-1, 256, 0x800003])
+def test_numbers_that_are_no_bus_identifier(read: Any, bid: int) -> None:
+    with pytest.raises(ValueError, match=f"bid must be from 0 to 255, not {bid}; Log.device"):
+        read(bus(), bid=bid)
+
+
 def test_single_device_has_no_bid_column() -> None:
     log = xbus.read_log(b"".join(samples(3) + samples(3, first=3, ticks=300, bid=1)))
     assert "bid" not in log.to_arrow().column_names

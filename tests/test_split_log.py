@@ -217,6 +217,19 @@ def test_parts_do_not_end_in_damage(hole: bytes, tmp_path: Path) -> None:
     assert differences(facts(*read_shuffled(parts)), facts(xbus.read_log(path))) == []
 
 
+@pytest.mark.parametrize("cuts", [(0, 88_000), (0, 30_000, 88_000)])
+def test_parts_of_memory_that_is_written_later(cuts: tuple[int, ...]) -> None:
+    """They have what was there when it was split, and no other bytes than their own."""
+    data = streams.ahrs(1000)
+    pieces = [np.frombuffer(data[a:b], np.uint8).copy() for a, b in itertools.pairwise(cuts)]
+    parts = split_log(pieces if len(pieces) > 1 else pieces[0], block_bytes=300)
+    for piece in pieces:
+        piece[:] = 0
+    assert differences(facts(*read_shuffled(parts)), facts(xbus.read_log(data))) == []
+    last = len(pickle.dumps(parts[-1]))
+    assert last < 20_000
+
+
 def test_large_inputs_are_split_by_several_threads(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
     path.write_bytes(streams.ahrs(120_000))
@@ -232,6 +245,8 @@ def test_large_inputs_are_split_by_several_threads(tmp_path: Path) -> None:
         ([b"", io.BytesIO()], {}, "a file object can be read only once"),
         (b"", {"block_bytes": 0}, "block_bytes must be at least 1, not 0"),
         (b"", {"threads": 0}, "threads must be at least 1, not 0"),
+        (b"", {"bid": 256}, "bid must be from 0 to 255, not 256"),
+        (b"", {"bid": -1}, "bid must be from 0 to 255, not -1"),
     ],
 )
 def test_wrong_calls(source: Any, options: dict[str, Any], message: str) -> None:

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from collections.abc import Iterator
+from tempfile import SpooledTemporaryFile
 from typing import IO, TYPE_CHECKING
-
-import numpy as np
 
 from xbus.cli.export_target import writing
 from xbus.export.replacing import replacing
-from xbus.log.arrivals import Arrivals, side_files
+from xbus.log.arrivals import HEADER, Arrivals, records_of, side_files
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from xbus.log.cutting import Chunk
 
 __all__ = ["PieceFile", "piece_file"]
+
+#: Bytes of records that are kept in memory; more are written to a temporary file.
+MOST_HELD = 4 << 20
 
 
 class PieceFile:
@@ -28,15 +29,17 @@ class PieceFile:
         file: The opened file.
         out: Its path.
         arrivals: When the bytes of the recording arrived, or None.
+        records: A temporary file for the arrivals of what is written.
 
     Attributes:
         size: Number of bytes written.
     """
 
-    def __init__(self, file: IO[bytes], out: str, arrivals: Arrivals | None) -> None:
-        self._file, self._out, self._arrivals = file, out, arrivals
-        self._end: list[npt.NDArray[np.int64]] = []
-        self._time: list[npt.NDArray[np.int64]] = []
+    def __init__(
+        self, file: IO[bytes], out: str, arrivals: Arrivals | None, records: IO[bytes]
+    ) -> None:
+        self._file, self._out = file, out
+        self._arrivals, self._records = arrivals, records
         self.size = 0
 
     def write(self, chunk: Chunk) -> None:
@@ -45,16 +48,19 @@ class PieceFile:
             self._file.write(chunk.data)
         if self._arrivals is not None and len(chunk.start):
             end, time = self._arrivals.of_ranges(chunk.start, chunk.end)
-            self._end.append(end + self.size)
-            self._time.append(time)
+            self._records.write(records_of(end + self.size, time))
         self.size += len(chunk.data)
 
     @property
-    def arrivals(self) -> Arrivals | None:
-        """The arrivals of the bytes written, None if none is known."""
-        if not sum(map(len, self._end)):
-            return None
-        return Arrivals(np.concatenate(self._end), np.concatenate(self._time), self.size)
+    def has_arrivals(self) -> bool:
+        """Whether the arrival of a byte is known."""
+        return self._records.tell() > 0
+
+    def write_arrivals(self, file: IO[bytes]) -> None:
+        """Writes the side file."""
+        self._records.seek(0)
+        file.write(HEADER)
+        shutil.copyfileobj(self._records, file)
 
 
 @contextlib.contextmanager
@@ -70,16 +76,16 @@ def piece_file(out: str, arrivals: Arrivals | None) -> Iterator[PieceFile]:
     Raises:
         Failure: A file cannot be written.
     """
-    with writing(out), replacing(out) as file:
-        piece = PieceFile(file, out, arrivals)
+    with writing(out), replacing(out) as file, SpooledTemporaryFile(MOST_HELD) as records:
+        piece = PieceFile(file, out, arrivals, records)
         yield piece
         file.flush()
         if os.path.exists(out) and not os.path.isfile(out):  # noqa: PTH110, PTH113 - pathlib is slow to import
             return  # a pipe has no side file
         (side,) = side_files(out)
-        if (known := piece.arrivals) is None:
+        if piece.has_arrivals:
+            with replacing(side) as side_file:
+                piece.write_arrivals(side_file)
+        else:
             with contextlib.suppress(FileNotFoundError):
                 os.remove(side)  # noqa: PTH107
-        else:
-            with replacing(side) as side_file:
-                side_file.write(known.to_bytes())

@@ -266,6 +266,8 @@ def _joined(
         pieces = pieces_of(files, allow_restart=allow_restart, direct=True)
     except PiecesError as error:
         return recordings, error
+    except ValueError as error:
+        raise Failure(str(error)) from error
     except OSError as error:
         raise cannot(f"read {label(str(error.filename or files[0]))}", error) from error
     return [Recording(pieces.names, pieces.notes)], None

@@ -129,7 +129,7 @@ def _copy(source: Input, folder: str) -> Stored:
             from xbus.log.arrivals import SUFFIX
 
             with open(path + SUFFIX, "wb") as side:  # noqa: PTH123
-                side.write(arrivals.to_bytes())
+                side.writelines(arrivals.blocks())
     except OSError as error:
         raise _no_copy(os.path.dirname(folder), error) from error  # noqa: PTH120
     return Stored.of(path, source.size, None if arrivals is None else arrivals.fault)

@@ -9,17 +9,18 @@ piece of bytes that was read at once: the offset in ``NAME.mtb`` at which it end
 clock of the host, in ns since 1970 (I8). All numbers are little-endian. An incomplete last record is ignored.
 
 A side file is read only if it is a regular file. One with many more records than the recording has bytes is
-not used: a piece has at least one byte. A record takes 16 bytes of memory.
+not used: a piece has at least one byte. The records of a long recording stay in the file, unless it is
+compressed, and are read part by part. A record in memory takes 16 bytes.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any, BinaryIO, Protocol, runtime_checkable
+from typing import Any, BinaryIO, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -35,77 +36,253 @@ from xbus.files import (
 )
 from xbus.log.arrays import read_only
 from xbus.log.hostclock import HostClock
-from xbus.log.source import Source
+from xbus.log.source import LogChangedError, Source
 from xbus.protocol.tables import LATE, device_of
 
-__all__ = ["SUFFIX", "Arrivals", "HostTimes", "arrivals_of", "joined", "side_files"]
+__all__ = [
+    "HEADER",
+    "SUFFIX",
+    "Arrivals",
+    "HostTimes",
+    "arrivals_of",
+    "joined",
+    "records_of",
+    "side_files",
+]
 
 #: Suffix of a side file.
 SUFFIX = ".times"
 HEAD = np.dtype([("magic", "S8"), ("version", "<u4"), ("size", "<u4"), ("epoch", "<i8")])
 RECORD = np.dtype([("end", "<u8"), ("arrival", "<i8")])
 EXPECTED = (b"XBUSTIME", 1, RECORD.itemsize)
+#: The header of a side file that was copied from another one.
+HEADER = np.array([(*EXPECTED, 0)], HEAD).tobytes()
 #: Bytes to decompress at a time.
 BLOCK = 1 << 20
+#: The most records that are kept in memory, if the file is not compressed.
+MOST_HELD = 1 << 18
 #: Records that a side file may have beyond one for each byte of the log, which a power cut can shorten.
 SPARE = 1 << 20
 #: A power cut can cost the log more of its end than the side file, but not more than this, in ns.
 LOST = 60 * 10**9
 
 
-@dataclass(frozen=True)
 class Arrivals:
     """When the bytes of a log arrived.
 
-    Attributes:
+    Args:
         end: Byte offset in the log at which each piece ends, ``(n,)`` int64, ascending.
         time: When the piece arrived, in ns since 1970, ``(n,)`` int64.
         size: Size of the log in bytes.
         fault: What is wrong with the side file, or None.
     """
 
-    end: npt.NDArray[np.int64]
-    time: npt.NDArray[np.int64]
-    size: int
-    fault: str | None = None
+    def __init__(
+        self,
+        end: npt.NDArray[np.int64],
+        time: npt.NDArray[np.int64],
+        size: int,
+        fault: str | None = None,
+    ) -> None:
+        self._end, self._time, self.size, self.fault = end, time, size, fault
+
+    def loaded(self) -> Arrivals:
+        """Returns the same arrivals, in memory."""
+        return self
+
+    def between(self, start: int, end: int) -> Arrivals:
+        """Returns the arrivals of the bytes from ``start`` to ``end``, for the same log."""
+        first, last = np.searchsorted(self._end, [start + 1, end])
+        part = slice(first, last + 1)
+        return Arrivals(self._end[part], self._time[part], self.size, self.fault)
+
+    def chunks(self) -> list[Chunk]:
+        """Returns the arrivals as chunks, in order."""
+        return [_Held(self._end, self._time)] if len(self._end) else []
 
     def of(self, end: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
         """Returns the arrivals of the bytes before ascending offsets; fewer if not all are known."""
-        known = np.searchsorted(end, self.end[-1], side="right") if len(self.end) else 0
-        return self.time[np.searchsorted(self.end, end[:known])]
+        if not len(end):
+            return np.empty(0, np.int64)
+        near = self.between(int(end[0]) - 1, int(end[-1])).loaded()
+        known = np.searchsorted(end, near._end[-1], side="right") if len(near._end) else 0
+        return near._time[np.searchsorted(near._end, end[:known])]
 
     def of_ranges(
         self, start: npt.NDArray[np.int64], end: npt.NDArray[np.int64]
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Returns the arrivals of ranges of the log that are joined, as `end` and `time`.
+        """Returns the arrivals of ranges of the log that are joined, as ``end`` and ``time``.
 
         Args:
             start: Offset at which each range begins, ``(n,)``, ascending.
             end: Offset at which it ends.
         """
-        if not len(start) or not len(self.end):
+        if not len(start):
             return np.empty(0, np.int64), np.empty(0, np.int64)
-        inner = self.end[slice(*np.searchsorted(self.end, [start[0], end[-1]]))]
+        near = self.between(int(start[0]), int(end[-1])).loaded()
+        if not len(near._end):
+            return np.empty(0, np.int64), np.empty(0, np.int64)
+        inner = near._end[slice(*np.searchsorted(near._end, [start[0], end[-1]]))]
         ends = np.union1d(inner, end)
-        ends = ends[ends <= self.end[-1]]
+        ends = ends[ends <= near._end[-1]]
         ranges = np.searchsorted(end, ends)
         is_inside = ends > start[ranges]
         ends, ranges = ends[is_inside], ranges[is_inside]
         sizes = end - start
-        return ends - start[ranges] + (np.cumsum(sizes) - sizes)[ranges], self.of(ends)
+        return ends - start[ranges] + (np.cumsum(sizes) - sizes)[ranges], near.of(ends)
+
+    def with_next(self, other: Arrivals) -> Arrivals:
+        """Returns the arrivals of two neighbouring ranges of the same log, from `between`."""
+        # What contains the border is in both.
+        before = self.chunks()
+        last = before[-1].last if before else -1
+        behind = [chunk.within(last, self.size) for chunk in other.chunks() if chunk.last > last]
+        return StoredArrivals([*before, *behind], self.size, self.fault)
+
+    def span(self) -> tuple[int, int] | None:
+        """Returns the first and the last arrival in ns since 1970; None if there are none."""
+        chunks = self.chunks()
+        return (int(chunks[0].load()[1][0]), int(chunks[-1].load()[1][-1])) if chunks else None
+
+    def blocks(self) -> Iterator[bytes]:
+        """Yields the content of a side file."""
+        yield HEADER
+        for chunk in self.chunks():
+            yield records_of(*chunk.load())
+
+
+class StoredArrivals(Arrivals):
+    """Arrivals that are read from the side file where they are needed, for those of a long recording.
+
+    Args:
+        chunks: All of them.
+        size: As for `Arrivals`.
+        fault: The same.
+    """
+
+    def __init__(self, chunks: Sequence[Chunk], size: int, fault: str | None = None) -> None:
+        self._chunks, self.size, self.fault = list(chunks), size, fault
+
+    def loaded(self) -> Arrivals:
+        """Returns the same arrivals, in memory.
+
+        Raises:
+            LogChangedError: A side file has changed.
+        """
+        loaded = [chunk.load() for chunk in self._chunks]
+        end, time = (
+            np.concatenate([np.empty(0, np.int64), *(one[at] for one in loaded)]) for at in (0, 1)
+        )
+        return Arrivals(end, time, self.size, self.fault)
 
     def between(self, start: int, end: int) -> Arrivals:
-        """Returns the arrivals of the bytes from ``start`` to ``end``, for the same log."""
-        first, last = np.searchsorted(self.end, [start + 1, end])
-        part = slice(first, last + 1)
-        return Arrivals(self.end[part], self.time[part], self.size, self.fault)
+        """Returns the arrivals of the bytes from ``start`` to ``end``, and perhaps more."""
+        lasts = [chunk.last for chunk in self._chunks]
+        part = slice(bisect_left(lasts, start + 1), bisect_left(lasts, end) + 1)
+        chunks = [chunk.within(start, end) for chunk in self._chunks[part]]
+        return StoredArrivals(chunks, self.size, self.fault)
 
-    def to_bytes(self) -> bytes:
-        """Returns the content of a side file."""
-        head = np.array([(*EXPECTED, 0)], HEAD)
-        records = np.empty(len(self.end), RECORD)
-        records["end"], records["arrival"] = self.end, self.time
-        return head.tobytes() + records.tobytes()
+    def chunks(self) -> list[Chunk]:
+        """Returns the arrivals as chunks, in order."""
+        return self._chunks
+
+
+class Chunk(Protocol):
+    """Some of the arrivals of a log."""
+
+    @property
+    def last(self) -> int:
+        """Offset in the log at which the last piece ends."""
+
+    @property
+    def pieces(self) -> int:
+        """Number of pieces, at least one."""
+
+    def load(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Returns the ends and times of the pieces."""
+
+    def within(self, start: int, end: int) -> Chunk:
+        """Returns the pieces of the bytes from ``start`` to ``end``, and perhaps more."""
+
+    def shifted(self, by: int) -> Chunk:
+        """Returns the same with other offsets."""
+
+
+class _Held(NamedTuple):
+    """A chunk in memory."""
+
+    end: npt.NDArray[np.int64]
+    time: npt.NDArray[np.int64]
+
+    @property
+    def last(self) -> int:
+        return int(self.end[-1])
+
+    @property
+    def pieces(self) -> int:
+        return len(self.end)
+
+    def load(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        return self
+
+    def within(self, start: int, end: int) -> _Held:
+        first, last = np.searchsorted(self.end, [start + 1, end])
+        return _Held(self.end[first : last + 1], self.time[first : last + 1])
+
+    def shifted(self, by: int) -> _Held:
+        return _Held(self.end + by, self.time)
+
+
+class _Stored(NamedTuple):
+    """A chunk in a side file.
+
+    Attributes:
+        path: Path of the file.
+        first: Number of the first record.
+        pieces: As in `Chunk`.
+        last: The same.
+        shift: What is added to the offsets in the file.
+    """
+
+    path: str
+    first: int
+    pieces: int
+    last: int
+    shift: int = 0
+
+    def load(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        try:
+            with contextlib.closing(open_file(self.path, is_regular=True)) as file:
+                file.seek(HEAD.itemsize + self.first * RECORD.itemsize)
+                data = file.read(self.pieces * RECORD.itemsize)
+        except OSError as error:
+            raise LogChangedError(
+                f"{self.path} cannot be read any more: {error.strerror}"
+            ) from error
+        if len(data) == self.pieces * RECORD.itemsize:
+            end, time = _arrays(np.frombuffer(data, RECORD))
+            if end[-1] + self.shift == self.last and bool((end[1:] >= end[:-1]).all()):
+                return end + self.shift, time
+        raise LogChangedError(f"{self.path} changed while its log was read; read the log again")
+
+    def within(self, start: int, end: int) -> _Stored:  # noqa: ARG002 - see `Chunk`
+        return self
+
+    def shifted(self, by: int) -> _Stored:
+        return self._replace(last=self.last + by, shift=self.shift + by)
+
+
+def _arrays(records: npt.NDArray[Any]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Returns ends and times of records."""
+    end = np.minimum(records["end"], np.iinfo(np.int64).max).astype(np.int64)
+    return end, records["arrival"].astype(np.int64)
+
+
+def records_of(end: npt.NDArray[np.int64], time: npt.NDArray[np.int64]) -> bytes:
+    """Returns the records of a side file."""
+    records = np.empty(len(end), RECORD)
+    records["end"], records["arrival"] = end, time
+    return records.tobytes()
 
 
 @runtime_checkable
@@ -273,7 +450,7 @@ def _arrivals(file: BinaryIO, side: str, size: int) -> Arrivals:
     head = _read_head(file)
     if len(head) < HEAD.itemsize or np.frombuffer(head, HEAD)[0].item()[:3] != EXPECTED:
         return _none(f"{side} is not a side file of version 1")
-    needed = _Needed(size)
+    needed = _Needed(size, side if hasattr(file, "seek") else None)
     held, before = np.empty(0, RECORD), 0  # the last record, and the number of those before it
     for new in _records(file):
         records = np.concatenate((held, new))
@@ -304,27 +481,34 @@ class _Needed:
 
     Args:
         size: Size of the log in bytes.
+        path: The side file, or None if it is compressed: its records are kept in memory.
 
     Attributes:
         within: The record of the piece that contains the end of the log; None if it is missing.
     """
 
-    def __init__(self, size: int) -> None:
-        self._size, self._parts = size, [np.empty(0, RECORD)]
+    def __init__(self, size: int, path: str | None) -> None:
+        self._size, self._path = size, path
+        self._chunks: list[Chunk] = []
+        self._count = 0
         self.within: Any = None
 
     def add(self, records: npt.NDArray[Any]) -> None:
         """Adds the next records."""
-        if self.within is None:
-            inside = int(np.searchsorted(records["end"], self._size))
-            self._parts.append(records[: inside + 1])
-            self.within = records[inside] if inside < len(records) else None
+        if self.within is not None or not len(records):
+            return
+        inside = int(np.searchsorted(records["end"], self._size))
+        self.within = records[inside] if inside < len(records) else None
+        held = _Held(*_arrays(records[: inside + 1]))
+        chunk: Chunk = held
+        if self._path is not None:
+            chunk = _Stored(self._path, self._count, len(held.end), held.last)
+        self._chunks.append(chunk)
+        self._count += len(held.end)
 
     def arrivals(self, fault: str | None = None) -> Arrivals:
         """Returns the arrivals of the log."""
-        records = np.concatenate(self._parts)
-        end = np.minimum(records["end"], np.iinfo(np.int64).max).astype(np.int64)
-        return Arrivals(end, records["arrival"].astype(np.int64), self._size, fault)
+        return _arrivals_in(self._chunks, self._size, fault)
 
 
 def _read_head(file: BinaryIO) -> bytes:
@@ -347,21 +531,28 @@ def _records(file: BinaryIO) -> Iterator[npt.NDArray[Any]]:
 
 def joined(several: Iterable[Arrivals | None]) -> Arrivals | None:
     """Returns the arrivals of files that are one recording, up to the first file without all arrivals."""
-    ends, times, faults, start = [], [], [], 0
+    chunks: list[Chunk] = []
+    faults: list[str] = []
+    sizes: list[int] = []
     for arrivals in several:
         if arrivals is None:
             break
-        ends.append(arrivals.end + start)
-        times.append(arrivals.time)
+        own = arrivals.chunks()
+        chunks += [chunk.shifted(sum(sizes)) for chunk in own]
         faults += [arrivals.fault] if arrivals.fault else []
-        start += arrivals.size
-        if arrivals.fault or not len(arrivals.end) or arrivals.end[-1] < arrivals.size:
+        sizes.append(arrivals.size)
+        if arrivals.fault or not own or own[-1].last < arrivals.size:
             break  # the arrivals of the next file must not stand for the rest of this one
-    if not ends:
+    if not sizes:
         return None
-    return Arrivals(
-        np.concatenate(ends), np.concatenate(times), start, faults[0] if faults else None
-    )
+    return _arrivals_in(chunks, sum(sizes), faults[0] if faults else None)
+
+
+def _arrivals_in(chunks: Sequence[Chunk], size: int, fault: str | None) -> Arrivals:
+    """Returns the arrivals in chunks, in memory if they are few."""
+    arrivals = StoredArrivals(chunks, size, fault)
+    is_small = sum(chunk.pieces for chunk in chunks) <= MOST_HELD
+    return arrivals.loaded() if is_small else arrivals
 
 
 def _none(fault: str) -> Arrivals:

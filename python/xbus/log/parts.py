@@ -7,10 +7,10 @@ import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from typing import Any, Protocol
 
 from xbus import _core
-from xbus.errors import XbusError
 from xbus.files import file_version, is_plain, local_name
 from xbus.log.arrivals import Arrivals, HostTimes, arrivals_of
 from xbus.log.hostclock import HostClock
@@ -20,10 +20,12 @@ from xbus.log.log import Log, LogDevice, MissingDeviceError, log_devices
 from xbus.log.pieces import KnownPieces, pieces_of
 from xbus.log.read import STEP, reader_of, thread_count
 from xbus.log.source import (
+    LogChangedError,
     QuantityFilter,
     Readable,
     Source,
     array_of,
+    check_bid,
     open_range,
     open_source,
     quantity_filter,
@@ -43,10 +45,7 @@ LOOKAHEAD = 1 << 18
 PART = 64 << 20
 #: What messages say of a file that is no longer what it was.
 CHANGED = "has changed since it was split; split it again"
-
-
-class LogChangedError(XbusError):
-    """The input of a log changed while it was read, or since it was split."""
+SPLIT_CHANGED = "changed while it was split; split it again"
 
 
 class Part(Protocol):
@@ -227,7 +226,8 @@ class LogPart:
     def _host_times(self, core: _core.Part) -> HostTimes:
         begin = self._begin
         is_known = self._whole.has_host_times
-        return HostTimes(core, begin.arrivals, begin.clocks, is_known=is_known)
+        arrivals = begin.arrivals and begin.arrivals.loaded()
+        return HostTimes(core, arrivals, begin.clocks, is_known=is_known)
 
     def _changed(self) -> LogChangedError:
         return LogChangedError(f"{_name(self._begin.source)} {CHANGED}")
@@ -286,6 +286,7 @@ def split_log(
     """
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
+    check_bid(bid)
     source = with_storage_options(source, storage_options)
     given: Any = tuple(source) if isinstance(source, list | tuple) else source
     if any(isinstance(one, Readable) for one in (given if isinstance(given, tuple) else (given,))):
@@ -294,9 +295,16 @@ def split_log(
         )
     pieces = None
     if isinstance(given, tuple):
-        pieces = pieces_of(given, allow_restart=allow_restart)
+        pieces = pieces_of(tuple(map(_unchanging, given)), allow_restart=allow_restart)
         given = pieces.known()
+        data = [source for source in pieces.sources if isinstance(source, bytes)]
+        if len(data) == len(pieces.sources):
+            pieces, given = None, b"".join(data)
+    else:
+        given = _unchanging(given)
     versions = _versions(given)
+    if isinstance(given, KnownPieces):
+        _check_sizes(given, versions)
     arrivals = arrivals_of(pieces or given)
     opened: Any = pieces or (_opened(given, 0, None) if _is_name(given) else open_source(given))
     reader = reader_of(
@@ -316,7 +324,7 @@ def split_log(
         found.append(part)
         if progress is not None:
             progress(part[1])
-    _check_versions(given, versions, "changed while it was split; split it again")
+    _check_versions(given, versions, SPLIT_CHANGED)
     whole = _Whole(
         versions,
         mask_of(strings),
@@ -342,8 +350,14 @@ def joined_parts(parts: Sequence[LogPart]) -> LogPart:
         earliest=min(times, default=math.nan),
         latest=max(times, default=math.nan),
         is_ascending=all(part.is_ascending for part in parts) and times == sorted(times),
-        _begin=replace(first._begin, is_last=last._begin.is_last),
+        _begin=replace(first._begin, is_last=last._begin.is_last, arrivals=_arrivals_of(parts)),
     )
+
+
+def _arrivals_of(parts: Sequence[LogPart]) -> Arrivals | None:
+    """Returns the arrivals of the bytes of neighbouring parts, or None."""
+    known = [part._begin.arrivals for part in parts if part._begin.arrivals is not None]
+    return reduce(Arrivals.with_next, known) if known else None
 
 
 class _FirstPass:
@@ -414,14 +428,14 @@ class _FirstPass:
                 own = core.of_device(self._bid, samples)
                 self._of_device.add(own)
             data = _Bytes.of(source, start, end) if is_bytes else source
-            arrived = arrivals and arrivals.between(start, end)
+            arrived = None if arrivals is None else arrivals.between(start, end)
             begin = _Begin(data, not more, state, self._identities, clocks, arrived)
             earliest, latest, _, is_ascending = own.time_span
             yield start, end, samples, len(own), earliest, latest, is_ascending, begin
             samples += len(own)
             self._identities = log._identities
-            if arrivals is not None:
-                clocks = HostTimes(core, arrivals, clocks).clocks
+            if arrived is not None:
+                clocks = HostTimes(core, arrived.loaded(), clocks).clocks
         self.has_host_times = bool(clocks)
         if self._bid is not None and not samples:
             raise MissingDeviceError(self._bid, self._samples)
@@ -454,6 +468,13 @@ def _is_name(source: object) -> bool:
     return isinstance(source, str | os.PathLike)
 
 
+def _unchanging(source: Any) -> Any:
+    """Returns memory that others may write as bytes; other sources unchanged."""
+    if _is_name(source) or isinstance(source, bytes):
+        return source
+    return array_of(source).tobytes()
+
+
 def _name(source: Any) -> str:
     """Returns what messages call a source."""
     return os.fsdecode(source) if _is_name(source) else "the log"
@@ -472,6 +493,17 @@ def _versions(source: Any) -> tuple[Version | None, ...]:
         TypeError: A piece is a pipe or a device.
     """
     return tuple(file_version(os.fsdecode(one)) if _is_name(one) else None for one in _each(source))
+
+
+def _check_sizes(pieces: KnownPieces, versions: tuple[Version | None, ...]) -> None:
+    """Compares the sizes of pieces with what they were when their order was found.
+
+    Raises:
+        LogChangedError: One has changed.
+    """
+    for (source, _, size), version in zip(pieces.pieces, versions, strict=True):
+        if None not in (size, version) and version[0] != size:  # type: ignore[index]
+            raise LogChangedError(f"{_name(source)} {SPLIT_CHANGED}")
 
 
 def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: str) -> None:

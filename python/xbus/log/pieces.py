@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import stat
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -50,6 +51,8 @@ WRAP_STEP = 60.0
 DIRECT_GAP = 10
 #: The longest piece, in bytes, that may be a part of one frame, so that it need not have a sample.
 FRAGMENT = 4096
+#: What is wrong with a piece that can be read only once.
+NO_PIECE = "cannot be one of several pieces, because its end is needed first; save it to a file"
 #: The clock of a computer can be set back between two pieces, by this many ns.
 ADJUSTMENT = 60 * 10**9
 
@@ -276,7 +279,7 @@ def pieces_of(
     Raises:
         PiecesError: A piece does not continue the previous one.
         OSError: A piece cannot be read.
-        ValueError: There are no pieces, or one is a stream whose end cannot be read before its start.
+        ValueError: There are no pieces, or one is a stream or pipe whose end cannot be read before its start.
     """
     if not sources:
         raise ValueError("a recording in pieces needs at least one piece")
@@ -308,6 +311,8 @@ def _piece(source: Source, at: int) -> Piece:
     size: int | None = None
     if isinstance(source, str | os.PathLike):
         name = os.fsdecode(os.fspath(source))
+        if not is_url(name) and stat.S_ISFIFO(os.stat(local_name(name)).st_mode):  # noqa: PTH116
+            raise ValueError(f"{name} is a pipe and {NO_PIECE}")
         if is_plain(name):
             size = os.stat(local_name(name)).st_size  # noqa: PTH116
         elif is_url(name) and not suffix_of_compression(name):
@@ -350,9 +355,7 @@ def _windows(source: Source, window: int) -> tuple[bytes, bytes, bool]:
     except (AttributeError, OSError) as error:
         if not is_given:
             raise
-        raise ValueError(
-            "a stream cannot be one of several pieces, because its end is needed first; save it to a file"
-        ) from error
+        raise ValueError(f"a stream {NO_PIECE}") from error
     else:
         if is_given:
             file.seek(start)
@@ -513,10 +516,10 @@ def _is_one_session(base: Piece, one: Piece, other: Piece) -> bool:
     """
     if base.ends.head is not None and other.ends.head not in (None, base.ends.head):
         return False
-    before, after = one.arrivals, other.arrivals
-    if before is None or after is None or not (len(before.time) and len(after.time)):
-        return True
-    return bool(after.time[0] >= before.time[-1] - ADJUSTMENT)
+    before, after = (
+        None if piece.arrivals is None else piece.arrivals.span() for piece in (one, other)
+    )
+    return before is None or after is None or after[0] >= before[1] - ADJUSTMENT
 
 
 def _steps(

@@ -23,6 +23,7 @@ from xbus.log.source import (
     QuantityFilter,
     Readable,
     Source,
+    check_bid,
     open_binary,
     open_source,
     quantity_filter,
@@ -101,9 +102,9 @@ def read_log(
         MissingDeviceError: The log has no samples of the device ``bid``.
         OSError: The file cannot be read.
         TypeError: The source, a key, or ``legacy`` is of the wrong type.
-        ValueError: A quantity or string type that does not exist, settings of an unknown layout, a rate that
-            is not a positive number, fewer threads than one, pieces of different recordings, or bytes or a
-            file object with compressed data.
+        ValueError: A quantity or string type that does not exist, a BID that is not from 0 to 255, settings
+            of an unknown layout, a rate that is not a positive number, fewer threads than one, pieces of
+            different recordings, or bytes or a file object with compressed data.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -112,6 +113,7 @@ def read_log(
     >>> log["euler_angles"].fields
     ('roll', 'pitch', 'yaw')
     """
+    check_bid(bid)
     keep, kinds = quantity_filter(quantities), string_types(strings)
     source = with_storage_options(source, storage_options)
     source = _one_source(source, between, rate, bid, kinds, legacy, allow_restart=allow_restart)
@@ -176,6 +178,7 @@ def iter_log(
     """
     if block_bytes < 1:
         raise ValueError(f"block_bytes must be at least 1, not {block_bytes}")
+    check_bid(bid)
     keep, kinds = quantity_filter(quantities), string_types(strings)
     source = with_storage_options(source, storage_options)
     source = _one_source(source, between, rate, bid, kinds, legacy, allow_restart=allow_restart)
@@ -223,12 +226,15 @@ def _host_times(source: Source) -> Callable[[_core.Part], HostTimes]:
         return source.host_times
     arrivals = arrivals_of(source)
     clocks: dict[int, HostClock] = {}
+    start = 0
 
     def host_times(part: _core.Part) -> HostTimes:
-        nonlocal clocks
-        found = HostTimes(part, arrivals, clocks)
-        if arrivals is not None:
-            clocks = found.clocks
+        nonlocal clocks, start
+        if arrivals is None:
+            return HostTimes(part)
+        end = start + part.stats["bytes"]
+        found = HostTimes(part, arrivals.between(start, end).loaded(), clocks)
+        start, clocks = end, found.clocks
         return found
 
     return host_times

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from xbus.errors import XbusError
 from xbus.files import (
     MAGIC_SIZE,
     check_is_recording,
@@ -22,13 +23,16 @@ from xbus.files import (
     suffix_of_compression,
 )
 from xbus.protocol.keys import Key, resolve_key
+from xbus.protocol.tables import MASTER
 from xbus.remote import RemoteFile, Url
 
 __all__ = [
+    "LogChangedError",
     "QuantityFilter",
     "Readable",
     "Source",
     "array_of",
+    "check_bid",
     "open_binary",
     "open_range",
     "open_source",
@@ -40,6 +44,10 @@ __all__ = [
 
 #: The quantities to keep: the name of each, and its coordinate system or None for any.
 QuantityFilter = list[tuple[str, str | None]]
+
+
+class LogChangedError(XbusError):
+    """The input of a log changed while it was read, or since it was split."""
 
 
 @runtime_checkable
@@ -94,6 +102,19 @@ def quantity_filter(quantities: Iterable[Key] | None) -> QuantityFilter | None:
             raise ValueError(f"{key!r}: all precisions of a quantity are one column; leave it out")
         resolved.append((name, coordinates))
     return resolved
+
+
+def check_bid(bid: int | None) -> None:
+    """Checks a bus identifier; None stands for all devices.
+
+    Raises:
+        TypeError: It is no integer.
+        ValueError: It is not from 0 to 255.
+    """
+    if bid is not None and not 0 <= operator.index(bid) <= MASTER:
+        raise ValueError(
+            f"bid must be from 0 to {MASTER}, not {bid}; Log.device also takes a device identifier"
+        )
 
 
 def with_storage_options(source: Any, options: Mapping[str, Any] | None) -> Any:
