@@ -167,7 +167,10 @@ def test_a_recording_that_ends_early_is_told_when_the_device_is_closed(
     station.show_all()
     recording = station.start_recording(hub.folder)
     small_files(20_000)
+    assert station.is_recording
     wait_until(lambda: recording.error is not None)
+    assert not station.is_recording
+    assert len({recording.seconds for _ in range(100)}) == 1  # the time stands still
     assert "ended early" in health(station)
     assert "ended early" in _table([station])
     (problem,) = hub.close_all()

@@ -54,10 +54,13 @@ class StudioRecording:
         self.notes: list[Note] = []
         self._began = time.monotonic()
         self._ended: float | None = None
+        self._is_stopped = False
 
     @property
     def seconds(self) -> float:
-        """Duration so far, in seconds."""
+        """Duration so far, in seconds; it stands still after an early end."""
+        if self._ended is None and self.error is not None:
+            self._ended = time.monotonic()
         return (self._ended or time.monotonic()) - self._began
 
     @property
@@ -100,11 +103,6 @@ class StudioRecording:
         """Whether its time limit has passed."""
         return self.seconds >= self._duration
 
-    @property
-    def is_active(self) -> bool:
-        """Whether it is running."""
-        return self._ended is None and self._recording.is_active
-
     def add_note(self, text: str, seconds: float | None = None) -> Note:
         """Appends a note to the side file, at once.
 
@@ -129,10 +127,11 @@ class StudioRecording:
 
     def stop(self) -> None:
         """Writes what is left, and closes the file; `error` says why it ended early."""
-        if self._ended is None:
+        if not self._is_stopped:
+            self._is_stopped = True
             with contextlib.suppress(OSError):
                 self._recording.stop()
-            self._ended = time.monotonic()
+            self._ended = self._ended or time.monotonic()
 
 
 def read_notes(path: Path) -> list[Note]:

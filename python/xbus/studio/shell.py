@@ -106,7 +106,7 @@ class Session:
 
     async def may_interrupt(self, station: Station) -> bool:
         """Returns whether a device may stop measuring for a moment: during a recording, the user decides."""
-        if station.recording is None:
+        if not station.is_recording:
             return True
         return await is_confirmed(
             f"Interrupt the recording of {station.title}?",

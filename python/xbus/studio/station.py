@@ -190,6 +190,11 @@ class Station:
         return " ".join(part for part in known if part) or other
 
     @property
+    def is_recording(self) -> bool:
+        """Whether what arrives is recorded; not after an early end."""
+        return self.recording is not None and self.recording.error is None
+
+    @property
     def is_virtual(self) -> bool:
         """Whether the studio made the device."""
         return self.source.startswith((SIMULATED, REPLAY))

@@ -75,7 +75,7 @@ class _Composer:
         self._session, self._station = session, station
         self._form: MessageForm | None = None
         names = [name for name in LAYOUTS if MESSAGES[name].direction != "to host"]
-        with ui.row().classes("items-start w-full no-wrap gap-4"):
+        with ui.row().classes("items-start w-full no-wrap max-lg:flex-wrap gap-4"):
             self._message = (
                 ui.select(names, value="ReqDID", label="message", with_input=True)
                 .classes("w-72 shrink-0")

@@ -197,7 +197,7 @@ def _row(station: Station, recording: StudioRecording, state: str) -> str:
     ]
     problem = recording.problem
     level = "xbus-fault" if problem else "xbus-ok" if state == "done" else ""
-    last = f'<td class="{level} whitespace-normal">{html.escape(problem or state)}</td>'
+    last = f'<td class="{level} xbus-wrap">{html.escape(problem or state)}</td>'
     return "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in cells) + last + "</tr>"
 
 

@@ -47,7 +47,7 @@ def configure_page(session: Session) -> None:
             ui.label("reading the settings")
         await load()
 
-    if station.recording is None:
+    if not station.is_recording:
         ui.timer(0, begin, once=True)
         return
     with body, ui.element("div").classes("xbus-card w-full"):

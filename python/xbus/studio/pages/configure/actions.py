@@ -85,9 +85,9 @@ class DeviceActions(Cards):
             ui.row(),
         ):
             ui.button("Restart", icon="restart_alt", on_click=self._restart).props("no-caps flat")
-            ui.button("Factory settings", icon="factory", on_click=self._restore).props(
-                "no-caps flat color=negative"
-            )
+            ui.button("Factory settings", icon="factory", on_click=self._restore, color=None).props(
+                "no-caps flat"
+            ).classes("xbus-fault")
 
     async def _restart(self) -> None:
         sentences = (f"{RESTARTS} {LOSES}", "Changed ports and CAN take effect.")

@@ -124,7 +124,7 @@ class Changes:
                 ui.label(f"left out: {text}").classes("xbus-caution")
             if Applied(planned.changes).needs_reset:
                 ui.label(AT_RESET).classes("xbus-caution")
-            if self._document.station.recording is not None:
+            if self._document.station.is_recording:
                 ui.label(GAP).classes("xbus-caution")
             with ui.row():
                 ui.button("Apply", on_click=lambda: dialog.submit(True)).props("no-caps")
