@@ -122,7 +122,7 @@ def test_devices_are_listed_and_identified(studio: Any) -> None:
         assert "firmware" in card.inner_text()
 
 
-def test_a_device_is_opened_tested_and_closed(studio: Any, browser: Any) -> None:
+def test_a_device_is_opened_tested_and_closed(studio: Any, tabs: Any) -> None:
     page = studio.page
     studio.open("")
     page.get_by_role("textbox", name="port or URL").fill("sim:MTi-300")
@@ -132,14 +132,12 @@ def test_a_device_is_opened_tested_and_closed(studio: Any, browser: Any) -> None
     dialog = page.get_by_role("dialog")
     dialog.get_by_text("acc x: passed").wait_for()
     # The devices are drawn again when another page opens one; the dialog stays.
-    other = browser.new_page()
+    other = tabs.new_page()
     other.goto(studio.url)
     other.get_by_role("textbox", name="port or URL").fill("sim:MTi-2")
-    other.get_by_role("button", name="Open the port or URL").click(timeout=60_000)
+    other.get_by_role("button", name="Open the port or URL").click()
     page.locator(".xbus-device-sim-MTi-2").wait_for(state="attached")
-    other.locator(".xbus-device-sim-MTi-2").get_by_role("button", name="Close").click(
-        timeout=60_000
-    )
+    other.locator(".xbus-device-sim-MTi-2").get_by_role("button", name="Close").click()
     page.locator(".xbus-device-sim-MTi-2").wait_for(state="detached")
     other.close()
     dialog.get_by_role("button", name="Close").click()
