@@ -6,12 +6,14 @@
 (1000, 3)
 """
 
+from __future__ import annotations
+
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
-from xbus._core import __version__
-
+TYPE_CHECKING = False  # as in `typing`, whose import takes longer than this package's
 if TYPE_CHECKING:
+    from typing import Any
+
     from xbus import (
         can,
         dask,
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
         sim,
         wire,
     )
+    from xbus._core import __version__
     from xbus.can import read_can
     from xbus.device import (
         ApplyError,
@@ -70,6 +73,7 @@ if TYPE_CHECKING:
 #: The module of each public name. Modules are imported when a name is first used, so that ``import xbus``
 #: and ``xbus --help`` do not wait for numpy.
 _MODULES = {
+    "_core": ("__version__",),
     "can": ("read_can",),
     "device": (
         "ApplyError",
