@@ -316,6 +316,16 @@ def test_the_studio_runs_although_nobody_reads_its_output(tmp_path: Any) -> None
     assert (child.returncode, shown) == (0, b"")
 
 
+def test_a_device_that_cannot_be_opened_ends_the_studio(tmp_path: Any) -> None:
+    command = ["studio", "--no-browser", "--port", "0", "--folder", str(tmp_path), "sim:MTi-9"]
+    with start(*command) as child:
+        printed, shown = child.communicate()
+    assert (child.returncode, printed) == (1, b"")
+    assert shown.startswith(b"xbus: ")
+    assert b"MTi-9" in shown
+    assert shown.count(b"\n") == 1
+
+
 def _answers(address: tuple[str, int]) -> bool:
     try:
         with socket.create_connection(address, timeout=20) as connection:

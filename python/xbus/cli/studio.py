@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -82,12 +83,15 @@ def studio(
     hub = Hub(folder)
     try:
         with contextlib.closing(bind(host, tcp_port)) as listener:
-            _open(hub, sources, demo=demo)
             url = f"http://{url_host(host)}:{listener.getsockname()[1]}/" + (
                 f"?token={token}" if token else ""
             )
 
             def started() -> None:
+                # Not earlier: NiceGUI looks through all objects of the process when it starts, and a tuple
+                # that the thread of a device builds at that moment would fail.
+                with _interruptible():
+                    _open(hub, sources, demo=demo)
                 with contextlib.suppress(BrokenPipeError):  # the pages are there all the same
                     click.echo(f"studio: {url}")
                 if token is not None:
@@ -134,6 +138,16 @@ def _reach(host: str) -> str:
             f" address of this computer in place of {host}"
         )
     return f"every computer that reaches {host} can use the page with this token"
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Ctrl-C raises KeyboardInterrupt, as it does outside of a server."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def _open(hub: Hub, sources: Sequence[str], *, demo: bool) -> None:

@@ -57,12 +57,17 @@ def serve(
         hub: The devices.
         listener: As `bind` returns it.
         token: The token that browsers need; None for a loopback address.
-        on_start: Called once pages can be opened.
+        on_start: Called once the server has started. What it raises ends the server and is raised here.
     """
+    failures: list[BaseException] = []
 
     @contextlib.asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        on_start()
+        try:
+            on_start()
+        except BaseException as error:  # uvicorn would print a traceback
+            failures.append(error)
+            server.should_exit = True
         yield
 
     app = FastAPI(docs_url=None, redoc_url=None, openapi_url=None, lifespan=lifespan)
@@ -92,7 +97,10 @@ def serve(
     config = uvicorn.Config(
         Guard(app, token), log_level="warning", timeout_graceful_shutdown=2, lifespan="on"
     )
-    uvicorn.Server(config).run(sockets=[listener])
+    server = uvicorn.Server(config)
+    server.run(sockets=[listener])
+    if failures:
+        raise failures[0]
 
 
 def _report(folder: Path, name: str) -> Path | None:

@@ -122,6 +122,7 @@ export default {
         this.append(points);
         this.draw();
       });
+      this.draw(); // a click meets the new axis, even before its points have arrived
     },
     clear() {
       this.time = [];
