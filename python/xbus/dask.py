@@ -123,13 +123,15 @@ def read_logs(
     ]
     # Parts without samples add no rows, and they have no place in divisions.
     partitions = [one for one in partitions if one.part.samples] or partitions[:1]
-    frame: dd.DataFrame = frames.from_map(
-        reader.read,
-        partitions,
-        meta=reader.meta(),
-        divisions=_divisions([one.part for one in partitions], index, len(names)),
-        label="read-logs",
-    )
+    # Its tables have no strings to convert: the tasks for that would only cost time.
+    with dask.config.set({"dataframe.convert-string": False}):
+        frame: dd.DataFrame = frames.from_map(
+            reader.read,
+            partitions,
+            meta=reader.meta(),
+            divisions=_divisions([one.part for one in partitions], index, len(names)),
+            label="read-logs",
+        )
     return frame
 
 
