@@ -265,6 +265,11 @@ def test_divisions(
         same(first, expected.loc[divisions[0] : divisions[1]])
 
 
+def test_a_partition_is_one_task() -> None:
+    frame = read_logs(str(WALK), block_bytes=20_000)
+    assert len(frame.__dask_graph__()) == frame.npartitions > 1
+
+
 def test_joined_parts_keep_their_host_times(tmp_path: Path) -> None:
     """Parts whose times are equal at the ends become one partition."""
     data, path = times(1, *[2] * 6, 3, 4), tmp_path / "log.mtb"

@@ -129,3 +129,22 @@ pub fn keep_freed_memory() {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_small_vector_grows_as_the_input_will_need() {
+        let capacity = |needed, total| {
+            let mut out: Vec<u32> = vec![];
+            reserve(&mut out, needed, Progress { done: 1000, total });
+            out.capacity()
+        };
+        assert_eq!(capacity(100, 1000), 100); // all of the input is read
+        assert_eq!(capacity(100, 5000), 507);
+        assert_eq!(capacity(100, 1 << 40), 100 * PACE);
+        assert_eq!(capacity(10_000, 1 << 40), SMALL);
+        assert_eq!(capacity(1, 1 << 40), PACE);
+    }
+}

@@ -8,8 +8,8 @@ use std::ops::Range;
 use crate::huge_pages;
 use crate::scan::Window;
 
-/// Most bytes to read at a time: enough to make system calls cheap, few enough for the second-level cache, and for a part
-/// of a megabyte, whose buffer is new.
+/// Most bytes to read at a time: enough to make system calls cheap, few enough to stay in the second-level cache. Each
+/// reader clears a new buffer of this size, which takes time in a part of a megabyte.
 const PIECE: usize = 1 << 18;
 /// Fewest bytes to ask for, so that parts of a few bytes do not cost a system call each.
 const LEAST: usize = 1 << 12;
@@ -281,6 +281,12 @@ mod tests {
         assert_eq!(filled(100, 100_000), 100_000);
         assert_eq!(filled(100, 0), 2 * least);
         assert_eq!(filled(100, u64::MAX), least + piece);
+
+        let mut stream = Stream::new(&bytes[..]);
+        for position in [0, piece - 100, 2 * piece - 300] {
+            stream.fill(position, u64::MAX).unwrap();
+            assert_eq!(stream.buffer.len() as u64, piece, "the buffer does not grow for what was left over");
+        }
 
         let mut slow = Stream::new(Slow { bytes: &bytes, most: 10, interrupted: false });
         slow.fill(0, u64::MAX).unwrap();

@@ -177,9 +177,8 @@ class StoredArrivals(Arrivals):
 
     def between(self, start: int, end: int) -> Arrivals:
         """Returns the arrivals of the bytes from ``start`` to ``end``, and perhaps more."""
-        lasts = [chunk.last for chunk in self._chunks]
-        part = slice(bisect_left(lasts, start + 1), bisect_left(lasts, end) + 1)
-        chunks = [chunk.within(start, end) for chunk in self._chunks[part]]
+        first, last = (bisect_left(self._chunks, at, key=_last) for at in (start + 1, end))
+        chunks = [chunk.within(start, end) for chunk in self._chunks[first : last + 1]]
         return StoredArrivals(chunks, self.size, self.fault)
 
     def chunks(self) -> list[Chunk]:
@@ -206,6 +205,10 @@ class Chunk(Protocol):
 
     def shifted(self, by: int) -> Chunk:
         """Returns the same with other offsets."""
+
+
+def _last(chunk: Chunk) -> int:
+    return chunk.last
 
 
 class _Held(NamedTuple):
@@ -533,19 +536,17 @@ def joined(several: Iterable[Arrivals | None]) -> Arrivals | None:
     """Returns the arrivals of files that are one recording, up to the first file without all arrivals."""
     chunks: list[Chunk] = []
     faults: list[str] = []
-    sizes: list[int] = []
+    start: int | None = None
     for arrivals in several:
         if arrivals is None:
             break
-        own = arrivals.chunks()
-        chunks += [chunk.shifted(sum(sizes)) for chunk in own]
+        own, start = arrivals.chunks(), start or 0
+        chunks += [chunk.shifted(start) for chunk in own]
         faults += [arrivals.fault] if arrivals.fault else []
-        sizes.append(arrivals.size)
+        start += arrivals.size
         if arrivals.fault or not own or own[-1].last < arrivals.size:
             break  # the arrivals of the next file must not stand for the rest of this one
-    if not sizes:
-        return None
-    return _arrivals_in(chunks, sum(sizes), faults[0] if faults else None)
+    return None if start is None else _arrivals_in(chunks, start, faults[0] if faults else None)
 
 
 def _arrivals_in(chunks: Sequence[Chunk], size: int, fault: str | None) -> Arrivals:

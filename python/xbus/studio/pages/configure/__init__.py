@@ -51,5 +51,5 @@ def configure_page(session: Session) -> None:
         ui.timer(0, begin, once=True)
         return
     with body, ui.element("div").classes("xbus-card w-full"):
-        ui.label(f"To read the settings interrupts the recording. {GAP}").classes("xbus-caution")
+        ui.label(f"Reading the settings interrupts the recording. {GAP}").classes("xbus-caution")
         ui.button("Read the settings", on_click=begin).props("no-caps").classes("mt-2")
