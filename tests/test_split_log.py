@@ -8,6 +8,7 @@ import itertools
 import math
 import os
 import pickle
+import platform
 import random
 import subprocess
 import sys
@@ -171,6 +172,36 @@ def test_another_process_reads_a_part(tmp_path: Path) -> None:
         [sys.executable, "-c", code], input=pickle.dumps(part), stdout=subprocess.PIPE, check=True
     ).stdout
     assert pickle.loads(out) == part.read()  # noqa: S301
+
+
+TOUCHES = """
+import resource, sys, xbus
+parts = xbus.split_log(sys.argv[1], block_bytes=1 << 19)
+for _ in range(3):
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    for part in parts:
+        part.read()
+    touched = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+print(touched / len(parts))
+"""
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another malloc")
+def test_parts_reuse_memory_unless_malloc_has_settings(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(streams.ahrs(50_000))
+
+    def pages_per_part(**settings: str) -> float:
+        program = [sys.executable, "-c", TOUCHES, str(path)]
+        environment = {**os.environ, **settings}
+        out = subprocess.run(program, env=environment, stdout=subprocess.PIPE, check=True)  # noqa: S603
+        return float(out.stdout)
+
+    dask = pages_per_part(MALLOC_TRIM_THRESHOLD_="65536")
+    chosen = pages_per_part(MALLOC_TRIM_THRESHOLD_="65537")
+    assert pages_per_part() < 20
+    assert dask < 20
+    assert chosen > 60
 
 
 @pytest.mark.parametrize("change", ["longer", "shorter", "touched"])

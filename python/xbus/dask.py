@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from xbus import _core
 from xbus.export import tables
 from xbus.extras import require
 from xbus.files import is_url, local_name
@@ -39,8 +38,6 @@ __all__ = ["read_logs"]
 PURPOSE = "to read logs with dask"
 #: The column with the name of the file.
 FILE = "file"
-#: What dask sets in the environment of its workers.
-DASK_TRIM_THRESHOLD = "65536"
 #: Most parts that are joined to one partition, because the times at their ends are equal.
 MOST_JOINED = 8
 
@@ -111,7 +108,7 @@ def read_logs(
         "allow_restart": allow_restart,
         "threads": 1,
     }
-    split = dask.delayed(_split, pure=False)
+    split = dask.delayed(split_log, pure=False)
     found = dask.compute(*(split(recording, **options) for recording in recordings))
     names = [_name(recording) for recording in recordings]
     schema = _schema(zip(names, found, strict=True), raw=raw)
@@ -133,20 +130,6 @@ def read_logs(
             label="read-logs",
         )
     return frame
-
-
-def _split(recording: str | list[str], **options: Any) -> list[LogPart]:
-    _keep_freed_memory()
-    return split_log(recording, **options)
-
-
-def _keep_freed_memory() -> None:
-    """Undoes a default of dask for its workers: malloc returns every large array to the system.
-
-    The first touch of fresh memory in each partition would take a third of the time.
-    """
-    if os.environ.get("MALLOC_TRIM_THRESHOLD_") == DASK_TRIM_THRESHOLD:
-        _core.keep_freed_memory()
 
 
 # Names
@@ -240,7 +223,6 @@ class _Reader:
 
     def read(self, partition: _Partition, columns: list[str] | None = None) -> pd.DataFrame:
         """Returns a partition with these columns, or all of them."""
-        _keep_freed_memory()
         arrow, schema = require("pyarrow", "dask", PURPOSE), self._schema()
         names = schema.names
         if columns is not None:  # one is always read, for the number of rows

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from xbus import _core
 from xbus.cli import batch
 from xbus.cli.can_options import CanOptions, can_options
 from xbus.cli.dataset_options import Dataset, check_folder, dataset_options, is_folder
@@ -249,7 +248,6 @@ def decode(
     if tracker and inputs.rate is not None:
         click.echo("xbus: --rate has no effect: the table of a tracker has no times", err=True)
         inputs = replace(inputs, rate=None)
-    _core.keep_freed_memory()
     recordings = inputs.recordings() if out_dir is not None else [inputs.recording()]
     workers = workers_within(memory, len(recordings), jobs)
     decoding = Decoding(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -144,7 +144,7 @@ class Log(ByQuantity[Column], Exports):
         keys = (
             QuantityKey(column.name, column.coordinates, column.precision) for column in columns
         )
-        super().__init__(KeyIndex(keys), columns, "log")
+        super().__init__(_key_index(tuple(keys)), columns, "log")
 
     # Columns
 
@@ -840,6 +840,12 @@ class Log(ByQuantity[Column], Exports):
             )
             for key, column in self.items()
         ]
+
+
+@lru_cache
+def _key_index(keys: tuple[QuantityKey, ...]) -> KeyIndex:
+    """Returns the index of these keys; all parts of a log have the same."""
+    return KeyIndex(keys)
 
 
 def _in_units(column: Column) -> npt.NDArray[Any]:

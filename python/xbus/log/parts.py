@@ -82,6 +82,7 @@ class _Whole:
         shape: The columns of the log.
         has_host_times: Whether a sample has a host time.
         devices: The devices that sent samples.
+        is_plain: Whether the input is one local file that is not compressed.
     """
 
     versions: tuple[Version | None, ...]
@@ -90,6 +91,7 @@ class _Whole:
     shape: _core.Shape
     has_host_times: bool
     devices: tuple[LogDevice, ...]
+    is_plain: bool
 
 
 @dataclass(frozen=True)
@@ -164,20 +166,24 @@ class LogPart:
         (124, True)
         """
         keep, begin, whole = quantity_filter(quantities), self._begin, self._whole
-        _check_versions(begin.source, whole.versions, CHANGED)
-        reader = reader_of(
-            _opened(begin.source, self.start, self.end),
-            strict=False,
-            quantities=keep,
-            strings=whole.strings,
-            part_bytes=self.end - self.start,
-            threads=thread_count(threads),
-            state=begin.state,
-        )
-        more = True
-        while more and (begin.is_last or reader.position < self.end):
-            more = reader.advance(STEP if begin.is_last else min(STEP, self.end - reader.position))
-        _check_versions(begin.source, whole.versions, CHANGED)
+        if begin.is_last:  # it would be read to the end, however long the input is now
+            _check_versions(begin.source, whole.versions, CHANGED)
+        try:
+            reader = reader_of(
+                _opened(begin.source, self.start, self.end, is_plain=whole.is_plain),
+                strict=False,
+                quantities=keep,
+                strings=whole.strings,
+                part_bytes=self.end - self.start,
+                threads=thread_count(threads),
+                state=begin.state,
+            )
+            more = True
+            while more and (begin.is_last or reader.position < self.end):
+                most = STEP if begin.is_last else min(STEP, self.end - reader.position)
+                more = reader.advance(most)
+        finally:
+            _check_versions(begin.source, whole.versions, CHANGED)
         if reader.position != self.end:
             raise self._changed()
         log = self._log(reader, keep)
@@ -306,7 +312,10 @@ def split_log(
     if isinstance(given, KnownPieces):
         _check_sizes(given, versions)
     arrivals = arrivals_of(pieces or given)
-    opened: Any = pieces or (_opened(given, 0, None) if _is_name(given) else open_source(given))
+    plain = _is_name(given) and is_plain(os.fsdecode(given))
+    opened: Any = pieces or (
+        _opened(given, 0, None, is_plain=plain) if _is_name(given) else open_source(given)
+    )
     reader = reader_of(
         opened,
         strict=False,
@@ -332,6 +341,7 @@ def split_log(
         first_pass.shape,
         first_pass.has_host_times,
         first_pass.devices,
+        plain,
     )
     return [LogPart(*part, whole) for part in found]
 
@@ -452,7 +462,7 @@ class _Bytes:
         return cls(array_of(source)[start : end + LOOKAHEAD].tobytes())
 
 
-def _opened(source: Any, start: int, end: int | None) -> Source | Readable:
+def _opened(source: Any, start: int, end: int | None, *, is_plain: bool) -> Source | Readable:
     """Returns what the core can read from ``start`` to ``end``, or to the end."""
     if isinstance(source, _Bytes):
         return io.BytesIO(source.data)
@@ -461,7 +471,7 @@ def _opened(source: Any, start: int, end: int | None) -> Source | Readable:
         pieces.go_to(start, end)
         return pieces
     name = os.fsdecode(source)
-    return local_name(name) if is_plain(name) else open_range(source, start, end)
+    return local_name(name) if is_plain else open_range(source, start, end)
 
 
 def _is_name(source: object) -> bool:

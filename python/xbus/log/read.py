@@ -16,6 +16,7 @@ from xbus.log.hostclock import HostClock
 from xbus.log.identity import Identity
 from xbus.log.legacy import Legacy, legacy_outputs
 from xbus.log.log import Log, MissingDeviceError
+from xbus.log.memory import keep_freed_memory
 from xbus.log.moments import Between, seconds_of
 from xbus.log.pieces import Pieces, pieces_of
 from xbus.log.source import (
@@ -38,8 +39,8 @@ __all__ = ["BLOCK", "STEP", "cut_parts", "iter_log", "read_log", "reader_of", "t
 
 #: Bytes that a thread reads at a time: Ctrl-C and progress are handled between two reads.
 STEP = 32 << 20
-#: Default size of a part, in bytes of input. Smaller parts cost more calls, larger ones more first touches of
-#: fresh memory, because malloc gives the memory of large columns back after each part.
+#: Default size of a part, in bytes of input. Smaller parts cost more calls, and the columns of larger ones
+#: do not fit into the processor's caches.
 BLOCK = 8 << 20
 #: Size of the parts of a log that is cut.
 CUT_BLOCK = 1 << 20
@@ -338,6 +339,8 @@ def reader_of(
     """
     if rate is not None and not 0 < rate < math.inf:
         raise ValueError(f"rate must be a positive number of Hz, not {rate!r}")
+    if part_bytes is not None:
+        keep_freed_memory()
     paths = opened.paths if isinstance(opened, Pieces) and threads > 1 else None
     return _core.Reader(
         paths or opened,

@@ -1,0 +1,25 @@
+"""Memory of work part by part."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+
+from xbus import _core
+
+__all__ = ["keep_freed_memory"]
+
+#: What dask sets for its workers: malloc returns nearly everything to the system.
+DASK_TRIM_THRESHOLD = "65536"
+
+
+@cache
+def keep_freed_memory() -> None:
+    """Lets malloc keep up to 64 MiB of freed memory for each thread, unless the user chose a limit.
+
+    By default glibc returns the memory of each part to the system as soon as it is free. The first touch of
+    fresh memory in the next part would take as long as decoding it. A program that has once freed an array of
+    32 MiB has nearly the same settings, because glibc adapts them.
+    """
+    if os.environ.get("MALLOC_TRIM_THRESHOLD_") in (None, DASK_TRIM_THRESHOLD):
+        _core.keep_freed_memory()
