@@ -204,6 +204,17 @@ def test_parts_reuse_memory_unless_malloc_has_settings(tmp_path: Path) -> None:
     assert chosen > 60
 
 
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+def test_a_file_that_became_a_pipe_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(streams.ahrs(1000))
+    parts = split_log(path, block_bytes=30_000)
+    path.unlink()
+    os.mkfifo(path)
+    with pytest.raises(TypeError, match=r"log\.mtb is no regular file"):
+        parts[0].read()
+
+
 @pytest.mark.parametrize("change", ["longer", "shorter", "touched"])
 def test_a_file_that_has_changed_is_refused(change: str, tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"

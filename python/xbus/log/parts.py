@@ -166,24 +166,20 @@ class LogPart:
         (124, True)
         """
         keep, begin, whole = quantity_filter(quantities), self._begin, self._whole
-        if begin.is_last:  # it would be read to the end, however long the input is now
-            _check_versions(begin.source, whole.versions, CHANGED)
-        try:
-            reader = reader_of(
-                _opened(begin.source, self.start, self.end, is_plain=whole.is_plain),
-                strict=False,
-                quantities=keep,
-                strings=whole.strings,
-                part_bytes=self.end - self.start,
-                threads=thread_count(threads),
-                state=begin.state,
-            )
-            more = True
-            while more and (begin.is_last or reader.position < self.end):
-                most = STEP if begin.is_last else min(STEP, self.end - reader.position)
-                more = reader.advance(most)
-        finally:
-            _check_versions(begin.source, whole.versions, CHANGED)
+        _check_versions(begin.source, whole.versions, CHANGED)
+        reader = reader_of(
+            _opened(begin.source, self.start, self.end, plain=whole.is_plain),
+            strict=False,
+            quantities=keep,
+            strings=whole.strings,
+            part_bytes=self.end - self.start,
+            threads=thread_count(threads),
+            state=begin.state,
+        )
+        more = True
+        while more and (begin.is_last or reader.position < self.end):
+            more = reader.advance(STEP if begin.is_last else min(STEP, self.end - reader.position))
+        _check_versions(begin.source, whole.versions, CHANGED)
         if reader.position != self.end:
             raise self._changed()
         log = self._log(reader, keep)
@@ -314,7 +310,7 @@ def split_log(
     arrivals = arrivals_of(pieces or given)
     plain = _is_name(given) and is_plain(os.fsdecode(given))
     opened: Any = pieces or (
-        _opened(given, 0, None, is_plain=plain) if _is_name(given) else open_source(given)
+        _opened(given, 0, None, plain=plain) if _is_name(given) else open_source(given)
     )
     reader = reader_of(
         opened,
@@ -462,7 +458,7 @@ class _Bytes:
         return cls(array_of(source)[start : end + LOOKAHEAD].tobytes())
 
 
-def _opened(source: Any, start: int, end: int | None, *, is_plain: bool) -> Source | Readable:
+def _opened(source: Any, start: int, end: int | None, *, plain: bool) -> Source | Readable:
     """Returns what the core can read from ``start`` to ``end``, or to the end."""
     if isinstance(source, _Bytes):
         return io.BytesIO(source.data)
@@ -471,7 +467,7 @@ def _opened(source: Any, start: int, end: int | None, *, is_plain: bool) -> Sour
         pieces.go_to(start, end)
         return pieces
     name = os.fsdecode(source)
-    return local_name(name) if is_plain else open_range(source, start, end)
+    return local_name(name) if plain else open_range(source, start, end)
 
 
 def _is_name(source: object) -> bool:
