@@ -322,6 +322,32 @@ def test_errors_of_the_reader_are_passed_on(
         assert caught.value is error
 
 
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="Linux only")
+@pytest.mark.parametrize(
+    "read_file",
+    [
+        lambda path: xbus.read_log(path, threads=1),
+        lambda path: xbus.read_log(path, threads=2),
+        lambda path: xbus.read_log([path, path], threads=2),
+        lambda path: xbus.read_log(path, between=(0, 1)),
+        lambda path: list(xbus.iter_log(path)),
+        xbus.split_log,
+    ],
+)
+def test_an_error_of_reading_names_the_file(read_file: Callable[[str], Any]) -> None:
+    """Memory at address 0 cannot be read, but this file can be opened."""
+    with pytest.raises(OSError, match=r"Input/output error: '/proc/self/mem'"):
+        read_file("/proc/self/mem")
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="Linux only")
+def test_an_error_of_reading_names_the_capture(tmp_path: Path) -> None:
+    path = tmp_path / "drive.log"
+    path.symlink_to("/proc/self/mem")
+    with pytest.raises(OSError, match=rf"Input/output error: '{path}'"):
+        xbus.read_can(path)
+
+
 def test_parts_before_an_error_are_returned() -> None:
     """Whole parts are returned before the error is raised."""
     file = io.BytesIO((b"".join(SOUND) * 500)[:20_000])

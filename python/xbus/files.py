@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import io
 import os
 import stat
 from collections.abc import Callable, Iterator
@@ -24,6 +26,7 @@ __all__ = [
     "is_plain",
     "is_url",
     "local_name",
+    "naming",
     "open_file",
     "suffix_of_compression",
     "uncompressed_name",
@@ -154,17 +157,40 @@ def open_file(name: str, *, is_regular: bool = False) -> BinaryIO:
 def _open_local(path: str, *, is_regular: bool) -> BinaryIO:
     if not is_regular:
         check_is_recording(path)
-        return open(path, "rb", buffering=0)  # noqa: PTH123
+        return _NamedFile(path)
 
     def opener(path: str, flags: int) -> int:
         # Without O_NONBLOCK, to open a pipe waits for its writer.
         return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
-    file = open(path, "rb", buffering=0, opener=opener)  # noqa: SIM115
+    file = _NamedFile(path, opener=opener)
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise OSError(errno.EINVAL, "not a regular file", path)
     return file
+
+
+@contextlib.contextmanager
+def naming(name: str) -> Iterator[None]:
+    """Adds the name of a file to errors of the system that have none, as those of reading."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno is not None and error.filename is None:
+            error.filename = name
+        raise
+
+
+class _NamedFile(io.FileIO):
+    """A local file whose errors name it when it is read, not only when it is opened."""
+
+    def read(self, size: int | None = -1, /) -> Any:
+        with naming(os.fsdecode(self.name)):
+            return super().read(size)
+
+    def readinto(self, buffer: Any, /) -> Any:
+        with naming(os.fsdecode(self.name)):
+            return super().readinto(buffer)
 
 
 def content_size(path: str, limit: int | None = None) -> int:

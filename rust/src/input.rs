@@ -1,9 +1,12 @@
 //! Buffers for input that is read or pushed in pieces. Each hands a [`Window`] to a scanner and keeps the bytes that the
 //! scanner has not decided yet.
 
+use std::error::Error;
+use std::fmt;
 use std::fs::File;
 use std::io::{self, Read};
 use std::ops::Range;
+use std::path::{Path, PathBuf};
 
 use crate::huge_pages;
 use crate::scan::Window;
@@ -114,21 +117,76 @@ impl ReadAt for File {
     }
 }
 
-/// Files, one behind the other.
+/// An error of a file, and the path of the file. It is the inner error of the [`io::Error`] of a [`NamedFile`].
 #[derive(Debug)]
-pub struct Files {
-    /// Each with the position at which it ends.
-    files: Vec<(File, u64)>,
+pub struct FileError {
+    /// The file.
+    pub path: PathBuf,
+    /// What is wrong.
+    pub error: io::Error,
 }
 
-impl Files {
+impl fmt::Display for FileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.path.display(), self.error)
+    }
+}
+
+impl Error for FileError {
+    fn source(&self) -> Option<&(dyn Error + 'static)> {
+        Some(&self.error)
+    }
+}
+
+/// An open file whose errors name it: each has a [`FileError`].
+#[derive(Debug)]
+pub struct NamedFile<F = File> {
+    file: F,
+    path: PathBuf,
+}
+
+impl NamedFile {
+    /// Opens a file to read it.
+    ///
+    /// # Errors
+    /// If it cannot be opened.
+    pub fn open(path: PathBuf) -> io::Result<Self> {
+        match File::open(&path) {
+            Ok(file) => Ok(Self { file, path }),
+            Err(error) => Err(named(error, &path)),
+        }
+    }
+}
+
+fn named(error: io::Error, path: &Path) -> io::Error {
+    io::Error::new(error.kind(), FileError { path: path.to_owned(), error })
+}
+
+impl<F: ReadAt> ReadAt for NamedFile<F> {
+    fn size(&self) -> io::Result<u64> {
+        self.file.size().map_err(|error| named(error, &self.path))
+    }
+
+    fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize> {
+        self.file.read_at(buffer, position).map_err(|error| named(error, &self.path))
+    }
+}
+
+/// Files, one behind the other.
+#[derive(Debug)]
+pub struct Files<F = File> {
+    /// Each with the position at which it ends.
+    files: Vec<(NamedFile<F>, u64)>,
+}
+
+impl<F: ReadAt> Files<F> {
     /// These files, with the sizes that they have now.
     ///
     /// # Errors
     /// If the system does not know a size.
-    pub fn of(files: Vec<File>) -> io::Result<Self> {
+    pub fn of(files: Vec<NamedFile<F>>) -> io::Result<Self> {
         let mut end = 0;
-        let with_end = |file: File| {
+        let with_end = |file: NamedFile<F>| {
             end += file.size()?;
             Ok((file, end))
         };
@@ -136,7 +194,7 @@ impl Files {
     }
 }
 
-impl ReadAt for Files {
+impl<F: ReadAt> ReadAt for Files<F> {
     fn size(&self) -> io::Result<u64> {
         Ok(self.files.last().map_or(0, |(_, end)| *end))
     }
@@ -146,9 +204,9 @@ impl ReadAt for Files {
         let Some((file, end)) = self.files.get(at) else { return Ok(0) };
         let start = if at == 0 { 0 } else { self.files[at - 1].1 };
         let most = usize::try_from(end - position).unwrap_or(usize::MAX).min(buffer.len());
-        let read = ReadAt::read_at(file, &mut buffer[..most], position - start)?;
+        let read = file.read_at(&mut buffer[..most], position - start)?;
         if read == 0 && most > 0 {
-            return Err(io::Error::other("a file became shorter while it was read"));
+            return Err(named(io::Error::other("the file has become shorter while it was read"), &file.path));
         }
         Ok(read)
     }
@@ -302,6 +360,43 @@ mod tests {
             }
         }
         assert_eq!(Stream::new(Broken).fill(0, 1).unwrap_err().kind(), io::ErrorKind::UnexpectedEof);
+    }
+
+    /// Bytes of which the first half can be read.
+    struct Faulty {
+        size: u64,
+        kind: io::ErrorKind,
+    }
+
+    impl ReadAt for Faulty {
+        fn size(&self) -> io::Result<u64> {
+            Ok(self.size)
+        }
+
+        fn read_at(&self, buffer: &mut [u8], position: u64) -> io::Result<usize> {
+            let left = (self.size / 2).saturating_sub(position);
+            if left == 0 {
+                return if self.kind == io::ErrorKind::UnexpectedEof { Ok(0) } else { Err(self.kind.into()) };
+            }
+            Ok(usize::try_from(left).unwrap().min(buffer.len()))
+        }
+    }
+
+    #[test]
+    fn an_error_names_its_file() {
+        for kind in [io::ErrorKind::PermissionDenied, io::ErrorKind::UnexpectedEof] {
+            let named = |path: &str, kind| NamedFile { file: Faulty { size: 100, kind }, path: path.into() };
+            let files = Files::of(vec![named("one", kind), named("other", kind)]).unwrap();
+            for (position, path) in [(50, "one"), (150, "other")] {
+                let mut stream = Stream::at(ReadFrom::new(&files, position - 10), position - 10);
+                stream.fill(position - 10, 200).unwrap();
+                let error = stream.fill(position - 10, 200).unwrap_err().downcast::<FileError>().unwrap();
+                assert_eq!(error.path, Path::new(path));
+                assert_eq!(error.error.kind() == kind, kind == io::ErrorKind::PermissionDenied);
+            }
+        }
+        let interrupted = NamedFile { file: Faulty { size: 0, kind: io::ErrorKind::Interrupted }, path: "one".into() };
+        assert_eq!(interrupted.read_at(&mut [0], 0).unwrap_err().kind(), io::ErrorKind::Interrupted);
     }
 
     #[test]

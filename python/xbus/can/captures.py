@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from xbus import _core
 from xbus.extras import require
+from xbus.files import naming
 
 __all__ = ["CAPTURE_SUFFIXES", "Capture", "FrameArrays", "Frames", "read_frames"]
 
@@ -229,7 +230,7 @@ def _read_file(path: str, block: int | None) -> Iterator[Frames]:
         require("asammdf", "can", "to read MF4 files")
     # The times of an ASC file count from its date, as those of the other formats.
     options = {"relative_timestamp": False} if suffix == ".asc" else {}
-    with contextlib.ExitStack() as files:
+    with naming(path), contextlib.ExitStack() as files:
         file: Any = files.enter_context(gzip.open(path) if is_gzip else open(path, "rb"))  # noqa: PTH123, SIM115
         fault = _blf_fault(file) if suffix == ".blf" else None
         if suffix not in BINARY:

@@ -12,6 +12,7 @@ use pyo3::types::PyString;
 use crate::catch::{Caught, catch};
 use crate::error::{CanError, EncodeError, Fault, HostTimesError, OutputError, ReadError, ShapeError, StateError};
 use crate::export::Format;
+use crate::input::FileError;
 use crate::message_file::{Compression, MessageError};
 use crate::packet::{Coordinates, Precision};
 use crate::table::{self, Axes, Class, ClockRole, Direction, Interpolation, Quantity, Series, Wire};
@@ -19,6 +20,9 @@ use crate::{hostclock, scan};
 
 pyo3::import_exception!(xbus.errors, DecodeError);
 pyo3::import_exception!(xbus.errors, XbusError);
+
+/// Number of an error of input that the system did not report.
+const EIO: i32 = 5;
 
 /// Does work without the GIL. A panic or lack of memory becomes an exception: every function that looks at bytes of others
 /// does so in here.
@@ -45,7 +49,7 @@ impl From<Fault> for PyErr {
 impl From<ReadError> for PyErr {
     fn from(error: ReadError) -> Self {
         match error {
-            ReadError::Io(error) => error.into(),
+            ReadError::Io(error) => io_error(error),
             ReadError::Fault(fault) => fault.into(),
         }
     }
@@ -69,6 +73,15 @@ pub fn os_error(error: &io::Error, path: Option<PathBuf>) -> PyErr {
     let text = error.to_string();
     let text = text.split(" (os error").next().unwrap_or_default().to_owned();
     PyOSError::new_err((number, text, path.map(PathBuf::into_os_string)))
+}
+
+/// An error of an input as an exception, with the file if the error names one. One that Python raised stays as it is.
+pub fn io_error(error: io::Error) -> PyErr {
+    match error.downcast::<FileError>() {
+        Ok(FileError { path, error }) if error.raw_os_error().is_some() => os_error(&error, Some(path)),
+        Ok(FileError { path, error }) => PyOSError::new_err((EIO, error.to_string(), path.into_os_string())),
+        Err(error) => error.into(),
+    }
 }
 
 /// An error of Arrow: a table that cannot be made or written.

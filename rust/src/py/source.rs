@@ -1,6 +1,6 @@
 //! Sources of the bytes of a log.
 
-use std::fs::{self, File};
+use std::fs;
 use std::io::{self, Read};
 use std::ops::Range;
 use std::path::PathBuf;
@@ -10,9 +10,9 @@ use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use super::convert::os_error;
+use super::convert::io_error;
 use super::shared::SharedBytes;
-use crate::input::{Files, ReadAt, ReadFrom, Stream};
+use crate::input::{Files, NamedFile, ReadAt, ReadFrom, Stream};
 
 pyo3::import_exception!(io, UnsupportedOperation);
 
@@ -41,9 +41,9 @@ impl Source {
             return Ok((Self::of(shared, at, threads), Some(length)));
         }
         if let Ok(paths) = source.extract::<Vec<PathBuf>>() {
-            let open = |path: PathBuf| File::open(&path).map_err(|error| os_error(&error, Some(path)));
-            let files = Files::of(paths.into_iter().map(open).collect::<PyResult<_>>()?)?;
-            let length = files.size()?;
+            let open = || Files::of(paths.into_iter().map(NamedFile::open).collect::<io::Result<_>>()?);
+            let files = open().map_err(io_error)?;
+            let length = files.size().map_err(io_error)?;
             return Ok((Self::of(files, at, threads), Some(length)));
         }
         let Ok(path) = source.extract::<PathBuf>() else {
@@ -51,7 +51,7 @@ impl Source {
         };
         match fs::metadata(&path) {
             Ok(metadata) if metadata.is_file() => {
-                let file = File::open(&path).map_err(|error| os_error(&error, Some(path)))?;
+                let file = NamedFile::open(path).map_err(io_error)?;
                 Ok((Self::of(file, at, threads), Some(metadata.len())))
             }
             // Python's own file reacts to Ctrl-C while it waits for a pipe or a device, and names the path in its errors.
