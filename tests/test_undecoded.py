@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import json
 import pickle
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import xbus
 from streams import mtdata2, packet
 from test_cli import run, sentence
 from xbus import MessageId, encode_frame, encode_sample
-from xbus.log.trackers import count_losses
+from xbus.log import trackers
+from xbus.log.trackers import RESTART_STEP, TrackerCounts, count_losses
 from xbus.protocol.tables import QUANTITIES
 from xbus.report import gather
 from xbus.report.findings import findings
@@ -194,6 +198,66 @@ def test_trackers_that_are_not_there() -> None:
     assert "no tracker 1 in x.mtb; it has 00B42D4B, 00B42D4C" in sentence(result)
     result = run("decode", written(SAMPLES), "-o", "out.csv", "--tracker", "1")
     assert "it has no Awinda trackers" in sentence(result)
+
+
+def missing(frames: list[int]) -> tuple[int, int]:
+    """What `count_losses` returns, one number after the other."""
+    runs: list[set[int]] = []
+    last = highest = -1
+    for frame in frames:
+        if last < 0 or frame - last < -RESTART_STEP:
+            runs.append(set())
+            highest = frame
+        last, highest = frame, max(frame, highest)
+        if highest - frame <= RESTART_STEP:
+            runs[-1].add(frame)
+    steps = [b - a - 1 for run in runs for a, b in pairwise(sorted(run))]
+    return sum(steps), sum(step > 0 for step in steps)
+
+
+STEPS = [1, 1, 2, 0, -1, -3, 5, 10_000, -20_000, 70_000, -40_000]
+STEPS += [sign * RESTART_STEP + by for sign in (-1, 1) for by in (-1, 0, 1)]
+
+
+@given(st.integers(0, 2**20), st.lists(st.sampled_from(STEPS), max_size=40), st.integers(1, 9))
+def test_losses_of_trackers_do_not_depend_on_the_parts(
+    first: int, steps: list[int], size: int
+) -> None:
+    frames = list(accumulate([first, *steps], lambda frame, step: max(frame + step, 0)))
+    counts = TrackerCounts()
+    for at in range(0, len(frames), size):
+        part = b"".join(snapshot(ONE, frame, (0, 0, 0)) for frame in frames[at : at + size])
+        counts.add(xbus.read_log(part, threads=1)["awinda_snapshot"])
+    expected = missing(frames)
+    assert count_losses(np.array(frames)) == expected
+    assert counts.summaries() == {ONE: ("00B42D4B", len(frames), *expected)}
+
+
+def test_counts_of_trackers_need_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(trackers, "MAX_TRACKERS", 3)
+    counter = trackers._FrameCounter()
+    for start in range(0, 1_000_000, 100_000):
+        counter.add(np.arange(start, start + 100_000, 2))
+        assert len(counter._recent) <= RESTART_STEP // 2 + 1
+    assert counter.losses == (499_999, 499_999)
+    counts = TrackerCounts()
+    counts.add(
+        xbus.read_log(b"".join(snapshot(n, n, (0, 0, 0)) for n in (7, 5, 6, 4, 5, 3)))[
+            "awinda_snapshot"
+        ]
+    )
+    assert [(key, counted.rows) for key, counted in counts.summaries().items()] == [
+        (7, 1),
+        (5, 2),
+        (6, 1),
+    ]
+
+
+def test_a_message_names_some_trackers() -> None:
+    data = b"".join(snapshot(1 + n, n, (0, 0, 0)) for n in range(40))
+    result = run("decode", written(data), "-o", "out.csv", "--tracker", "0")
+    assert "it has 00000001, 00000002," in sentence(result)
+    assert sentence(result).endswith("00000020 and 8 more")
 
 
 def test_the_report_has_the_trackers() -> None:

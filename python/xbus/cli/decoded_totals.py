@@ -4,20 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, fields
-from typing import TYPE_CHECKING
 
-import numpy as np
-import numpy.typing as npt
-
-from xbus.formatting import device_name
 from xbus.log.log import Log
 from xbus.log.runs import Runs
 from xbus.log.stats import Stats
-from xbus.log.trackers import count_losses, frames_of
+from xbus.log.trackers import TrackerCounts, TrackerSummary
 from xbus.protocol.undecoded import Undecoded
-
-if TYPE_CHECKING:
-    from xbus.describe.log_summary import TrackerSummary
 
 __all__ = ["DecodedTotals"]
 
@@ -42,7 +34,7 @@ class DecodedTotals:
         self._damaged = 0
         self.runs = Runs()
         self._undecoded: dict[tuple[str, int, str], Undecoded] = {}
-        self._frames: dict[int, list[npt.NDArray[np.int64]]] = {}
+        self._trackers = TrackerCounts()
 
     def add(self, part: Log) -> None:
         """Adds the next part."""
@@ -55,8 +47,7 @@ class DecodedTotals:
         for item in part.undecoded:
             earlier = self._undecoded.get(item.key)
             self._undecoded[item.key] = item if earlier is None else earlier.plus(item)
-        for device_id, frame in frames_of(part.get("awinda_snapshot")).items():
-            self._frames.setdefault(device_id, []).append(frame)
+        self._trackers.add(part.get("awinda_snapshot"))
 
     @property
     def damage(self) -> range:
@@ -84,10 +75,4 @@ class DecodedTotals:
     @property
     def trackers(self) -> dict[int, TrackerSummary]:
         """The Awinda trackers by device identifier, in the order in which they appear."""
-        from xbus.describe.log_summary import TrackerSummary  # few logs have trackers
-
-        return {
-            device_id: TrackerSummary(device_name(device_id), len(frame), *count_losses(frame))
-            for device_id, frames in self._frames.items()
-            for frame in [np.concatenate(frames)]
-        }
+        return self._trackers.summaries()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
+from itertools import islice
 from typing import TYPE_CHECKING
 
 from xbus.cli.failure import Failure
+from xbus.formatting import device_name
 
 if TYPE_CHECKING:
     from xbus.cli.decoded_totals import DecodedTotals
@@ -14,6 +16,9 @@ if TYPE_CHECKING:
     from xbus.log.trackers import Tracker
 
 __all__ = ["check_decoded", "tracker_of", "undecoded_lines"]
+
+#: Maximum number of trackers that a message names.
+MAX_NAMED = 32
 
 
 def check_decoded(log: Log | LogSummary, names: str) -> None:
@@ -41,7 +46,7 @@ def undecoded_lines(log: Log | DecodedTotals, tracker: Tracker | None = None) ->
     if log.trackers:
         yield NO_ORIENTATION
     if len(log.trackers) > 1 and tracker is None:
-        names = ", ".join(f"{device_id:08X}" for device_id in log.trackers)
+        names = _names(log.trackers)
         yield f"the table has one tracker of each message; --tracker writes all rows of one: {names}"
 
 
@@ -59,6 +64,13 @@ def tracker_of(log: Log, tracker: str, names: str) -> Tracker:
     for device_id, found in log.trackers.items():
         if f"{device_id:08X}" == tracker.upper().zfill(8):
             return found
-    known = ", ".join(f"{device_id:08X}" for device_id in log.trackers)
+    known = _names(log.trackers)
     hint = f"it has {known}" if known else "it has no Awinda trackers"
     raise Failure(f"no tracker {tracker} in {names}; {hint}")
+
+
+def _names(trackers: Collection[int]) -> str:
+    """Returns the identifiers of trackers as text; those of damaged logs can be many."""
+    names = ", ".join(device_name(device_id) for device_id in islice(trackers, MAX_NAMED))
+    more = len(trackers) - MAX_NAMED
+    return f"{names} and {more:,} more" if more > 0 else names

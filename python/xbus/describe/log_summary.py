@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -28,7 +28,7 @@ from xbus.log.messages import Messages
 from xbus.log.rates import Rates
 from xbus.log.runs import PartRuns, Runs, steady_time
 from xbus.log.stats import Stats
-from xbus.log.trackers import count_losses, frames_of
+from xbus.log.trackers import TrackerCounts, TrackerSummary
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import COLUMN_QUANTITIES, UTC_VALID, device_of, message_name
@@ -44,7 +44,6 @@ __all__ = [
     "EventKind",
     "LogSummary",
     "QuantitySummary",
-    "TrackerSummary",
     "event_result",
 ]
 
@@ -144,22 +143,6 @@ def stamps_of(run: npt.NDArray[np.int64], time: npt.NDArray[np.float64]) -> npt.
 NO_STAMP = np.array([(-1, np.nan)], STAMP)
 
 
-class TrackerSummary(NamedTuple):
-    """An Awinda tracker.
-
-    Attributes:
-        device_id: Its identifier in hex.
-        rows: Number of snapshots, with those that were sent again.
-        lost_samples: Number of missing frame numbers.
-        gaps: Number of places at which they are missing.
-    """
-
-    device_id: str
-    rows: int
-    lost_samples: int
-    gaps: int
-
-
 class DeviceSummary:
     """One device of a log: identity, number of samples, runs and rate.
 
@@ -257,7 +240,8 @@ class QuantitySummary:
 class LogSummary:
     """The contents of a log, summarized: the source of ``xbus info`` and of reports.
 
-    All counts are exact. Of gaps, damage, events and runs, the first `MAX_LISTED` are listed.
+    All counts are exact. Of gaps, damage, events and runs, the first `MAX_LISTED` are listed, and of trackers
+    the first thousand.
 
     Args:
         parts: The parts of the log, in order; more can be added with `add`.
@@ -276,7 +260,6 @@ class LogSummary:
             two recordings; a dictionary that has them as keys.
         runs: The runs of all devices.
         unknown: Number of packets and bytes by data identifier, of packets that the tables do not explain.
-        frames: Frame numbers of Awinda trackers, by device identifier, in the order in which they arrived.
         utc: Earliest and latest UTC time that the device marks as valid, or None.
         utc_rows: Number of UTC times.
         utc_valid: Number of those that the device marks as valid.
@@ -306,7 +289,7 @@ class LogSummary:
         self.kinds: dict[tuple[int, bytes], EventKind] = {}
         self.unknown: dict[int, list[int]] = {}
         self._undecoded: dict[tuple[str, int, str], Undecoded] = {}
-        self.frames: dict[int, list[npt.NDArray[np.int64]]] = {}
+        self._trackers = TrackerCounts()
         self.utc: tuple[np.datetime64, np.datetime64] | None = None
         self.utc_rows = self.utc_valid = 0
         #: The last time stamp of each device.
@@ -328,11 +311,7 @@ class LogSummary:
     @property
     def trackers(self) -> list[TrackerSummary]:
         """The Awinda trackers, in the order in which they were first seen."""
-        return [
-            TrackerSummary(device_name(device_id), len(frame), *count_losses(frame))
-            for device_id, frames in self.frames.items()
-            for frame in [np.concatenate(frames)]
-        ]
+        return list(self._trackers.summaries().values())
 
     @property
     def has_counter(self) -> bool:
@@ -408,8 +387,7 @@ class LogSummary:
             known.add(column, part, runs)
             if column.name == "utc_time":
                 self._add_utc(column)
-        for device_id, frame in frames_of(part.get("awinda_snapshot")).items():
-            self.frames.setdefault(device_id, []).append(frame)
+        self._trackers.add(part.get("awinda_snapshot"))
         for item in part.undecoded:
             earlier = self._undecoded.get(item.key)
             self._undecoded[item.key] = item if earlier is None else earlier.plus(item)

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
 from xbus.export import tables
+from xbus.formatting import device_name
 from xbus.log.arrays import read_only
 from xbus.log.column import Column
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["Tracker", "count_losses", "frames_of", "trackers_of"]
+__all__ = ["Tracker", "TrackerCounts", "TrackerSummary", "count_losses", "trackers_of"]
 
 #: A frame number that steps back by more starts again: a snapshot that is sent again is late by less.
 RESTART_STEP = 1 << 15
+#: Maximum number of trackers that are counted. A station has 32 at most.
+MAX_TRACKERS = 1000
+#: Frame numbers have 32 bits; those of each run are compared with those of the same run only.
+RUN_BITS = 33
 
 
 class Tracker:
@@ -111,13 +116,6 @@ def trackers_of(column: Column | None) -> dict[int, Tracker]:
     )
 
 
-def frames_of(column: Column | None) -> dict[int, npt.NDArray[np.int64]]:
-    """Returns the frame numbers of each tracker in a column of snapshots, in the order of arrival."""
-    if column is None:
-        return {}
-    return {key: column.values["frame"][rows].astype(np.int64) for key, rows in _rows_of(column)}
-
-
 def _rows_of(column: Column) -> Iterator[tuple[int, npt.NDArray[np.intp]]]:
     ids = column.values["deviceId"]
     order = np.argsort(ids, kind="stable")
@@ -140,12 +138,100 @@ def count_losses(frame: npt.NDArray[np.int64]) -> tuple[int, int]:
     """Returns how many frame numbers are missing between others, and in how many places.
 
     Args:
-        frame: Frame numbers of one tracker, in the order in which they arrived.
+        frame: Frame numbers of one tracker, in the order in which they arrived. One that is late by more than
+            `RESTART_STEP` fills no gap.
 
     >>> import numpy as np
     >>> count_losses(np.array([5, 6, 9, 8, 12]))
     (3, 2)
     """
-    order, run = _in_order(frame)
-    step = np.diff(frame[order])[np.diff(run[order]) == 0] - 1
+    counter = _FrameCounter()
+    counter.add(frame)
+    return counter.losses
+
+
+class _FrameCounter:
+    """Counts missing frame numbers, part by part. It keeps only numbers between which others can still come.
+
+    Attributes:
+        rows: Number of frame numbers, with those that came again.
+    """
+
+    def __init__(self) -> None:
+        self.rows = 0
+        self._lost = self._gaps = 0
+        #: The numbers of the present run from the last one on that is older than `RESTART_STEP`, ascending.
+        self._recent = np.empty(0, np.int64)
+        self._last = np.empty(0, np.int64)
+
+    def add(self, frame: npt.NDArray[np.int64]) -> None:
+        """Adds the next numbers, in the order in which they arrived."""
+        if not len(frame):
+            return
+        self.rows += len(frame)
+        step = np.diff(np.concatenate((self._last if len(self._last) else frame[:1], frame)))
+        self._last = frame[-1:].copy()
+        run = np.cumsum(step < -RESTART_STEP)
+        number = frame + (run << RUN_BITS)
+        highest = np.maximum.accumulate(np.concatenate((self._recent[-1:], number)))
+        in_time = highest[-len(number) :] - number <= RESTART_STEP
+        seen = np.union1d(self._recent, number[in_time])
+        start = run[-1] << RUN_BITS
+        oldest = max(start, seen[-1] - RESTART_STEP)
+        # Between the numbers before this place no others can come.
+        final = max(np.searchsorted(seen, oldest, "right") - 1, np.searchsorted(seen, start))
+        lost, gaps = _missing(seen[: final + 1])
+        self._lost, self._gaps = self._lost + lost, self._gaps + gaps
+        self._recent = seen[final:] - start
+
+    @property
+    def losses(self) -> tuple[int, int]:
+        """How many numbers are missing between others, and in how many places."""
+        lost, gaps = _missing(self._recent)
+        return self._lost + lost, self._gaps + gaps
+
+
+def _missing(numbers: npt.NDArray[np.int64]) -> tuple[int, int]:
+    """Returns how many numbers are missing in ascending ones of the same runs, and in how many places."""
+    step = np.diff(numbers)[np.diff(numbers >> RUN_BITS) == 0] - 1
     return int(step.sum()), int(np.count_nonzero(step))
+
+
+class TrackerSummary(NamedTuple):
+    """An Awinda tracker.
+
+    Attributes:
+        device_id: Its identifier in hex.
+        rows: Number of snapshots, with those that were sent again.
+        lost_samples: Number of missing frame numbers.
+        gaps: Number of places at which they are missing.
+    """
+
+    device_id: str
+    rows: int
+    lost_samples: int
+    gaps: int
+
+
+class TrackerCounts:
+    """Counts the snapshots of each tracker, part by part, in memory that does not depend on their number."""
+
+    def __init__(self) -> None:
+        self._counters: dict[int, _FrameCounter] = {}
+
+    def add(self, column: Column | None) -> None:
+        """Adds the snapshots of a part; of new trackers only the first `MAX_TRACKERS`."""
+        if column is None:
+            return
+        frame = column.values["frame"]
+        for device_id, rows in _rows_of(column):
+            if device_id in self._counters or len(self._counters) < MAX_TRACKERS:
+                counter = self._counters.setdefault(device_id, _FrameCounter())
+                counter.add(frame[rows].astype(np.int64))
+
+    def summaries(self) -> dict[int, TrackerSummary]:
+        """Returns the trackers by device identifier, in the order in which they appear."""
+        return {
+            device_id: TrackerSummary(device_name(device_id), counter.rows, *counter.losses)
+            for device_id, counter in self._counters.items()
+        }
