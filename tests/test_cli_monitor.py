@@ -318,7 +318,7 @@ def test_status_by_name() -> None:
 
 def test_gnss() -> None:
     fields = {item.name: 0 for item in xbus.protocol.tables.QUANTITIES["gnss_pvt_data"].fields}
-    fields |= {"fixtype": 3, "flags": 2 << 6, "numSV": 18, "hAcc": 14, "vAcc": 1234}
+    fields |= {"fixtype": 3, "flags": 2 << 6 | 1, "numSV": 18, "hAcc": 14, "vAcc": 1234}
     data = encode_sample({"gnss_pvt_data": fields})
     assert words(known(data))["GNSS"] == "3D  RTK fixed  18 SV  hAcc 14 mm  vAcc 1.2 m"
     model = known(data)
@@ -327,6 +327,9 @@ def test_gnss() -> None:
     fields |= {"hAcc": 0xFFFF_FFFF, "vAcc": 0xFFFF_FFFF}
     shown = words(known(encode_sample({"gnss_pvt_data": fields})))["GNSS"]
     assert shown == "3D  RTK fixed  18 SV  hAcc unknown  vAcc unknown"
+    fields["flags"] &= ~1
+    shown = words(known(encode_sample({"gnss_pvt_data": fields})))["GNSS"]
+    assert shown.startswith("3D, no valid position  RTK fixed")
 
 
 def test_an_outdated_orientation_is_not_shown() -> None:

@@ -29,7 +29,9 @@ from conftest import AlteredDevice
 from streams import frame
 from xbus import Device, DeviceError, Scanner, SimulatedDevice, StateError, XbusTimeout, connect
 from xbus.device import Sample
+from xbus.export.valid import has_fix
 from xbus.protocol.ids import MessageId
+from xbus.protocol.tables import QUANTITIES
 from xbus.rtk import (
     Caster,
     CasterError,
@@ -281,11 +283,34 @@ def test_the_filter_position_is_used_without_a_receiver() -> None:
     fix = Fix()
     fix.update(sample(lat_lon=(52.5, 6.5), altitude_ellipsoid=80.0))
     assert fix.position == Position(52.5, 6.5, 80.0)
+    assert fix.is_valid
     fix.update(sample(lat_lon=(1.0, 1.0), status_word=0x0))
-    fix.update(sample(lat_lon=(float("nan"), 1.0), status_word=0x4))
+    fix.update(sample(lat_lon=(1.0, 1.0), status_word=0x4))  # a fix, and the filter is not valid
+    assert not fix.is_valid
+    for place in ((float("nan"), 1.0), (91.0, 1.0), (0.0, 0.0)):
+        fix.update(sample(lat_lon=place, status_word=0x6))
     assert (fix.position.lat, fix.type, fix.rtk) == (52.5, "yes", "none")
+    fix.update(sample(lat_lon=(1.0, 1.0), status_word=0x6))
+    assert fix.position.lat == 1.0
     fix.update(sample(status_word=0x1800_0004))
     assert fix.rtk == "3"
+
+
+@pytest.mark.parametrize("kind", range(7))
+@pytest.mark.parametrize("flags", [0x00, 0x01, 0x82, 0x83])
+def test_a_position_is_valid_as_in_the_exports(kind: int, flags: int) -> None:
+    """The type of fix alone is not enough: the receiver must mark the position as good."""
+    pvt = {field.name: 0 for field in QUANTITIES["gnss_pvt_data"].fields}
+    pvt |= {"fixtype": kind, "flags": flags, "lat": 520_000_000, "lon": 60_000_000}
+    is_valid = kind in (2, 3, 4) and flags & 1 == 1
+    fix = Fix()
+    fix.update({"gnss_pvt_data": pvt})
+    assert (fix.is_valid, fix.position is not None) == (is_valid, is_valid)
+    block = xbus.read_log(xbus.encode_sample({"gnss_pvt_data": pvt}))
+    assert has_fix(block["gnss_pvt_data"].values).tolist() == [is_valid]
+    from_block = Fix()
+    from_block.update_from_block(block)
+    assert from_block.position == fix.position
 
 
 # The caster

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from xbus.export.part import Part
 from xbus.export.text import formatted, shortest
-from xbus.export.valid import STATUS, has_filter_fix, rows_of, status_of
+from xbus.export.valid import STATUS, has_filter_fix, has_fix, rows_of, status_of
 from xbus.geometry.earth import ecef_to_geodetic
 from xbus.protocol.keys import EntryKey
 from xbus.protocol.tables import STATUS_FLAGS, UTC_SOURCES, UTC_VALID
@@ -192,13 +192,14 @@ class _Gnss(Positions):
         is_utc = fields["valid"] & UTC_VALID == UTC_VALID
         points["time"][is_utc] = column.datetime[row][is_utc]
         kind, flags = fields["fixtype"], fields["flags"]
-        is_fixed = (flags & GNSS_FIX_OK > 0) & (kind > 0) & (kind < len(FIX_TYPES))
+        is_estimated = (kind == GnssFixType.DEAD_RECKONING) & (flags & GNSS_FIX_OK > 0)
+        is_fixed = has_fix(fields) | is_estimated
         points["fix"][is_fixed] = FIX_TYPES[kind[is_fixed]]
         points["fix"][is_fixed & (flags & DIFFERENTIAL > 0)] = FIXES.index("dgps")
         carrier = flags >> GNSS_CARRIER_BIT
         points["quality"] = np.where(flags & GNSS_CORRECTED, GGA_DIFFERENTIAL, GGA_FIX)
         points["quality"][carrier > 0] = GGA_RTK[carrier[carrier > 0]]
-        points["quality"][(kind == GnssFixType.DEAD_RECKONING) & (carrier == 0)] = GGA_ESTIMATED
+        points["quality"][is_estimated & (carrier == 0)] = GGA_ESTIMATED
         return Rows(column.sample[row], points, is_fixed)
 
 

@@ -1,7 +1,8 @@
-"""Which positions and times of a log are valid."""
+"""Which positions and times are valid."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,8 +16,10 @@ __all__ = [
     "STATUS",
     "has_filter_fix",
     "has_fix",
+    "has_fix_flags",
     "has_position",
     "is_place",
+    "is_set",
     "known_time",
     "rows_of",
     "status_of",
@@ -28,11 +31,14 @@ STATUS, FIX_FLAGS = ("status_word", "status_byte"), ("filter_valid", "gnss_fix")
 FARTHEST = 1e9
 
 
-def has_fix(rows: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
-    """Returns which rows of ``gnss_pvt_data`` have a position that the receiver marks as valid, ``(N,)``."""
+def has_fix(rows: npt.NDArray[Any] | Mapping[str, Any]) -> npt.NDArray[np.bool_]:
+    """Returns which rows of ``gnss_pvt_data`` have a position that the receiver marks as valid.
+
+    Args:
+        rows: Rows of the column, ``(N,)``, or the fields of one.
+    """
     is_position = np.isin(rows["fixtype"], POSITION_FIXES)
-    fixed: npt.NDArray[np.bool_] = is_position & (rows["flags"] & GNSS_FIX_OK > 0)
-    return fixed
+    return np.asarray(is_position & (rows["flags"] & GNSS_FIX_OK > 0))
 
 
 def has_position(part: Part, column: PartColumn) -> npt.NDArray[np.bool_]:
@@ -48,25 +54,34 @@ def is_place(name: str, values: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
     return found
 
 
+def is_set(positions: npt.NDArray[Any]) -> npt.NDArray[np.bool_]:
+    """Returns which positions of the filter are not zero, ``(N,)``; one without a position reports zero."""
+    found: npt.NDArray[np.bool_] = (positions != 0).any(axis=1)
+    return found
+
+
+def has_fix_flags(words: npt.NDArray[Any] | int) -> npt.NDArray[np.bool_]:
+    """Returns which status words or bytes have the flags of a position of the filter."""
+    return np.asarray(np.all([STATUS_FLAGS[name].of(words) for name in FIX_FLAGS], axis=0))
+
+
 def has_filter_fix(
     part: Part, sample: npt.NDArray[np.int64], positions: npt.NDArray[Any]
 ) -> npt.NDArray[np.bool_]:
     """Returns which positions of the filter have a fix, ``(N,)``.
 
-    A filter without a position reports zero. The status of the same sample, if there is one, must have the
-    flags ``filter_valid`` and ``gnss_fix``.
+    The position is not zero, and the status of the same sample, if there is one, has the flags
+    ``filter_valid`` and ``gnss_fix``.
 
     Args:
         part: The part.
         sample: The sample of each position, ``(N,)``.
         positions: The positions, ``(N, k)``.
     """
-    is_fixed: npt.NDArray[np.bool_] = (positions != 0).any(axis=1)
+    is_fixed = is_set(positions)
     if (status := status_of(part)) is not None:
         is_known, row = rows_of(status, sample)
-        words = status.values[row]
-        for name in FIX_FLAGS:
-            is_fixed[is_known] &= STATUS_FLAGS[name].of(words).astype(np.bool_)
+        is_fixed[is_known] &= has_fix_flags(status.values[row])
     return is_fixed
 
 

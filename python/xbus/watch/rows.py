@@ -156,7 +156,9 @@ def has_receiver(model: Model) -> bool:
 def _gnss(model: Model) -> list[Span]:
     fix = model.fix
     kind = {"none": "no fix", "yes": "fix"}.get(fix.type or "", fix.type or "")
-    parts = [(kind, BAD if fix.type == "none" else GOOD)]
+    parts = [(kind, BAD)]
+    if fix.type != "none":
+        parts = [(kind, GOOD) if fix.is_valid else (f"{kind}, no valid position", WARNING)]
     if fix.rtk is not None:
         rtk = "no RTK" if fix.rtk == "none" else f"RTK {fix.rtk}"
         parts.append((rtk, {"fixed": GOOD, "float": WARNING}.get(fix.rtk, PLAIN)))
