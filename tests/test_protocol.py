@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 
 from conftest import shared
 from xbus import Configuration, Message, Scanner
-from xbus.describe.text import value_text
+from xbus.describe.text import describe_message, value_text
 from xbus.protocol import (
     EVERY,
     Alignment,
@@ -864,6 +864,10 @@ def test_a_value_of_any_type_is_encoded_or_rejected(value: Any) -> None:
         ("SetPortConfig", "protocol=xbus,baud_code=2,flow_control=1 protocol=0,baud_code=0 "
          "protocol=rtcm,baud_code=5", PORTS_680),
         ("SetCanConfig", "baud_code=0x0c", CanConfig(0x0C)),
+        ("SetCanConfig", "baudrate=1000000", CanConfig(0x0C)),
+        ("SetPortConfig", "protocol=xbus,baudrate=115200,flow_control=1 protocol=0,baud_code=0 "
+         "protocol=rtcm,baudrate=38400", PORTS_680),
+        ("SetBaudrate", "baudrate=921600", 0x80),
         ("SetCanConfig", "baud_code=12 enabled=false", CanConfig(0x0C, enabled=False)),
         ("SetCanOutputConfig", "data_id=quaternion,extended=false,can_id=0x21,frequency=100", CAN[:1]),
         ("SetGnssReceiverSettings", "receiver=zed_f9p baud_code=1 rate=4", ZED),
@@ -908,7 +912,17 @@ def test_parse_words(name: str, words: str, value: Any) -> None:
             "data_id=quaternion|west",
             "data_id: 'west' is not one of Float32, ",
         ),
-        ("SetPortConfig", "0x00010080", "no field is called '0x00010080'; there are: protocol, "),
+        (
+            "SetPortConfig",
+            "0x00010080",
+            "no field is called '0x00010080'; there are: protocol, .*, baudrate$",
+        ),
+        (
+            "SetPortConfig",
+            "protocol=xbus,baudrate=1234",
+            "baudrate: '1234' is not one of 4800, 9600, ",
+        ),
+        ("SetPortConfig", "protocol=xbus,baud_code=2,baudrate=9600", "baud_code is given twice"),
         ("ReqEmts", "data=xyz", "data: "),
         ("SetUTCTime", "ns=0 year=2026", "missing: month, day, hour, minute, second$"),
     ],
@@ -942,10 +956,24 @@ def test_formatted_words_parse_to_the_same_value() -> None:
         ("SetLatLonAlt", HERE_HEX, "lat=52.24049169408207 lon=6.838216771186439 alt=0"),
         ("ReqOptionFlagsAck", "00000000", "0"),
         ("ReqEmts", "00FF", "2 bytes"),
+        # 0x0A is not the usual code of its rate.
+        ("SetPortConfig", "00010102 0000000A 00060099",
+         "protocol=xbus,baudrate=115200,flow_control=true protocol=none,baud_code=10 "
+         "protocol=rtcm,baud_code=153"),
+        ("SetCanConfig", "00000100", "baudrate=250000 enabled=true"),
+        ("GnssReceiverSettings", "0003 0001 0004 00000000", "receiver=zed_f9p baudrate=230400 rate=4"),
     ],
 )  # fmt: skip
 def test_format_words(name: str, payload: str, words: str) -> None:
     assert value_text(decode(name, bytes.fromhex(payload))) == words
+
+
+@pytest.mark.parametrize(("code", "text"), [(0x80, "baudrate=921600"), (0x0A, "10"), (0x55, "85")])
+def test_a_baud_code_is_described_by_its_rate(code: int, text: str) -> None:
+    """`xbus send` accepts the text, and sends the same code."""
+    message = Message(0x18, "SetBaudrate", 0xFF, bytes([code]), 0, 0)
+    assert describe_message(message) == text
+    assert LAYOUTS["SetBaudrate"].read([text]) == code
 
 
 # ---------------------------------------------------------------------------------------------

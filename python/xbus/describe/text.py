@@ -19,7 +19,7 @@ from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import Coordinates, Precision
 from xbus.protocol.messages import LAYOUTS
 from xbus.protocol.tables import COLUMN_QUANTITIES, QUANTITIES, Field, Quantity
-from xbus.protocol.values import Output
+from xbus.protocol.values import BAUD_CODES, CAN_BAUD_CODES, CanConfig, Output, usual_rate
 from xbus.wire.message import Message
 from xbus.wire.result_code import read_result_code
 
@@ -33,6 +33,8 @@ __all__ = [
     "value_text",
 ]
 
+#: Messages whose value is a code of Table 7.
+BAUD_CODE_MESSAGES = ("SetBaudrate", "ReqBaudrateAck")
 #: Formats with all significant digits of each precision.
 DIGITS = {"Float32": "%.7g", "Fp1220": "%.9g", "Fp1632": "%.12g", "Float64": "%.15g"}
 
@@ -77,7 +79,11 @@ def _payload(message: Message) -> str:
         value = LAYOUTS[name].decode(payload)
     except ValueError as error:
         return f"malformed: {error}"
-    return " ".join(map(device_name, value)) if name == "InitBusResults" else value_text(value)
+    if name == "InitBusResults":
+        return " ".join(map(device_name, value))
+    if name in BAUD_CODE_MESSAGES and (rate := usual_rate(value, BAUD_CODES)) is not None:
+        return f"baudrate={rate}"
+    return value_text(value)
 
 
 def value_text(value: Any) -> str:
@@ -100,11 +106,18 @@ def _pairs(value: Any) -> list[str]:
             continue
         if hasattr(field, "_fields"):
             pairs += _pairs(field)
+        elif name == "baud_code" and (rate := _rate(value)) is not None:
+            pairs.append(f"baudrate={rate}")
         elif isinstance(value, Output) and name == "data_id":
             pairs.append(f"{name}={_data_id(value)}")
         else:
             pairs.append(f"{name}={_word(field)}")
     return pairs
+
+
+def _rate(value: Any) -> int | None:
+    rates = CAN_BAUD_CODES if isinstance(value, CanConfig) else BAUD_CODES
+    return usual_rate(value.baud_code, rates)
 
 
 def _data_id(output: Output) -> str:

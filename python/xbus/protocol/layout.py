@@ -45,6 +45,7 @@ class Layout:
         fields: The fields by name, each with the function that reads its value from a word.
         kinds: The types of their values by name: `int`, `float`, `str`, `bytes`, `bool`, or a class of
             enumerations or flags, whose names a word may have.
+        aliases: Other names that a word may have, each with the field and the function that reads its value.
         make: Makes the value from the values of its fields.
         several: Whether the value is a list, and ``fields`` are those of one entry.
     """
@@ -55,6 +56,7 @@ class Layout:
     make: Callable[..., Any] = lambda: None
     several: bool = False
     kinds: Mapping[str, Any] = attribute(default_factory=dict)
+    aliases: Mapping[str, tuple[str, Callable[[str], Any]]] = attribute(default_factory=dict)
 
     def read(self, words: list[str]) -> Any:
         """Returns the value of words: ``name=value`` each, or ``name=value,name=value`` for a list entry.
@@ -74,13 +76,14 @@ class Layout:
             name, equals, value = word.partition("=")
             if not equals and len(self.fields) == 1:
                 (name,), value = self.fields, word
-            if name not in self.fields:
-                names = ", ".join(self.fields) or "none"
+            field, read = self.aliases.get(name) or (name, self.fields.get(name))
+            if read is None:
+                names = ", ".join((*self.fields, *self.aliases)) or "none"
                 raise ValueError(f"no field is called {name!r}; there are: {names}")
-            if name in given:
-                raise ValueError(f"{name} is given twice")
+            if field in given:
+                raise ValueError(f"{field} is given twice")
             try:
-                given[name] = self.fields[name](value)
+                given[field] = read(value)
             except ValueError as error:
                 raise ValueError(f"{name}: {error}") from None
         needed = [name for name in self.fields if self._is_needed(name)]
@@ -357,7 +360,7 @@ def repeated(entry: Layout, row: MessageRow) -> Layout:
             return ()
         return tuple(entry.decode(payload[at : at + size]) for at in range(0, len(payload), size))
 
-    return Layout(encode, decode, entry.fields, entry.make, several=True, kinds=entry.kinds)
+    return replace(entry, encode=encode, decode=decode, several=True)
 
 
 def mapped(layout: Layout, to: Callable[[Any], Any], back: Callable[[Any], Any]) -> Layout:

@@ -51,7 +51,6 @@ _TYPES: tuple[tuple[type, str], ...] = (
     (v.FilterProfile, "ReqFilterProfileAck"),
     (v.GnssPlatform, "SetGnssPlatform ReqGnssPlatformAck"),
     (v.GnssLeverArm, "SetGnssLeverArm ReqGnssLeverArmAck"),
-    (v.GnssReceiverSettings, "SetGnssReceiverSettings GnssReceiverSettings"),
     (v.ResetCode, "ResetOrientation"),
     (v.UtcTime, "SetUTCTime UTCTime"),
     (v.IccCommand, "IccCommand"),
@@ -219,12 +218,32 @@ def _configuration(row: MessageRow) -> Layout:
     return Layout(encode, decode)
 
 
+def _with_baudrate(layout: Layout, field: str, rates: Mapping[int, int]) -> Layout:
+    """Returns the layout with ``baudrate``, bits per second, as another name of a field with a code."""
+    codes = v.usual_codes(rates)
+
+    def read(word: str) -> int:
+        if not word.isdecimal() or int(word) not in codes:
+            raise ValueError(f"{word!r} is not one of {', '.join(map(str, sorted(codes)))}")
+        return codes[int(word)]
+
+    return replace(layout, aliases={"baudrate": (field, read)})
+
+
+def _baudrate(row: MessageRow) -> Layout:
+    return _with_baudrate(layout_of(row), "code", v.BAUD_CODES)
+
+
 def _ports(row: MessageRow) -> Layout:
-    return _word(row, v.PortConfig)
+    return _with_baudrate(_word(row, v.PortConfig), "baud_code", v.BAUD_CODES)
 
 
 def _can(row: MessageRow) -> Layout:
-    return _word(row, v.CanConfig)
+    return _with_baudrate(_word(row, v.CanConfig), "baud_code", v.CAN_BAUD_CODES)
+
+
+def _gnss_receiver(row: MessageRow) -> Layout:
+    return _with_baudrate(layout_of(row, v.GnssReceiverSettings), "baud_code", v.BAUD_CODES)
 
 
 def _output_settings(row: MessageRow) -> Layout:
@@ -268,6 +287,10 @@ _SPECIAL: dict[str, Callable[[MessageRow], Layout]] = {
     "SetOutputConfiguration": _outputs,
     "ReqOutputConfigurationAck": _outputs,
     "SetOutputConfigurationAck": _outputs,
+    "SetBaudrate": _baudrate,
+    "ReqBaudrateAck": _baudrate,
+    "SetGnssReceiverSettings": _gnss_receiver,
+    "GnssReceiverSettings": _gnss_receiver,
     "SetPortConfig": _ports,
     "PortConfig": _ports,
     "SetCanConfig": _can,

@@ -6,6 +6,7 @@ number without a member of its enumeration is a plain integer. Only values sent 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag, StrEnum
 from typing import NamedTuple, TypeVar
@@ -68,6 +69,8 @@ __all__ = [
     "baud_code",
     "baudrate",
     "known",
+    "usual_codes",
+    "usual_rate",
 ]
 
 E = TypeVar("E", bound=IntEnum)
@@ -119,9 +122,6 @@ BAUD_CODES = {
     0x09: 9_600,
     0x0B: 4_800,
 }
-#: The first code of each rate is the one to send: 0x80 for 921,600, which all firmware knows.
-_CODE_OF_RATE = {rate: code for code, rate in reversed(BAUD_CODES.items())}
-
 #: Bits per second on the CAN bus by code; they are not those of Table 7 (the CAN protocol document).
 CAN_BAUD_CODES = {
     0x0C: 1_000_000,
@@ -138,6 +138,29 @@ CAN_BAUD_CODES = {
     0x08: 10_000,
     0x09: 5_000,
 }
+
+
+def usual_codes(rates: Mapping[int, int]) -> dict[int, int]:
+    """Returns the code to send for each rate of a table: the first one, such as 0x80 for 921,600.
+
+    Args:
+        rates: `BAUD_CODES` or `CAN_BAUD_CODES`.
+    """
+    return {rate: code for code, rate in reversed([*rates.items()])}
+
+
+#: The code of each rate of Table 7 that all firmware knows.
+_CODE_OF_RATE = usual_codes(BAUD_CODES)
+
+
+def usual_rate(code: int, rates: Mapping[int, int]) -> int | None:
+    """Returns the rate of a code; None if the table does not have the code, or another one is to send.
+
+    >>> usual_rate(0x80, BAUD_CODES), usual_rate(0x0A, BAUD_CODES)
+    (921600, None)
+    """
+    rate = rates.get(code)
+    return rate if rate is not None and usual_codes(rates)[rate] == code else None
 
 
 def baudrate(code: int) -> int | None:

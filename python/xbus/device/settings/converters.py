@@ -204,12 +204,12 @@ def _with_baudrate(table: Converter, rates: Mapping[int, int]) -> Converter:
 
     A code that is not the usual one of its rate keeps its name, so that it survives being written and read.
     """
-    codes = {rate: code for code, rate in reversed(list(rates.items()))}
+    codes = v.usual_codes(rates)
 
     def write(value: Any) -> dict[str, Any]:
         fields: dict[str, Any] = table.write(value)
-        rate = rates.get(value.baud_code, 0)
-        if codes.get(rate) != value.baud_code:
+        rate = v.usual_rate(value.baud_code, rates)
+        if rate is None:
             return fields
         return {
             "baudrate" if name == "baud_code" else name: rate if name == "baud_code" else item
