@@ -17,6 +17,7 @@ import xbus
 from conftest import OWN_CAPTURES, fine
 from streams import frame, mtdata2, packet
 from xbus.log.pacing import LONGEST_PAUSE, UNSTAMPED_RATE
+from xbus.protocol.values import StringType
 from xbus.sim.replay import Replay
 
 WALK = OWN_CAPTURES / "walk.mtb"
@@ -46,6 +47,16 @@ def played(data: bytes) -> list[tuple[float, bytes]]:
 
 def times(*frames: bytes) -> list[float]:
     return [round(time, 6) for time, _ in played(b"".join(frames))]
+
+
+@pytest.mark.parametrize("strings", [["EM1000"], [StringType.EM1000]])
+def test_strings_without_a_checksum_are_sent_if_asked_for(strings: list[StringType | str]) -> None:
+    em1000 = bytes.fromhex("00 90 7B 00 38 FE 00 00 39 30")
+    data = b"".join([at(0.0), em1000, at(0.01), em1000 * 2, at(0.02)])
+    found = Replay(data, strings=strings)
+    assert len(found) == 6
+    assert b"".join(sent for _, sent in found.play(0.0).take(1e9)) == data
+    assert b"".join(sent for _, sent in played(data)) == at(0.0) + at(0.01) + at(0.02)
 
 
 @pytest.mark.parametrize("path", [WALK, FIELD])
