@@ -70,9 +70,77 @@ def check_joined(parts: Sequence[CanLog], whole: CanLog) -> None:
     assert sum(part.stats.frames for part in parts) == whole.stats.frames
 
 
-@given(buses(), st.integers(1, 40))
-def test_parts_joined_are_the_whole(sent: list[Frame], block: int) -> None:
-    source = arrays(sent)
+def instants(
+    seed: int, loss: float, jitter: float, codes: Sequence[int] = (0x05, 0x06, 0x32, 0x34, 0x41)
+) -> tuple[Any, ...]:
+    """Frames of a device at 100 Hz as arrays. Their numbers are those of their instants; many are lost.
+
+    Args:
+        seed: Seed of what is random.
+        loss: Share of the frames that is lost, one by one and in runs.
+        jitter: Seconds by which each timestamp is late at most.
+        codes: The messages of a group in their order.
+    """
+    random = np.random.default_rng(seed)
+    number, place = (each.ravel() for each in np.indices((60, len(codes))))
+    times = number * 0.01 + place * 3e-4 + random.uniform(0, jitter, len(number))
+    is_kept = random.random(len(number)) >= loss
+    for first in random.integers(0, len(number), int(loss * 20)):
+        is_kept[first : first + random.integers(1, 3 * len(codes))] = False
+    ids = np.array(codes, np.uint32)[place]
+    sizes = np.select([ids == 0x05, ids == 0x06], [4, 2], 6)
+    data = np.zeros((len(ids), 8), np.uint8)
+    data[np.arange(len(ids)), sizes - 1 - 4 * (sizes == 6)] = number
+    return tuple(rows[is_kept] for rows in (times, ids, sizes.astype(np.uint8), data))
+
+
+#: Counts per unit of the quantities of `instants`.
+COUNTS = {
+    "sample_time_fine": 1,
+    "packet_counter": 1,
+    "rate_of_turn": 512,
+    "acceleration": 256,
+    "magnetic_field": 1024,
+}
+
+
+@pytest.mark.parametrize("codes", [(0x05, 0x06, 0x32, 0x34, 0x41), (0x06, 0x05, 0x41, 0x34, 0x32)])
+@given(st.integers(0, 1 << 30), st.sampled_from([0.02, 0.05]), st.integers(1, 40))
+def test_no_sample_mixes_two_instants(codes: Any, seed: int, loss: float, block: int) -> None:
+    source = instants(seed, loss, 1e-3, codes)
+    log = xbus.read_can(source)
+    check_joined(list(iter_can(source, block_frames=block)), log)
+    if "packet_counter" not in log:
+        return
+    samples = np.concatenate([log[name].sample for name in COUNTS if name in log])
+    numbers = np.concatenate(
+        [
+            np.rint(log[name].values.reshape(len(log[name]), -1)[:, 0] * count)
+            for name, count in COUNTS.items()
+            if name in log
+        ]
+    )
+    # No counter follows after the last one, and none is before the first.
+    first, last = log["packet_counter"].sample[[0, -1]]
+    is_between = (samples > first) & (samples < last)
+    pairs = set(zip(samples[is_between].tolist(), numbers[is_between].tolist(), strict=True))
+    assert len(pairs) == len({sample for sample, _ in pairs})
+
+
+def test_a_late_receiver_cuts_no_group() -> None:
+    """Without a loss, frames that are far apart in time are still one group."""
+    times, ids, sizes, data = instants(1, 0.0, 0.0)
+    times[152:] += 3.0
+    log = xbus.read_can((times, ids, sizes, data))
+    assert len(log) == 60
+    assert {len(column) for column in log.values()} == {60}
+
+
+@given(buses(), st.integers(1, 40), st.integers(0, 1 << 30))
+def test_parts_joined_are_the_whole(sent: list[Frame], block: int, seed: int) -> None:
+    _, *frames = arrays(sent)
+    steps = np.random.default_rng(seed).choice([0, 1e-4, 1e-4, 5e-3, -1e-4], len(sent))
+    source = (np.cumsum(steps), *frames)
     check_joined(
         list(iter_can(source, OFFSETS, block_frames=block)), xbus.read_can(source, OFFSETS)
     )

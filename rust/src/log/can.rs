@@ -3,7 +3,8 @@
 //! A device sends the frames of a group one after the other, and the bus orders them: the lowest identifier first. So a
 //! group ends where an identifier does not rise. If a device sends its frames in another order, as frames that are
 //! recorded behind a gateway may be, a group begins with `SampleTime` or `GroupCounter`. Which of the two holds is
-//! counted in the first groups of each device.
+//! counted in the first groups of each device. Where frames are lost, `GroupCounter` and receive times show what else is
+//! not one group.
 //!
 //! Captures and live frames take the same path: see the module `groups`. Nothing of this is in the scanner's terms: the
 //! offset of a sample is the index of its first frame, and a frame that is not decoded has a [`Verdict`].

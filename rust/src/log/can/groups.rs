@@ -3,6 +3,10 @@
 //! A frame waits for the end of its group, so the frames of incomplete groups are held until the next chunk and grouped
 //! again with it. What is held is bounded, because a group ends after [`GROUP_FRAMES`] and the order of a device is
 //! decided after [`ORDER_FRAMES`], even if no other frame of the device comes.
+//!
+//! If the last frames of a group and the first ones of the next are lost, identifiers go on rising, and frames of two
+//! instants look like one group. Then `GroupCounter` skips. So a group waits for the next counter, and beside a skip it is
+//! cut where its frames are too far apart in time: see [`Counter`].
 
 use super::{CanFrames, DATA_SIZE, Entry, Table, Verdict, judge};
 use crate::error::CanError;
@@ -10,12 +14,17 @@ use crate::huge_pages;
 use crate::log::Single;
 use crate::table::CanMessage;
 
-/// A group ends this number of frames after its first one, whatever they are. A device sends a group within milliseconds.
+/// A group ends this number of frames after its first one, whatever they are, and waits for the next counter this number of
+/// frames after its last one. A device sends a group within milliseconds.
 const GROUP_FRAMES: u64 = 1 << 12;
 /// The order of a device is decided this number of frames after its first one, whatever they are.
 const ORDER_FRAMES: u64 = 1 << 16;
 /// ... or when a message comes this often.
 const ORDER_REPEATS: u32 = 4;
+
+/// Frames of two instants are an interval apart, and those of a group at most half an interval, which two frames are if they
+/// are spread evenly. This share of an interval divides them.
+const DIVIDING_SHARE: f64 = 2.0 / 3.0;
 
 /// Code of `SampleTime`.
 pub const SAMPLE_TIME: u8 = 0x05;
@@ -43,6 +52,8 @@ pub struct Grouper {
     release: Release,
     devices: Vec<Device>,
     held: Held,
+    /// The held frames that begin a group because of their time, by index.
+    cuts: Vec<u64>,
     /// Index of the next frame.
     next: u64,
 }
@@ -52,6 +63,37 @@ pub struct Grouper {
 struct Device {
     /// Whether its identifiers rise within a group; none while that is not decided.
     rises: Option<bool>,
+    /// The counter before the held frames.
+    counter: Counter,
+}
+
+/// The last `GroupCounter` of a device, which shows where groups are missing.
+///
+/// Receive times then show which frames are not of one instant: see [`DIVIDING_SHARE`]. Without a skip no group with values
+/// is cut, because a late receiver explains a gap too.
+#[derive(Clone, Copy, Debug, Default)]
+struct Counter {
+    /// Its value, and when it was received.
+    last: Option<(u16, f64)>,
+    /// The shortest time between the counters of consecutive groups, in seconds; none before the first.
+    interval: Option<f64>,
+}
+
+impl Counter {
+    /// Takes the next counter. Returns the time between two frames that divides instants, in seconds, and whether it skips.
+    fn add(&mut self, data: [u8; DATA_SIZE], time: f64) -> Option<(f64, bool)> {
+        let value = u16::from_be_bytes([data[0], data[1]]);
+        let (before, received) = self.last.replace((value, time))?;
+        let (steps, seconds) = (value.wrapping_sub(before), time - received);
+        if steps == 1 && seconds > 0.0 {
+            self.interval = Some(self.interval.map_or(seconds, |interval| interval.min(seconds)));
+        }
+        // After a restart the steps are no number of groups, and their mean is too short.
+        let mean = seconds / f64::from(steps);
+        let interval = self.interval.map_or(mean, |interval| interval.max(mean));
+        // Not if the clock of the receiver was set back.
+        (interval > 0.0).then_some((interval * DIVIDING_SHARE, steps != 1))
+    }
 }
 
 /// Frames of groups that are not complete.
@@ -109,7 +151,7 @@ pub struct Groups {
 impl Grouper {
     pub fn new(table: Table, release: Release) -> Self {
         let devices = vec![Device::default(); table.devices];
-        Self { table, release, devices, held: Held::default(), next: 0 }
+        Self { table, release, devices, held: Held::default(), cuts: vec![], next: 0 }
     }
 
     pub const fn table(&self) -> &Table {
@@ -154,7 +196,28 @@ impl Grouper {
     fn group(&mut self, frames: CanFrames<'_>, held: &[u64], first: u64, is_end: bool) -> Groups {
         let index = |at: usize| held.get(at).copied().unwrap_or_else(|| first + (at - held.len()) as u64);
         self.decide(frames, index, is_end);
-        let mut open = vec![Open::default(); self.devices.len()];
+        let mut cuts = std::mem::take(&mut self.cuts);
+        let mut pass = self.pass(frames, index, &cuts);
+        cuts.extend(&pass.cuts);
+        cuts.sort_unstable();
+        if pass.is_to_repeat {
+            pass = self.pass(frames, index, &cuts);
+        }
+        if !is_end {
+            self.hold(&mut pass, frames, index);
+            let held = &self.held.index;
+            cuts.retain(|cut| held.binary_search(cut).is_ok());
+            self.cuts = cuts;
+        }
+        pass.groups
+    }
+
+    /// Groups frames. `cuts` begin a group because of their time.
+    fn pass(&self, frames: CanFrames<'_>, index: impl Fn(usize) -> u64, cuts: &[u64]) -> Pass {
+        let mut cuts = cuts.iter().copied().peekable();
+        let mut found = vec![];
+        let mut open: Vec<Open> = self.devices.iter().map(|device| Open::after(device.counter)).collect();
+        let mut gaps: Vec<Gaps> = self.devices.iter().map(|device| Gaps::after(device.counter)).collect();
         let mut groups = Groups {
             verdicts: huge_pages::with_capacity(frames.ids.len()),
             samples: huge_pages::with_capacity(frames.ids.len()),
@@ -178,14 +241,22 @@ impl Grouper {
                 groups.samples.push(HELD);
                 continue;
             };
-            let group = &mut open[entry.device];
-            let frame = index(at);
-            if group.is_over(entry, rises, frame) {
+            let (group, gaps) = (&mut open[entry.device], &mut gaps[entry.device]);
+            let (frame, time) = (index(at), frames.times[at]);
+            while cuts.next_if(|cut| *cut < frame).is_some() {}
+            let is_start = cuts.next_if_eq(&frame).is_some() || group.is_over(entry, rises, frame);
+            if is_start {
+                gaps.follows_headers = !rises && group.seen != 0 && group.seen & !group.headers == 0;
                 #[allow(clippy::cast_possible_truncation)] // fewer samples than frames
                 let sample = groups.spans.len() as u32;
-                *group = Open { sample, first: frame, ..Open::default() };
+                *group = Open { sample, first: frame, counted: group.counted, ..Open::default() };
                 huge_pages::push(&mut groups.spans, Single { offset: frame, length: 0, bid: entry.bid });
-                huge_pages::push(&mut groups.received, frames.times[at]);
+                huge_pages::push(&mut groups.received, time);
+            }
+            gaps.add(frame, time, is_start);
+            if entry.message().code == GROUP_COUNTER {
+                gaps.end(data, frame, &mut found);
+                group.counted = Some(group.first);
             }
             let bit = 1 << entry.place;
             group.seen |= bit;
@@ -199,36 +270,34 @@ impl Grouper {
             let length = (frame - span.offset) as u32 + 1;
             span.length = length;
         }
-        if !is_end {
-            self.hold(&mut groups, frames, index, &open, undecided);
-        }
-        groups
+        let is_to_repeat = found.iter().any(|gap| !gap.is_start);
+        Pass { groups, open, undecided, cuts: found.iter().map(|gap| gap.frame).collect(), is_to_repeat }
     }
 
-    /// Takes the groups that are not complete out, and holds their frames.
-    fn hold(
-        &mut self,
-        groups: &mut Groups,
-        frames: CanFrames<'_>,
-        index: impl Fn(usize) -> u64,
-        open: &[Open],
-        undecided: u64,
-    ) {
-        let open: Vec<_> =
-            open.iter().filter(|group| group.seen != 0 && self.next < group.first + GROUP_FRAMES).collect();
+    /// Takes the groups out that are not complete, or wait for the next counter, and holds their frames.
+    fn hold(&mut self, pass: &mut Pass, frames: CanFrames<'_>, index: impl Fn(usize) -> u64) {
+        let Pass { groups, open, undecided, .. } = pass;
+        let mut waiting = [u64::MAX; 1 << u8::BITS];
+        for group in open.iter().filter(|group| group.seen != 0) {
+            let bid = groups.spans[group.sample as usize].bid;
+            waiting[usize::from(bid)] = group.counted.unwrap_or(group.first);
+        }
+        let waits = |span: &Single| {
+            let end = span.offset + u64::from(span.length);
+            span.offset >= waiting[usize::from(span.bid)] && self.next < end + GROUP_FRAMES
+        };
         // Groups that began after this frame wait.
         let limit = match self.release {
             Release::Complete => u64::MAX,
-            Release::InOrder => open.iter().map(|group| group.first).min().unwrap_or(u64::MAX).min(undecided),
+            Release::InOrder => {
+                let first = groups.spans.iter().find(|span| waits(span));
+                first.map_or(*undecided, |span| span.offset.min(*undecided))
+            }
         };
-        if open.is_empty() && undecided == u64::MAX {
-            return;
-        }
         let mut places: Vec<u32> = vec![0; groups.spans.len()];
-        open.iter().for_each(|group| places[group.sample as usize] = HELD);
         let mut kept = 0;
         for (place, span) in places.iter_mut().zip(&groups.spans) {
-            if *place != HELD && span.offset < limit {
+            if !waits(span) && span.offset < limit {
                 *place = kept;
                 kept += 1;
             } else {
@@ -244,6 +313,10 @@ impl Grouper {
             if *sample == HELD {
                 self.held.push(frames, at, index(at));
                 *sample = NO_SAMPLE;
+            } else if let Some(entry) = self.table.entry(frames.ids[at])
+                && entry.message().code == GROUP_COUNTER
+            {
+                self.devices[entry.device].counter.add(frames.data[at], frames.times[at]);
             }
         }
     }
@@ -285,6 +358,66 @@ impl Grouper {
     }
 }
 
+/// What one pass over the frames gives.
+struct Pass {
+    groups: Groups,
+    /// The open group of each device.
+    open: Vec<Open>,
+    /// Index of the first frame that waits for something else than the end of its group.
+    undecided: u64,
+    /// Indices of frames that are of another instant than the frames of the device before them.
+    cuts: Vec<u64>,
+    /// Whether some of these do not begin a group.
+    is_to_repeat: bool,
+}
+
+/// Two frames of a device, one after the other.
+#[derive(Clone, Copy)]
+struct Gap {
+    /// Index of the second one.
+    frame: u64,
+    /// The time between them.
+    seconds: f64,
+    /// Whether the second one begins a group.
+    is_start: bool,
+}
+
+/// The time between the frames of a device since its last counter.
+struct Gaps {
+    counter: Counter,
+    gaps: Vec<Gap>,
+    /// When the last frame was received; NaN before the first.
+    time: f64,
+    /// Whether the group before the open one has nothing but headers, which may be those of two groups.
+    follows_headers: bool,
+}
+
+impl Gaps {
+    const fn after(counter: Counter) -> Self {
+        Self { counter, gaps: vec![], time: f64::NAN, follows_headers: false }
+    }
+
+    fn add(&mut self, frame: u64, time: f64, is_start: bool) {
+        let seconds = time - self.time;
+        self.time = time;
+        if self.counter.last.is_some() && seconds > 0.0 {
+            self.gaps.push(Gap { frame, seconds, is_start });
+        }
+    }
+
+    /// Ends at the next counter, which is the last frame, and adds those that divide instants to `found`.
+    fn end(&mut self, data: [u8; DATA_SIZE], frame: u64, found: &mut Vec<Gap>) {
+        if let Some((limit, skips)) = self.counter.add(data, self.time) {
+            // Older frames have left if they came in small chunks.
+            let is_far = |gap: &Gap| gap.seconds > limit && frame < gap.frame + GROUP_FRAMES;
+            // Without a skip, a counter that is left alone of its group can be followed by the time of the next group.
+            let is_found = |gap: &&Gap| is_far(gap) && (skips || self.follows_headers && !gap.is_start);
+            found.extend(self.gaps.iter().filter(is_found));
+        }
+        self.gaps.clear();
+    }
+}
+
 /// The open group of a device.
 #[derive(Clone, Copy, Default)]
 struct Open {
@@ -296,9 +429,16 @@ struct Open {
     sample: u32,
     /// Index of its first frame.
     first: u64,
+    /// Index of the first frame of the last group with a counter; none before the first counter.
+    counted: Option<u64>,
 }
 
 impl Open {
+    /// No group. All groups after a counter wait for the next one.
+    fn after(counter: Counter) -> Self {
+        Self { counted: counter.last.map(|_| 0), ..Self::default() }
+    }
+
     /// Whether a frame of the device begins the next group.
     const fn is_over(&self, entry: Entry, rises: bool, frame: u64) -> bool {
         self.seen == 0
