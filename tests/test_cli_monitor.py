@@ -265,7 +265,9 @@ def test_several_devices_are_reported() -> None:
     model.add_block(read_log(encode_sample({"temperature": 20.0}, bid=2)), 1.0)
     model.add_block(read_log(b"".join(frames)), 2.0)
     (event,) = model.events
-    assert event.text.startswith("samples of several devices (BID 1, 2) are shown as those of one")
+    assert event.text == (
+        "samples of several devices (BID 1, 2) are shown as those of one; values and rates mix them"
+    )
     assert event.is_bad
 
 
@@ -277,6 +279,8 @@ def test_one_of_several_devices(tmp_path: Path) -> None:
         result = run("monitor", str(path), "--once", "1", "--json", "--bid", bid)
         (shown,) = json.loads(result.stdout)["quantities"]
         assert shown["value"] == temperature
+    result = run("monitor", str(path), "--once", "1")
+    assert "are shown as those of one; --bid N shows one of them" in result.stdout
     result = run("monitor", str(path), "--once", "1", "--bid", "3")
     assert result.exit_code == 1
     assert "no samples of device 3; the log has those of BID 255, 2" in result.stderr
@@ -627,6 +631,25 @@ def test_a_recording_that_ends_by_itself_is_reported(
     assert [str(recording) for recording in source.recordings] == [printed]
 
 
+@pytest.mark.parametrize("pause", [0.2, 3.0])
+def test_a_pause_on_purpose_makes_no_rate_low(pause: float) -> None:
+    source, model, device = live(SimulatedDevice("MTi-630"))
+    rates = []
+
+    def watch() -> None:
+        for _ in range(70):
+            source.advance(model)
+            rates.append(model.quantities["quaternion", "ENU"].rate(model.now))
+
+    watch()
+    with device.configure():
+        device.link.pause(pause)
+    watch()
+    measured = [rate for rate in rates if rate is not None]
+    assert len(measured) > 120
+    assert min(measured) == pytest.approx(100, rel=0.03)
+
+
 @pytest.mark.parametrize("measured", [True, False])
 def test_a_device_is_left_as_it_was_found(measured: bool) -> None:
     sim = SimulatedDevice("MTi-630")
@@ -740,7 +763,7 @@ def test_control_characters_of_a_file_are_not_printed(tmp_path: Path) -> None:
         (["sim:MTi-630", "--json"], "--json requires --once"),
         (["sim:MTi-630", "--once", "0"], "x>0"),
         (["sim:MTi-630", "--once", "1", "--speed", "2"], "--speed is for a recording"),
-        ([WALK, "--once", "1", "--baudrate", "9600"], "has no --baudrate"),
+        ([WALK, "--once", "1", "--baudrate", "9600"], "--baudrate is for a port"),
         (["sim:nonsense", "--once", "1"], "is not a port"),
     ],
 )

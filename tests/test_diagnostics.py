@@ -83,7 +83,7 @@ def test_the_given_rate_is_wrong(tmp_path: Path, command: str) -> None:
         result = run(*args, port, "--baudrate", "115200")
     if command == "listen":
         assert "no frame in" in result.stdout
-        assert "try another --baudrate" in result.stdout
+        assert "try another baud rate" in result.stdout
     else:
         assert re.fullmatch(WRONG_RATE.format(port=port), sentence(result))
 

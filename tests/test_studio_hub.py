@@ -89,6 +89,22 @@ def test_counts_are_cleared(hub: Any) -> None:
         hub.close(port)
 
 
+def test_config_state_is_no_low_rate(hub: Any) -> None:
+    station = hub.open("sim:MTi-630")
+    station.show_all()
+    wait_until(lambda: "all values are current" in health(station))
+    station.device.go_to_config()
+    wait_until(lambda: station.model.state == "config")
+    wait_until(lambda: station.model.current("acceleration") is None)
+    strip = health(station)
+    assert "Config State" in strip
+    assert not {
+        word for word in ("Hz", "stopped", " old", "xbus-fault", "xbus-caution") if word in strip
+    }
+    station.measure()
+    wait_until(lambda: "all values are current" in health(station))
+
+
 @pytest.fixture
 def small_files() -> Any:
     """A function that limits the size of files, which ends recordings as a full disk does."""

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Input",
+    "check_port_options",
     "is_recording",
     "label",
     "legacy_option",
@@ -67,6 +68,21 @@ def is_recording(name: str) -> bool:
         return stat.S_ISREG(os.stat(name).st_mode)  # noqa: PTH116 - pathlib is slow to import
     except (OSError, ValueError):
         return False
+
+
+def check_port_options(name: str, **options: object) -> None:
+    """Rejects options that only a port has, for a recording.
+
+    Args:
+        name: The recording.
+        options: The options by name; those that were not given are None or False.
+
+    Raises:
+        UsageError: One was given.
+    """
+    for option, value in options.items():
+        if value is not None and value is not False:
+            raise click.UsageError(f"{label(name)} is a recording; --{option} is for a port")
 
 
 def reading_task(name: str) -> str:

@@ -6,7 +6,7 @@ import html
 
 from xbus.formatting import format_count
 from xbus.protocol.tables import STATUS_FLAGS
-from xbus.protocol.values import EVERY
+from xbus.protocol.values import EVERY, State
 from xbus.studio.replaying import Replaying
 from xbus.studio.station import Station
 from xbus.watch.model import Model
@@ -90,6 +90,8 @@ def _progress(replaying: Replaying) -> str:
 def rates(station: Station) -> list[tuple[str, str]]:
     """Returns the measured rate of the fastest output, and the outputs whose rate is not as configured."""
     model = station.model
+    if model.state == State.CONFIG and station.replaying is None:
+        return []  # it sends nothing on purpose, as the state says
     outputs = station.outputs or ()
     configured = {each.quantity: each.frequency for each in outputs if 0 < each.frequency < EVERY}
     measured: dict[str, float | None] = {}
@@ -117,9 +119,11 @@ def rates(station: Station) -> list[tuple[str, str]]:
 def ages(station: Station) -> list[Span]:
     """Returns the outputs that are overdue, with the age of their latest values; the oldest first.
 
-    Outputs that are no longer configured are left out.
+    Outputs that are no longer configured are left out, and all of them in Config State.
     """
     model, outputs = station.model, station.outputs
+    if model.state == State.CONFIG and station.replaying is None:
+        return []
     configured = None if outputs is None else {each.quantity for each in outputs}
     received = list(model.quantities.values())
     overdue = {

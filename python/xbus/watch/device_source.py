@@ -15,6 +15,7 @@ from xbus.describe.failures import file_failure
 from xbus.describe.names import file_label
 from xbus.errors import Disconnected, StateError, XbusError, XbusTimeout
 from xbus.files import RECORDING_SUFFIX
+from xbus.protocol.ids import MessageId
 from xbus.protocol.values import State
 from xbus.watch.events import EVENT_MESSAGES, describe_event
 from xbus.watch.model import Counts, Model, RecordingState
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from xbus.device import Device
     from xbus.device.events import Notice
     from xbus.device.recording import Recording
+    from xbus.device.stats import LiveStats
 
 __all__ = ["DeviceSource", "new_file"]
 
@@ -65,7 +67,9 @@ class DeviceSource:
         # The samples of a block have arrived when the loop asks for it, so the timeout is short.
         self._step = step
         self._blocks = device.blocks(seconds=step, timeout=step / 100)
-        self._initial_counts = _counts(device)
+        stats = device.stats
+        self._initial_counts = _counts(stats)
+        self._starts = _starts(stats)
         self._last_notice: Notice | None = None
         self._lost_at: float | None = None
         self._recording: Recording | None = None
@@ -122,7 +126,7 @@ class DeviceSource:
 
     def clear_counts(self, model: Model) -> None:
         """Counts from now on: losses, damage, and samples that are out of range."""
-        self._initial_counts = _counts(self._device)
+        self._initial_counts = _counts(self._device.stats)
         model.clipped = {}
         self._update_counts(model)
 
@@ -201,10 +205,15 @@ class DeviceSource:
                 model.recording = RecordingState(self._recording.files[-1], self._recording.bytes)
 
     def _update_counts(self, model: Model) -> None:
-        now = _counts(self._device)
+        stats = self._device.stats
+        now = _counts(stats)
         totals = {name: n - self._initial_counts[name] for name, n in now.items()}
         model.counts = Counts(**totals | {name: now[name] for name in WAITING})
-        model.add_undecoded(self._device.stats.message_counts)
+        model.add_undecoded(stats.message_counts)
+        if (starts := _starts(stats)) != self._starts:
+            # The pause before would make rates low, also one that was too short to be seen.
+            self._starts = starts
+            model.restart_rates()
 
     def _add_notices(self, model: Model) -> None:
         # The device keeps a limited number of notices, the latest last: the last one seen may be gone.
@@ -221,8 +230,12 @@ class DeviceSource:
                 model.add_event(describe_event(message), is_bad=notice.name != "WakeUp")
 
 
-def _counts(device: Device) -> dict[str, int]:
-    stats = device.stats
+def _starts(stats: LiveStats) -> int:
+    """Returns how often the device has begun to measure."""
+    return stats.message_counts.get(MessageId.GoToMeasurementAck, 0)
+
+
+def _counts(stats: LiveStats) -> dict[str, int]:
     return {field.name: getattr(stats, field.name) or 0 for field in fields(Counts)}
 
 

@@ -81,6 +81,10 @@ class QuantityState:
         self._stamped_at = now if is_stamped else -math.inf
         self._rate.add(stamp if is_stamped else now, self.count)
 
+    def restart_rate(self) -> None:
+        """Measures the rate from now on: before, the device did not send for a while."""
+        self._rate = Rate()
+
     def has_stopped(self, now: float) -> bool:
         """Returns whether a packet is overdue."""
         rate = self._rate.value
@@ -174,6 +178,7 @@ class Model:
         events: The latest events.
         recording: The current recording.
         corrections: What was forwarded from a caster, in words; None without one.
+        on_several_devices: What follows, or the remedy, if samples of several devices are mixed.
     """
 
     name: str
@@ -194,6 +199,7 @@ class Model:
     events: deque[MonitorEvent] = field(default_factory=lambda: deque(maxlen=MAX_EVENTS))
     recording: RecordingState | None = None
     corrections: str | None = None
+    on_several_devices: str = "values and rates mix them"
 
     @property
     def elapsed(self) -> float:
@@ -229,6 +235,11 @@ class Model:
     def add_event(self, text: str, *, is_bad: bool = True) -> None:
         """Adds an event that happens now."""
         self.events.append(MonitorEvent(self.elapsed, text, is_bad))
+
+    def restart_rates(self) -> None:
+        """Measures all rates from now on."""
+        for quantity in self.quantities.values():
+            quantity.restart_rate()
 
     def current(self, name: str) -> QuantityState | None:
         """Returns the latest quantity with this name, in any coordinates, if it has not stopped."""
@@ -268,8 +279,8 @@ class Model:
         if len(self.devices) > max(before, 1):
             bids = ", ".join(map(str, sorted(self.devices)))
             self.add_event(
-                f"samples of several devices (BID {bids}) are shown as those of one; --bid N shows "
-                "one of them"
+                f"samples of several devices (BID {bids}) are shown as those of one; "
+                f"{self.on_several_devices}"
             )
 
     def add_undecoded(self, counts: Mapping[int, int]) -> None:

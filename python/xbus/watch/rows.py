@@ -199,7 +199,7 @@ def losses(model: Model) -> list[Span]:
     parts: list[Span] = []
     if not model.quantities and counts.skipped_bytes > UNDECODED_BYTES:
         size = format_size(counts.skipped_bytes)
-        return [(f"no frame in {size}: try another --baudrate, or --string EM1000", WARNING)]
+        return [(f"no frame in {size}: try another baud rate, or look for EM1000 strings", WARNING)]
     has_counter = ("packet_counter", None) in model.quantities
     text = describe_losses(counts.lost_samples, counts.gaps, has_counter=has_counter)
     parts.append((text, BAD if counts.lost_samples else GOOD if has_counter else DIM))

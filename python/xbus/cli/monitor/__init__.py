@@ -17,7 +17,7 @@ from xbus.cli.connection import (
     speed_option,
 )
 from xbus.cli.failure import stop_requested
-from xbus.cli.inputs import is_recording, label, legacy_option, strings_option
+from xbus.cli.inputs import check_port_options, is_recording, legacy_option, strings_option
 from xbus.cli.number_type import NumberRange
 from xbus.cli.printing import print_json, print_line
 from xbus.cli.recordings import show_unread_piece
@@ -29,6 +29,9 @@ if TYPE_CHECKING:
     from xbus.watch.model import Model
 
 __all__ = ["monitor"]
+
+#: What to do if values and rates are those of several devices.
+BID_REMEDY = "--bid N shows one of them"
 
 
 @click.command(epilog="Example: xbus monitor /dev/ttyUSB0")
@@ -77,10 +80,8 @@ def monitor(
             "the screen needs a terminal for input and output; --once 2 prints the state after 2 seconds"
         )
     is_file = is_recording(source)
-    if is_file and baudrate is not None:
-        raise click.UsageError(f"{label(source)} is a recording and has no --baudrate")
-    if is_file and listen:
-        raise click.UsageError(f"{label(source)} is a recording; --listen is for a port")
+    if is_file:
+        check_port_options(source, baudrate=baudrate, listen=listen)
     if not is_file and legacy:
         raise click.UsageError("--legacy is for a recording; a device is asked for its settings")
     if not is_file and speed is not None:
@@ -106,6 +107,7 @@ def _monitor_file(
     show_unread_piece(file)
     source = ReplaySource(file, speed, strings, bid, legacy)
     model = source.model()
+    model.on_several_devices = BID_REMEDY
     if once is None:
         _watch(source, model)
         return
@@ -131,6 +133,7 @@ def _monitor_port(
     ) as device:
         source = DeviceSource(device, reconnect=once is None)
         model = source.model()
+        model.on_several_devices = BID_REMEDY
         if once is None:
             try:
                 _watch(source, model)
