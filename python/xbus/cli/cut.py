@@ -19,7 +19,7 @@ from xbus.cli.inputs import STDIN, label, reading_task
 from xbus.cli.moments import Content, arrivals_of, bounds_of, moment, time_errors
 from xbus.cli.progress import Progress
 from xbus.cli.recordings import Recording
-from xbus.cli.rotation import parse_rotation
+from xbus.cli.rotation import rotation_limits
 from xbus.files import local_name, suffix_of_compression, uncompressed_name
 from xbus.formatting import format_count, format_size
 
@@ -209,7 +209,7 @@ def _limit(size: str | None, time: str | None) -> dict[str, Any]:
     """Returns the size or time of a piece."""
     for name, value, key in (("--size", size, "rotate_bytes"), ("--time", time, "rotate_seconds")):
         if value is not None:
-            limit = parse_rotation(value)
+            limit = rotation_limits(value)
             if key not in limit:
                 raise click.UsageError(f"{name}: {value!r} has the unit of the other option")
             return limit

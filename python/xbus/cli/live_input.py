@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 import click
 
 from xbus.cli.connection import address_of, connect_device, port_lost
-from xbus.cli.inputs import is_recording, label
+from xbus.cli.inputs import check_port_options, is_recording
 from xbus.cli.recordings import show_unread_piece
 from xbus.errors import Disconnected
 from xbus.formatting import describe_losses, format_count
@@ -161,9 +161,7 @@ def live_input(
         UsageError: An option does not apply.
     """
     if is_recording(name):
-        for option, value in {"--baudrate": baudrate, "--listen": listen}.items():
-            if value:
-                raise click.UsageError(f"{label(name)} is a recording; {option} is for a port")
+        check_port_options(name, baudrate=baudrate, listen=listen)
         from xbus.cli.monitor.replay_source import ReplaySource
 
         show_unread_piece(name)

@@ -19,7 +19,7 @@ from xbus.cli.failure import Failure, cannot, stop_requested
 from xbus.cli.inputs import label
 from xbus.cli.number_type import NumberRange
 from xbus.cli.recording_job import RecordingJob
-from xbus.cli.rotation import parse_rotation
+from xbus.cli.rotation import rotation_limits
 from xbus.errors import Disconnected, StateError, XbusError
 from xbus.formatting import format_size
 
@@ -38,7 +38,7 @@ def _rotation(
     value: str | None,
 ) -> dict[str, Any]:
     """Returns the arguments of `Device.record` that rotate files."""
-    return {} if value is None else parse_rotation(value)
+    return {} if value is None else rotation_limits(value)
 
 
 def _outputs(

@@ -8,19 +8,19 @@ from typing import Any
 
 import click
 
-__all__ = ["parse_rotation", "parse_size"]
+__all__ = ["parse_size", "rotation_limits"]
 
 
-def parse_rotation(value: str) -> dict[str, Any]:
-    """Returns the arguments of `Device.record` that rotate files.
+def rotation_limits(value: str) -> dict[str, Any]:
+    """Returns the value of an option such as ``--rotate`` as the arguments of `Device.record`.
 
     Raises:
         BadParameter: The text is neither a size nor a time.
     """
-    from xbus.device import rotation
+    from xbus.device.rotation import parse_rotation
 
     try:
-        return rotation.parse_rotation(value)
+        return parse_rotation(value)
     except ValueError as error:
         raise click.BadParameter(str(error)) from None
 

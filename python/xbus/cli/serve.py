@@ -16,7 +16,7 @@ from xbus.cli.connection import (
     speed_option,
 )
 from xbus.cli.failure import cannot, stop_requested
-from xbus.cli.inputs import is_recording, label
+from xbus.cli.inputs import check_port_options, is_recording, label
 from xbus.formatting import format_count
 from xbus.network import is_loopback, url_host
 
@@ -94,8 +94,8 @@ def serve(
     from xbus.cli.foxglove_sink import FoxgloveSink
     from xbus.cli.live_input import live_input
 
-    if record is not None and is_recording(source):
-        raise click.UsageError(f"{label(source)} is a recording; --record is for a port")
+    if is_recording(source):
+        check_port_options(source, record=record)
     with (
         stop_requested() as is_stopping,
         live_input(source, bid=bid, baudrate=baudrate, listen=listen, speed=speed) as live,

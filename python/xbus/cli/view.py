@@ -15,7 +15,7 @@ import click
 from xbus.cli.connection import baudrate_option, bid_option, listen_option
 from xbus.cli.decoding import PART, reading
 from xbus.cli.failure import Failure, stop_requested
-from xbus.cli.inputs import Input, is_recording, label, no_frame, reading_task
+from xbus.cli.inputs import Input, check_port_options, is_recording, label, no_frame, reading_task
 from xbus.cli.progress import Progress
 from xbus.cli.recordings import show_unread_piece
 from xbus.formatting import format_count
@@ -67,9 +67,7 @@ def view(
     spi:/dev/spidev0.0, can:socketcan:can0), or sim:PRODUCT for a virtual device, which is shown until Ctrl-C.
     """
     if is_recording(source):
-        for option, value in {"--baudrate": baudrate, "--listen": listen}.items():
-            if value:
-                raise click.UsageError(f"{label(source)} is a recording; {option} is for a port")
+        check_port_options(source, baudrate=baudrate, listen=listen)
         _view_file(source, bid, viewer_port, memory_limit)
     else:
         _view_port(source, bid, viewer_port, memory_limit, baudrate=baudrate, listen=listen)

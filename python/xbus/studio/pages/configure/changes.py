@@ -11,6 +11,7 @@ from nicegui import events, ui
 from xbus.device import Applied, Settings
 from xbus.device.settings import Change, Plan
 from xbus.studio.commands import command_line
+from xbus.studio.dialogs import is_confirmed
 from xbus.studio.pages.configure.document import Document
 from xbus.studio.shell import GAP
 
@@ -105,7 +106,8 @@ class Changes:
         document = self._document
         settings, before = document.draft.settings, document.draft.device
         planned = document.station.settings.plan(settings, before)
-        if not await self._is_confirmed(planned):
+        title = f"Change {document.station.title}?"
+        if not await is_confirmed(title, (), "Apply", draw=lambda: self._draw_plan(planned)):
             return
         document.session.show_command(
             command_line("config", "apply", document.station.source, "mti.toml"),
@@ -116,20 +118,16 @@ class Changes:
         if applied is not None:
             self._report(applied)
 
-    async def _is_confirmed(self, planned: Plan) -> bool:
-        with ui.dialog() as dialog, ui.card().classes("min-w-[480px]"):
-            ui.label(f"Change {self._document.station.title}?").classes("text-base font-semibold")
-            ui.html(difference_lines(change_lines(planned.changes)), sanitize=False)
-            for text in planned.skipped:
-                ui.label(f"left out: {text}").classes("xbus-caution")
-            if Applied(planned.changes).needs_reset:
-                ui.label(AT_RESET).classes("xbus-caution")
-            if self._document.station.is_recording:
-                ui.label(GAP).classes("xbus-caution")
-            with ui.row():
-                ui.button("Apply", on_click=lambda: dialog.submit(True)).props("no-caps")
-                ui.button("Cancel", on_click=lambda: dialog.submit(False)).props("flat no-caps")
-        return bool(await dialog)
+    def _draw_plan(self, planned: Plan) -> None:
+        """Draws what a device would change, and what follows."""
+        ui.html(difference_lines(change_lines(planned.changes)), sanitize=False)
+        cautions = [f"left out: {text}" for text in planned.skipped]
+        if Applied(planned.changes).needs_reset:
+            cautions.append(AT_RESET)
+        if self._document.station.is_recording:
+            cautions.append(GAP)
+        for caution in cautions:
+            ui.label(caution).classes("xbus-caution")
 
     @staticmethod
     def _report(applied: Applied) -> None:
