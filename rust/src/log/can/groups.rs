@@ -254,13 +254,15 @@ impl Grouper {
                 huge_pages::push(&mut groups.received, time);
             }
             gaps.add(frame, time, is_start);
-            if entry.message().code == GROUP_COUNTER {
-                gaps.end(data, frame, &mut found);
-                group.counted = Some(group.first);
-            }
             let bit = 1 << entry.place;
             group.seen |= bit;
-            group.headers |= if entry.is_header() { bit } else { 0 };
+            if entry.is_header() {
+                group.headers |= bit;
+                if entry.message().code == GROUP_COUNTER {
+                    gaps.end(data, frame, &mut found);
+                    group.counted = Some(group.first);
+                }
+            }
             group.priority = entry.priority;
             groups.samples.push(group.sample);
             groups.is_ordered &= group.sample >= last;
@@ -386,6 +388,8 @@ struct Gap {
 struct Gaps {
     counter: Counter,
     gaps: Vec<Gap>,
+    /// Gaps that are not longer, in seconds, divide no instants; all until the first counter.
+    least: f64,
     /// When the last frame was received; NaN before the first.
     time: f64,
     /// Whether the group before the open one has nothing but headers, which may be those of two groups.
@@ -393,14 +397,16 @@ struct Gaps {
 }
 
 impl Gaps {
-    const fn after(counter: Counter) -> Self {
-        Self { counter, gaps: vec![], time: f64::NAN, follows_headers: false }
+    fn after(counter: Counter) -> Self {
+        let mut gaps = Self { counter, gaps: vec![], least: f64::INFINITY, time: f64::NAN, follows_headers: false };
+        gaps.set_least();
+        gaps
     }
 
     fn add(&mut self, frame: u64, time: f64, is_start: bool) {
         let seconds = time - self.time;
         self.time = time;
-        if self.counter.last.is_some() && seconds > 0.0 {
+        if seconds > self.least {
             self.gaps.push(Gap { frame, seconds, is_start });
         }
     }
@@ -415,6 +421,13 @@ impl Gaps {
             found.extend(self.gaps.iter().filter(is_found));
         }
         self.gaps.clear();
+        self.set_least();
+    }
+
+    fn set_least(&mut self) {
+        if self.counter.last.is_some() {
+            self.least = self.counter.interval.map_or(0.0, |interval| interval * DIVIDING_SHARE);
+        }
     }
 }
 
