@@ -28,6 +28,7 @@ from xbus.cli.monitor.keyboard import parse_keys
 from xbus.cli.monitor.replay_source import ReplaySource
 from xbus.cli.monitor.screen import Screen, ViewState
 from xbus.cli.monitor.snapshot import snapshot_dict, snapshot_text
+from xbus.device.stats import LiveStats, live_stats
 from xbus.protocol import State
 from xbus.protocol.ids import MessageId
 from xbus.sim import Replay
@@ -629,6 +630,22 @@ def test_a_recording_that_ends_by_itself_is_reported(
     printed = "recorded 1,234 bytes in full.mtb; the recording ended early: No space left on device"
     assert (model.events[-1].text, model.events[-1].is_bad) == (printed, True)
     assert [str(recording) for recording in source.recordings] == [printed]
+
+
+def test_a_block_counts_the_stream_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Twenty times a second, this is a good part of what an idle studio does."""
+    source, model, _ = live(SimulatedDevice("MTi-630"))
+    reads = []
+
+    def counted(*counts: Any) -> LiveStats:
+        reads.append(live_stats(*counts))
+        return reads[-1]
+
+    monkeypatch.setattr("xbus.device.device.live_stats", counted)
+    for _ in range(5):
+        source.advance(model)
+    assert len(reads) == 5
+    assert source.stats is reads[-1]
 
 
 @pytest.mark.parametrize("pause", [0.2, 3.0])

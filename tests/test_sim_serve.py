@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 import serial
 
+import xbus
 from xbus.sim.serve import QUEUE_SIZE, PtyServer, Server, TcpServer, serve
 
 
@@ -153,6 +154,14 @@ def test_a_step_ends_when_bytes_arrive(server: Server) -> None:
         client.write(b"again")
         server.step(60)
         assert client.read(5) == b"again"
+
+
+def test_the_length_of_a_step_can_be_chosen(monkeypatch: pytest.MonkeyPatch) -> None:
+    steps: list[float] = []
+    with TcpServer(xbus.SimulatedDevice("MTi-630")) as server:
+        monkeypatch.setattr(server, "step", steps.append)
+        serve(server, until=lambda: len(steps) == 2, step=0.025)
+    assert steps == [0.025, 0.025]
 
 
 def test_serve_runs_in_a_thread(server: Server) -> None:

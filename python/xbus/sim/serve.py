@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Self
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
 
-__all__ = ["PtyServer", "Server", "TcpServer", "serve", "serving"]
+__all__ = ["STEP_TIME", "PtyServer", "Server", "TcpServer", "serve", "serving"]
 
 #: Seconds to wait for bytes before the device's time advances.
 STEP_TIME = 0.01
@@ -446,6 +446,7 @@ def serving(
     tcp: bool = False,
     link: str | os.PathLike[str] | None = None,
     speed: float | Callable[[], float] = 1.0,
+    step: float = STEP_TIME,
 ) -> Iterator[str]:
     """Serves a virtual device in a thread, for the duration of a ``with`` block.
 
@@ -455,6 +456,8 @@ def serving(
         tcp: Serves on TCP at 127.0.0.1 instead of a pseudo-terminal.
         link: Path of a symbolic link to the pseudo-terminal.
         speed: Seconds of device time per second of real time, or a function that returns them.
+        step: The longest time in seconds between two moments at which the device sends. Each of them costs
+            processor time.
 
     Yields:
         The port, a path or URL that `xbus.connect` and pyserial accept.
@@ -477,7 +480,7 @@ def serving(
     )
     with server:
         stop = threading.Event()
-        thread = threading.Thread(target=serve, args=(server, stop.is_set))
+        thread = threading.Thread(target=serve, args=(server, stop.is_set), kwargs={"step": step})
         port = server.port
         thread.start()
         try:
@@ -491,13 +494,16 @@ def serve(
     server: Server,
     until: Callable[[], bool],
     on_port: Callable[[str], object] | None = None,
+    *,
+    step: float = STEP_TIME,
 ) -> None:
     """Runs a server in real time, in the calling thread.
 
     Args:
         server: The server; it remains open.
-        until: Called about every 10 ms; serving ends when it returns True.
+        until: Called after each step; serving ends when it returns True.
         on_port: Called with the port at the start, and again whenever the port changes.
+        step: The longest wait in seconds of a step, as in `serving`.
 
     Example:
         >>> import xbus
@@ -516,4 +522,4 @@ def serve(
                 on_port(port)
         if until():
             return
-        server.step()
+        server.step(step)

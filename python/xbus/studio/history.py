@@ -123,7 +123,7 @@ class Series:
 
         If all are more than a second earlier, the clock was set back: the series begins again.
         """
-        time = np.nan_to_num(time, nan=-np.inf)
+        time = np.where(np.isnan(time), -np.inf, time)
         last = self._time[self._end - 1] if self._end > self._begin else -np.inf
         if -np.inf < time.max(initial=-np.inf) < last - CLOCK_STEP:
             self._begin = self._end = 0
@@ -192,16 +192,16 @@ class History:
             block: The block.
             time: The time of each sample, in seconds since 1970; samples without one are left out.
         """
-        device = device_of(block.bid)
         with self._lock:
-            self._devices.update(np.unique(device).tolist())
+            self._devices.update(device_of(bid) for bid, _ in block.core.devices)
+            device = device_of(block.bid) if len(self._devices) > 1 else None
             for key in block:
                 column = block[key]
                 if not _is_numeric(column):
                     continue
                 rows = column.sample - block.first_sample
                 numbers = np.asarray(column.scaled, np.float64).reshape(len(rows), -1)
-                if len(self._devices) == 1:
+                if device is None:
                     self._named(series_name(key), column).add(time[rows], numbers)
                     continue
                 for bid in np.unique(device[rows]).tolist():

@@ -26,6 +26,7 @@ from xbus.rtk import Caster
 from xbus.sim import SimI2c, SimSpi, SimulatedDevice, serving
 from xbus.sim.bus_link import bus_of
 from xbus.sim.options import device_of
+from xbus.sim.serve import STEP_TIME
 from xbus.studio.device_settings import DeviceSettings
 from xbus.studio.exchange import Exchange
 from xbus.studio.history import History, Series
@@ -131,7 +132,13 @@ class Station:
                     # Windows has no pseudo-terminals, and a fast replay is too much for one.
                     tcp = sys.platform == "win32" or replaying is not None
                     port = self._resources.enter_context(
-                        serving(virtual, tcp=tcp, speed=self._speed)
+                        # A fast replay needs short steps.
+                        serving(
+                            virtual,
+                            tcp=tcp,
+                            speed=self._speed,
+                            step=STEP / 2 if replaying is None else STEP_TIME,
+                        )
                     )
                 case bus:
                     port = bus
@@ -235,7 +242,7 @@ class Station:
                 self._is_to_clear.clear()
                 self._source.clear_counts(self.model)
             self._source.advance(self.model)
-            self.byte_rate.add(time.monotonic(), self.device.stats.bytes)
+            self.byte_rate.add(time.monotonic(), self._source.stats.bytes)
             recording = self.recording
             if recording is not None and recording.is_over:
                 self.stop_recording()

@@ -67,9 +67,10 @@ class DeviceSource:
         # The samples of a block have arrived when the loop asks for it, so the timeout is short.
         self._step = step
         self._blocks = device.blocks(seconds=step, timeout=step / 100)
-        stats = device.stats
-        self._initial_counts = _counts(stats)
-        self._starts = _starts(stats)
+        #: The counts of the stream at the last block.
+        self.stats = device.stats
+        self._initial_counts = _counts(self.stats)
+        self._starts = _starts(self.stats)
         self._last_notice: Notice | None = None
         self._lost_at: float | None = None
         self._recording: Recording | None = None
@@ -205,7 +206,7 @@ class DeviceSource:
                 model.recording = RecordingState(self._recording.files[-1], self._recording.bytes)
 
     def _update_counts(self, model: Model) -> None:
-        stats = self._device.stats
+        stats = self.stats = self._device.stats
         now = _counts(stats)
         totals = {name: n - self._initial_counts[name] for name, n in now.items()}
         model.counts = Counts(**totals | {name: now[name] for name in WAITING})

@@ -275,7 +275,7 @@ class Model:
     def _add_devices(self, block: Log) -> None:
         """Adds an event if another device sends samples, which are shown as those of the first."""
         before = len(self.devices)
-        self.devices |= set(np.unique(device_of(block.bid)).tolist())
+        self.devices |= {device_of(bid) for bid, _ in block.core.devices}
         if len(self.devices) > max(before, 1):
             bids = ", ".join(map(str, sorted(self.devices)))
             self.add_event(
