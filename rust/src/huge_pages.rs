@@ -4,6 +4,8 @@
 //! 4 KiB, about 8 GB/s with huge pages. So a column reserves all the memory that it is expected to need at once, and asks
 //! the kernel for huge pages.
 
+use std::cell::Cell;
+
 use crate::catch::{expect_memory, out_of_memory};
 use crate::column::Progress;
 
@@ -46,12 +48,32 @@ pub fn reserve_or_end<T>(out: &mut Vec<T>, more: usize) {
     leave_room(out);
 }
 
-/// Ends the work if a large vector took nearly all memory: small ones do not check whether there is any.
+/// Ends the work if this vector and those before it took nearly all memory: other code does not check whether there is any.
+/// Many small vectors count as one large one.
 fn leave_room<T>(out: &Vec<T>) {
-    const LARGE: usize = 1 << 20;
-    if out.capacity() * size_of::<T>() >= LARGE {
+    leave_room_for(out.capacity() * size_of::<T>());
+}
+
+/// As [`leave_room`], for other memory of this size.
+pub fn leave_room_for(size: usize) {
+    if is_check_due(size) {
         expect_memory(0);
     }
+}
+
+/// Whether a thread has taken so much memory since its last check that the next one is due.
+fn is_check_due(size: usize) -> bool {
+    /// Bytes between two checks.
+    const LARGE: usize = 1 << 20;
+    /// What the allocator needs for each piece of memory.
+    const OVERHEAD: usize = 16;
+    thread_local! {
+        static UNCHECKED: Cell<usize> = const { Cell::new(0) };
+    }
+    let unchecked = UNCHECKED.get().saturating_add(size).saturating_add(OVERHEAD);
+    let is_due = unchecked >= LARGE;
+    UNCHECKED.set(if is_due { 0 } else { unchecked });
+    is_due
 }
 
 /// All numbers of an iterator.
@@ -133,6 +155,19 @@ pub fn keep_freed_memory() {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn many_small_vectors_count_as_a_large_one() {
+        let mut out: Vec<u64> = vec![];
+        while is_check_due(0) {}
+        let due = (0..100_000).filter(|_| {
+            out = vec![];
+            out.reserve_exact(7);
+            is_check_due(out.capacity() * size_of::<u64>())
+        });
+        assert_eq!(due.count(), 100_000 * (7 * 8 + 16) / (1 << 20));
+        assert!(is_check_due(1 << 20) && is_check_due(usize::MAX) && !is_check_due(0));
+    }
 
     #[test]
     fn a_small_vector_grows_as_the_input_will_need() {

@@ -707,6 +707,7 @@ impl Reader {
             let column = *self.places.entry(key).or_insert_with(|| {
                 let is_clock = reading.as_ref().is_some_and(|reading| reading.quantity.clock.is_some());
                 let counted = !self.options.values && !is_clock;
+                huge_pages::leave_room_for(size_of::<Column>());
                 columns.push(Column { counted, ..Column::new(packet.id, reading.as_ref()) });
                 columns.len() - 1
             });
