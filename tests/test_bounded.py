@@ -14,6 +14,7 @@ import pytest
 import xbus
 from conftest import counter, fine
 from streams import frame, mtdata2
+from test_cli import run
 from xbus.describe import listing, log_summary
 from xbus.describe.json_text import JsonRows, json_pieces
 from xbus.describe.listing import LargestRows
@@ -136,6 +137,19 @@ def test_a_command_without_memory_ends_with_one_sentence(tmp_path: Path) -> None
             "xbus: not enough memory; close other programs, or raise the limit (ulimit -v)"
         ]
         assert [item.name for item in tmp_path.iterdir()] == ["log.mtb"]
+
+
+def test_no_file_is_left_without_memory_to_describe_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def damage(_: xbus.Log) -> None:
+        raise MemoryError
+
+    (tmp_path / "log.mtb").write_bytes(many(10, 1))
+    monkeypatch.setattr(xbus.Log, "damage", property(damage))
+    result = run("decode", str(tmp_path / "log.mtb"), "-o", str(tmp_path / "log.npz"))
+    assert (result.exit_code, "not enough memory" in result.stderr) == (1, True)
+    assert [item.name for item in tmp_path.iterdir()] == ["log.mtb"]
 
 
 # ---------------------------------------------------------------------------------------------

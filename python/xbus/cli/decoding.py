@@ -225,7 +225,7 @@ class Decoding:
         counts = self._write_parts(
             parts, out, file_format, names, read=add, reading=lambda: reading(names)
         )
-        return self._result(totals, None, counts)
+        return self._result(totals, None, counts, quality_text(totals))
 
     def _write_parts(
         self, parts: Sequence[Part], out: str, file_format: Format | None, names: str, **how: Any
@@ -347,7 +347,9 @@ class Decoding:
         tracker = None
         if self._tracker is not None:
             table = tracker = tracker_of(log, self._tracker, names)
-        return self._result(log, tracker, self._write(log, table, out, progress))
+        # Before OUT appears, because a description of much damage can need more memory than there is.
+        quality = quality_text(log, tracker)
+        return self._result(log, tracker, self._write(log, table, out, progress), quality)
 
     def _decode_capture(self, job: Job, progress: ShowsProgress) -> tuple[str, dict[str, Any]]:
         files, out = job.recording.files, job.out
@@ -432,10 +434,14 @@ class Decoding:
             ) from error
 
     def _result(
-        self, log: Log | DecodedTotals, tracker: Tracker | None, counts: Mapping[str, int]
+        self,
+        log: Log | DecodedTotals,
+        tracker: Tracker | None,
+        counts: Mapping[str, int],
+        quality: str,
     ) -> tuple[str, dict[str, Any]]:
         """Returns the text and values of what was written; counts are as those of `Writer.counts`."""
-        text = f"{_written(counts)}; {quality_text(log, tracker)}"
+        text = f"{_written(counts)}; {quality}"
         lines = [text, *undecoded_lines(log, tracker)]
         return "\n".join(lines), self._summary(log, counts)
 
