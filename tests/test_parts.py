@@ -205,28 +205,6 @@ def test_later_parts_know_the_device() -> None:
     assert [len(part.messages) for part in parts][:3] == [1, 1, 0]
 
 
-@pytest.mark.parametrize("bid", [None, 3])
-def test_a_second_coordinate_system_is_not_taken_for_the_first(bid: int | None) -> None:
-    """As soon as a quantity has come in two, its name alone is no key, and no column of a table."""
-    enu = mtdata2(counter(1), real(0x2010, 1, 0, 0, 0), bid=3)
-    ned = mtdata2(counter(2), real(0x2014, 0, 1, 0, 0), bid=3)
-    both = mtdata2(counter(3), bid=3) + mtdata2(counter(0), real(0x2010, 9, 9, 9, 9), bid=4)
-    data = enu + ned + both
-    first, second, *rest = xbus.iter_log(data, block_bytes=len(enu), bid=bid)
-    assert first["quaternion"].coordinates == "ENU"
-    for part in (second, *rest):
-        assert "quaternion" not in part
-        with pytest.raises(KeyError, match="in several coordinate systems"):
-            part["quaternion"]
-    assert second.to_arrow()["quaternion_ned_q1"].to_pylist() == [1]
-    assert (len(second["quaternion", "ENU"]), len(second["quaternion", "NED"])) == (0, 1)
-    whole = xbus.read_log(data, bid=bid)
-    assert differences(facts(first, second, *rest), facts(whole)) == []
-    chosen = [("quaternion", "NED")]
-    parts = list(xbus.iter_log(data, block_bytes=len(enu), bid=bid, quantities=chosen))
-    assert [list(part) for part in parts[:2]] == [[], ["quaternion"]]
-
-
 def test_parts_do_not_depend_on_later_bytes() -> None:
     """A part does not change when more bytes follow."""
     data = streams.gnssins(100) + streams.dirty(100)

@@ -155,10 +155,6 @@ def iter_log(
     Each part is a `Log` whose samples, offsets, times and counters continue those of the previous part:
     joined, the parts equal the result of `read_log`.
 
-    A part has the quantities of its own samples. From the part on in which a quantity occurs in a second
-    coordinate system, parts have all columns that occurred so far, also empty ones: the name of this quantity
-    alone is then no key, as in `read_log`. The parts before cannot know of the second one.
-
     Args:
         source: As in `read_log`. A part from a pipe or socket is returned as soon as its bytes are there.
         block_bytes: Approximate size of a part, in bytes of input.
@@ -201,7 +197,6 @@ def iter_log(
     def parts() -> Iterator[Log]:
         identities: dict[int, Identity] = {}
         bids: dict[int, None] = {}
-        shape = _core.Shape()
         first_sample = 0
         more = True
         while more:
@@ -211,16 +206,11 @@ def iter_log(
             except DecodeError as error:
                 fault = error
             core = reader.take()
-            is_whole = bid is None or between is not None
-            if is_whole and _is_mixed(shape, core):
-                core = core.shaped(shape)
             part = Log(core, quantities=keep, identities=identities, host_times=host_times(core))
             identities = part._identities
-            if bid is not None and not is_whole:
+            if bid is not None and between is None:
                 bids |= dict.fromkeys(device.bid for device in part.devices)
-                every, part = part, part.of_device(bid, first_sample)
-                if _is_mixed(shape, part.core):
-                    part = every.of_device(bid, first_sample, shape)
+                part = part.of_device(bid, first_sample)
                 first_sample += len(part)
             yield part
             if fault is not None:
@@ -229,13 +219,6 @@ def iter_log(
             raise MissingDeviceError(bid, bids)
 
     return parts()
-
-
-def _is_mixed(shape: _core.Shape, part: _core.Part) -> bool:
-    """Adds a part to a shape, and returns whether a quantity occurs in several coordinate systems."""
-    shape.add(part)
-    names = [column.name for column in shape.empty().columns]
-    return len(set(names)) < len(names)
 
 
 def _host_times(source: Source) -> Callable[[_core.Part], HostTimes]:
