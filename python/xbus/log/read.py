@@ -155,6 +155,10 @@ def iter_log(
     Each part is a `Log` whose samples, offsets, times and counters continue those of the previous part:
     joined, the parts equal the result of `read_log`.
 
+    A part has the quantities of its own samples. If a quantity comes in several coordinate systems, a part
+    with one of them lists it under its name alone: `Column.coordinates` tells which it is. The parts of
+    `split_log` have the columns of the whole log.
+
     Args:
         source: As in `read_log`. A part from a pipe or socket is returned as soon as its bytes are there.
         block_bytes: Approximate size of a part, in bytes of input.
