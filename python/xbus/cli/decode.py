@@ -221,6 +221,8 @@ def decode(
     are in their units. An existing OUT is replaced, and a failed run leaves no partial file. A folder is
     replaced only if xbus wrote its files.
     """
+    from xbus.log.memory import keep_freed_memory
+
     batch.check_targets(out, out_dir)
     check_resampling(keys, rate_out, max_gap)
     if tracker and (keys or rate_out):
@@ -248,6 +250,7 @@ def decode(
     if tracker and inputs.rate is not None:
         click.echo("xbus: --rate has no effect: the table of a tracker has no times", err=True)
         inputs = replace(inputs, rate=None)
+    keep_freed_memory()  # for the encoder; tables of CAN captures and whole logs are not read in parts
     recordings = inputs.recordings() if out_dir is not None else [inputs.recording()]
     workers = workers_within(memory, len(recordings), jobs)
     decoding = Decoding(

@@ -155,9 +155,9 @@ def iter_log(
     Each part is a `Log` whose samples, offsets, times and counters continue those of the previous part:
     joined, the parts equal the result of `read_log`.
 
-    A part has the quantities of its own samples. If a quantity comes in several coordinate systems, a part
-    with one of them lists it under its name alone: `Column.coordinates` tells which it is. The parts of
-    `split_log` have the columns of the whole log.
+    A part has columns for the quantities that occur in it. If a quantity occurs in several coordinate
+    systems, a part with only one of them lists it under its plain name; check `Column.coordinates`. The parts
+    of `split_log` have the columns of the whole log.
 
     Args:
         source: As in `read_log`. A part from a pipe or socket is returned as soon as its bytes are there.

@@ -156,9 +156,12 @@ def has_receiver(model: Model) -> bool:
 def _gnss(model: Model) -> list[Span]:
     fix = model.fix
     kind = {"none": "no fix", "yes": "fix"}.get(fix.type or "", fix.type or "")
-    parts = [(kind, BAD)]
-    if fix.type != "none":
-        parts = [(kind, GOOD) if fix.is_valid else (f"{kind}, no valid position", WARNING)]
+    if fix.type == "none":
+        parts = [(kind, BAD)]
+    elif fix.is_valid:
+        parts = [(kind, GOOD)]
+    else:
+        parts = [(f"{kind}, no valid position", WARNING)]
     if fix.rtk is not None:
         rtk = "no RTK" if fix.rtk == "none" else f"RTK {fix.rtk}"
         parts.append((rtk, {"fixed": GOOD, "float": WARNING}.get(fix.rtk, PLAIN)))
