@@ -127,6 +127,7 @@ export default {
     clear() {
       this.time = [];
       this.values = this.fields.map(() => []);
+      this.legendAt = null; // what the legend shows is gone too: the next points set it at once
     },
     append({ time, values }) {
       for (let i = 0; i < time.length; i++) this.time.push(time[i]);
