@@ -209,6 +209,31 @@ def test_the_terminal_is_raw_again_after_a_client() -> None:
             step_until(server, lambda: not server.has_client)
 
 
+def test_a_client_that_comes_while_another_leaves_keeps_its_rate(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    device = Fake(baudrate=115_200)
+    with on_pty(device) as server:
+        with open_port(server, baudrate=921_600) as client:
+            assert exchange(server, client, b"a") == b"a"
+        clients: list[Any] = []
+        read_settings = termios.tcgetattr
+
+        def settings(terminal: int) -> list[Any]:
+            found = read_settings(terminal)
+            if terminal == server._master and not clients:
+                clients.append(open_port(server, baudrate=115_200))
+            return found
+
+        # Both names: the module tty imports the function.
+        monkeypatch.setattr("termios.tcgetattr", settings)
+        monkeypatch.setattr("tty.tcgetattr", settings)
+        step_until(server, lambda: not server.has_client)
+        with clients[0] as client:
+            assert exchange(server, client, b"b") == b"b"
+    assert device.rates == [921_600, 115_200]
+
+
 @pytest.mark.parametrize("rate", [4800, 76_800, 115_200, 921_600, 2_000_000, 3_500_000, 4_000_000])
 def test_the_rate_of_a_serial_device_is_that_of_the_terminal(rate: int) -> None:
     device = Fake(baudrate=115_200)

@@ -296,7 +296,20 @@ class PtyServer(Server):
         assert self._master is not None  # noqa: S101 - a client had opened it
         self._selector.unregister(self._master)
         termios.tcflush(self._master, termios.TCOFLUSH)
-        tty.setraw(self._master, termios.TCSANOW)
+        # To set a mode sets the rate too, and the next client may have chosen its own in the meantime. Most
+        # clients leave the terminal in raw mode.
+        if not _is_raw(self._master):
+            tty.setraw(self._master, termios.TCSANOW)
+
+
+def _is_raw(terminal: int) -> bool:
+    """Returns whether a terminal passes all bytes unchanged and without an echo, as after ``tty.setraw``."""
+    import termios as t
+
+    read, write, _, local, *_ = t.tcgetattr(terminal)
+    changes = read & (t.BRKINT | t.ICRNL | t.IGNCR | t.INLCR | t.INPCK | t.ISTRIP | t.IXON)
+    changes |= write & t.OPOST
+    return not (changes or local & (t.ECHO | t.ICANON | t.IEXTEN | t.ISIG))
 
 
 def _speed(terminal: int) -> int:
