@@ -20,7 +20,7 @@ from xbus.log.in_order import in_order
 from xbus.log.log import Log
 from xbus.log.part_tables import read_ahead
 from xbus.log.parts import Part
-from xbus.log.table_file import FileFormat, chunks
+from xbus.log.table_file import FileFormat, chunks, write
 from xbus.protocol.keys import EntryKey, Key
 from xbus.protocol.tables import UTC_SOURCES
 
@@ -216,7 +216,7 @@ class _Files:
             self._close()
             self._open(place)
         assert self._out is not None  # noqa: S101 - see `_open`
-        self._out.write(self._file.append(chunk).data)
+        write(self._out, self._file.append(chunk))
         self.rows += len(chunk)
 
     def _open(self, place: str) -> None:
@@ -232,10 +232,10 @@ class _Files:
         os.makedirs(folder, exist_ok=True)  # noqa: PTH103
         self._file = _core.TableFile(self._format, self._empty)
         self._out = open(os.path.join(folder, f"part-{number:04}{self._suffix}"), "xb")  # noqa: PTH118, PTH123, SIM115
-        self._out.write(self._file.start().data)
+        write(self._out, self._file.start())
 
     def _close(self) -> None:
         if self._out is not None:
             with self._out:
-                self._out.write(self._file.finish().data)
+                write(self._out, self._file.finish())
             self._out = None

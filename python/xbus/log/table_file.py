@@ -13,9 +13,16 @@ from xbus.log.in_order import in_order
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-__all__ = ["FileFormat", "chunks", "write_batches", "write_table"]
+    import numpy as np
+    import numpy.typing as npt
+
+__all__ = ["FileFormat", "chunks", "write", "write_batches", "write_table"]
 
 FileFormat: TypeAlias = Literal["parquet", "csv", "arrow"]
+
+#: Bytes to write at a time. For a longer write Linux takes larger pages, which it rarely has at hand: in a
+#: virtual machine, 1 GB in writes of 4 MiB took 2.3 s instead of 0.35 s.
+PIECE = 1 << 18
 
 
 def write_table(
@@ -64,12 +71,18 @@ def write_batches(
         pool: Encodes chunks.
         ahead: Number of chunks that are encoded while another one is written.
     """
-    out.write(file.start().data)
+    write(out, file.start())
     groups = chunks(batches, file.chunk_rows)
     for chunk in in_order(pool, file.encode, groups, ahead):
-        out.write(file.append(chunk).data)
+        write(out, file.append(chunk))
         yield len(chunk)
-    out.write(file.finish().data)
+    write(out, file.finish())
+
+
+def write(out: BinaryIO, data: npt.NDArray[np.uint8]) -> None:
+    """Writes bytes to a file."""
+    for start in range(0, len(data), PIECE):
+        out.write(data[start : start + PIECE].data)
 
 
 def chunks(batches: Iterable[_core.Batch], size: int) -> Iterator[list[_core.Batch]]:
