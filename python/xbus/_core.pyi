@@ -571,8 +571,12 @@ class Reader:
             DecodeError: Damage, in strict mode.
             OSError: The file cannot be read. An exception of the source's ``read`` is passed on.
         """
-    def take(self, shape: Shape | None = None) -> Part:
-        """Returns what has been read since the last call.
+    def take(self) -> Part:
+        """Returns what has been read since the last call."""
+    def take_last(self, shape: Shape | None = None) -> Part:
+        """Returns what has been read since the last call. The reader cannot be used afterwards.
+
+        Its times are computed when they are needed; `take` computes them for the next part.
 
         Args:
             shape: Shape of the whole log, or None if the part stays as it is.

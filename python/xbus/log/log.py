@@ -134,16 +134,15 @@ class Log(ByQuantity[Column], Exports):
         self._earlier = dict(identities or {})
         self._host_times = host_times or HostTimes(core)
         self.first_sample: int = core.first
-        columns = [
-            column
-            for column in (Column(found, self._host_times) for found in core.columns if found.name)
-            if quantities is None
-            or (column.name, None) in quantities
-            or (column.name, column.coordinates) in quantities
-        ]
-        keys = (
-            QuantityKey(column.name, column.coordinates, column.precision) for column in columns
-        )
+        columns = [Column(found, self._host_times) for found in core.columns if found.name]
+        if quantities is not None:
+            columns = [
+                column
+                for column in columns
+                if (column.name, None) in quantities
+                or (column.name, column.coordinates) in quantities
+            ]
+        keys = [(column.name, column.coordinates, column.precision) for column in columns]
         super().__init__(_key_index(tuple(keys)), columns, "log")
 
     # Columns
@@ -843,9 +842,9 @@ class Log(ByQuantity[Column], Exports):
 
 
 @lru_cache
-def _key_index(keys: tuple[QuantityKey, ...]) -> KeyIndex:
+def _key_index(keys: tuple[tuple[str, str | None, str | None], ...]) -> KeyIndex:
     """Returns the index of these keys; all parts of a log have the same."""
-    return KeyIndex(keys)
+    return KeyIndex(QuantityKey(*key) for key in keys)
 
 
 def _in_units(column: Column) -> npt.NDArray[Any]:

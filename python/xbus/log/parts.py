@@ -212,7 +212,7 @@ class LogPart:
     def _log(self, reader: _core.Reader, keep: QuantityFilter | None) -> Log:
         begin, whole, shape = self._begin, self._whole, self._shape(keep)
         try:
-            core = reader.take(shape if whole.bid is None else None)
+            core = reader.take_last(shape if whole.bid is None else None)
             log = Log(
                 core,
                 quantities=keep,
@@ -519,6 +519,7 @@ def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: 
         OSError: One cannot be accessed.
         LogChangedError: One has changed. The message is its name and ``problem``.
     """
-    for one, before, now in zip(_each(source), versions, _versions(source), strict=True):
-        if before != now:
-            raise LogChangedError(f"{_name(one)} {problem}")
+    found = _versions(source)
+    if found != versions:
+        changed = next(at for at, before in enumerate(versions) if before != found[at])
+        raise LogChangedError(f"{_name(_each(source)[changed])} {problem}")

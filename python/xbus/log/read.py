@@ -131,7 +131,7 @@ def read_log(
     host_times = _host_times(source)
     while reader.advance(STEP * threads):
         pass
-    part = reader.take()
+    part = reader.take_last()
     log = Log(part, quantities=keep, host_times=host_times(part))
     return log if bid is None or between is not None else log.device(bid)
 

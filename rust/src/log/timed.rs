@@ -73,11 +73,17 @@ impl TimedPart {
     /// Takes what `reader` has read since the last call. `clocks` are those at the beginning of the part; on return they
     /// are those at its end, unless the input is used up and no part follows.
     pub fn take(reader: &mut Reader, clocks: &mut Clocks) -> Self {
-        let timed = Self { part: reader.take(), clocks: clocks.clone(), times: OnceLock::new() };
+        let timed = Self::take_last(reader, clocks.clone());
         if !reader.is_finished() {
             let _ = timed.times.set(timed.part.unwrap(clocks));
         }
         timed
+    }
+
+    /// Takes what `reader` has read since the last call, if no part is read afterwards. `clocks` are those at the beginning
+    /// of the part.
+    pub fn take_last(reader: &mut Reader, clocks: Clocks) -> Self {
+        Self { part: reader.take(), clocks, times: OnceLock::new() }
     }
 
     /// The next part of a log. `clocks` are those at its beginning; on return they are those at its end.

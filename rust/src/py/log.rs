@@ -93,10 +93,15 @@ impl Reader {
         Ok(!reader.is_finished())
     }
 
-    #[pyo3(signature = (shape=None))]
-    fn take(&mut self, py: Python<'_>, shape: Option<&Shape>) -> PyResult<Part> {
+    fn take(&mut self, py: Python<'_>) -> PyResult<Part> {
         let Self { reader, clocks, .. } = self;
-        detached(py, || Part::of(TimedPart::take(reader, clocks), shape))?
+        detached(py, || Part(Arc::new(TimedPart::take(reader, clocks))))
+    }
+
+    #[pyo3(signature = (shape=None))]
+    fn take_last(&mut self, py: Python<'_>, shape: Option<&Shape>) -> PyResult<Part> {
+        let Self { reader, clocks, .. } = self;
+        detached(py, || Part::of(TimedPart::take_last(reader, std::mem::take(clocks)), shape))?
     }
 }
 
