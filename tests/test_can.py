@@ -160,7 +160,7 @@ def test_values_are_rounded_and_limited(values: dict[str, float], data: str) -> 
         (lambda: read([], {"Error": 1 << 29}), "is no CAN identifier"),
         (lambda: read([], []), "ids is an empty list"),
         (lambda: xbus.read_can([], rate=-1), "rate must be a positive number"),
-        (lambda: xbus.read_can("walk.mtb"), "walk.mtb is no CAN capture; its suffix must be one of"),
+        (lambda: xbus.read_can(SPEC), "can.txt is no CAN capture; its suffix must be one of"),
         (lambda: xbus.read_can(([0.0], [5], [4], np.zeros((2, 8), np.uint8))), "must be of shape"),
         (lambda: xbus.read_can(([np.nan], [5], [4], np.zeros((1, 8), np.uint8))), "must be finite"),
         (lambda: xbus.read_can([], channel=1), "the capture has no channel 1"),

@@ -151,14 +151,14 @@ def test_a_file_that_grows_while_it_is_split(
 ) -> None:
     path = tmp_path / "log.mtb"
     path.write_bytes(DATA)
-    opened = xbus.log.parts._opened
+    opened = xbus.log.parts.open_source
 
-    def opened_and_grown(source: object, *args: int, **options: bool) -> object:
-        result = opened(source, *args, **options)
+    def opened_and_grown(source: Any) -> object:
+        result = opened(source)
         path.write_bytes(DATA + b"x")
         return result
 
-    monkeypatch.setattr("xbus.log.parts._opened", opened_and_grown)
+    monkeypatch.setattr("xbus.log.parts.open_source", opened_and_grown)
     with pytest.raises(XbusError, match=r"log\.mtb changed while it was split; split it again"):
         split_log(path)
 

@@ -1,7 +1,7 @@
 """The compiled core: an internal module. Users call the packages beside it, which call this."""
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Literal, final, overload
 
 import numpy as np
@@ -529,6 +529,7 @@ class Reader:
         fast: bool = True,
         legacy: list[tuple[int, int]] = ...,
         state: bytes | None = None,
+        check: Callable[[bytes], None] | None = None,
     ) -> Reader:
         """Opens a log.
 
@@ -547,6 +548,8 @@ class Reader:
             legacy: Settings of MTData that the caller knows: see `xbus.log.legacy.legacy_outputs`.
             state: `state` of another reader, which goes on from there; None for the start. A file object
                 stands there already.
+            check: Called with the first bytes of a file object or pipe, when they are read. What it raises
+                is passed on.
 
         Raises:
             OSError: The file cannot be opened.

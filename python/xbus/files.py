@@ -313,7 +313,7 @@ class _Decompressed:
     """A file as its decompressor reads it, with errors of the decompressor as OSError."""
 
     def __init__(self, read: _Read, raw: BinaryIO, name: str) -> None:
-        self._read, self._raw, self._name = read, raw, name
+        self._read, self._raw, self.name = read, raw, name
 
     def read(self, size: int = -1, /) -> bytes:
         """Returns at most ``size`` bytes, from a pipe what it yields; none at the end."""
@@ -331,7 +331,7 @@ class _Decompressed:
             if error.errno is not None:
                 raise
             reason = error
-        raise OSError(errno.EILSEQ, f"the compressed data is damaged ({reason})", self._name)
+        raise OSError(errno.EILSEQ, f"the compressed data is damaged ({reason})", self.name)
 
     def close(self) -> None:
         """Closes the file."""

@@ -59,6 +59,9 @@ class RemoteFile:
         ranges_only: Whether a server that sends only whole files is an error. Otherwise such a file is read
             from front to back.
 
+    Attributes:
+        name: The URL.
+
     Raises:
         ImportError: A library for the URL is not installed.
         OSError: The file cannot be opened.
@@ -70,7 +73,7 @@ class RemoteFile:
         with _errors(url):
             self._system, self._path = _locate(url)
             self._file = self._system.open(self._path, "rb", cache_type="none")
-        self._url, self._end, self._ranges_only = url, end, ranges_only
+        self.name, self._end, self._ranges_only = url, end, ranges_only
         self._position = start
         self._bytes = memoryview(b"")  # at the position
         self._request = FIRST
@@ -84,7 +87,7 @@ class RemoteFile:
         if size < 0:
             return b"".join(iter(lambda: self.read(LARGEST), b""))
         if size and not self._bytes:
-            with _errors(self._url):
+            with _errors(self.name):
                 self._bytes = memoryview(self._range(self._position, self._request_size()))
         data = bytes(self._bytes[:size])
         self._bytes = self._bytes[size:]
@@ -98,7 +101,7 @@ class RemoteFile:
     def seek(self, offset: int, whence: int = os.SEEK_SET, /) -> int:
         """Goes to a byte offset and returns it."""
         if whence == os.SEEK_END:
-            with _errors(self._url):
+            with _errors(self.name):
                 size = self._size()
                 offset += self._file.seek(0, os.SEEK_END) if size is None else size
         elif whence == os.SEEK_CUR:

@@ -17,10 +17,11 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
+from xbus.captures import CAPTURE_SUFFIXES, HEAD_SIZE, capture_format, has_frame
 from xbus.extras import require
-from xbus.files import naming
+from xbus.files import local_name, naming, suffix_of_compression, uncompressed_name
 
-__all__ = ["CAPTURE_SUFFIXES", "Capture", "FrameArrays", "Frames", "read_frames"]
+__all__ = ["Capture", "FrameArrays", "Frames", "read_frames"]
 
 #: The readers of python-can by suffix.
 READERS = {
@@ -31,9 +32,7 @@ READERS = {
     ".csv": "CSVReader",
     ".mf4": "MF4Reader",
 }
-#: The suffixes of captures. A file ``.log`` or ``.csv`` may also be something else.
-CAPTURE_SUFFIXES = tuple(READERS)
-#: Those of files that are not text.
+#: The suffixes of files that are not text.
 BINARY = (".blf", ".mf4")
 DATA_SIZE = 8
 STANDARD_IDS = 1 << 11
@@ -219,19 +218,14 @@ def _of_messages(messages: Iterator[Any], block: int | None) -> Iterator[Frames]
 
 
 def _read_file(path: str, block: int | None) -> Iterator[Frames]:
-    can = require("can", "can", "to read CAN captures")
-    is_gzip = path.lower().endswith(".gz")
-    suffix = os.path.splitext(path[: -len(".gz")] if is_gzip else path)[1].lower()  # noqa: PTH122
-    if suffix not in READERS or (is_gzip and suffix in BINARY):
-        raise ValueError(
-            f"{path} is no CAN capture; its suffix must be one of {', '.join(CAPTURE_SUFFIXES)}"
-        )
-    if suffix == ".mf4":
-        require("asammdf", "can", "to read MF4 files")
-    # The times of an ASC file count from its date, as those of the other formats.
-    options = {"relative_timestamp": False} if suffix == ".asc" else {}
     with naming(path), contextlib.ExitStack() as files:
-        file: Any = files.enter_context(gzip.open(path) if is_gzip else open(path, "rb"))  # noqa: PTH123, SIM115
+        file: Any = files.enter_context(_open(path))
+        suffix = _suffix_of(file.peek(HEAD_SIZE), path)
+        can = require("can", "can", "to read CAN captures")
+        if suffix == ".mf4":
+            require("asammdf", "can", "to read MF4 files")
+        # The times of an ASC file count from its date, as those of the other formats.
+        options = {"relative_timestamp": False} if suffix == ".asc" else {}
         fault = _blf_fault(file) if suffix == ".blf" else None
         if suffix not in BINARY:
             file = files.enter_context(io.TextIOWrapper(file, "utf-8", "replace"))
@@ -246,6 +240,39 @@ def _read_file(path: str, block: int | None) -> Iterator[Frames]:
             raise ValueError(
                 f"{path} is no {suffix} capture: {error or type(error).__name__}; check how it was made"
             ) from error
+
+
+def _open(path: str) -> Any:
+    name = local_name(path)
+    match suffix_of_compression(name):
+        case "":
+            return open(name, "rb")  # noqa: PTH123
+        case ".gz":
+            return gzip.open(name)
+        case suffix:
+            raise ValueError(f"{path}: a CAN capture is not read from {suffix}; decompress it")
+
+
+def _suffix_of(head: bytes, path: str) -> str:
+    """Returns the suffix of the format of a file, by its first bytes, or else by its name.
+
+    Raises:
+        ValueError: It is no capture, or a compressed one of a format that is not text.
+    """
+    suffix = capture_format(head)
+    if not suffix and has_frame(head):
+        raise ValueError(f"{path} is an Xbus log and no CAN capture; read it with xbus.read_log")
+    name = uncompressed_name(path)
+    suffix = suffix or os.path.splitext(name)[1].lower()  # noqa: PTH122
+    if suffix not in CAPTURE_SUFFIXES:
+        raise ValueError(
+            f"{path} is no CAN capture; its suffix must be one of {', '.join(CAPTURE_SUFFIXES)}"
+        )
+    if suffix in BINARY and name != path:
+        raise ValueError(
+            f"{path}: a {suffix} capture is not read from a compressed file; decompress it"
+        )
+    return suffix
 
 
 @contextlib.contextmanager

@@ -11,9 +11,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from xbus.can.captures import CAPTURE_SUFFIXES
 from xbus.can.ids import EXTENDED
 from xbus.can.traffic import GROUP_COUNTER, SAMPLE_TIME, Devices
+from xbus.captures import CAPTURE_SUFFIXES
 from xbus.extras import require
 
 __all__ = ["CanRecorder"]

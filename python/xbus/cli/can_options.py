@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from xbus.cli.captures import is_capture
+from xbus.captures import is_capture
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.input_options import InputOptions
 from xbus.cli.inputs import label, reading_task

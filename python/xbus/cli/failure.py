@@ -12,10 +12,12 @@ from typing import IO, Any, NoReturn
 
 import click
 
+from xbus.captures import CaptureError
 from xbus.describe.failures import file_failure
+from xbus.describe.names import file_label
 from xbus.errors import XbusError
 
-__all__ = ["Failure", "cannot", "failure_of", "handle_errors", "stop_requested"]
+__all__ = ["Failure", "cannot", "failure_of", "handle_errors", "no_capture", "stop_requested"]
 
 
 class Failure(click.ClickException):
@@ -33,11 +35,18 @@ def cannot(action: str, error: OSError) -> Failure:
     return Failure(file_failure(action, error))
 
 
+def no_capture(names: str) -> Failure:
+    """Returns the failure of a CAN capture that a command does not read, or not from a stream."""
+    return Failure(f"{names} is a CAN capture; xbus info, decode and report read files of those")
+
+
 def failure_of(error: Exception) -> Failure | None:
     """Returns the failure for an error that is not a fault of the program; None for other errors."""
     match error:
         case Failure():
             return error
+        case CaptureError():
+            return no_capture(file_label(error.name))
         case ImportError() | XbusError():
             return Failure(str(error))
         case MemoryError() | RuntimeError() if _is_lack_of_memory(error):

@@ -14,8 +14,8 @@ from typing import IO, TYPE_CHECKING
 
 import click
 
-from xbus.cli.captures import is_capture
-from xbus.cli.failure import Failure, cannot
+from xbus.captures import CaptureError, is_capture
+from xbus.cli.failure import Failure, cannot, no_capture
 from xbus.cli.progress import ShowsProgress
 from xbus.describe.names import file_label
 from xbus.files import (
@@ -163,10 +163,7 @@ def no_frame(names: Sequence[str], size: int, head: bytes = b"") -> Failure:
             "--hex to read that"
         )
     if any(map(is_capture, names)):
-        return Failure(
-            f"no Xbus frame in {', '.join(map(label, names))}, a CAN capture; xbus info, decode and report "
-            "read those"
-        )
+        return no_capture(", ".join(map(label, names)))
     return Failure(
         f"no Xbus frame in {', '.join(map(label, names))}: {problem}; xbus reads .mtb files and raw "
         "bytes from the port, not exported text"
@@ -284,7 +281,9 @@ class Input:
             # One system call returns what a pipe holds. A non-blocking file returns None.
             while (data := self._read_once(size)) is None:
                 pass
-        if len(self.head) < HEAD and not self._is_hex:
+        if not self._is_hex:
+            if self._position == self._starts[-1][0]:
+                _check_head(data, name)
             self.head += data[: HEAD - len(self.head)]
         self._position += len(data)
         self._show_progress()
@@ -368,6 +367,18 @@ class _Stream:
         """Closes the stream, unless it is standard input."""
         if self._is_owned:
             self._rest.close()
+
+
+def _check_head(head: bytes, name: str) -> None:
+    """Checks the first bytes of a file, as the readers of logs do, which do not know its name."""
+    from xbus.log.source import check_head
+
+    try:
+        check_head(head, label(name))
+    except CaptureError as error:
+        raise no_capture(label(name)) from error
+    except ValueError as error:
+        raise Failure(f"cannot read {label(name)}: {error}") from error
 
 
 def _size(name: str) -> int | None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from xbus.cli.captures import is_capture
+from xbus.captures import is_capture
 from xbus.cli.failure import Failure, cannot
 from xbus.cli.inputs import STDIN, label
 from xbus.files import COMPRESSIONS, RECORDING_SUFFIX, is_url, local_name, suffix_of_compression

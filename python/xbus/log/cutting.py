@@ -15,7 +15,7 @@ from xbus.log.identity import HEAD_MESSAGES, SETTINGS_MESSAGES, has_mtdata
 from xbus.log.log import Log, MissingDeviceError
 from xbus.log.messages import Messages
 from xbus.log.pacing import ReplayPace
-from xbus.log.source import Readable
+from xbus.log.source import Readable, input_name
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import RECEIVER, device_of
 from xbus.wire.codec import encode_frame
@@ -61,9 +61,13 @@ class _Tee:
     Args:
         source: The input.
         arrivals: When its bytes arrived, or None if that is not known.
+
+    Attributes:
+        name: The name of the input for messages.
     """
 
     def __init__(self, source: Readable, arrivals: Arrivals | None = None) -> None:
+        self.name = input_name(source)
         #: From a buffered pipe, ``read1`` returns what is there.
         self._read = getattr(source, "read1", source.read)
         self._arrivals = arrivals

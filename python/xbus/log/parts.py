@@ -310,7 +310,7 @@ def split_log(
     arrivals = arrivals_of(pieces or given)
     plain = _is_name(given) and is_plain(os.fsdecode(given))
     opened: Any = pieces or (
-        _opened(given, 0, None, plain=plain) if _is_name(given) else open_source(given)
+        open_range(given, 0, None) if _is_name(given) and not plain else open_source(given)
     )
     reader = reader_of(
         opened,
@@ -458,11 +458,11 @@ class _Bytes:
         return cls(array_of(source)[start : end + LOOKAHEAD].tobytes())
 
 
-def _opened(source: Any, start: int, end: int | None, *, plain: bool) -> Source | Readable:
-    """Returns what the core can read from ``start`` to ``end``, or to the end."""
+def _opened(source: Any, start: int, end: int, *, plain: bool) -> Source | Readable:
+    """Returns what the core can read from ``start`` to ``end``."""
     if isinstance(source, _Bytes):
         return io.BytesIO(source.data)
-    if isinstance(source, KnownPieces) and end is not None:
+    if isinstance(source, KnownPieces):
         pieces = source.open()
         pieces.go_to(start, end)
         return pieces

@@ -30,7 +30,16 @@ from xbus.log.arrivals import Arrivals, arrivals_of, joined
 from xbus.log.identity import IDENTITY_MESSAGES, Identity
 from xbus.log.log import Log
 from xbus.log.runs import steady_time
-from xbus.log.source import LONGEST, Readable, Source, array_of, open_binary, open_range, skip
+from xbus.log.source import (
+    LONGEST,
+    Readable,
+    Source,
+    array_of,
+    check_head,
+    open_binary,
+    open_range,
+    skip,
+)
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import PRODUCTS, device_of
@@ -319,15 +328,16 @@ def _piece(source: Source, at: int) -> Piece:
             size, _ = remote_version(name)
     elif not isinstance(source, Readable):
         size = len(array_of(source))
-    ends = _ends(source)
+    ends = _ends(source, name)
     start = source.tell() if isinstance(source, Readable) else 0  # type: ignore[attr-defined]
     return Piece(source, name, ends, arrivals_of(source), size, start)
 
 
-def _ends(source: Source) -> Ends:
+def _ends(source: Source, name: str) -> Ends:
     ends = Ends()
     for window in WINDOWS:
         head, tail, is_whole = _windows(source, window)
+        check_head(head, name)
         start = _decode(head)
         end = start if is_whole else _decode(tail)
         ends = _ends_of(start, end)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -25,6 +26,8 @@ from xbus.log.source import (
     Readable,
     Source,
     check_bid,
+    check_head,
+    input_name,
     open_binary,
     open_source,
     quantity_filter,
@@ -105,7 +108,8 @@ def read_log(
         TypeError: The source, a key, or ``legacy`` is of the wrong type.
         ValueError: A quantity or string type that does not exist, a BID that is not from 0 to 255, settings
             of an unknown layout, a rate that is not a positive number, fewer threads than one, pieces of
-            different recordings, or bytes or a file object with compressed data.
+            different recordings, bytes or a file object with compressed data, or a CAN capture: `read_can`
+            reads those.
 
     >>> import xbus
     >>> log = xbus.read_log("tests/captures/walk.mtb")
@@ -358,4 +362,5 @@ def reader_of(
         threads=threads,
         values=values,
         state=state,
+        check=functools.partial(check_head, name=input_name(opened)) if state is None else None,
     )

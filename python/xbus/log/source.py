@@ -11,9 +11,9 @@ from typing import Any, BinaryIO, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from xbus.captures import HEAD_SIZE, check_no_capture
 from xbus.errors import XbusError
 from xbus.files import (
-    MAGIC_SIZE,
     check_is_recording,
     compression_of,
     is_plain,
@@ -33,6 +33,8 @@ __all__ = [
     "Source",
     "array_of",
     "check_bid",
+    "check_head",
+    "input_name",
     "open_binary",
     "open_range",
     "open_source",
@@ -136,7 +138,8 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
         ImportError: A library for a URL or a compressed file is not installed.
         OSError: A file cannot be opened.
         TypeError: The source is of the wrong type.
-        ValueError: Bytes or a file object with compressed data.
+        ValueError: Bytes or a file object with compressed data, or a CAN capture. The first bytes of what
+            can be read only once are not known here; see `check_head`.
     """
     if isinstance(source, str | os.PathLike):
         path = os.fspath(source)
@@ -144,9 +147,11 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
         if not is_plain(name):
             return open_file(name)
         check_is_recording(local_name(name))
+        _check_file(local_name(name))
         return local_name(name)
     if isinstance(source, bytes | Readable):
-        _check_compression(source[:MAGIC_SIZE] if isinstance(source, bytes) else _head(source))
+        head = source[:HEAD_SIZE] if isinstance(source, bytes) else _head(source)
+        check_head(head, input_name(source))
         return source
     if isinstance(source, np.ndarray):
         if source.dtype != np.uint8 or source.ndim != 1:
@@ -167,8 +172,15 @@ def open_source(source: Source) -> str | bytes | npt.NDArray[np.uint8] | Readabl
 
 
 def _checked(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-    _check_compression(data[:MAGIC_SIZE].tobytes())
+    check_head(data[:HEAD_SIZE].tobytes(), input_name(data))
     return data
+
+
+def _check_file(path: str) -> None:
+    """Checks the first bytes of a file, unless it is a pipe, which can be read once."""
+    if os.path.isfile(path):  # noqa: PTH113 - pathlib is slow to import
+        with open(path, "rb", buffering=0) as file:  # noqa: PTH123
+            check_head(file.read(HEAD_SIZE), path)
 
 
 def _head(file: Readable) -> bytes:
@@ -176,17 +188,28 @@ def _head(file: Readable) -> bytes:
     if not (hasattr(file, "seekable") and file.seekable()):
         return b""
     place = file.tell()  # type: ignore[attr-defined]
-    head = file.read(MAGIC_SIZE)
+    head = file.read(HEAD_SIZE)
     file.seek(place)  # type: ignore[attr-defined]
     return head if isinstance(head, bytes) else b""  # the core refuses text
 
 
-def _check_compression(head: bytes) -> None:
-    """Raises ValueError for compressed bytes, in which a log would have nothing but damage."""
+def input_name(source: object) -> str:
+    """Returns the name of an input for messages."""
+    name = source if isinstance(source, str | os.PathLike) else getattr(source, "name", None)
+    return str(os.fsdecode(name)) if isinstance(name, str | bytes | os.PathLike) else "the input"
+
+
+def check_head(head: bytes, name: str) -> None:
+    """Checks the first bytes of an input.
+
+    Raises:
+        ValueError: They are compressed or of a CAN capture: a log would have nothing but damage.
+    """
     if suffix := compression_of(head):
         raise ValueError(
             f"the bytes are compressed ({suffix[1:]}); decompress them, or pass the path of their file"
         )
+    check_no_capture(head, name)
 
 
 def open_binary(source: Source) -> BinaryIO | Readable:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from xbus.captures import check_no_capture
 from xbus.files import open_file
 from xbus.log.log import Log
 from xbus.log.pacing import UNSTAMPED_RATE, ReplayPace
@@ -154,7 +155,9 @@ class Playback:
 
 def _content(path: str | os.PathLike[str]) -> bytes:
     with contextlib.closing(open_file(os.fspath(path))) as file:
-        return file.read()
+        data = file.read()
+    check_no_capture(data, os.fsdecode(path))
+    return data
 
 
 def _ends(log: Log, offsets: IntArray, size: int) -> IntArray:

@@ -31,7 +31,7 @@ pub struct Reader {
 #[pymethods]
 impl Reader {
     #[new]
-    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, values=true, fast=true, legacy=vec![], state=None))]
+    #[pyo3(signature = (source, *, limit, strict, wanted, strings=0, part_bytes=None, rate=None, threads=1, values=true, fast=true, legacy=vec![], state=None, check=None))]
     #[allow(clippy::too_many_arguments)] // by keyword
     fn new(
         source: &Bound<'_, PyAny>,
@@ -46,6 +46,7 @@ impl Reader {
         fast: bool,
         legacy: Vec<(u16, u32)>,
         state: Option<&[u8]>,
+        check: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         let options = Options { limit, strict, strings, wanted, values, fast };
         let (place, clocks) = if let Some(state) = state {
@@ -54,7 +55,7 @@ impl Reader {
             let given = legacy.into_iter().map(|(mode, settings)| Output { mode, settings }).collect();
             (Place { outputs: Outputs::given(given), ..Place::default() }, Clocks::new(rate))
         };
-        let (source, total) = Source::open(source, place.seam.at, threads)?;
+        let (source, total) = Source::open(source, place.seam.at, threads, check)?;
         let part_bytes = part_bytes.into_iter().chain(total).min().unwrap_or(0);
         let reader = log::Reader::resume(options, place, part_bytes);
         Ok(Self { reader, clocks, source, blocks: Blocks::of(threads), total })

@@ -26,8 +26,13 @@ pub enum Source {
 impl Source {
     /// Opens bytes, a uint8 array, a path, a list of paths of regular files, or an object with a method `read`, with its
     /// length in bytes if that is known. It is read from position `at` on, where the object stands already, by this number of
-    /// threads.
-    pub fn open(source: &Bound<'_, PyAny>, at: u64, threads: usize) -> PyResult<(Self, Option<u64>)> {
+    /// threads. `check` is called with the first bytes of what is no regular file.
+    pub fn open(
+        source: &Bound<'_, PyAny>,
+        at: u64,
+        threads: usize,
+        check: Option<Py<PyAny>>,
+    ) -> PyResult<(Self, Option<u64>)> {
         if let Ok(bytes) = source.cast::<PyBytes>() {
             let length = bytes.as_bytes().len();
             return Ok((Self::Bytes(bytes.clone().unbind(), 0..length), Some(length as u64)));
@@ -47,7 +52,7 @@ impl Source {
             return Ok((Self::of(files, at, threads), Some(length)));
         }
         let Ok(path) = source.extract::<PathBuf>() else {
-            return Ok((Self::stream(PyInput::of(source, false), at), None));
+            return Ok((Self::stream(PyInput::of(source, false, check), at), None));
         };
         match fs::metadata(&path) {
             Ok(metadata) if metadata.is_file() => {
@@ -57,7 +62,7 @@ impl Source {
             // Python's own file reacts to Ctrl-C while it waits for a pipe or a device, and names the path in its errors.
             _ => {
                 let file = source.py().import("io")?.call_method1("open", (path, "rb", 0))?;
-                Ok((Self::stream(PyInput::of(&file, true), at), None))
+                Ok((Self::stream(PyInput::of(&file, true, check), at), None))
             }
         }
     }
@@ -92,11 +97,14 @@ struct PyInput {
     has_read1: bool,
     /// Whether it is closed at the end: a file that was opened here.
     is_owned: bool,
+    /// What is called with the first bytes.
+    check: Option<Py<PyAny>>,
 }
 
 impl PyInput {
-    fn of(object: &Bound<'_, PyAny>, is_owned: bool) -> Self {
-        Self { object: object.clone().unbind(), has_read1: object.hasattr("read1").unwrap_or(false), is_owned }
+    fn of(object: &Bound<'_, PyAny>, is_owned: bool, check: Option<Py<PyAny>>) -> Self {
+        let has_read1 = object.hasattr("read1").unwrap_or(false);
+        Self { object: object.clone().unbind(), has_read1, is_owned, check }
     }
 
     fn call<'py>(&mut self, py: Python<'py>, size: usize) -> PyResult<Bound<'py, PyAny>> {
@@ -122,6 +130,9 @@ impl Read for PyInput {
                 .map_err(|_| PyTypeError::new_err("read() must return bytes; open the file in binary mode"))?;
             if bytes.len() > buffer.len() {
                 return Err(PyTypeError::new_err("read() returned more bytes than requested"));
+            }
+            if let Some(check) = self.check.take() {
+                check.call1(py, (&data,))?;
             }
             buffer[..bytes.len()].copy_from_slice(bytes);
             Ok(bytes.len())
