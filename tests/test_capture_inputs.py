@@ -17,10 +17,10 @@ import pytest
 
 import xbus
 import xbus.dask
-from test_can import SUFFIXES, TWO, can, write
+from test_can import SUFFIXES, TWO, write
 from test_cli import WALK, run, sentence
-from xbus.captures import CAPTURE_SUFFIXES, CaptureError, is_capture
 from xbus.can.captures import READERS
+from xbus.captures import CAPTURE_SUFFIXES, CaptureError, is_capture
 
 DATA = Path(WALK).read_bytes()
 NAMES = [f"drive.{suffix}" for suffix in SUFFIXES]
@@ -70,7 +70,7 @@ def refused(name: str) -> Any:
     assert str(caught.value) == (
         f"{name} is a CAN capture and no Xbus log; read it with xbus.read_can"
     )
-    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)
+    assert str(pickle.loads(pickle.dumps(caught.value))) == str(caught.value)  # noqa: S301
 
 
 def test_the_formats_are_those_that_are_read() -> None:

@@ -15,12 +15,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import streams
 import xbus
 from conftest import OWN_CAPTURES, counter, differences, facts, fine
 from streams import mtdata2, packet
 from test_cli import run
 from xbus import MessageId, encode_frame
+from xbus.cli.failure import Failure
+from xbus.cli.inputs import Input
+from xbus.log.parts import LogChangedError
 from xbus.log.pieces import piece_name, pieces_of
+from xbus.log.read import reader_of
 from xbus.log.source import Source
 
 WALK = OWN_CAPTURES / "walk.mtb"
@@ -355,3 +360,69 @@ def test_only_direct_continuations() -> None:
     ):
         with pytest.raises(ValueError, match=reason):
             direct(one, other)
+
+
+@pytest.fixture
+def long_pieces(tmp_path: Path) -> list[Path]:
+    """Three pieces, each of several reads."""
+    data = streams.ahrs(30_000)
+    cuts = [0, 10_000 * 88, 20_000 * 88, len(data)]
+    pieces = {f"walk_{at}": data[start:end] for at, (start, end) in enumerate(pairwise(cuts))}
+    return saved(tmp_path, **pieces)
+
+
+@pytest.mark.parametrize("is_file", [False, True])
+@pytest.mark.parametrize("number", [0, 1, 2])
+def test_a_piece_that_becomes_shorter_while_it_is_read(
+    long_pieces: list[Path], number: int, is_file: bool
+) -> None:
+    """The next piece does not continue it."""
+    files = [path.open("rb") for path in long_pieces]
+    parts = xbus.iter_log(files if is_file else long_pieces, block_bytes=200_000)
+    assert len(next(parts)) > 2000
+    os.truncate(long_pieces[number], 500_000)
+    name = f"piece {number + 1}" if is_file else str(long_pieces[number])
+    with pytest.raises(OSError, match="the file has become shorter while it was read") as error:
+        list(parts)
+    assert error.value.filename == name
+    for file in files:
+        file.close()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_piece_that_becomes_shorter_while_it_is_read_at_once(
+    long_pieces: list[Path], threads: int
+) -> None:
+    pieces = pieces_of(long_pieces)
+    reader = reader_of(pieces, strict=False, quantities=None, strings=0, threads=threads)
+    assert reader.advance(100_000)
+    os.truncate(long_pieces[1], 500_000)
+    with pytest.raises(OSError, match=r"become shorter while it was read: '.*walk-1\.mtb'"):
+        list(iter(lambda: reader.advance(100_000), False))
+
+
+def test_a_piece_that_becomes_shorter_while_it_is_split(long_pieces: list[Path]) -> None:
+    def shorten(_: int) -> None:
+        os.truncate(long_pieces[1], 500_000)
+
+    for threads in (1, 2):
+        whole = long_pieces[1].read_bytes()
+        with pytest.raises(LogChangedError, match=r"walk-1\.mtb changed while it was split"):
+            xbus.split_log(long_pieces, block_bytes=100_000, threads=threads, progress=shorten)
+        long_pieces[1].write_bytes(whole)
+
+
+def test_commands_report_a_piece_that_becomes_shorter(long_pieces: list[Path]) -> None:
+    names = list(map(str, long_pieces))
+    with Input(names) as source:
+        assert source.read(100_000)
+        os.truncate(names[1], 500_000)
+        with pytest.raises(
+            Failure, match=r"cannot read .*walk-1\.mtb: the file has become shorter"
+        ):
+            list(iter(lambda: source.read(100_000), b""))
+    with Input(names[:1]) as source:  # a single file ends where its end is
+        source.read(100_000)
+        os.truncate(names[0], 500_000)
+        list(iter(lambda: source.read(100_000), b""))
+        assert source.size == 500_000

@@ -11,8 +11,10 @@ from typing import Any, TypeAlias
 
 from xbus.extras import require
 
-__all__ = ["RemoteFile", "Url", "Version", "matching_urls", "remote_version"]
+__all__ = ["SHORTER", "RemoteFile", "Url", "Version", "matching_urls", "remote_version"]
 
+#: What is wrong with a file that ends before its end.
+SHORTER = "the file has become shorter while it was read"
 #: Bytes of the first request of a file of which it is not known how much is read. Each one doubles the next.
 FIRST = 1 << 18
 #: Most bytes of one request.
@@ -139,7 +141,7 @@ class RemoteFile:
             return b""
         data = self._requested(start, size)
         if not data and end is not None:
-            raise OSError(errno.EIO, "the file has become shorter while it was read")
+            raise OSError(errno.EIO, SHORTER)
         return data
 
     def _requested(self, start: int, size: int) -> bytes:

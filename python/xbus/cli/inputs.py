@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import io
 import os
 import re
@@ -30,6 +31,7 @@ from xbus.files import (
     open_file,
     suffix_of_compression,
 )
+from xbus.remote import SHORTER
 
 if TYPE_CHECKING:
     from xbus.log.arrivals import Arrivals
@@ -259,7 +261,15 @@ class Input:
                 self.open_next()
             if data := self.read_current(size):
                 return data
+            self._check_size()
             self._close()
+
+    def _check_size(self) -> None:
+        """Raises Failure if one of several files has become shorter: the next one does not continue it."""
+        start, name = self._starts[-1]
+        size = self._sizes[len(self._starts) - 1] or 0
+        if len(self._names) > 1 and not self._is_hex and self._position - start < size:
+            raise cannot(f"read {label(name)}", OSError(errno.EIO, SHORTER))
 
     def open_next(self) -> None:
         """Opens the next file."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
 import math
 import os
@@ -167,19 +168,21 @@ class LogPart:
         """
         keep, begin, whole = quantity_filter(quantities), self._begin, self._whole
         _check_versions(begin.source, whole.versions, CHANGED)
-        reader = reader_of(
-            _opened(begin.source, self.start, self.end, plain=whole.is_plain),
-            strict=False,
-            quantities=keep,
-            strings=whole.strings,
-            part_bytes=self.end - self.start,
-            threads=thread_count(threads),
-            state=begin.state,
-        )
-        more = True
-        while more and (begin.is_last or reader.position < self.end):
-            more = reader.advance(STEP if begin.is_last else min(STEP, self.end - reader.position))
-        _check_versions(begin.source, whole.versions, CHANGED)
+        with _checked_versions(begin.source, whole.versions, CHANGED):
+            reader = reader_of(
+                _opened(begin.source, self.start, self.end, plain=whole.is_plain),
+                strict=False,
+                quantities=keep,
+                strings=whole.strings,
+                part_bytes=self.end - self.start,
+                threads=thread_count(threads),
+                state=begin.state,
+            )
+            more = True
+            while more and (begin.is_last or reader.position < self.end):
+                more = reader.advance(
+                    STEP if begin.is_last else min(STEP, self.end - reader.position)
+                )
         if reader.position != self.end:
             raise self._changed()
         log = self._log(reader, keep)
@@ -325,11 +328,11 @@ def split_log(
     )
     first_pass = _FirstPass(bid)
     found = []
-    for part in first_pass.parts(reader, given, block_bytes, arrivals):
-        found.append(part)
-        if progress is not None:
-            progress(part[1])
-    _check_versions(given, versions, SPLIT_CHANGED)
+    with _checked_versions(given, versions, SPLIT_CHANGED):
+        for part in first_pass.parts(reader, given, block_bytes, arrivals):
+            found.append(part)
+            if progress is not None:
+                progress(part[1])
     whole = _Whole(
         versions,
         mask_of(strings),
@@ -523,3 +526,16 @@ def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: 
     if found != versions:
         changed = next(at for at, before in enumerate(versions) if before != found[at])
         raise LogChangedError(f"{_name(_each(source)[changed])} {problem}")
+
+
+@contextlib.contextmanager
+def _checked_versions(
+    source: Any, versions: tuple[Version | None, ...], problem: str
+) -> Iterator[None]:
+    """Compares the pieces of a source after it was read; a change explains why it cannot be read."""
+    try:
+        yield
+    except OSError:
+        _check_versions(source, versions, problem)
+        raise
+    _check_versions(source, versions, problem)

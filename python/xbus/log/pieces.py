@@ -7,6 +7,7 @@ is decided from the samples at their ends.
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import re
@@ -43,7 +44,7 @@ from xbus.log.source import (
 from xbus.protocol.configuration import Configuration
 from xbus.protocol.ids import MessageId
 from xbus.protocol.tables import PRODUCTS, device_of
-from xbus.remote import remote_version
+from xbus.remote import SHORTER, remote_version
 
 __all__ = ["PieceName", "Pieces", "PiecesError", "name_of_piece", "piece_name", "pieces_of"]
 
@@ -186,6 +187,9 @@ class Pieces:
         self._unopened = list(pieces)
         self._file: BinaryIO | Readable | None = None
         self._is_owned = False
+        self._name = ""
+        #: Bytes of the current piece that are not read yet; fewer than 0 if it has grown.
+        self._left = 0
         #: The bytes of the next piece and those after it that are read, if they are known.
         self._range: tuple[int, int] | None = None
 
@@ -219,18 +223,26 @@ class Pieces:
             skip(self, start)
 
     def read(self, size: int = -1, /) -> bytes:
-        """Returns at most ``size`` bytes; none after the last piece."""
+        """Returns at most ``size`` bytes; none after the last piece.
+
+        Raises:
+            OSError: A piece cannot be read, or has become shorter: the next one does not continue it.
+        """
         while True:
             if self._file is None:
                 if not self._unopened:
                     return b""
                 piece = self._unopened.pop(0)
+                self._name, self._left = piece.name, piece.size or 0
                 self._file = self._open(piece)
                 self._is_owned = self._file is not piece.source
                 if not self._is_owned:
                     self._file.seek(piece.start)  # type: ignore[attr-defined]
             if data := self._file.read(size):
+                self._left -= len(data)
                 return data
+            if self._left > 0:
+                raise OSError(errno.EIO, SHORTER, self._name)
             self.close()
 
     def _open(self, piece: Piece) -> BinaryIO | Readable:
@@ -238,6 +250,7 @@ class Pieces:
             return open_binary(piece.source)
         start, end = self._range
         self._range = (0, end - (piece.size or 0))
+        self._left -= start
         return open_range(piece.source, start, end)
 
     def again(self) -> Pieces:
@@ -328,8 +341,11 @@ def _piece(source: Source, at: int) -> Piece:
             size, _ = remote_version(name)
     elif not isinstance(source, Readable):
         size = len(array_of(source))
-    ends = _ends(source, name)
-    start = source.tell() if isinstance(source, Readable) else 0  # type: ignore[attr-defined]
+    ends, start = _ends(source, name), 0
+    if isinstance(source, Readable):
+        file: Any = source
+        start = file.tell()
+        size = file.seek(0, os.SEEK_END) - start
     return Piece(source, name, ends, arrivals_of(source), size, start)
 
 
