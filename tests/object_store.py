@@ -22,6 +22,7 @@ class ObjectStore:
     Attributes:
         address: Its address, ``http://127.0.0.1:PORT``.
         denied: Paths that it refuses.
+        errors: Paths that it answers with an error of S3: status and code. That for HEAD has no code.
         before: Functions that are called before the request for a path.
         ranges: The ranges that were requested of each path, None for a whole object.
     """
@@ -29,6 +30,7 @@ class ObjectStore:
     def __init__(self) -> None:
         self.address = ""
         self.denied: set[str] = set()
+        self.errors: dict[str, tuple[str, str]] = {}
         self.before: dict[str, Callable[[], None]] = {}
         self.ranges: dict[str, list[str | None]] = {}
         self._application = DomainDispatcherApplication(create_backend_app)
@@ -42,12 +44,24 @@ class ObjectStore:
         if path in self.denied:
             start("403 Forbidden", [("Content-Length", "0")])
             return []
+        if path in self.errors:
+            status, code = self.errors[path]
+            text = f"<Error><Code>{code}</Code><Message>What S3 says.</Message></Error>"
+            body = b"" if environment["REQUEST_METHOD"] == "HEAD" else text.encode()
+            start(status, [("Content-Length", str(len(body))), ("Content-Type", "application/xml")])
+            return [body]
         return self._application(environment, start)
 
     @property
     def options(self) -> dict[str, Any]:
         """The storage options of URLs."""
         return {"endpoint_url": self.address, "key": "key", "secret": "secret"}
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The variables for URLs without options."""
+        names = ("AWS_ENDPOINT_URL", "AWS_ACCESS_KEY_ID", "AWS_SECRET_ACCESS_KEY")
+        return dict(zip(names, self.options.values(), strict=True))
 
     def put(self, name: str, data: bytes) -> str:
         """Stores an object, and returns its URL."""

@@ -20,6 +20,7 @@ import streams
 import xbus
 from conftest import differences, facts
 from object_store import ObjectStore
+from test_cli import run, sentence
 from xbus import XbusError, split_log
 from xbus.remote import MARGIN, MORE, RemoteFile, Url, matching_urls, remote_version
 
@@ -180,7 +181,7 @@ def test_versions(store: ObjectStore) -> None:
     ("url", "kind", "message"),
     [
         ("s3://bucket/none.mtb", FileNotFoundError, "No such file or directory: '{url}'"),
-        ("s3://nowhere/none.mtb", FileNotFoundError, "No such file or directory: '{url}'"),
+        ("s3://nowhere/none.mtb", FileNotFoundError, "the bucket does not exist: '{url}'"),
         ("s3://bucket/secret.mtb", PermissionError, "Permission denied: '{url}'"),
         ("{http}/bucket/none.mtb", FileNotFoundError, "No such file or directory: '{url}'"),
         ("{http}/bucket/secret.mtb", PermissionError, "Permission denied: '{url}'"),
@@ -200,6 +201,59 @@ def test_errors_name_the_url(
         assert caught.value.filename == url
         assert str(caught.value).endswith(message.format(url=url))
         assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "kind", "reason"),
+    [
+        ("403 Forbidden", "AccessDenied", PermissionError, "Permission denied"),
+        (
+            "403 Forbidden",
+            "InvalidAccessKeyId",
+            PermissionError,
+            "the server does not know the access key",
+        ),
+        (
+            "403 Forbidden",
+            "SignatureDoesNotMatch",
+            PermissionError,
+            "the secret key is not that of the access key",
+        ),
+        ("400 Bad Request", "ExpiredToken", PermissionError, "the credentials have expired"),
+        (
+            "301 Moved Permanently",
+            "PermanentRedirect",
+            FileNotFoundError,
+            "the bucket is in another region or at another endpoint",
+        ),
+    ],
+)
+def test_errors_of_s3_have_a_reason(
+    status: str,
+    code: str,
+    kind: type[OSError],
+    reason: str,
+    store: ObjectStore,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    url = stored(store, f"{code}.mtb")
+    parts = split_log(url, block_bytes=100_000)
+    store.errors[store.path(f"{code}.mtb")] = status, code
+    for read in (xbus.read_log, split_log, lambda _: parts[0].read()):
+        with pytest.raises(kind) as caught:
+            read(url)
+        assert str(caught.value).endswith(f"{reason}: '{url}'")
+    for name, value in store.environment.items():
+        monkeypatch.setenv(name, value)
+    result = run("info", url)
+    assert sentence(result).startswith(f"cannot read {url}: {reason}; ")
+
+
+def test_a_pattern_in_a_bucket_that_does_not_exist(store: ObjectStore) -> None:
+    with pytest.raises(
+        FileNotFoundError, match=r"the bucket does not exist: 's3://nowhere/\*\.mtb'"
+    ):
+        matching_urls(Url("s3://nowhere/*.mtb", store.options))
 
 
 def test_an_object_that_is_refused_later(store: ObjectStore) -> None:

@@ -29,6 +29,19 @@ TAGS = (
     *("Last-Modified", "modify", "modificationTime", "created"),
 )
 
+#: The errors of S3 whose reason the error of the system does not give: number and reason by code. That of an
+#: answer to HEAD is its status.
+S3_ERRORS = {
+    "NoSuchBucket": (errno.ENOENT, "the bucket does not exist"),
+    "InvalidAccessKeyId": (errno.EACCES, "the server does not know the access key"),
+    "SignatureDoesNotMatch": (errno.EACCES, "the secret key is not that of the access key"),
+    "ExpiredToken": (errno.EACCES, "the credentials have expired"),
+    "PermanentRedirect": (errno.ENOENT, "the bucket is in another region or at another endpoint"),
+    "301": (errno.ENOENT, "the bucket is in another region or at another endpoint"),
+}
+#: Statuses that may have a code.
+WITHOUT_CODE = ("400", "403")
+
 #: What changes when a file does: its size, and an identifier of its content or the time of its last change.
 Version: TypeAlias = tuple[int | None, str | None]
 
@@ -201,6 +214,8 @@ def matching_urls(pattern: str) -> list[str]:
         system, path = _locate(pattern)
         system.invalidate_cache()
         names = sorted(system.glob(path))
+        if not names:
+            _check_bucket(system, path)
     options = getattr(pattern, "storage_options", None)
     return [Url(system.unstrip_protocol(name), options) for name in names]
 
@@ -219,6 +234,15 @@ def _locate(url: str) -> tuple[Any, str]:
         raise OSError(errno.EPROTONOSUPPORT, str(error)) from error
 
 
+def _check_bucket(system: Any, path: str) -> None:
+    """Raises FileNotFoundError if the bucket of a path does not exist, where no file matches a pattern."""
+    try:
+        system.info(path)
+    except FileNotFoundError as error:
+        if _s3_code(error) == "NoSuchBucket":
+            raise
+
+
 @contextlib.contextmanager
 def _errors(url: str) -> Iterator[None]:
     """Converts the errors of all file systems to OSError with a reason and the URL."""
@@ -227,12 +251,32 @@ def _errors(url: str) -> Iterator[None]:
     except (ImportError, MemoryError):
         raise
     except Exception as error:
+        if _s3_code(error) in WITHOUT_CODE:
+            error = _error_of_get(url) or error
         number, reason = _reason(error)
         raise OSError(number, reason, str(url)) from error
 
 
+def _s3_code(error: BaseException) -> str | None:
+    """Returns the code of an error of S3; None for other errors."""
+    response = getattr(error.__cause__, "response", None)
+    return response.get("Error", {}).get("Code") if isinstance(response, dict) else None
+
+
+def _error_of_get(url: str) -> Exception | None:
+    """Returns the error of a request for a byte, which has a code where that for the size has none."""
+    system, path = _locate(url)
+    try:
+        system.cat_file(path, start=0, end=1)
+    except Exception as error:
+        return error
+    return None
+
+
 def _reason(error: BaseException) -> tuple[int, str]:
     """Returns the number and the text of an error."""
+    if (found := S3_ERRORS.get(_s3_code(error) or "")) is not None:
+        return found
     cause = error.__cause__
     if type(error) is FileNotFoundError and cause is not None:
         # fsspec reports any failure of a web server in this way.
