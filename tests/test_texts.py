@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ast
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,27 @@ import pytest
 from test_cli import FIELD, WALK, run
 from xbus import encode_sample
 from xbus.protocol.tables import QUANTITIES
+
+PACKAGE = Path(__file__).parent.parent / "python" / "xbus"
+#: An option of a command.
+OPTION = re.compile(r"(?<![\w-])--[a-z]")
+
+
+def texts_of(module: Path) -> Iterator[str]:
+    """The texts in a module that are no docstrings."""
+    nodes = list(ast.walk(ast.parse(module.read_text("utf-8"))))
+    docs = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs:
+            yield node.value
+
+
+@pytest.mark.parametrize("package", ["export", "log", "protocol"])
+def test_the_library_names_arguments_and_no_options(package: str) -> None:
+    """Commands replace them: see `xbus.cli.argument_options`."""
+    modules = [*(PACKAGE / package).rglob("*.py")]
+    assert len(modules) > 10
+    assert [text for module in modules for text in texts_of(module) if OPTION.search(text)] == []
 
 
 def strange(number: float) -> bytes:

@@ -8,6 +8,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from xbus.cli.argument_options import with_argument_options
 from xbus.cli.batch import Job
 from xbus.cli.between import CutRecording
 from xbus.cli.can_options import CanOptions
@@ -239,7 +240,7 @@ class Decoding:
             try:
                 return write(parts, out, quantities=self._quantities, threads=self._threads, **how)
             except ExportError as error:
-                raise Failure(f"{names}: {error}") from error
+                raise Failure(f"{names}: {with_argument_options(str(error))}") from error
             except ForeignFilesError as error:
                 raise foreign_files(out, error) from error
 

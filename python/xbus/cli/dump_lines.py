@@ -8,6 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 from xbus import _core
+from xbus.cli.argument_options import with_argument_options
 from xbus.cli.rate_use import RateUse
 from xbus.describe.text import describe_message, describe_packet, message_dict, packet_dict
 from xbus.log.source import LONGEST
@@ -135,7 +136,7 @@ class DumpFormatter:
         elif message.mid == MessageId.MTData:
             found = self._outputs.samples(message.bid, message.payload)
             if found is None:
-                problem = remedy_of_size(len(message.payload))
+                problem = with_argument_options(remedy_of_size(len(message.payload)))
                 yield message, _Sample([], b"", problem)
             for sample in found or ():
                 yield message._replace(bid=sample.bid), _Sample(sample.packets, sample.stamps, None)

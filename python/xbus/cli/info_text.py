@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 from xbus._core import damage_reasons
+from xbus.cli.argument_options import with_argument_options
 from xbus.cli.printing import align, bold
 from xbus.describe.listing import MAX_LISTED, LargestRows
 from xbus.describe.log_summary import GAP, MAX_KINDS, LogSummary
@@ -27,7 +28,12 @@ MAX_UNKNOWN = 50
 
 def info_text(name: str, summary: LogSummary) -> str:
     """Returns the description of a log."""
-    lines = [bold(name), *(_line(*row) for row in log_rows(summary)), "", *_quantities(summary)]
+    lines = [
+        bold(name),
+        *(_line(title, with_argument_options(text)) for title, text in log_rows(summary)),
+        "",
+        *_quantities(summary),
+    ]
     for title, section in (
         ("gaps", _gaps(summary)),
         ("damage", _damage(summary)),

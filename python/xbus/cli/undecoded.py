@@ -6,6 +6,7 @@ from collections.abc import Collection, Iterator
 from itertools import islice
 from typing import TYPE_CHECKING
 
+from xbus.cli.argument_options import with_argument_options
 from xbus.cli.failure import Failure
 from xbus.formatting import device_name
 
@@ -34,7 +35,8 @@ def check_decoded(log: Log | LogSummary, names: str) -> None:
         [log.keys(), log.strings.counts] if isinstance(log, Log) else [log.quantities, log.strings]
     )
     if log.undecoded and not any(decoded):
-        raise Failure(f"{names}: nothing was decoded: {describe_undecoded(log.undecoded)}")
+        what = with_argument_options(describe_undecoded(log.undecoded))
+        raise Failure(f"{names}: nothing was decoded: {what}")
 
 
 def undecoded_lines(log: Log | DecodedTotals, tracker: Tracker | None = None) -> Iterator[str]:
@@ -42,7 +44,7 @@ def undecoded_lines(log: Log | DecodedTotals, tracker: Tracker | None = None) ->
     from xbus.protocol.undecoded import NO_ORIENTATION, describe_undecoded
 
     if log.undecoded:
-        yield f"not decoded: {describe_undecoded(log.undecoded)}"
+        yield f"not decoded: {with_argument_options(describe_undecoded(log.undecoded))}"
     if log.trackers:
         yield NO_ORIENTATION
     if len(log.trackers) > 1 and tracker is None:

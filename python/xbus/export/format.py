@@ -99,7 +99,7 @@ class Format(ABC):
         if self.most_samples is not None and samples > self.most_samples:
             raise ExportError(
                 f"{samples:,} samples are more than the {self.most_samples:,} that the format can hold; "
-                "choose a part with --between, or another format"
+                "choose a part with between=, or another format"
             )
 
     @abstractmethod

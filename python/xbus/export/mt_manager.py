@@ -101,10 +101,10 @@ class MtManager(Format):
                 systems = [
                     ":".join(key) for key in found if isinstance(key, tuple) and key[0] == name
                 ]
-                other = "; or one device with --bid" if len(shape.devices) > 1 else ""
+                other = "; or one device with bid=" if len(shape.devices) > 1 else ""
                 raise ExportError(
-                    f"{name} in several coordinates; choose --quantity {' or '.join(systems)}, "
-                    f"and the other quantities{other}"
+                    f"{name} in several coordinates; choose quantities={' or '.join(systems)}, and the other "
+                    f"quantities{other}"
                 )
         others = (*OTHERS, "sample_time_fine", "utc_time")
         return [*found, *(name for name in others if name in shape)]
@@ -223,7 +223,7 @@ class _Layout:
             if self._rate is None:
                 raise ExportError(
                     f"the header of MT Manager {self._mtm} has an update rate, which time stamps show; "
-                    "--rate HZ gives times to a log with a counter, and --mtm 2022 has no rate"
+                    'rate=HZ gives times to a log with a counter, and mtm="2022" has no rate'
                 )
             rate = f"{self._rate:.1f}Hz"
             flags = [" Option Flags: Unknown "] * (self._mtm == "4.8")

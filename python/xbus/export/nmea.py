@@ -91,7 +91,7 @@ class Nmea(Format):
             )
         if len(shape.devices) > 1:
             bids = ", ".join(str(device.bid) for device in shape.devices)
-            raise ExportError(f"sentences do not name a device; choose one with --bid: {bids}")
+            raise ExportError(f"sentences do not name a device; choose one with bid=: {bids}")
         return _SentenceWriter(out, positions)
 
 

@@ -133,7 +133,7 @@ class _StoWriter:
         if len(part.restarts):
             raise ExportError(
                 f"a device restarts at sample {part.restarts[0]:,}, and an .sto file has one time axis; "
-                "choose samples before or after it with --between, or cut the recording with xbus cut"
+                "choose samples before or after it with between=, or cut the recording with xbus cut"
             )
         bids = device_of(part.bid)
         end = part.first_sample + len(part) - 1 - REACH
@@ -204,10 +204,10 @@ class _StoWriter:
         if not self._counts["row"]:
             several = len(self._tracks) > 1
             raise ExportError(
-                "at no time all devices have an orientation; do they share a clock? --bid chooses one"
+                "at no time all devices have an orientation; do they share a clock? bid= chooses one"
                 if several
                 else "no orientation has a time stamp and is a rotation, neither zeros nor NaN; "
-                "--rate HZ gives times to a log with a counter"
+                "rate=HZ gives times to a log with a counter"
             )
 
 

@@ -269,7 +269,7 @@ class _TrackWriter:
         """Returns why there is no point, and what to do."""
         name = self._position
         if unfixed := self._counts.get("unfixed position", 0):
-            other = "; choose --source gnss, the receiver" if self._can_be_gnss else ""
+            other = '; choose source="gnss", the receiver' if self._can_be_gnss else ""
             return f"none of the {format_count(unfixed, 'position')} ({name}) has a fix{other}"
         if self._counts.get("invalid position", 0):
             return f"no position ({name}) is a place on Earth; xbus info lists the content"

@@ -142,7 +142,7 @@ def _hours(
         hours = find_hours(read_ahead(parts, read, threads), "host")
     if hours.clock == "recording" and all(np.isnan(part.earliest) for part in parts):
         raise DatasetError(
-            "the samples have no time stamps, so hours are not known; add --rate, or omit --partition-by"
+            "the samples have no time stamps, so hours are not known; add rate=, or omit by_hour="
         )
     return hours
 
@@ -221,9 +221,9 @@ class _Files:
 
     def _open(self, place: str) -> None:
         if self.count == MOST_FILES:
-            other = ", or omit --partition-by" if place else ""
+            other = ", or omit by_hour=" if place else ""
             raise DatasetError(
-                f"it would be more than {MOST_FILES:,} files; choose a larger --partition-size{other}"
+                f"it would be more than {MOST_FILES:,} files; choose a larger size={other}"
             )
         number = self._numbers.get(place, 0)
         self._numbers[place], self._place = number + 1, place
