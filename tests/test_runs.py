@@ -18,6 +18,7 @@ import xbus
 from conftest import counter, differences, facts, fine
 from streams import dirty, frame, gnssins, mtdata2, packet
 from test_cli import FIELD, WALK, run
+from xbus.describe.log_summary import LogSummary
 from xbus.log.runs import PartRuns, Runs
 from xbus.protocol.tables import QUANTITIES
 from xbus.report import gather
@@ -236,6 +237,20 @@ def test_interleaved_devices_equal_each_alone(order: list[tuple[int, int]], bloc
                 b"".join(alone[device.bid])
             ).runs.tolist()
         ]
+
+
+def test_the_runs_of_many_devices_are_added_up_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The work for a device does not depend on how many others there are."""
+    bids = range(1, 255)
+    sent = [samples(5, first=3 * bid, ticks=100 * bid, bid=bid) for bid in bids]
+    log = xbus.read_log(b"".join(message for row in zip(*sent, strict=True) for message in row))
+    summary, calls = LogSummary([log]), []
+    of_devices = Runs.of_devices
+    monkeypatch.setattr(Runs, "of_devices", lambda runs: calls.append(runs) or of_devices(runs))
+    devices = summary.devices
+    assert len(calls) == 1
+    assert [(device.bid, device.samples) for device in devices] == [(bid, 5) for bid in bids]
+    assert [device.duration for device in devices] == pytest.approx([0.04] * len(bids))
 
 
 def test_a_device_without_identity_has_none() -> None:

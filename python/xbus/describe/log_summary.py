@@ -26,7 +26,7 @@ from xbus.log.identity import (
 from xbus.log.log import Log
 from xbus.log.messages import Messages
 from xbus.log.rates import Rates
-from xbus.log.runs import PartRuns, Runs, steady_time
+from xbus.log.runs import DeviceRuns, PartRuns, Runs, steady_time
 from xbus.log.stats import Stats
 from xbus.log.trackers import TrackerCounts, TrackerSummary
 from xbus.protocol.configuration import Configuration
@@ -107,8 +107,13 @@ class _PartStamps:
 
     def __init__(self, part: Log, runs: PartRuns, last: Mapping[int, npt.NDArray[Any]]) -> None:
         self._last = last
-        self._devices = device_of(part.bid)
+        self._size = len(part)
         self._stamps = stamps_of(runs.run, steady_time(part.core))
+        #: The samples with a stamp, sorted by device, and the device of each.
+        self._places = np.flatnonzero(self._stamps["run"] >= 0)
+        self._devices = device_of(part.bid[self._places])
+        order = np.argsort(self._devices, kind="stable")
+        self._places, self._devices = self._places[order], self._devices[order]
 
     def before(self, rows: npt.NDArray[np.int64], bids: npt.NDArray[np.uint8]) -> npt.NDArray[Any]:
         """Returns the last stamp of a device before each sample, `STAMP`.
@@ -119,9 +124,11 @@ class _PartStamps:
         """
         found = np.empty(len(rows), STAMP)
         devices = device_of(bids)
-        for device in np.unique(devices).tolist():
-            is_asked = devices == device
-            places = np.flatnonzero((self._devices == device) & (self._stamps["run"] >= 0))
+        asked = np.unique(devices)
+        firsts = np.searchsorted(self._devices, asked, "left").tolist()
+        ends = np.searchsorted(self._devices, asked, "right").tolist()
+        for device, first, end in zip(asked.tolist(), firsts, ends, strict=True):
+            is_asked, places = devices == device, self._places[first:end]
             known = np.concatenate((self._last.get(device, NO_STAMP), self._stamps[places]))
             found[is_asked] = known[np.searchsorted(places, rows[is_asked])]
         return found
@@ -129,7 +136,7 @@ class _PartStamps:
     def last(self) -> dict[int, npt.NDArray[Any]]:
         """Returns the last stamp of each device up to the end of the part."""
         devices = np.array(sorted({*self._last, *np.unique(self._devices).tolist()}), np.uint8)
-        stamps = self.before(np.full(len(devices), len(self._devices)), devices)
+        stamps = self.before(np.full(len(devices), self._size), devices)
         return {device: stamps[at : at + 1] for at, device in enumerate(devices.tolist())}
 
 
@@ -158,14 +165,11 @@ class DeviceSummary:
     """
 
     def __init__(
-        self, bid: int, identity: Identity, runs: Runs, rates: Rates, *, has_counter: bool
+        self, bid: int, identity: Identity, runs: DeviceRuns, rates: Rates, *, has_counter: bool
     ) -> None:
         self.bid, self.identity = bid, identity
-        own = runs.of_devices()[bid]
-        self.samples = int(runs.rows["samples"][own].sum())
-        self.lost = int(runs.rows["lost"][own].sum())
-        self.duration = runs.recorded(own)
-        self.restarts = runs.seconds_before()[own[1:]]
+        self.samples, self.lost, self.duration = runs.samples, runs.lost, runs.duration
+        self.restarts = runs.before[1:]
         self.rate = rates.mean
         self.nominal_rate = rates.nominal(self.samples, has_counter=has_counter)
 
@@ -326,16 +330,16 @@ class LogSummary:
     @property
     def devices(self) -> list[DeviceSummary]:
         """The devices that sent samples, in the order of their first samples."""
-        devices = list(self.runs.of_devices())
+        devices = self.runs.devices()
         return [
             DeviceSummary(
                 bid,
-                identity_of(self._identities, devices, bid),
-                self.runs,
+                identity_of(self._identities, list(devices), bid),
+                runs,
                 self._device_rates[device_of(bid)],
                 has_counter=self.has_counter,
             )
-            for bid in devices
+            for bid, runs in devices.items()
         ]
 
     @property

@@ -97,8 +97,8 @@ def _trackers(summary: LogSummary) -> Iterator[str]:
 
 
 def _device(summary: LogSummary) -> Iterator[str]:
-    if len(summary.devices) > 1:
-        yield f"{len(summary.devices)} devices on a bus"
+    if (count := len(summary.devices)) > 1:
+        yield f"{count} devices on a bus"
         return
     yield from _identity(summary.identity)
 

@@ -15,7 +15,7 @@ from xbus import _core
 from xbus.log.arrays import read_only
 from xbus.protocol.tables import RECEIVER, device_of
 
-__all__ = ["PartRuns", "Runs", "steady_time"]
+__all__ = ["DeviceRuns", "PartRuns", "Runs", "steady_time"]
 
 RUN = np.dtype(
     [("bid", "u1"), ("first", "i8"), ("last", "i8"), ("start", "f8"), ("duration", "f8")]
@@ -57,6 +57,22 @@ class PartRuns(NamedTuple):
     run: npt.NDArray[np.int64]
     lost: npt.NDArray[np.int64]
     present: tuple[int, ...]
+
+
+class DeviceRuns(NamedTuple):
+    """What the runs of one device add up to.
+
+    Attributes:
+        samples: Number of samples.
+        lost: Number of samples that are missing within runs.
+        duration: Seconds recorded; NaN if not known.
+        before: Seconds that were recorded before each run, ``(n,)``.
+    """
+
+    samples: int
+    lost: int
+    duration: float
+    before: npt.NDArray[np.float64]
 
 
 class Runs:
@@ -198,27 +214,34 @@ class Runs:
 
     def seconds_before(self) -> npt.NDArray[np.float64]:
         """Returns the seconds that its device recorded before each run."""
-        seconds = np.nan_to_num(self.durations, nan=0.0)
-        before = np.empty(len(seconds))
-        for numbers in self.of_devices().values():
-            before[numbers] = np.concatenate(([0.0], np.cumsum(seconds[numbers])[:-1]))
+        before = np.empty(len(self))
+        found = self.devices().values()
+        for numbers, device in zip(self.of_devices().values(), found, strict=True):
+            before[numbers] = device.before
         return before
+
+    def devices(self) -> dict[int, DeviceRuns]:
+        """Returns the sums of the runs of each device, by its BID, in the order of their first samples."""
+        samples, lost, durations = self.rows["samples"], self.rows["lost"], self.durations
+        return {
+            bid: DeviceRuns(
+                int(samples[own].sum()),
+                int(lost[own].sum()),
+                _recorded(durations[own]),
+                np.concatenate(([0.0], np.nancumsum(durations[own])[:-1])),
+            )
+            for bid, own in self.of_devices().items()
+        }
 
     def of_devices(self) -> dict[int, npt.NDArray[np.intp]]:
         """Returns the numbers of the runs of each device, by its BID, in the order of their first samples."""
         bids = self.rows["bid"]
         return {bid: np.flatnonzero(bids == bid) for bid in dict.fromkeys(bids.tolist())}
 
-    def recorded(self, numbers: npt.NDArray[np.intp]) -> float:
-        """Returns the sum of the durations of runs that have one; NaN if none has."""
-        durations = self.durations[numbers]
-        known = durations[np.isfinite(durations)]
-        return float(np.cumsum(known)[-1]) if len(known) else math.nan
-
     @property
     def duration(self) -> float:
         """Seconds recorded: the sum of a device's runs, the longest of several devices; NaN if not known."""
-        durations = [self.recorded(numbers) for numbers in self.of_devices().values()]
+        durations = [device.duration for device in self.devices().values()]
         return max((seconds for seconds in durations if math.isfinite(seconds)), default=math.nan)
 
     def table(self) -> npt.NDArray[Any]:
@@ -233,6 +256,12 @@ class Runs:
 def _is_one_run(part: _core.Part) -> bool:
     """Returns whether all samples of a part belong to one run."""
     return not len(part.restarts.sample) and len(part.devices) == 1
+
+
+def _recorded(durations: npt.NDArray[np.float64]) -> float:
+    """Returns the sum of the durations of runs that have one; NaN if none has."""
+    known = durations[np.isfinite(durations)]
+    return float(np.cumsum(known)[-1]) if len(known) else math.nan
 
 
 def _span_of(stamps: npt.NDArray[np.float64]) -> tuple[float, float, int]:
