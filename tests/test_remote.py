@@ -152,7 +152,7 @@ def test_a_file_that_grows_while_it_is_split(
 ) -> None:
     path = tmp_path / "log.mtb"
     path.write_bytes(DATA)
-    opened = xbus.log.parts.open_source
+    opened = xbus.log.source.open_source
 
     def opened_and_grown(source: Any) -> object:
         result = opened(source)

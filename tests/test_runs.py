@@ -7,6 +7,7 @@ import math
 import struct
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -244,11 +245,11 @@ def test_the_runs_of_many_devices_are_added_up_once(monkeypatch: pytest.MonkeyPa
     bids = range(1, 255)
     sent = [samples(5, first=3 * bid, ticks=100 * bid, bid=bid) for bid in bids]
     log = xbus.read_log(b"".join(message for row in zip(*sent, strict=True) for message in row))
-    summary, calls = LogSummary([log]), []
-    of_devices = Runs.of_devices
-    monkeypatch.setattr(Runs, "of_devices", lambda runs: calls.append(runs) or of_devices(runs))
+    summary = LogSummary([log])
+    counted = Mock(wraps=summary.runs.of_devices)
+    monkeypatch.setattr(summary.runs, "of_devices", counted)
     devices = summary.devices
-    assert len(calls) == 1
+    counted.assert_called_once()
     assert [(device.bid, device.samples) for device in devices] == [(bid, 5) for bid in bids]
     assert [device.duration for device in devices] == pytest.approx([0.04] * len(bids))
 
