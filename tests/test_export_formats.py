@@ -17,6 +17,7 @@ from test_cli import WALK, run
 from test_decode_parts import LOGS, PART
 from test_rerun import rrd_rows
 from xbus.cli import decoding
+from xbus.cli.argument_options import with_argument_options
 from xbus.cli.export_formats import EXPORTS, FormatOptions
 from xbus.export.format import ExportError, Format, export
 
@@ -61,7 +62,7 @@ def test_the_parts_of_a_log_give_the_file_of_the_whole_log(suffix: str, name: st
     if result.exit_code == 1:
         with pytest.raises(ExportError) as refused:
             export(format_of(suffix), log, [log], f"whole/out{suffix}")
-        assert result.stderr == f"xbus: log.mtb: {refused.value}\n"
+        assert result.stderr == f"xbus: log.mtb: {with_argument_options(str(refused.value))}\n"
         assert content(Path("whole")) == content(Path("parts")) == {}
         return
     assert result.exit_code == 0, result.stderr

@@ -19,6 +19,7 @@ from xbus.files import (
     is_plain,
     is_url,
     local_name,
+    naming,
     open_file,
     suffix_of_compression,
 )
@@ -179,7 +180,7 @@ def _checked(data: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
 def _check_file(path: str) -> None:
     """Checks the first bytes of a file, unless it is a pipe, which can be read once."""
     if os.path.isfile(path):  # noqa: PTH113 - pathlib is slow to import
-        with open(path, "rb", buffering=0) as file:  # noqa: PTH123
+        with naming(path), open(path, "rb", buffering=0) as file:  # noqa: PTH123
             check_head(file.read(HEAD_SIZE), path)
 
 
