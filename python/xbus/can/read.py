@@ -77,7 +77,8 @@ def read_can(
         source: A path (.asc, .blf, .log of candump, .trc, .csv or .mf4), an iterable of ``can.Message``, or
             the arrays ``(timestamps, ids, dlcs, data)``: seconds ``(n,)``, integers ``(n,)`` and ``(n,)``,
             and uint8 ``(n, 8)``. Identifiers above 0x7FF, or with bit 31, have 29 bits; bit 30 marks a remote
-            frame, and bit 29 an error frame, as in SocketCAN.
+            frame, and bit 29 an error frame, as in SocketCAN. The first bytes of a file show its format; the
+            suffix counts only if they do not.
         ids: The identifiers of the devices. None for one device with the default identifiers. A number is
             the offset of a device that adds it to them: ``0x100``. A mapping has its own ones by message or
             quantity: ``{"SampleTime": 0x10, "acceleration": 0x11}``. A list has one of these for each device,
@@ -93,8 +94,8 @@ def read_can(
         ImportError: The extra ``can`` is not installed.
         OSError: The file cannot be read.
         TypeError: The source or the identifiers are of the wrong type.
-        ValueError: The file is no capture, arrays do not fit together, identifiers are out of range or used
-            twice, or a rate that is not a positive number.
+        ValueError: The file is no capture, such as a log, arrays do not fit together, identifiers are out of
+            range or used twice, or a rate that is not a positive number.
 
     >>> import numpy as np, xbus
     >>> ids = np.array([0x005, 0x034, 0x005, 0x034])
