@@ -165,3 +165,17 @@ def test_a_lack_of_memory(tmp_path: Path, data: bytes, samples: int, threads: in
         assert (run.returncode, run.stderr) == (0, "")
         results.append(run.stdout.strip())
     assert (results[0], results[-1]) == ("MemoryError", str(samples))
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit is that of Linux")
+def test_a_lack_of_memory_for_many_small_columns(tmp_path: Path) -> None:
+    """There is room for the check, but not for another heap of the second thread.
+
+    malloc then gives each small vector a page of its own.
+    """
+    ids = range(0x9000, 0x9000 + 8000)
+    unit = b"".join(streams.mtdata2(streams.packet(data_id, b"\0")) for data_id in ids)
+    path = file_of(tmp_path, unit * 100)
+    command = [sys.executable, "-c", LIMITED, str(path), str(40 << 20), "2"]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    assert (run.returncode, run.stderr, run.stdout) == (0, "", "MemoryError\n")

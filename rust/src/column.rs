@@ -1,6 +1,7 @@
 //! Columns: one quantity of a log, the same packet of many messages, byte-swapped once into rows of numbers.
 
 use std::slice::ChunksExactMut;
+use std::sync::Arc;
 
 use crate::error::ShapeError;
 use crate::huge_pages;
@@ -285,6 +286,13 @@ impl Column {
             Values::F64(values) => values.shrink_to_fit(),
             Values::Raw(pieces) => pieces.bytes.shrink_to_fit(),
         }
+    }
+
+    /// The column, to be shared. Its memory counts as that of a vector: a log can have thousands of columns.
+    #[must_use]
+    pub fn shared(self) -> Arc<Self> {
+        huge_pages::leave_room_for(size_of::<Self>());
+        Arc::new(self)
     }
 
     /// Prepares the column for packets with this identifier and reading. If their numbers do not fit its type, it is widened

@@ -14,6 +14,8 @@ use crate::column::Progress;
 const SMALL: usize = 1 << 14;
 /// How many times as large a small vector becomes if the rest of the input is expected to need it.
 const PACE: usize = 16;
+/// Bytes of a page of memory on most systems.
+const PAGE: usize = 4096;
 
 /// Reserves memory for at least `more` numbers at the end of `out`.
 ///
@@ -65,12 +67,14 @@ pub fn leave_room_for(size: usize) {
 fn is_check_due(size: usize) -> bool {
     /// Bytes between two checks.
     const LARGE: usize = 1 << 20;
-    /// What the allocator needs for each piece of memory.
+    /// What malloc adds to each piece of memory.
     const OVERHEAD: usize = 16;
     thread_local! {
         static UNCHECKED: Cell<usize> = const { Cell::new(0) };
     }
-    let unchecked = UNCHECKED.get().saturating_add(size).saturating_add(OVERHEAD);
+    // glibc's malloc gives each piece pages of its own once a thread cannot get another heap, which takes 64 MiB.
+    let taken = size.saturating_add(OVERHEAD).checked_next_multiple_of(PAGE).unwrap_or(size);
+    let unchecked = UNCHECKED.get().saturating_add(taken);
     let is_due = unchecked >= LARGE;
     UNCHECKED.set(if is_due { 0 } else { unchecked });
     is_due
@@ -114,7 +118,6 @@ pub fn with_capacity<T>(length: usize) -> Vec<T> {
 fn request_huge_pages<T>(out: &mut Vec<T>) {
     /// Least bytes of a vector. Smaller ones would waste most of a huge page of 2 MiB.
     const LEAST_SIZE: usize = 4 << 20;
-    const PAGE: usize = 4096;
     let from = out.as_ptr().addr().next_multiple_of(PAGE);
     let to = (out.as_ptr().addr() + out.capacity() * size_of::<T>()) / PAGE * PAGE;
     if to.saturating_sub(from) < LEAST_SIZE {
@@ -165,7 +168,7 @@ mod tests {
             out.reserve_exact(7);
             is_check_due(out.capacity() * size_of::<u64>())
         });
-        assert_eq!(due.count(), 100_000 * (7 * 8 + 16) / (1 << 20));
+        assert_eq!(due.count(), 100_000 * PAGE / (1 << 20));
         assert!(is_check_due(1 << 20) && is_check_due(usize::MAX) && !is_check_due(0));
     }
 

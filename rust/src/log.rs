@@ -761,7 +761,7 @@ impl Reader {
         let mut part = std::mem::replace(&mut self.part, next);
         // Each part learns its layouts again, so that layouts from long ago do not slow down a long log.
         self.places.clear();
-        part.columns = self.columns.drain(..).map(Arc::new).collect();
+        part.columns = self.columns.drain(..).map(Column::shared).collect();
         part.layouts = std::mem::take(&mut self.layouts).into_known();
         part.stats.bytes = self.at() - self.began;
         part.stats.samples = part.layout.len() as u64;

@@ -1,7 +1,5 @@
 //! One device of a log with several.
 
-use std::sync::Arc;
-
 use super::{Messages, Part, Single, Stats, TimedPart, Times};
 use crate::clock::{Gap, Restart};
 use crate::column::{Column, Pieces, Values};
@@ -48,7 +46,7 @@ impl TimedPart {
         let columns = part.columns.iter().map(|column| column_of(part, column, own, index));
         let device = Part {
             first,
-            columns: columns.filter(|column| column.rows > 0).map(Arc::new).collect(),
+            columns: columns.filter(|column| column.rows > 0).map(Column::shared).collect(),
             layout: vec![0; singles.len()],
             singles,
             messages,
