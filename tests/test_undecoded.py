@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import pickle
+import random
 from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import streams
 import xbus
+from conftest import SEEDS, differences, edited, edits, facts
 from streams import mtdata2, packet
 from test_cli import run, sentence
 from xbus import MessageId, encode_frame, encode_sample
@@ -121,9 +124,15 @@ def test_parts_add_up() -> None:
 
 def snapshot(device: int, frame: int, mag: tuple[int, int, int], *, again: bool = False) -> bytes:
     """Returns a sample as an Awinda master sends it, built from the layout and not from the table."""
+    return mtdata2(snapshot_packet(device, frame, mag, again=again))
+
+
+def snapshot_packet(
+    device: int, frame: int, mag: tuple[int, int, int], *, again: bool = False
+) -> bytes:
     data = device.to_bytes(4, "big") + frame.to_bytes(4, "big") + bytes(range(24))
     data += b"".join(number.to_bytes(2, "big", signed=True) for number in mag)
-    return mtdata2(packet(0xC811 if again else 0xC810, data + bytes(8)))
+    return packet(0xC811 if again else 0xC810, data + bytes(8))
 
 
 def awinda() -> bytes:
@@ -231,6 +240,62 @@ def test_losses_of_trackers_do_not_depend_on_the_parts(
     expected = missing(frames)
     assert count_losses(np.array(frames)) == expected
     assert counts.summaries() == {ONE: ("00B42D4B", len(frames), *expected)}
+
+
+def trackers_stream(rng: random.Random, messages: int) -> bytes:
+    """Snapshots of some trackers, alone or together in a message; some are lost, some come again later."""
+    frames = {rng.getrandbits(32): rng.randrange(65_000, 66_000) for _ in range(rng.randint(1, 5))}
+    missing = [(next(iter(frames)), 64_999)]
+    sent = []
+    for _ in range(messages):
+        packets = []
+        for device in rng.sample(list(frames), rng.choice((1, 1, 1, len(frames)))):
+            frames[device] += 1
+            if rng.random() < 0.05:
+                missing.append((device, frames[device]))
+            else:
+                packets.append(snapshot_packet(device, frames[device], (1, frames[device] % 99, 3)))
+        if rng.random() < 0.05:
+            packets.append(snapshot_packet(*rng.choice(missing), (1, 2, 3), again=True))
+        if packets:
+            sent.append(mtdata2(*packets[:4]))
+    return b"".join(sent)
+
+
+def counts_of(*parts: xbus.Log) -> dict[int, trackers.TrackerSummary]:
+    counts = TrackerCounts()
+    for part in parts:
+        counts.add(part.get("awinda_snapshot"))
+    return counts.summaries()
+
+
+@given(SEEDS, st.lists(edits(), max_size=5), st.integers(1, 3000))
+def test_parts_of_snapshots_are_the_whole(
+    seed: int, changes: list[tuple[float, str, Any]], block: int
+) -> None:
+    data = edited(trackers_stream(random.Random(seed), 40), changes)
+    log = xbus.read_log(data, threads=1)
+    split = pickle.loads(pickle.dumps(xbus.split_log(data, block_bytes=block)))  # noqa: S301
+    for parts in ([part.read() for part in split], list(xbus.iter_log(data, block_bytes=block))):
+        assert differences(facts(*parts), facts(log)) == []
+        assert counts_of(*parts) == counts_of(log)
+    assert {key: one[2:] for key, one in counts_of(log).items()} == {
+        key: (one.lost_samples, one.gaps) for key, one in log.trackers.items()
+    }
+
+
+def test_threads_read_snapshots_as_one() -> None:
+    data = streams.damage(trackers_stream(random.Random(1), 40_000), random.Random(2), 1e-5)
+    assert len(data) > 2 << 20  # two blocks at least
+    log = xbus.read_log(data, threads=1)
+    several = xbus.read_log(data, threads=3)
+    assert several == log
+    assert len(log.trackers) > 1
+    for key, tracker in log.trackers.items():
+        assert np.array_equal(several.trackers[key].sample, tracker.sample)
+    parts = xbus.split_log(data, block_bytes=1 << 20)
+    assert differences(facts(*(part.read() for part in parts)), facts(log)) == []
+    assert counts_of(*(part.read() for part in parts)) == counts_of(log)
 
 
 def test_counts_of_trackers_need_little_memory(monkeypatch: pytest.MonkeyPatch) -> None:
