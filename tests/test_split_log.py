@@ -211,7 +211,7 @@ def test_a_file_that_became_a_pipe_is_refused(tmp_path: Path) -> None:
     parts = split_log(path, block_bytes=30_000)
     path.unlink()
     os.mkfifo(path)
-    with pytest.raises(TypeError, match=r"log\.mtb is no regular file"):
+    with pytest.raises(XbusError, match=r"log\.mtb has changed since it was split; split it again"):
         parts[0].read()
 
 

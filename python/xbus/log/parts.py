@@ -522,10 +522,13 @@ def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: 
         OSError: One cannot be accessed.
         LogChangedError: One has changed. The message is its name and ``problem``.
     """
-    found = _versions(source)
-    if found != versions:
-        changed = next(at for at, before in enumerate(versions) if before != found[at])
-        raise LogChangedError(f"{_name(_each(source)[changed])} {problem}")
+    for one, before in zip(_each(source), versions, strict=True):
+        try:
+            is_same = _versions(one) == (before,)
+        except TypeError:  # it has become a pipe or a device
+            is_same = False
+        if not is_same:
+            raise LogChangedError(f"{_name(one)} {problem}")
 
 
 @contextlib.contextmanager
