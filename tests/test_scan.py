@@ -251,6 +251,34 @@ def test_duckdb() -> None:
     del batches
 
 
+def test_duckdb_reads_what_a_query_of_a_lazy_frame_needs(
+    reads: list[tuple[int, list[str] | None]],
+) -> None:
+    lazy = scan_log(WALK, block_bytes=10_000)
+    table = xbus.read_log(WALK).to_polars().filter(pl.col("sample") < 100)
+    relation = duckdb.sql("SELECT count(*), max(acceleration_z) FROM lazy WHERE sample < 100")
+    assert relation is not None
+    for _ in range(2):
+        reads.clear()
+        assert relation.fetchall() == [(100, table["acceleration_z"].max())]
+        assert reads
+        assert all(first < 100 and asked == ["acceleration"] for first, asked in reads)
+    del lazy
+
+
+def test_duckdb_reports_a_file_that_has_changed(tmp_path: Path) -> None:
+    path = tmp_path / "log.mtb"
+    path.write_bytes(streams.ahrs(1000))
+    lazy, batches = scan_log(path, block_bytes=10_000), log_batches(path, block_bytes=10_000)
+    path.write_bytes(streams.ahrs(999))
+    for name in ("lazy", "batches"):
+        with pytest.raises(
+            duckdb.Error, match=r"log\.mtb has changed since it was split; split it"
+        ):
+            duckdb.execute(f"SELECT sum(acceleration_x) FROM {name}").fetchall()  # noqa: S608
+    del lazy, batches
+
+
 def test_a_dataset(tmp_path: Path) -> None:
     ds.write_dataset(log_batches(WALK, block_bytes=20_000), tmp_path / "walk", format="parquet")
     assert ds.dataset(tmp_path / "walk").to_table().equals(xbus.read_log(WALK).to_arrow())
