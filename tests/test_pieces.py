@@ -343,6 +343,15 @@ def test_rotated_recording(tmp_path: Path) -> None:
     assert np.isfinite(log.host_time).all()
 
 
+def test_files_that_are_no_pieces_can_be_read_by_themselves() -> None:
+    files = [io.BytesIO(b"start" + streams.ahrs(10)) for _ in range(2)]
+    for file in files:
+        file.seek(5)
+    with pytest.raises(ValueError, match="read each recording by itself"):
+        xbus.read_log(files)
+    assert [len(xbus.read_log(file)) for file in files] == [10, 10]
+
+
 def test_only_direct_continuations() -> None:
     def direct(*pieces: bytes) -> int:
         return len(pieces_of(pieces, direct=True).names)

@@ -346,6 +346,7 @@ def _piece(source: Source, at: int) -> Piece:
         file: Any = source
         start = file.tell()
         size = file.seek(0, os.SEEK_END) - start
+        file.seek(start)
     return Piece(source, name, ends, arrivals_of(source), size, start)
 
 
