@@ -119,7 +119,10 @@ def test_a_pipe_is_refused() -> None:
 
 
 @pytest.mark.parametrize("name", ["walk.asc", "walk.blf", "walk.log", "walk.trc", "walk.csv"])
-@pytest.mark.parametrize("start", [b"", b"(1.0) ", b"; date ", b"LOG"])
+@pytest.mark.parametrize(
+    "start",
+    [b"", b"(1.0) ", b"; date ", b"LOGGING\r\n", b"date Mon Nov 30\n", b"(1.0) can0 005#00\n"],
+)
 def test_a_log_with_an_odd_name_is_read(name: str, start: bytes) -> None:
     """Damage at its start makes it no capture."""
     Path(name).write_bytes(start + DATA)

@@ -10,6 +10,7 @@ from xbus.errors import XbusError
 from xbus.files import is_url, local_name, open_file
 
 __all__ = [
+    "BINARY",
     "CAPTURE_SUFFIXES",
     "HEAD_SIZE",
     "CaptureError",
@@ -19,10 +20,11 @@ __all__ = [
     "is_capture",
 ]
 
-#: How the captures of each suffix begin: those of Vector, candump, PEAK, python-can and ASAM.
+#: How the captures of each suffix begin: those of Vector, candump, PEAK, python-can and ASAM. The start of
+#: BLF includes the size of its header.
 STARTS = {
     ".asc": rb"(//[^\n]*\n\s*)*(date\s+\S+\s+\S+\s+\d|base\s+(hex|dec)\s)",
-    ".blf": rb"LOGG",
+    ".blf": rb"LOGG.\0\0\0",
     ".log": rb"\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]+#",
     ".trc": rb";(\$(FILEVERSION|STARTTIME|COLUMNS)=|#{8})",
     ".csv": rb"timestamp,arbitration_id",
@@ -30,6 +32,8 @@ STARTS = {
 }
 #: The suffixes of captures. A file ``.log`` or ``.csv`` may also be something else.
 CAPTURE_SUFFIXES = tuple(STARTS)
+#: The suffixes of captures that are not text.
+BINARY = (".blf", ".mf4")
 #: Suffixes that only captures have.
 OWN_SUFFIXES = (".asc", ".blf", ".trc", ".mf4", ".asc.gz", ".trc.gz")
 #: Bytes at the start of a file that show what it is.
@@ -57,8 +61,11 @@ def capture_format(head: bytes) -> str:
     >>> capture_format(b"(1436509052.249713) can0 005#000186A0")
     '.log'
     """
-    text = head[:HEAD_SIZE].lstrip()
-    return next((suffix for suffix, start in STARTS.items() if re.match(start, text)), "")
+    head = head[:HEAD_SIZE]
+    text = head.lstrip()
+    found = next((suffix for suffix, start in STARTS.items() if re.match(start, text)), "")
+    # A log may begin with a line of text, but no text contains a frame.
+    return "" if found and found not in BINARY and has_frame(head) else found
 
 
 def check_no_capture(head: bytes, name: str) -> None:

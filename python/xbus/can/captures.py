@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from xbus import _core
-from xbus.captures import CAPTURE_SUFFIXES, HEAD_SIZE, capture_format, has_frame
+from xbus.captures import BINARY, CAPTURE_SUFFIXES, HEAD_SIZE, capture_format, has_frame
 from xbus.extras import require
 from xbus.files import local_name, naming, suffix_of_compression, uncompressed_name
 
@@ -32,8 +32,6 @@ READERS = {
     ".csv": "CSVReader",
     ".mf4": "MF4Reader",
 }
-#: The suffixes of files that are not text.
-BINARY = (".blf", ".mf4")
 DATA_SIZE = 8
 STANDARD_IDS = 1 << 11
 EXTENDED_IDS = 1 << 29
