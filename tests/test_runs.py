@@ -254,6 +254,14 @@ def test_the_runs_of_many_devices_are_added_up_once(monkeypatch: pytest.MonkeyPa
     assert [device.duration for device in devices] == pytest.approx([0.04] * len(bids))
 
 
+def test_a_bid_is_no_device_identifier() -> None:
+    """A device may report an identifier that is the BID of another one, such as 0."""
+    named = frame(0x01, bytes.fromhex("00000000"), bid=1)
+    log = named + b"".join(samples(100, bid=1) + samples(50, bid=0))
+    assert xbus.read_log(log, bid=0).bid.tolist() == [0] * 50
+    assert [part.samples for part in xbus.split_log(log, bid=0)] == [50]
+
+
 def test_a_device_without_identity_has_none() -> None:
     """What one device of a bus says about itself describes no other."""
     named = frame(0x01, bytes.fromhex("00800002"), bid=2)

@@ -385,7 +385,7 @@ class Log(ByQuantity[Column], Exports):
         of any device. Strings are left out: they name no device.
 
         Args:
-            which: BID (1 for FF too) or device identifier.
+            which: BID (1 for FF too), or device identifier if it is more than 255.
 
         Raises:
             MissingDeviceError: The log has no samples of this device; a ValueError.
@@ -395,8 +395,9 @@ class Log(ByQuantity[Column], Exports):
         >>> xbus.read_log(b"".join(frames)).device(2)["temperature"].values.tolist()
         [22.0]
         """
+        is_bid = 0 <= which <= MASTER
         for device in self.devices:
-            if which == device.device_id or device_of(device.bid) == _device(which):
+            if device_of(device.bid) == device_of(which) if is_bid else device.device_id == which:
                 return self.of_device(device.bid)
         raise MissingDeviceError(which, [device.bid for device in self.devices])
 
@@ -853,10 +854,6 @@ def _in_units(column: Column) -> npt.NDArray[Any]:
         return column.scaled
     is_valid = column.values["valid"] & UTC_VALID == UTC_VALID
     return np.where(is_valid, column.datetime, np.datetime64("NaT", "ns"))
-
-
-def _device(which: int) -> int | None:
-    return device_of(which) if 0 <= which <= MASTER else None
 
 
 def _unpickled(
