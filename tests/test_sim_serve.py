@@ -209,6 +209,31 @@ def test_the_terminal_is_raw_again_after_a_client() -> None:
             step_until(server, lambda: not server.has_client)
 
 
+@pytest.mark.parametrize("flag", ["", "ICRNL", "IGNCR", "INLCR", "ISTRIP", "IXON", "PARMRK"])
+def test_a_client_that_sets_no_mode_gets_all_bytes(flag: str) -> None:
+    data = bytes(range(256))
+    with on_pty(Fake()) as server:
+        with open_port(server) as client:  # whose reads do not wait
+            assert exchange(server, client, b"a") == b"a"
+            settings = termios.tcgetattr(client.fd)
+            settings[0] |= getattr(termios, flag, 0)
+            termios.tcsetattr(client.fd, termios.TCSANOW, settings)
+        step_until(server, lambda: not server.has_client)
+        assert server.port is not None
+        terminal = os.open(server.port, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+        found = bytearray()
+
+        def receive() -> bool:
+            found.extend(client.read(len(data)) or b"")
+            return len(found) >= len(data)
+
+        with os.fdopen(terminal, "r+b", buffering=0) as client:
+            assert client.read(1) is None  # no end of file
+            client.write(data)
+            step_until(server, receive)
+        assert found == data
+
+
 def test_a_client_that_comes_while_another_leaves_keeps_its_rate(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -225,9 +250,7 @@ def test_a_client_that_comes_while_another_leaves_keeps_its_rate(
                 clients.append(open_port(server, baudrate=115_200))
             return found
 
-        # Both names: the module tty imports the function.
         monkeypatch.setattr("termios.tcgetattr", settings)
-        monkeypatch.setattr("tty.tcgetattr", settings)
         step_until(server, lambda: not server.has_client)
         with clients[0] as client:
             assert exchange(server, client, b"b") == b"b"

@@ -6,6 +6,7 @@ import contextlib
 import errno
 import math
 import os
+import select
 import selectors
 import socket
 import struct
@@ -15,7 +16,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 if TYPE_CHECKING:
     from xbus.sim.device import SimulatedDevice
@@ -247,11 +248,11 @@ class PtyServer(Server):
         super().close()
 
     def _plug_in(self) -> None:
-        import tty
+        import termios
 
         self._master, slave = os.openpty()
         try:
-            tty.setraw(slave)
+            termios.tcsetattr(slave, termios.TCSANOW, _raw(termios.tcgetattr(slave)))
             self._path = os.ttyname(slave)
         finally:
             # While this end is open, the other end cannot detect that a client has left. The settings belong
@@ -291,25 +292,38 @@ class PtyServer(Server):
 
     def _disconnect(self) -> None:
         import termios
-        import tty
 
         assert self._master is not None  # noqa: S101 - a client had opened it
         self._selector.unregister(self._master)
         termios.tcflush(self._master, termios.TCOFLUSH)
-        # To set a mode sets the rate too, and the next client may have chosen its own in the meantime. Most
-        # clients leave the terminal in raw mode.
-        if not _is_raw(self._master):
-            tty.setraw(self._master, termios.TCSANOW)
+        settings = termios.tcgetattr(self._master)
+        # To set a mode sets the rate too, and the next client may have chosen its own in the meantime.
+        if (raw := _raw(settings)) != settings and _has_no_client(self._master):
+            termios.tcsetattr(self._master, termios.TCSANOW, raw)
 
 
-def _is_raw(terminal: int) -> bool:
-    """Returns whether a terminal passes all bytes unchanged and without an echo, as after ``tty.setraw``."""
+def _raw(settings: list[Any]) -> list[Any]:
+    """Returns the settings with which a terminal passes all bytes unchanged, and a read waits for one.
+
+    ``tty.setraw`` leaves INLCR, IGNCR and PARMRK as they are in Python 3.11.
+    """
     import termios as t
 
-    read, write, _, local, *_ = t.tcgetattr(terminal)
-    changes = read & (t.BRKINT | t.ICRNL | t.IGNCR | t.INLCR | t.INPCK | t.ISTRIP | t.IXON)
-    changes |= write & t.OPOST
-    return not (changes or local & (t.ECHO | t.ICANON | t.IEXTEN | t.ISIG))
+    read, write, control, local, *rates, characters = settings
+    read &= ~(
+        t.BRKINT | t.ICRNL | t.IGNBRK | t.IGNCR | t.INLCR | t.INPCK | t.ISTRIP | t.IXON | t.PARMRK
+    )
+    local &= ~(t.ECHO | t.ICANON | t.IEXTEN | t.ISIG)
+    characters = [*characters]
+    characters[t.VMIN], characters[t.VTIME] = 1, 0
+    return [read, write & ~t.OPOST, control, local, *rates, characters]
+
+
+def _has_no_client(master: int) -> bool:
+    """Returns whether nobody has the other end of a pseudo-terminal open."""
+    poll = select.poll()
+    poll.register(master, 0)
+    return any(event & select.POLLHUP for _, event in poll.poll(0))
 
 
 def _speed(terminal: int) -> int:
