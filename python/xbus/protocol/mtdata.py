@@ -80,11 +80,11 @@ def remedy_of_size(size: int) -> str:
     """Returns what to do with MTData of this length that does not fit the settings in force.
 
     >>> print(remedy_of_size(18))
-    no OutputMode and OutputSettings for 18 bytes; 0004:00000001 or 0005:00000005 fits: legacy=MODE:SETTINGS
+    no OutputMode and OutputSettings for 18 bytes; 0004:00000001 or 0005:00000005 fits; pass it with legacy=
     """
     fitting = outputs_of_size(size)
     problem = f"no OutputMode and OutputSettings for {size} bytes"
     if not fitting:
-        return f"{problem}; legacy=MODE:SETTINGS passes those of the device"
+        return f"{problem}; pass those of the device with legacy="
     shown = " or ".join(fitting[:_MAX_SUGGESTED])
-    return f"{problem}; {shown} fits: legacy=MODE:SETTINGS"
+    return f"{problem}; {shown} fits; pass it with legacy="
