@@ -410,6 +410,22 @@ def test_a_piece_that_becomes_shorter_while_it_is_read_at_once(
         list(iter(lambda: reader.advance(100_000), False))
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_piece_that_becomes_shorter_before_it_is_opened(
+    long_pieces: list[Path], threads: int
+) -> None:
+    pieces = pieces_of(long_pieces)
+    os.truncate(long_pieces[1], 0)
+
+    def read() -> None:
+        reader = reader_of(pieces, strict=False, quantities=None, strings=0, threads=threads)
+        while reader.advance(100_000):
+            pass
+
+    with pytest.raises(OSError, match=r"become shorter while it was read: '.*walk-1\.mtb'"):
+        read()
+
+
 def test_a_piece_that_becomes_shorter_while_it_is_split(long_pieces: list[Path]) -> None:
     def shorten(_: int) -> None:
         os.truncate(long_pieces[1], 500_000)

@@ -208,6 +208,12 @@ class Pieces:
         ]
         return paths if len(paths) == len(self._unopened) <= MOST_OPEN else None
 
+    def check_sizes(self, paths: Sequence[str]) -> None:
+        """Raises OSError if one of the `paths` has become shorter since its end was read."""
+        for path, piece in zip(paths, self._pieces, strict=True):
+            if os.stat(path).st_size < (piece.size or 0):  # noqa: PTH116
+                raise OSError(errno.EIO, SHORTER, piece.name)
+
     def known(self) -> KnownPieces:
         """Returns what is needed to read the pieces in another process."""
         return KnownPieces(tuple((piece.source, piece.name, piece.size) for piece in self._pieces))

@@ -350,7 +350,7 @@ def reader_of(
     if part_bytes is not None:
         keep_freed_memory()
     paths = opened.paths if isinstance(opened, Pieces) and threads > 1 else None
-    return _core.Reader(
+    reader = _core.Reader(
         paths or opened,
         limit=LONGEST,
         strict=strict,
@@ -364,3 +364,6 @@ def reader_of(
         state=state,
         check=functools.partial(check_head, name=input_name(opened)) if state is None else None,
     )
+    if paths:  # the reader takes the sizes that they have now
+        opened.check_sizes(paths)  # type: ignore[union-attr]
+    return reader
