@@ -16,6 +16,9 @@ const SMALL: usize = 1 << 14;
 const PACE: usize = 16;
 /// Bytes of a page of memory on most systems.
 const PAGE: usize = 4096;
+/// Bytes that a thread takes between two checks of the memory that is left. A check maps memory and returns it, which takes
+/// as long as decoding a few kilobytes.
+const UNCHECKED: usize = 4 << 20;
 
 /// Reserves memory for at least `more` numbers at the end of `out`.
 ///
@@ -65,18 +68,16 @@ pub fn leave_room_for(size: usize) {
 
 /// Whether a thread has taken so much memory since its last check that the next one is due.
 fn is_check_due(size: usize) -> bool {
-    /// Bytes between two checks.
-    const LARGE: usize = 1 << 20;
     /// What malloc adds to each piece of memory.
     const OVERHEAD: usize = 16;
     thread_local! {
-        static UNCHECKED: Cell<usize> = const { Cell::new(0) };
+        static TAKEN: Cell<usize> = const { Cell::new(0) };
     }
     // glibc's malloc gives each piece pages of its own once a thread cannot get another heap, which takes 64 MiB.
-    let taken = size.saturating_add(OVERHEAD).checked_next_multiple_of(PAGE).unwrap_or(size);
-    let unchecked = UNCHECKED.get().saturating_add(taken);
-    let is_due = unchecked >= LARGE;
-    UNCHECKED.set(if is_due { 0 } else { unchecked });
+    let own = size.saturating_add(OVERHEAD).checked_next_multiple_of(PAGE).unwrap_or(size);
+    let taken = TAKEN.get().saturating_add(own);
+    let is_due = taken >= UNCHECKED;
+    TAKEN.set(if is_due { 0 } else { taken });
     is_due
 }
 
@@ -168,8 +169,8 @@ mod tests {
             out.reserve_exact(7);
             is_check_due(out.capacity() * size_of::<u64>())
         });
-        assert_eq!(due.count(), 100_000 * PAGE / (1 << 20));
-        assert!(is_check_due(1 << 20) && is_check_due(usize::MAX) && !is_check_due(0));
+        assert_eq!(due.count(), 100_000 * PAGE / UNCHECKED);
+        assert!(is_check_due(UNCHECKED) && is_check_due(usize::MAX) && !is_check_due(0));
     }
 
     #[test]
