@@ -62,15 +62,17 @@ def scan(path: Path) -> None:
     print(f"scan_log over read_log                {one / other:.2f}")
 
 
+def processor_time(work: Callable[[], object]) -> float:
+    """Returns the processor time of a function in seconds."""
+    start = time.process_time()
+    work()
+    return time.process_time() - start
+
+
 def processor_seconds(works: list[Callable[[], object]]) -> list[float]:
     """Returns the least processor time of each function, run in turns."""
-    best = [float("inf")] * len(works)
-    for _ in range(ROUNDS):
-        for at, work in enumerate(works):
-            start = time.process_time()
-            work()
-            best[at] = min(best[at], time.process_time() - start)
-    return best
+    rounds = [[processor_time(work) for work in works] for _ in range(ROUNDS)]
+    return [min(times) for times in zip(*rounds, strict=True)]
 
 
 def parts(path: Path) -> None:
@@ -88,9 +90,11 @@ def parts(path: Path) -> None:
 
     works: list[Callable[[], object]] = [lambda: [len(part) for part in xbus.iter_log(path)]]
     works += [lambda size=size: read_all(size) for size in sizes]  # type: ignore[misc]
-    base, *seconds = processor_seconds(works)
-    for size, taken in zip(sizes, seconds, strict=True):
-        print(f"parts of {size:>2} MiB over one pass            {taken / base:.2f}")
+    # Ratios of neighbours: the speed of a shared machine changes by more than parts cost.
+    rounds = [[processor_time(work) for work in works] for _ in range(2 * ROUNDS)]
+    ratios = [[seconds / base for seconds in taken] for base, *taken in rounds]
+    for size, ratio in zip(sizes, np.median(ratios, axis=0), strict=True):
+        print(f"parts of {size:>2} MiB over one pass            {ratio:.2f}")
 
 
 def dask(path: Path) -> None:
