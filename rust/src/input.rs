@@ -146,16 +146,25 @@ pub struct NamedFile<F = File> {
 }
 
 impl NamedFile {
-    /// Opens a file to read it.
+    /// Opens a regular file to read it.
     ///
     /// # Errors
-    /// If it cannot be opened.
+    /// If it cannot be opened, or is no regular file.
     pub fn open(path: PathBuf) -> io::Result<Self> {
-        match File::open(&path) {
+        match open_regular(&path) {
             Ok(file) => Ok(Self { file, path }),
             Err(error) => Err(named(error, &path)),
         }
     }
+}
+
+fn open_regular(path: &Path) -> io::Result<File> {
+    let mut options = File::options();
+    // Without this, to open a pipe waits for its writer.
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(&mut options, libc::O_NONBLOCK);
+    let file = options.read(true).open(path)?;
+    if file.metadata()?.is_file() { Ok(file) } else { Err(io::Error::from_raw_os_error(libc::EINVAL)) }
 }
 
 fn named(error: io::Error, path: &Path) -> io::Error {

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import math
 import os
@@ -167,8 +166,11 @@ class LogPart:
         (124, True)
         """
         keep, begin, whole = quantity_filter(quantities), self._begin, self._whole
-        _check_versions(begin.source, whole.versions, CHANGED)
-        with _checked_versions(begin.source, whole.versions, CHANGED):
+        if (
+            not whole.is_plain
+        ):  # to read from a local file first takes less time than to compare it twice
+            _check_versions(begin.source, whole.versions, CHANGED)
+        try:
             reader = reader_of(
                 _opened(begin.source, self.start, self.end, plain=whole.is_plain),
                 strict=False,
@@ -183,6 +185,10 @@ class LogPart:
                 more = reader.advance(
                     STEP if begin.is_last else min(STEP, self.end - reader.position)
                 )
+        except OSError:
+            _check_versions(begin.source, whole.versions, CHANGED)  # why it cannot be read
+            raise
+        _check_versions(begin.source, whole.versions, CHANGED)
         if reader.position != self.end:
             raise self._changed()
         log = self._log(reader, keep)
@@ -328,11 +334,15 @@ def split_log(
     )
     first_pass = _FirstPass(bid)
     found = []
-    with _checked_versions(given, versions, SPLIT_CHANGED):
+    try:
         for part in first_pass.parts(reader, given, block_bytes, arrivals):
             found.append(part)
             if progress is not None:
                 progress(part[1])
+    except OSError:
+        _check_versions(given, versions, SPLIT_CHANGED)
+        raise
+    _check_versions(given, versions, SPLIT_CHANGED)
     whole = _Whole(
         versions,
         mask_of(strings),
@@ -461,8 +471,8 @@ class _Bytes:
         return cls(array_of(source)[start : end + LOOKAHEAD].tobytes())
 
 
-def _opened(source: Any, start: int, end: int, *, plain: bool) -> Source | Readable:
-    """Returns what the core can read from ``start`` to ``end``."""
+def _opened(source: Any, start: int, end: int, *, plain: bool) -> Source | list[str]:
+    """Returns what the core can read from ``start`` to ``end``; in a list, a file that is no pipe by now."""
     if isinstance(source, _Bytes):
         return io.BytesIO(source.data)
     if isinstance(source, KnownPieces):
@@ -470,7 +480,7 @@ def _opened(source: Any, start: int, end: int, *, plain: bool) -> Source | Reada
         pieces.go_to(start, end)
         return pieces
     name = os.fsdecode(source)
-    return local_name(name) if plain else open_range(source, start, end)
+    return [local_name(name)] if plain else open_range(source, start, end)
 
 
 def _is_name(source: object) -> bool:
@@ -522,23 +532,15 @@ def _check_versions(source: Any, versions: tuple[Version | None, ...], problem: 
         OSError: One cannot be accessed.
         LogChangedError: One has changed. The message is its name and ``problem``.
     """
+    try:
+        if _versions(source) == versions:
+            return
+    except TypeError:  # one has become a pipe or a device
+        pass
     for one, before in zip(_each(source), versions, strict=True):
         try:
             is_same = _versions(one) == (before,)
-        except TypeError:  # it has become a pipe or a device
+        except TypeError:
             is_same = False
         if not is_same:
             raise LogChangedError(f"{_name(one)} {problem}")
-
-
-@contextlib.contextmanager
-def _checked_versions(
-    source: Any, versions: tuple[Version | None, ...], problem: str
-) -> Iterator[None]:
-    """Compares the pieces of a source after it was read; a change explains why it cannot be read."""
-    try:
-        yield
-    except OSError:
-        _check_versions(source, versions, problem)
-        raise
-    _check_versions(source, versions, problem)

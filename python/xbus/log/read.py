@@ -328,7 +328,7 @@ def cut_parts(
 
 
 def reader_of(
-    opened: Source,
+    opened: Source | list[str],
     *,
     strict: bool,
     quantities: QuantityFilter | None,
