@@ -171,7 +171,7 @@ def test_a_lack_of_memory(tmp_path: Path, data: bytes, samples: int, threads: in
 def test_a_lack_of_memory_for_many_small_columns(tmp_path: Path) -> None:
     """There is room for the check, but not for another heap of the second thread.
 
-    malloc then gives each small vector a page of its own.
+    malloc then gives each small vector a separate page.
     """
     ids = range(0x9000, 0x9000 + 8000)
     unit = b"".join(streams.mtdata2(streams.packet(data_id, b"\0")) for data_id in ids)

@@ -26,7 +26,7 @@ import streams
 import xbus
 from conftest import OWN_CAPTURES, damaged_streams, differences, facts, facts_of
 from streams import frame, mtdata2, packet
-from xbus import XbusError, split_log
+from xbus import XbusError, _core, split_log
 
 MAKERS = [streams.ahrs, streams.gnssins, streams.dirty, streams.hr]
 
@@ -213,6 +213,16 @@ def test_a_file_that_became_a_pipe_is_refused(tmp_path: Path) -> None:
     os.mkfifo(path)
     with pytest.raises(XbusError, match=r"log\.mtb has changed since it was split; split it again"):
         parts[0].read()
+
+
+@pytest.mark.parametrize("threads", [1, 2])
+def test_a_file_in_a_list_is_regular(threads: int, tmp_path: Path) -> None:
+    """To open a pipe would wait for its writer."""
+    path = tmp_path / "log.mtb"
+    os.mkfifo(path)
+    with pytest.raises(OSError, match="not a regular file") as refused:
+        _core.Reader([str(path)], limit=1 << 16, strict=False, wanted=None, threads=threads)
+    assert refused.value.filename == str(path)
 
 
 @pytest.mark.parametrize("change", ["longer", "shorter", "touched"])

@@ -73,7 +73,7 @@ fn is_check_due(size: usize) -> bool {
     thread_local! {
         static TAKEN: Cell<usize> = const { Cell::new(0) };
     }
-    // glibc's malloc gives each piece pages of its own once a thread cannot get another heap, which takes 64 MiB.
+    // glibc's malloc gives each piece separate pages once a thread cannot get another heap, which takes 64 MiB.
     let own = size.saturating_add(OVERHEAD).checked_next_multiple_of(PAGE).unwrap_or(size);
     let taken = TAKEN.get().saturating_add(own);
     let is_due = taken >= UNCHECKED;

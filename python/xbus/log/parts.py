@@ -166,9 +166,9 @@ class LogPart:
         (124, True)
         """
         keep, begin, whole = quantity_filter(quantities), self._begin, self._whole
-        if (
-            not whole.is_plain
-        ):  # to read from a local file first takes less time than to compare it twice
+        # Each comparison takes 3 % of the time of a part of a megabyte. The one after reading decides; this
+        # one avoids requests and decompression in vain.
+        if not whole.is_plain:
             _check_versions(begin.source, whole.versions, CHANGED)
         try:
             reader = reader_of(

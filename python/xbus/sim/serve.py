@@ -297,7 +297,7 @@ class PtyServer(Server):
         self._selector.unregister(self._master)
         termios.tcflush(self._master, termios.TCOFLUSH)
         settings = termios.tcgetattr(self._master)
-        # To set a mode sets the rate too, and the next client may have chosen its own in the meantime.
+        # To set a mode sets the rate too, and the next client may have set another one in the meantime.
         if (raw := _raw(settings)) != settings and _has_no_client(self._master):
             termios.tcsetattr(self._master, termios.TCSANOW, raw)
 
@@ -320,7 +320,7 @@ def _raw(settings: list[Any]) -> list[Any]:
 
 
 def _has_no_client(master: int) -> bool:
-    """Returns whether nobody has the other end of a pseudo-terminal open."""
+    """Returns whether no program has the other end of a pseudo-terminal open."""
     poll = select.poll()
     poll.register(master, 0)
     return any(event & select.POLLHUP for _, event in poll.poll(0))
