@@ -179,3 +179,68 @@ def test_a_lack_of_memory_for_many_small_columns(tmp_path: Path) -> None:
     command = [sys.executable, "-c", LIMITED, str(path), str(40 << 20), "2"]
     run = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     assert (run.returncode, run.stderr, run.stdout) == (0, "", "MemoryError\n")
+
+
+TABLE_LIMITED = """
+import resource, sys
+import pyarrow
+import xbus
+log = xbus.read_log(sys.argv[1])
+stream = log.arrow_stream()
+xbus.read_log(b"").to_arrow()  # imports what it needs
+
+def rows_with(limit, work):
+    used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+    resource.setrlimit(resource.RLIMIT_AS, (used + (limit << 20), -1))
+    taken = []
+    try:
+        while not limit:  # memory that malloc has kept would be enough
+            taken.append(bytearray(1 << 20))
+    except MemoryError:
+        pass
+    try:
+        return len(work())
+    except MemoryError:
+        return "MemoryError"
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (-1, -1))
+
+reader = pyarrow.RecordBatchReader.from_stream(stream)
+print(*(rows_with(limit, reader.read_next_batch) for limit in (1000, 0, 1000, 1000)))
+print(*(rows_with(limit, log.to_arrow) for limit in range(0, 161, 20)))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit is that of Linux")
+def test_a_lack_of_memory_for_a_table(tmp_path: Path) -> None:
+    """pyarrow asks for the batches of a table. There is no batch that it misses, and the process goes on."""
+    pytest.importorskip("pyarrow")
+    samples = 10 * SAMPLES
+    path = file_of(tmp_path, STREAM * 10)
+    command = [sys.executable, "-c", TABLE_LIMITED, str(path)]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    assert (run.returncode, run.stderr) == (0, "")
+    batches, tables = map(str.split, run.stdout.splitlines())
+    assert (tables[0], tables[-1]) == ("MemoryError", str(samples))
+    assert set(tables) == {"MemoryError", str(samples)}
+    assert (batches[1], sum(map(int, batches[:1] + batches[2:]))) == ("MemoryError", samples)
+
+
+FILE_LIMITED = """
+import resource, sys
+import xbus
+log = xbus.read_log(sys.argv[1], threads=1)
+log.device(0xFF).to_parquet(sys.argv[2])  # its threads have memory of their own
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + (300 << 20), -1))
+log.to_parquet(sys.argv[2])
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the limit is that of Linux")
+def test_memory_for_a_file_with_many_columns(tmp_path: Path) -> None:
+    """The columns of a batch share memory, which counts once: a table of 30 MB needs no gigabytes."""
+    path = file_of(tmp_path, streams.gnssins(100_000))
+    command = [sys.executable, "-c", FILE_LIMITED, str(path), str(tmp_path / "log.parquet")]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    assert (run.returncode, run.stderr) == (0, "")

@@ -3,14 +3,17 @@
 //! A scalar that every sample has is lent to Arrow as it lies in memory. Components of vectors, fields of records and
 //! columns with nulls are copied once.
 
+mod copies;
 mod fields;
 mod series;
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use arrow_array::{RecordBatch, RecordBatchIterator};
 use arrow_schema::{ArrowError, Schema, SchemaRef};
 
+use self::copies::Copies;
 use self::series::{Series, Shared};
 use crate::error::HostTimesError;
 use crate::log::TimedPart;
@@ -86,9 +89,15 @@ impl Table {
         // In steps where something is copied, so that no more than a step of it is in memory twice.
         let step = if series.iter().all(Series::is_lent) { rows.max(1) } else { BATCH_ROWS };
         let shared = schema.clone();
-        let batches = (0..rows.div_ceil(step)).map(move |batch| {
-            let (from, to) = (batch * step, rows.min((batch + 1) * step));
-            RecordBatch::try_new(shared.clone(), series.iter().map(|series| series.array(from, to)).collect())
+        let mut first = 0;
+        let batches = std::iter::from_fn(move || {
+            if first == rows {
+                return None;
+            }
+            let next = rows.min(first + step);
+            let batch = self::batch(&shared, &series, first..next);
+            first = next; // after the batch is made: one for which there was no memory is not left out
+            Some(batch)
         });
         RecordBatchIterator::new(Box::new(batches), schema)
     }
@@ -101,4 +110,12 @@ impl Table {
             Shape::Entries(column) => shared.entries(*column),
         }
     }
+}
+
+/// These rows of a table.
+fn batch(schema: &SchemaRef, series: &[Series], rows: Range<usize>) -> Result<RecordBatch, ArrowError> {
+    let mut copies = Copies::new(rows.len(), series.iter().map(Series::copied_width));
+    let cells: Vec<_> = series.iter().map(|series| series.cells(rows.clone(), &mut copies)).collect();
+    let types = schema.fields().iter().map(|field| field.data_type());
+    RecordBatch::try_new(schema.clone(), copies.arrays(types.zip(cells))?)
 }

@@ -82,7 +82,7 @@ fn is_check_due(size: usize) -> bool {
 }
 
 /// All numbers of an iterator.
-#[cfg(feature = "python")]
+#[cfg(feature = "arrow")]
 pub fn collect<T>(numbers: impl ExactSizeIterator<Item = T>) -> Vec<T> {
     let mut out = with_capacity(numbers.len());
     out.extend(numbers);
@@ -115,17 +115,32 @@ pub fn with_capacity<T>(length: usize) -> Vec<T> {
     out
 }
 
-#[cfg(target_os = "linux")]
+/// An empty buffer of Arrow with memory for `size` bytes.
+#[cfg(feature = "arrow")]
+#[must_use]
+pub fn buffer(size: usize) -> arrow_buffer::MutableBuffer {
+    let Ok(mut out) = arrow_buffer::MutableBuffer::try_with_capacity(size) else { out_of_memory() };
+    leave_room_for(size);
+    request(out.as_mut_ptr(), out.capacity());
+    out
+}
+
 fn request_huge_pages<T>(out: &mut Vec<T>) {
-    /// Least bytes of a vector. Smaller ones would waste most of a huge page of 2 MiB.
+    request(out.as_mut_ptr().cast(), out.capacity() * size_of::<T>());
+}
+
+/// Requests huge pages for the memory from `start` on, which belongs to the caller.
+#[cfg(target_os = "linux")]
+fn request(start: *mut u8, size: usize) {
+    /// Least size in bytes. Smaller ones would waste most of a huge page of 2 MiB.
     const LEAST_SIZE: usize = 4 << 20;
-    let from = out.as_ptr().addr().next_multiple_of(PAGE);
-    let to = (out.as_ptr().addr() + out.capacity() * size_of::<T>()) / PAGE * PAGE;
+    let from = start.addr().next_multiple_of(PAGE);
+    let to = (start.addr() + size) / PAGE * PAGE;
     if to.saturating_sub(from) < LEAST_SIZE {
         return;
     }
     // SAFETY: MADV_HUGEPAGE changes how the kernel backs a range, never its contents. The range consists of whole pages
-    // inside memory that this vector owns. The result is ignored, because a refusal only costs speed.
+    // inside memory that the caller owns. The result is ignored, because a refusal only costs speed.
     #[allow(unsafe_code)]
     unsafe {
         libc::madvise(from as *mut libc::c_void, to - from, libc::MADV_HUGEPAGE);
@@ -133,7 +148,7 @@ fn request_huge_pages<T>(out: &mut Vec<T>) {
 }
 
 #[cfg(not(target_os = "linux"))]
-fn request_huge_pages<T>(_: &mut Vec<T>) {}
+fn request(_: *mut u8, _: usize) {}
 
 /// Lets the process keep the memory that it frees, up to 64 MiB for each thread, and use it again. Otherwise malloc returns
 /// large vectors to the system, and every part of a log pays for the first touch of fresh memory again.

@@ -608,6 +608,8 @@ class Log(ByQuantity[Column], Exports):
         Fields of structs are in their units, null where the device does not provide them. ``utc_time`` is one
         timestamp, null where the device does not mark it as valid.
 
+        The columns share memory. To free that of the others, make a table of the columns that you keep.
+
         Args:
             keys: One key, a list of keys, or None for all quantities.
             raw: Fields of structs as integers, as on the wire, instead of in their units.

@@ -1,18 +1,21 @@
 //! The columns of a table: where their values come from, and how they become arrays.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use arrow_array::builder::BooleanBufferBuilder;
 use arrow_array::types::{
-    ArrowPrimitiveType, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, TimestampNanosecondType,
-    UInt8Type, UInt16Type, UInt32Type, UInt64Type,
+    ArrowPrimitiveType, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, UInt8Type, UInt16Type,
+    UInt32Type, UInt64Type,
 };
 use arrow_array::{Array, ArrayRef, PrimitiveArray};
-use arrow_buffer::{Buffer, NullBuffer, ScalarBuffer};
+use arrow_buffer::{ArrowNativeType, Buffer, NullBuffer, ScalarBuffer};
 use arrow_schema::Field;
 
+use super::copies::{Cells, Copies, width_of};
 use super::fields;
 use crate::column::{Column, Values};
+use crate::huge_pages;
 use crate::log::TimedPart;
 use crate::packet::record_size;
 use crate::table::{self, Kind, Wire, data_id};
@@ -126,9 +129,9 @@ impl Shared<'_> {
     /// The index of the sample of each row, its time, its host time if it is known, and its bus identifier if the part
     /// has samples of several devices. `samples` count from the beginning of the part.
     #[allow(clippy::cast_possible_wrap)]
-    fn stamps(&self, samples: impl Iterator<Item = usize> + Clone, places: &Places) -> Vec<Series> {
+    fn stamps(&self, samples: impl ExactSizeIterator<Item = usize> + Clone, places: &Places) -> Vec<Series> {
         let first = self.part.part.first;
-        let indices = samples.clone().map(|sample| (first + sample as u64) as i64).collect::<Vec<_>>();
+        let indices = huge_pages::collect(samples.clone().map(|sample| (first + sample as u64) as i64));
         let times = |name: &str, times: Times| {
             let is_complete = !times.seconds().iter().any(|time| time.is_nan());
             Series { field: fields::seconds(name), source: Source::Times(times, is_complete), places: places.clone() }
@@ -225,10 +228,10 @@ impl Times {
         }
     }
 
-    fn lent(&self) -> PrimitiveArray<Float64Type> {
+    fn lent(&self) -> ArrayRef {
         match self {
-            Self::Device(part) => lend(part, self.seconds()),
-            Self::Host(times) => lend(times, self.seconds()),
+            Self::Device(part) => lend::<Float64Type, _>(part, self.seconds()),
+            Self::Host(times) => lend::<Float64Type, _>(times, self.seconds()),
         }
     }
 }
@@ -245,129 +248,149 @@ impl Series {
         }
     }
 
-    /// Rows `from` to `to` of the table.
-    pub fn array(&self, from: usize, to: usize) -> ArrayRef {
+    /// Bytes that a row takes among the copies of a batch. A column with few values is not among them: memory of its own is
+    /// zero without being touched.
+    pub fn copied_width(&self) -> usize {
+        let is_copied = !self.is_lent() && !matches!(self.places, Places::Into(_));
+        if is_copied { width_of(self.field.data_type()) } else { 0 }
+    }
+
+    /// These rows of the table. `copies` has room for what `copied_width` states.
+    pub fn cells(&self, rows: Range<usize>, copies: &mut Copies) -> Cells {
+        if self.is_lent() { Cells::Lent(self.lent(rows)) } else { self.copied(rows, copies) }
+    }
+
+    fn lent(&self, rows: Range<usize>) -> ArrayRef {
+        let array: ArrayRef = match &self.source {
+            Source::Samples(samples) => Arc::new(samples.clone()),
+            Source::Bids(bids) => Arc::new(bids.clone()),
+            Source::Times(times, _) => times.lent(),
+            Source::Numbers { column, .. } => match &column.values {
+                Values::U8(values) => lend::<UInt8Type, _>(column, values),
+                Values::U16(values) => lend::<UInt16Type, _>(column, values),
+                Values::U32(values) => lend::<UInt32Type, _>(column, values),
+                Values::U64(values) => lend::<UInt64Type, _>(column, values),
+                Values::I8(values) => lend::<Int8Type, _>(column, values),
+                Values::I16(values) => lend::<Int16Type, _>(column, values),
+                Values::I32(values) => lend::<Int32Type, _>(column, values),
+                Values::F32(values) => lend::<Float32Type, _>(column, values),
+                Values::F64(values) => lend::<Float64Type, _>(column, values),
+                Values::Records(_) | Values::Raw(_) => unreachable!("records have a source of their own"),
+            },
+            Source::Records { .. } | Source::Scaled { .. } | Source::Utc(_) => unreachable!("these are copied"),
+        };
+        array.slice(rows.start, rows.len())
+    }
+
+    fn copied(&self, rows: Range<usize>, copies: &mut Copies) -> Cells {
         match &self.source {
-            Source::Samples(samples) => Arc::new(samples.slice(from, to - from)),
-            Source::Bids(bids) => Arc::new(bids.slice(from, to - from)),
-            Source::Times(times, _) if self.is_lent() => Arc::new(times.lent().slice(from, to - from)),
             Source::Times(times, _) => {
                 let seconds = times.seconds();
-                let array = self.gather::<Float64Type>(from, to, |row| seconds[row]);
-                let is_valid: NullBuffer = array.values().iter().map(|time| !time.is_nan()).collect();
-                Arc::new(PrimitiveArray::<Float64Type>::new(array.values().clone(), Some(is_valid)))
+                self.gather(rows, copies, |row| seconds[row], Some(|time| !f64::is_nan(time)))
             }
             Source::Numbers { column, element } => match &column.values {
-                Values::U8(values) => self.numbers::<UInt8Type>(column, values, *element, from, to),
-                Values::U16(values) => self.numbers::<UInt16Type>(column, values, *element, from, to),
-                Values::U32(values) => self.numbers::<UInt32Type>(column, values, *element, from, to),
-                Values::U64(values) => self.numbers::<UInt64Type>(column, values, *element, from, to),
-                Values::I8(values) => self.numbers::<Int8Type>(column, values, *element, from, to),
-                Values::I16(values) => self.numbers::<Int16Type>(column, values, *element, from, to),
-                Values::I32(values) => self.numbers::<Int32Type>(column, values, *element, from, to),
-                Values::F32(values) => self.numbers::<Float32Type>(column, values, *element, from, to),
-                Values::F64(values) => self.numbers::<Float64Type>(column, values, *element, from, to),
+                Values::U8(values) => self.numbers(column, values, *element, rows, copies),
+                Values::U16(values) => self.numbers(column, values, *element, rows, copies),
+                Values::U32(values) => self.numbers(column, values, *element, rows, copies),
+                Values::U64(values) => self.numbers(column, values, *element, rows, copies),
+                Values::I8(values) => self.numbers(column, values, *element, rows, copies),
+                Values::I16(values) => self.numbers(column, values, *element, rows, copies),
+                Values::I32(values) => self.numbers(column, values, *element, rows, copies),
+                Values::F32(values) => self.numbers(column, values, *element, rows, copies),
+                Values::F64(values) => self.numbers(column, values, *element, rows, copies),
                 Values::Records(_) | Values::Raw(_) => unreachable!("records have a source of their own"),
             },
             Source::Records { column, is_entry, at, wire } => {
                 let field = RecordField::of(column, *is_entry, *at);
                 match wire {
-                    Wire::U1 => self.field::<UInt8Type, 1>(field, u8::from_ne_bytes, from, to),
-                    Wire::I1 => self.field::<Int8Type, 1>(field, i8::from_ne_bytes, from, to),
-                    Wire::U2 => self.field::<UInt16Type, 2>(field, u16::from_ne_bytes, from, to),
-                    Wire::I2 => self.field::<Int16Type, 2>(field, i16::from_ne_bytes, from, to),
-                    Wire::U4 => self.field::<UInt32Type, 4>(field, u32::from_ne_bytes, from, to),
-                    Wire::I4 => self.field::<Int32Type, 4>(field, i32::from_ne_bytes, from, to),
-                    Wire::U8 => self.field::<UInt64Type, 8>(field, u64::from_ne_bytes, from, to),
-                    Wire::F4 => self.field::<Float32Type, 4>(field, f32::from_ne_bytes, from, to),
+                    Wire::U1 => self.field(field, u8::from_ne_bytes, rows, copies),
+                    Wire::I1 => self.field(field, i8::from_ne_bytes, rows, copies),
+                    Wire::U2 => self.field(field, u16::from_ne_bytes, rows, copies),
+                    Wire::I2 => self.field(field, i16::from_ne_bytes, rows, copies),
+                    Wire::U4 => self.field(field, u32::from_ne_bytes, rows, copies),
+                    Wire::I4 => self.field(field, i32::from_ne_bytes, rows, copies),
+                    Wire::U8 => self.field(field, u64::from_ne_bytes, rows, copies),
+                    Wire::F4 => self.field(field, f32::from_ne_bytes, rows, copies),
                 }
             }
             Source::Scaled { column, is_entry, at, field } => {
                 let records = RecordField::of(column, *is_entry, *at);
-                let value = |row: usize| scaled(field, records.bytes(row));
-                let array = self.gather::<Float64Type>(from, to, value);
-                if field.missing.is_none() {
-                    return Arc::new(array);
-                }
-                let is_known: NullBuffer = array.values().iter().map(|value| !value.is_nan()).collect();
-                let is_valid = NullBuffer::union(Some(&is_known), array.nulls());
-                Arc::new(PrimitiveArray::<Float64Type>::new(array.values().clone(), is_valid))
+                let exists = field.missing.map(|_| |value| !f64::is_nan(value));
+                self.gather(rows, copies, |row| scaled(field, records.bytes(row)), exists)
             }
-            Source::Utc(stamps) => {
-                let stamp = |row: usize| stamps[row];
-                let stamps = self.gather::<TimestampNanosecondType>(from, to, stamp);
-                let exists: NullBuffer = stamps.values().iter().map(|stamp| *stamp != i64::MIN).collect();
-                let is_valid = NullBuffer::union(Some(&exists), stamps.nulls());
-                let array = PrimitiveArray::<TimestampNanosecondType>::new(stamps.values().clone(), is_valid);
-                Arc::new(array.with_timezone("UTC"))
-            }
+            Source::Utc(stamps) => self.gather(rows, copies, |row| stamps[row], Some(|stamp| stamp != i64::MIN)),
+            Source::Samples(_) | Source::Bids(_) => unreachable!("these are lent"),
         }
     }
 
-    fn numbers<T: ArrowPrimitiveType>(
+    fn numbers<N: ArrowNativeType>(
         &self,
-        column: &Arc<Column>,
-        values: &[T::Native],
+        column: &Column,
+        values: &[N],
         element: usize,
-        from: usize,
-        to: usize,
-    ) -> ArrayRef {
-        if self.is_lent() {
-            return Arc::new(lend::<T, _>(column, values).slice(from, to - from));
+        rows: Range<usize>,
+        copies: &mut Copies,
+    ) -> Cells {
+        let width = column.width;
+        if !matches!(self.places, Places::Same) {
+            return self.gather(rows, copies, |row| values[row * width + element], None::<fn(N) -> bool>);
         }
-        if matches!(self.places, Places::Same) {
-            let rows = &values[from * column.width..to * column.width];
-            return Arc::new(PrimitiveArray::<T>::new(elements(rows, column.width, element).into(), None));
-        }
-        Arc::new(self.gather::<T>(from, to, |row| values[row * column.width + element]))
+        let at = copies.len();
+        // The loops for the usual widths take half the time of the one for any.
+        let values = &values[rows.start * width..rows.end * width];
+        match width {
+            3 => copies.append(values.as_chunks::<3>().0.iter().map(|row| row[element])),
+            4 => copies.append(values.as_chunks::<4>().0.iter().map(|row| row[element])),
+            _ => copies.append(values.chunks_exact(width).map(|row| row[element])),
+        };
+        Cells::Copied { at, nulls: None }
     }
 
-    fn field<T: ArrowPrimitiveType, const SIZE: usize>(
+    fn field<N: ArrowNativeType, const SIZE: usize>(
         &self,
         field: RecordField<'_>,
-        number: fn([u8; SIZE]) -> T::Native,
-        from: usize,
-        to: usize,
-    ) -> ArrayRef {
+        number: fn([u8; SIZE]) -> N,
+        rows: Range<usize>,
+        copies: &mut Copies,
+    ) -> Cells {
         let value = |row: usize| number(*field.bytes(row).first_chunk().expect("a record has all of its fields"));
-        Arc::new(self.gather::<T>(from, to, value))
+        self.gather(rows, copies, value, None::<fn(N) -> bool>)
     }
 
-    /// Copies rows `from` to `to` of the table. `value` is the value of a row of the source.
-    fn gather<T: ArrowPrimitiveType>(
+    /// Copies these rows of the table. `value` is the value of a row of the source. Null are rows of the table without a row
+    /// of the source, and values that do not exist.
+    fn gather<N: ArrowNativeType>(
         &self,
-        from: usize,
-        to: usize,
-        value: impl Fn(usize) -> T::Native,
-    ) -> PrimitiveArray<T> {
+        rows: Range<usize>,
+        copies: &mut Copies,
+        value: impl Fn(usize) -> N,
+        exists: Option<impl Fn(N) -> bool>,
+    ) -> Cells {
+        let at = copies.len();
+        let existing =
+            |numbers: &[N]| exists.map(|exists| numbers.iter().map(|number| exists(*number)).collect::<NullBuffer>());
         match &self.places {
-            Places::Same => PrimitiveArray::new((from..to).map(value).collect::<Vec<_>>().into(), None),
-            Places::From(rows) => {
-                PrimitiveArray::new(rows[from..to].iter().map(|&row| value(row)).collect::<Vec<_>>().into(), None)
+            Places::Same => Cells::Copied { at, nulls: existing(copies.append(rows.map(value))) },
+            Places::From(sources) => {
+                Cells::Copied { at, nulls: existing(copies.append(sources[rows].iter().map(|&row| value(row)))) }
             }
             Places::Into(places) => {
-                let first = places.partition_point(|&place| place < from);
-                let last = places.partition_point(|&place| place < to);
-                let mut values = vec![T::default_value(); to - from];
-                let mut is_valid = BooleanBufferBuilder::new(to - from);
-                is_valid.append_n(to - from, false);
-                for row in first..last {
-                    let place = places[row] - from;
-                    values[place] = value(row);
+                let sources = places.partition_point(|&place| place < rows.start)
+                    ..places.partition_point(|&place| place < rows.end);
+                huge_pages::leave_room_for(rows.len() * size_of::<N>());
+                let mut numbers = vec![N::default(); rows.len()];
+                let mut is_valid = BooleanBufferBuilder::new(rows.len());
+                is_valid.append_n(rows.len(), false);
+                for row in sources {
+                    let place = places[row] - rows.start;
+                    numbers[place] = value(row);
                     is_valid.set_bit(place, true);
                 }
-                PrimitiveArray::new(values.into(), Some(NullBuffer::new(is_valid.finish())))
+                let is_valid = NullBuffer::new(is_valid.finish());
+                let nulls = NullBuffer::union(existing(&numbers).as_ref(), Some(&is_valid));
+                Cells::Own { numbers: Buffer::from_vec(numbers), nulls }
             }
         }
-    }
-}
-
-/// One element of each row. The loops for the usual widths take half the time of the one for any.
-fn elements<N: Copy>(values: &[N], width: usize, element: usize) -> Vec<N> {
-    match width {
-        3 => values.as_chunks::<3>().0.iter().map(|row| row[element]).collect(),
-        4 => values.as_chunks::<4>().0.iter().map(|row| row[element]).collect(),
-        _ => values.chunks_exact(width).map(|row| row[element]).collect(),
     }
 }
 
@@ -420,13 +443,13 @@ impl<'a> RecordField<'a> {
 }
 
 /// Numbers as an Arrow array, without a copy.
-fn lend<T: ArrowPrimitiveType, O: Send + Sync + 'static>(owner: &Arc<O>, numbers: &[T::Native]) -> PrimitiveArray<T> {
+fn lend<T: ArrowPrimitiveType, O: Send + Sync + 'static>(owner: &Arc<O>, numbers: &[T::Native]) -> ArrayRef {
     let bytes = std::ptr::NonNull::from(numbers).cast();
     let owner = Arc::new(Owner(owner.clone()));
     // SAFETY: the numbers belong to `owner`, which the buffer keeps alive and which never changes them.
     #[allow(unsafe_code)]
     let buffer = unsafe { Buffer::from_custom_allocation(bytes, size_of_val(numbers), owner) };
-    PrimitiveArray::new(ScalarBuffer::new(buffer, 0, numbers.len()), None)
+    Arc::new(PrimitiveArray::<T>::new(ScalarBuffer::new(buffer, 0, numbers.len()), None))
 }
 
 /// Keeps the memory that a buffer borrows alive.

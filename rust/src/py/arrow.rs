@@ -14,7 +14,7 @@ use arrow_array::{
     StringArray,
 };
 use arrow_buffer::NullBuffer;
-use arrow_schema::{Field, Metadata, Schema, SchemaRef};
+use arrow_schema::{ArrowError, Field, Metadata, Schema, SchemaRef};
 use numpy::{Element, PyReadonlyArray1};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
@@ -24,6 +24,7 @@ use super::column::Column;
 use super::convert::{arrow_error, detached};
 use super::log::Part;
 use crate::arrow::{Batches, Table};
+use crate::catch::{Caught, catch};
 
 /// The name that the Arrow PyCapsule interface asks for.
 const CAPSULE: &CStr = c"arrow_array_stream";
@@ -90,7 +91,7 @@ impl ArrowStream {
         requested_schema: Option<&Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyCapsule>> {
         let _ = requested_schema;
-        let batches = py.detach(|| self.made());
+        let batches = caught(detached(py, || self.made())?);
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), CAPSULE)
     }
 
@@ -129,6 +130,20 @@ impl ArrowStream {
             Source::Arrays(batch) => batch.schema(),
         }
     }
+}
+
+/// Batches for callers in C, where a panic would abort the process. A batch that cannot be made is an error.
+fn caught(mut batches: Batches) -> impl RecordBatchReader + Send {
+    let schema = batches.schema();
+    let next = move || {
+        catch(|| batches.next()).unwrap_or_else(|caught| {
+            Some(Err(match caught {
+                Caught::OutOfMemory => ArrowError::MemoryError(caught.to_string()),
+                Caught::Panic(_) => ArrowError::ExternalError(Box::new(caught)),
+            }))
+        })
+    };
+    RecordBatchIterator::new(std::iter::from_fn(next), schema)
 }
 
 /// Rows of a table.

@@ -2,7 +2,7 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use arrow_array::RecordBatch;
+use arrow_array::{Array as _, ArrayRef, RecordBatch};
 use numpy::PyArray1;
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -29,6 +29,12 @@ impl Chunk {
 
 /// More than the memory that a compressor needs, in bytes.
 const COMPRESSOR_SIZE: usize = 16 << 20;
+
+/// Bytes of the numbers of a batch. Its columns can belong to memory that is much larger.
+fn size_of_rows(batch: &RecordBatch) -> usize {
+    let size = |column: &ArrayRef| column.to_data().get_slice_memory_size().unwrap_or_default();
+    batch.columns().iter().map(size).sum()
+}
 
 /// Bytes of a file: a read-only array.
 type Bytes<'py> = Bound<'py, PyArray1<u8>>;
@@ -63,8 +69,7 @@ impl TableFile {
         let batches: Vec<RecordBatch> = batches.iter().map(|batch| batch.0.clone()).collect();
         let rows = batches.iter().map(RecordBatch::num_rows).sum();
         let chunk = detached(py, || {
-            let size: usize = batches.iter().map(RecordBatch::get_array_memory_size).sum();
-            expect_memory(size + COMPRESSOR_SIZE);
+            expect_memory(batches.iter().map(size_of_rows).sum::<usize>() + COMPRESSOR_SIZE);
             self.encoder.encode(&batches)
         })?;
         let chunk = chunk.map_err(arrow_error)?;
