@@ -230,7 +230,7 @@ FILE_LIMITED = """
 import resource, sys
 import xbus
 log = xbus.read_log(sys.argv[1], threads=1)
-log.device(0xFF).to_parquet(sys.argv[2])  # its threads have memory of their own
+log.to_parquet(sys.argv[2])  # starts its threads, which take memory
 used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + (300 << 20), -1))
 log.to_parquet(sys.argv[2])
@@ -239,8 +239,21 @@ log.to_parquet(sys.argv[2])
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the limit is that of Linux")
 def test_memory_for_a_file_with_many_columns(tmp_path: Path) -> None:
-    """The columns of a batch share memory, which counts once: a table of 30 MB needs no gigabytes."""
-    path = file_of(tmp_path, streams.gnssins(100_000))
+    """The columns of a batch share memory, which counts once: a table of 43 MB needs no gigabyte."""
+    sizes = {
+        0x2010: 16,
+        0x2020: 36,
+        0x2030: 12,
+        0x4020: 12,
+        0x4030: 12,
+        0x8020: 12,
+        0x8030: 16,
+        0xC020: 12,
+    }
+    unit = streams.mtdata2(
+        *(streams.packet(data_id, bytes(size)) for data_id, size in sizes.items())
+    )
+    path = file_of(tmp_path, unit * 300_000)
     command = [sys.executable, "-c", FILE_LIMITED, str(path), str(tmp_path / "log.parquet")]
     run = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     assert (run.returncode, run.stderr) == (0, "")

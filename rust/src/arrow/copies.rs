@@ -26,8 +26,8 @@ pub struct Copies {
 pub enum Cells {
     /// An array that refers to the memory of the log.
     Lent(ArrayRef),
-    /// Numbers with memory of their own, and which of them are null.
-    Own { numbers: Buffer, nulls: Option<NullBuffer> },
+    /// Numbers in separate memory, and which of them are null.
+    Separate { numbers: Buffer, nulls: Option<NullBuffer> },
     /// The numbers at byte `at` of the copies, and which of them are null.
     Copied { at: usize, nulls: Option<NullBuffer> },
 }
@@ -70,7 +70,7 @@ impl Copies {
         let array = |(data_type, cells): (&DataType, Cells)| {
             let (numbers, nulls) = match cells {
                 Cells::Lent(array) => return Ok(array),
-                Cells::Own { numbers, nulls } => (numbers, nulls),
+                Cells::Separate { numbers, nulls } => (numbers, nulls),
                 Cells::Copied { at, nulls } => (bytes.slice_with_length(at, rows * width_of(data_type)), nulls),
             };
             let data = ArrayData::builder(data_type.clone()).len(rows).add_buffer(numbers).nulls(nulls);
@@ -109,7 +109,7 @@ mod tests {
         let nulls = (0..rows).map(|row| row != 7).collect();
         let cells = [
             Cells::Copied { at: 0, nulls: Some(nulls) },
-            Cells::Own { numbers: Buffer::from_vec(vec![5_u32; rows]), nulls: None },
+            Cells::Separate { numbers: Buffer::from_vec(vec![5_u32; rows]), nulls: None },
             Cells::Copied { at, nulls: None },
         ];
         let types = [DataType::UInt8, DataType::UInt32, DataType::UInt64];

@@ -248,8 +248,8 @@ impl Series {
         }
     }
 
-    /// Bytes that a row takes among the copies of a batch. A column with few values is not among them: memory of its own is
-    /// zero without being touched.
+    /// Bytes that a row takes among the copies of a batch. A column with few values is not among them: the kernel gives it
+    /// zeros, and no memory where nothing is written.
     pub fn copied_width(&self) -> usize {
         let is_copied = !self.is_lent() && !matches!(self.places, Places::Into(_));
         if is_copied { width_of(self.field.data_type()) } else { 0 }
@@ -257,48 +257,25 @@ impl Series {
 
     /// These rows of the table. `copies` has room for what `copied_width` states.
     pub fn cells(&self, rows: Range<usize>, copies: &mut Copies) -> Cells {
-        if self.is_lent() { Cells::Lent(self.lent(rows)) } else { self.copied(rows, copies) }
-    }
-
-    fn lent(&self, rows: Range<usize>) -> ArrayRef {
-        let array: ArrayRef = match &self.source {
-            Source::Samples(samples) => Arc::new(samples.clone()),
-            Source::Bids(bids) => Arc::new(bids.clone()),
-            Source::Times(times, _) => times.lent(),
-            Source::Numbers { column, .. } => match &column.values {
-                Values::U8(values) => lend::<UInt8Type, _>(column, values),
-                Values::U16(values) => lend::<UInt16Type, _>(column, values),
-                Values::U32(values) => lend::<UInt32Type, _>(column, values),
-                Values::U64(values) => lend::<UInt64Type, _>(column, values),
-                Values::I8(values) => lend::<Int8Type, _>(column, values),
-                Values::I16(values) => lend::<Int16Type, _>(column, values),
-                Values::I32(values) => lend::<Int32Type, _>(column, values),
-                Values::F32(values) => lend::<Float32Type, _>(column, values),
-                Values::F64(values) => lend::<Float64Type, _>(column, values),
-                Values::Records(_) | Values::Raw(_) => unreachable!("records have a source of their own"),
-            },
-            Source::Records { .. } | Source::Scaled { .. } | Source::Utc(_) => unreachable!("these are copied"),
-        };
-        array.slice(rows.start, rows.len())
-    }
-
-    fn copied(&self, rows: Range<usize>, copies: &mut Copies) -> Cells {
         match &self.source {
+            Source::Samples(samples) => Cells::Lent(Arc::new(samples.slice(rows.start, rows.len()))),
+            Source::Bids(bids) => Cells::Lent(Arc::new(bids.slice(rows.start, rows.len()))),
+            Source::Times(times, _) if self.is_lent() => Cells::Lent(times.lent().slice(rows.start, rows.len())),
             Source::Times(times, _) => {
                 let seconds = times.seconds();
                 self.gather(rows, copies, |row| seconds[row], Some(|time| !f64::is_nan(time)))
             }
             Source::Numbers { column, element } => match &column.values {
-                Values::U8(values) => self.numbers(column, values, *element, rows, copies),
-                Values::U16(values) => self.numbers(column, values, *element, rows, copies),
-                Values::U32(values) => self.numbers(column, values, *element, rows, copies),
-                Values::U64(values) => self.numbers(column, values, *element, rows, copies),
-                Values::I8(values) => self.numbers(column, values, *element, rows, copies),
-                Values::I16(values) => self.numbers(column, values, *element, rows, copies),
-                Values::I32(values) => self.numbers(column, values, *element, rows, copies),
-                Values::F32(values) => self.numbers(column, values, *element, rows, copies),
-                Values::F64(values) => self.numbers(column, values, *element, rows, copies),
-                Values::Records(_) | Values::Raw(_) => unreachable!("records have a source of their own"),
+                Values::U8(values) => self.numbers::<UInt8Type>(column, values, *element, rows, copies),
+                Values::U16(values) => self.numbers::<UInt16Type>(column, values, *element, rows, copies),
+                Values::U32(values) => self.numbers::<UInt32Type>(column, values, *element, rows, copies),
+                Values::U64(values) => self.numbers::<UInt64Type>(column, values, *element, rows, copies),
+                Values::I8(values) => self.numbers::<Int8Type>(column, values, *element, rows, copies),
+                Values::I16(values) => self.numbers::<Int16Type>(column, values, *element, rows, copies),
+                Values::I32(values) => self.numbers::<Int32Type>(column, values, *element, rows, copies),
+                Values::F32(values) => self.numbers::<Float32Type>(column, values, *element, rows, copies),
+                Values::F64(values) => self.numbers::<Float64Type>(column, values, *element, rows, copies),
+                Values::Records(_) | Values::Raw(_) => unreachable!("records are another source"),
             },
             Source::Records { column, is_entry, at, wire } => {
                 let field = RecordField::of(column, *is_entry, *at);
@@ -319,21 +296,23 @@ impl Series {
                 self.gather(rows, copies, |row| scaled(field, records.bytes(row)), exists)
             }
             Source::Utc(stamps) => self.gather(rows, copies, |row| stamps[row], Some(|stamp| stamp != i64::MIN)),
-            Source::Samples(_) | Source::Bids(_) => unreachable!("these are lent"),
         }
     }
 
-    fn numbers<N: ArrowNativeType>(
+    fn numbers<T: ArrowPrimitiveType>(
         &self,
-        column: &Column,
-        values: &[N],
+        column: &Arc<Column>,
+        values: &[T::Native],
         element: usize,
         rows: Range<usize>,
         copies: &mut Copies,
     ) -> Cells {
+        if self.is_lent() {
+            return Cells::Lent(lend::<T, _>(column, values).slice(rows.start, rows.len()));
+        }
         let width = column.width;
         if !matches!(self.places, Places::Same) {
-            return self.gather(rows, copies, |row| values[row * width + element], None::<fn(N) -> bool>);
+            return self.gather(rows, copies, |row| values[row * width + element], None::<fn(T::Native) -> bool>);
         }
         let at = copies.len();
         // The loops for the usual widths take half the time of the one for any.
@@ -388,7 +367,7 @@ impl Series {
                 }
                 let is_valid = NullBuffer::new(is_valid.finish());
                 let nulls = NullBuffer::union(existing(&numbers).as_ref(), Some(&is_valid));
-                Cells::Own { numbers: Buffer::from_vec(numbers), nulls }
+                Cells::Separate { numbers: Buffer::from_vec(numbers), nulls }
             }
         }
     }
