@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import datetime
 import gc
+import random
 import struct
 import subprocess
 import sys
@@ -19,6 +20,7 @@ import streams
 import xbus
 from conftest import OWN_CAPTURES, counter, damaged_streams, fine
 from streams import mtdata2, packet, real
+from xbus.export import tables
 
 pa = pytest.importorskip("pyarrow")
 
@@ -379,6 +381,78 @@ def test_pandas() -> None:
     wide = xbus.read_log(DATA + xbus.encode_sample({"sample_time64": ticks})).to_pandas()
     assert wide["sample_time64"].isna().sum() == len(wide) - 1
     assert int(wide["sample_time64"].iloc[-1]) == ticks  # numpy would compare as float64
+
+
+@given(damaged_streams(30), st.booleans())
+def test_pandas_matches_pyarrow(data: bytes, raw: bool) -> None:
+    """A frame has what pyarrow makes of the same table, bit by bit."""
+    pd = pytest.importorskip("pandas")
+    log = xbus.read_log(data)
+    for keys in (None, *log):
+        expected = tables.frame(log.to_arrow(keys, raw=raw))
+        pd.testing.assert_frame_equal(log.to_pandas(keys, raw=raw), expected, check_exact=True)
+
+
+@pytest.mark.parametrize("rows", [2**12 - 1, 2**12, 2**12 + 1, 500_000])
+def test_long_frames(rows: int) -> None:
+    """No row is lost at the boundaries of blocks, and no column where memory of others ends."""
+    pd = pytest.importorskip("pandas")
+    log = xbus.read_log(streams.hr(rows))
+    frame = log.to_pandas()
+    assert (frame.memory_usage().sum() > tables.PIECE) == (rows > 2**13)
+    pd.testing.assert_frame_equal(frame, tables.frame(log.to_arrow()), check_exact=True)
+    column = log["acceleration_hr"].to_pandas()
+    assert column["acceleration_hr_z"].tolist() == log["acceleration_hr"].values[:, 2].tolist()
+
+
+def test_frames_may_be_changed() -> None:
+    pytest.importorskip("pandas")
+    log = xbus.read_log(streams.ahrs(1000))
+    frame, expected = log.to_pandas(), log.to_pandas()
+    for name in frame.columns:
+        before = {other: frame[other].copy() for other in frame.columns if other != name}
+        frame.iloc[3:6, frame.columns.get_loc(name)] = 1
+        assert frame[name].tolist()[3:6] == [1, 1, 1]
+        assert all(frame[other].equals(values) for other, values in before.items())
+    assert log.to_pandas().equals(expected)
+
+
+def test_a_frame_of_many_columns_can_get_another_one() -> None:
+    pytest.importorskip("pandas")
+    frame = xbus.read_log(streams.random_log(random.Random(1), 600)).to_pandas()
+    assert len(frame.columns) > tables.MOST_ARRAYS
+    frame["another"] = 1  # pandas warns if this takes long, and warnings are errors here
+    assert frame["another"].sum() == len(frame)
+
+
+def test_arrays_for_a_table() -> None:
+    log = xbus.read_log(streams.ahrs(3))
+    stream = log.arrow_stream(["packet_counter", "acceleration"]).select(
+        ["acceleration_y", "packet_counter"]
+    )
+    assert (stream.columns, len(stream)) == (["packet_counter", "acceleration_y"], 3)
+    counters, numbers = np.zeros(3, np.uint16), np.zeros(3, np.float32)
+    stream.write([counters, numbers])
+    assert counters.tolist() == log["packet_counter"].values.tolist()
+    assert numbers.tolist() == log["acceleration"].values[:, 1].tolist()
+    others: list[list[Any]] = [
+        [counters],
+        [numbers, counters],
+        [counters[:2], numbers[:2]],
+        [counters, numbers.astype(float)],
+    ]
+    for arrays in others:
+        with pytest.raises(ValueError, match="memory for"):
+            stream.write(arrays)
+    with pytest.raises(TypeError, match="no array of numbers"):
+        stream.write([counters, [1.0, 2.0, 3.0]])  # type: ignore[list-item]
+    numbers.flags.writeable = False
+    with pytest.raises(TypeError, match="not writeable"):
+        stream.write([counters, numbers])
+    resampled = log.resample(10).arrow_stream()
+    for call in (lambda: resampled.select(["time"]), lambda: resampled.write([])):
+        with pytest.raises(TypeError, match="table of a log"):
+            call()
 
 
 def test_polars() -> None:

@@ -280,7 +280,8 @@ def test_duckdb_reports_a_file_that_has_changed(tmp_path: Path) -> None:
 
 
 def test_a_dataset(tmp_path: Path) -> None:
-    ds.write_dataset(log_batches(WALK, block_bytes=20_000), tmp_path / "walk", format="parquet")
+    reader = log_batches(WALK, block_bytes=20_000)
+    ds.write_dataset(reader, tmp_path / "walk", format="parquet", preserve_order=True)
     assert ds.dataset(tmp_path / "walk").to_table().equals(xbus.read_log(WALK).to_arrow())
 
 

@@ -1295,9 +1295,27 @@ class ArrowStream:
         """
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """Returns the stream, in a capsule."""
+    def __len__(self) -> int:
+        """Returns the number of rows."""
     @property
     def columns(self) -> list[str]:
         """Names of the columns."""
+    def select(self, names: list[str]) -> ArrowStream:
+        """Returns the table with only those of its columns that have these names, in its order.
+
+        Raises:
+            TypeError: It is no table of a log.
+        """
+    def write(self, arrays: list[npt.NDArray[Any]]) -> None:
+        """Writes the numbers of the columns to arrays. Rows that are null stay as they are.
+
+        Args:
+            arrays: An array ``(n,)`` for each column, of its type.
+
+        Raises:
+            TypeError: It is no table of a log.
+            ValueError: Arrays of other lengths or types, or another number of them.
+        """
     def batches(self) -> BatchIterator:
         """Returns the batches of the table; each is made when it is asked for."""
 

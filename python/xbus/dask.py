@@ -214,7 +214,7 @@ class _Reader:
             raise ValueError(
                 f"no column has the name {self.index!r} of the index; choose from {names}"
             )
-        return self._frame(schema.empty_table(), 0, None)
+        return self._completed(tables.frame(schema.empty_table()), schema, 0, None)
 
     def _schema(self) -> pa.Schema:
         arrow = require("pyarrow", "dask", PURPOSE)
@@ -234,28 +234,31 @@ class _Reader:
             raw=self.raw,
         )
         own = [name for name in names if name in part_tables.columns]
-        table = arrow.table(part_tables.read(partition.part, own)).select(own)
+        stream = part_tables.read(partition.part, own)
         fields = arrow.schema([schema.field(name) for name in names])
-        if table.schema != fields:  # some columns are missing, or have fewer bits
-            table = arrow.table(
-                [
-                    table[field.name].cast(field.type)
-                    if field.name in own
-                    else arrow.nulls(len(table), field.type)
-                    for field in fields
-                ],
-                fields,
-            )
-        return self._frame(table, partition.file, columns)
-
-    def _frame(self, table: pa.Table, file: int, columns: list[str] | None) -> pd.DataFrame:
-        arrow, pandas = require("pyarrow", "dask", PURPOSE), require("pandas", "dask", PURPOSE)
         # A task is one thread of dask, which runs as many of them as there are processors.
-        frame: pd.DataFrame = tables.pandas(table, use_threads=False)
+        if arrow.RecordBatchReader.from_stream(stream).schema == fields:
+            frame = tables.pandas(stream, use_threads=False)
+        else:  # some columns are missing, have fewer bits or another place
+            table = tables.arrow(stream)
+            columns_of_all = [
+                table[field.name].cast(field.type)
+                if field.name in own
+                else arrow.nulls(len(table), field.type)
+                for field in fields
+            ]
+            frame = tables.frame(arrow.table(columns_of_all, fields), use_threads=False)
+        return self._completed(frame, fields, partition.file, columns)
+
+    def _completed(
+        self, frame: pd.DataFrame, fields: pa.Schema, file: int, columns: list[str] | None
+    ) -> pd.DataFrame:
+        """Returns a table with the column of the file and the index."""
+        arrow, pandas = require("pyarrow", "dask", PURPOSE), require("pandas", "dask", PURPOSE)
         # As in a table of a whole log, where to_pandas does this if there are nulls.
         floats = {
             field.name: "float64"
-            for field in table.schema
+            for field in fields
             if field.nullable
             and arrow.types.is_integer(field.type)
             and field.type != arrow.uint64()

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,10 +13,20 @@ from xbus import _core
 from xbus.export.replacing import replacing
 from xbus.extras import require
 
-__all__ = ["arrow", "npz", "pandas", "polars", "stream_of"]
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["arrow", "frame", "npz", "pandas", "polars", "stream_of"]
 
 #: What dates and times of numpy are in a table.
 KINDS = {"M8[ns]": "datetime", "M8[D]": "date", "m8[us]": "time"}
+#: Most arrays of a DataFrame.
+MOST_ARRAYS = 100
+#: Bytes of memory that arrays share: enough for huge pages, which numpy requests, and so few that malloc uses
+#: them again. The first touch of fresh memory takes as long as the copy.
+PIECE = 16 << 20
+#: Each array begins at a multiple of this in shared memory.
+ALIGNMENT = 64
 
 
 class Stream(Protocol):
@@ -33,18 +43,61 @@ def arrow(stream: Stream) -> Any:
     return pa.RecordBatchReader.from_stream(stream).read_all()
 
 
-def pandas(stream: Stream, *, use_threads: bool = True) -> Any:
-    """Returns a pandas DataFrame.
+def pandas(stream: _core.ArrowStream, *, use_threads: bool = True) -> Any:
+    """Returns the table of a log as a pandas DataFrame.
 
     Args:
         stream: The table.
+        use_threads: As in `frame`.
+    """
+    pd = require("pandas", "pandas", "to make pandas DataFrames")
+    pa = require("pyarrow", "arrow", "to make pandas DataFrames")
+    schema = pa.RecordBatchReader.from_stream(stream).schema
+    # The core writes these once; pyarrow would copy them twice. It has the integers whose type may change.
+    numbers = [
+        field
+        for field in schema
+        if pa.types.is_floating(field.type)
+        or (pa.types.is_integer(field.type) and not field.nullable and field.type != pa.uint64())
+    ]
+    columns: dict[str, Any] = {}
+    for field, array in zip(numbers, _memory(numbers, len(stream)), strict=True):
+        if field.nullable:
+            array.fill(np.nan)
+        columns[field.name] = array
+    if len(stream):
+        stream.select(list(columns)).write(list(columns.values()))
+    if others := [name for name in schema.names if name not in columns]:
+        columns |= frame(arrow(stream.select(others)), use_threads=use_threads).items()
+    # With more than a hundred arrays, pandas would warn when a column is added.
+    ordered = {name: columns[name] for name in schema.names}
+    return pd.DataFrame(ordered, copy=len(ordered) > MOST_ARRAYS)
+
+
+def _memory(fields: Sequence[Any], rows: int) -> Iterable[npt.NDArray[Any]]:
+    """Yields an array for each column. Several share a piece of memory."""
+    dtypes = [np.dtype(field.type.to_pandas_dtype()) for field in fields]
+    sizes = [-(-rows * dtype.itemsize // ALIGNMENT) * ALIGNMENT for dtype in dtypes]
+    piece = np.empty(0, np.uint8)
+    for number, (dtype, size) in enumerate(zip(dtypes, sizes, strict=True)):
+        if size > len(piece):
+            piece = np.empty(max(size, min(PIECE, sum(sizes[number:]))), np.uint8)
+        yield piece[: rows * dtype.itemsize].view(dtype)
+        piece = piece[size:]
+
+
+def frame(table: pa.Table, *, use_threads: bool = True) -> Any:
+    """Returns a table of pyarrow as a pandas DataFrame.
+
+    Args:
+        table: The table.
         use_threads: Whether several threads convert the columns.
     """
     pd = require("pandas", "pandas", "to make pandas DataFrames")
     pa = require("pyarrow", "arrow", "to make pandas DataFrames")
     # pandas converts integers with nulls to float64, which has only 53 bits.
     types = {pa.uint64(): pd.UInt64Dtype()}
-    return arrow(stream).to_pandas(types_mapper=types.get, use_threads=use_threads)
+    return table.to_pandas(types_mapper=types.get, use_threads=use_threads)
 
 
 def polars(stream: Stream) -> Any:

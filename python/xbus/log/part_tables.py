@@ -55,12 +55,12 @@ class PartTables:
         return self.empty.arrow_stream(raw=self._raw)
 
     def read(self, part: LogPart, columns: Sequence[str] | None) -> _core.ArrowStream:
-        """Returns the table of a part, which has these columns and perhaps more; all columns for None."""
-        quantities = None
-        if columns is not None:
-            needed = {name: None for column in columns for name in self._quantities[column]}
-            quantities = list(needed)
-        return part.read(quantities=quantities).arrow_stream(raw=self._raw)
+        """Returns the table of a part, with only these of its columns, in its order; all columns for None."""
+        if columns is None:
+            return part.read().arrow_stream(raw=self._raw)
+        needed = {name: None for column in columns for name in self._quantities[column]}
+        stream = part.read(quantities=list(needed)).arrow_stream(raw=self._raw)
+        return stream.select(list(columns))
 
 
 def _quantities_of_columns(

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import permutations
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from xbus import _core
 from xbus.extras import require
 from xbus.log.legacy import Legacy
 from xbus.log.part_tables import SCAN_BLOCK, PartTables, read_ahead
@@ -114,11 +113,11 @@ class _Frames:
         """Yields the rows for which ``predicate`` is true, of the first ``rows`` rows."""
 
         def read(part: LogPart) -> pl.DataFrame:
-            stream: _core.ArrowStream = self._tables.read(part, columns)
+            # For a row index no column is needed, but a table without columns has no rows.
+            stream = self._tables.read(part, ["sample"] if columns == [] else columns)
             frame: pl.DataFrame = self._polars.DataFrame(stream)
             if columns is not None:
-                # For a row index no column is needed. `drop` keeps the number of rows, `select` does not.
-                frame = frame.select(columns) if columns else frame.drop(frame.columns)
+                frame = frame.select(columns) if columns else frame.drop("sample")
             if rows is not None:
                 frame = frame.head(rows - (part.first_sample - self._parts[0].first_sample))
             return frame if predicate is None else frame.filter(predicate)

@@ -4,11 +4,13 @@
 //! returns it soon, above all in the workers of dask. The first touch of such memory takes longer than the copy. All columns
 //! together are large enough for huge pages. The price: one column that is kept keeps the others of its batch in memory.
 
+use arrow_array::builder::BooleanBufferBuilder;
 use arrow_array::{ArrayRef, make_array};
 use arrow_buffer::{ArrowNativeType, Buffer, MutableBuffer, NullBuffer};
 use arrow_data::ArrayData;
 use arrow_schema::{ArrowError, DataType};
 
+use super::sink::{Number, Sink};
 use crate::huge_pages;
 
 /// Each column begins at a multiple of this, as Arrow recommends.
@@ -40,12 +42,12 @@ impl Copies {
     }
 
     /// Where the next column begins.
-    pub fn len(&self) -> usize {
+    fn len(&self) -> usize {
         self.bytes.len()
     }
 
     /// Appends a column, and returns its numbers.
-    pub fn append<T: ArrowNativeType>(&mut self, mut numbers: impl Iterator<Item = T>) -> &[T] {
+    fn append<T: ArrowNativeType>(&mut self, mut numbers: impl Iterator<Item = T>) -> &[T] {
         let at = self.len();
         let mut gathered = [T::default(); GATHERED];
         loop {
@@ -78,6 +80,38 @@ impl Copies {
         };
         cells.map(array).collect()
     }
+}
+
+impl Sink for &mut Copies {
+    type Taken = Cells;
+
+    fn lent<N: Number>(self, _: impl Iterator<Item = N>, array: impl FnOnce() -> ArrayRef) -> Cells {
+        Cells::Lent(array())
+    }
+
+    fn dense<N: Number>(self, numbers: impl Iterator<Item = N>, exists: Option<impl Fn(N) -> bool>) -> Cells {
+        let at = self.len();
+        let numbers = self.append(numbers);
+        Cells::Copied { at, nulls: exists.map(|exists| existing(numbers, exists)) }
+    }
+
+    fn sparse<N: Number>(self, numbers: impl Iterator<Item = (usize, N)>, exists: Option<impl Fn(N) -> bool>) -> Cells {
+        huge_pages::leave_room_for(self.rows * size_of::<N>());
+        let mut out = vec![N::default(); self.rows];
+        let mut is_valid = BooleanBufferBuilder::new(self.rows);
+        is_valid.append_n(self.rows, false);
+        for (row, number) in numbers {
+            out[row] = number;
+            is_valid.set_bit(row, true);
+        }
+        let is_valid = NullBuffer::new(is_valid.finish());
+        let nulls = NullBuffer::union(exists.map(|exists| existing(&out, exists)).as_ref(), Some(&is_valid));
+        Cells::Separate { numbers: Buffer::from_vec(out), nulls }
+    }
+}
+
+fn existing<N: Number>(numbers: &[N], exists: impl Fn(N) -> bool) -> NullBuffer {
+    numbers.iter().map(|number| exists(*number)).collect()
 }
 
 /// Size of a number of this type, in bytes.

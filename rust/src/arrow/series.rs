@@ -1,19 +1,19 @@
 //! The columns of a table: where their values come from, and how they become arrays.
 
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use arrow_array::builder::BooleanBufferBuilder;
 use arrow_array::types::{
     ArrowPrimitiveType, Float32Type, Float64Type, Int8Type, Int16Type, Int32Type, Int64Type, UInt8Type, UInt16Type,
     UInt32Type, UInt64Type,
 };
 use arrow_array::{Array, ArrayRef, PrimitiveArray};
-use arrow_buffer::{ArrowNativeType, Buffer, NullBuffer, ScalarBuffer};
+use arrow_buffer::{Buffer, ScalarBuffer};
 use arrow_schema::Field;
 
-use super::copies::{Cells, Copies, width_of};
+use super::copies::width_of;
 use super::fields;
+use super::sink::{Number, Sink};
 use crate::column::{Column, Values};
 use crate::huge_pages;
 use crate::log::TimedPart;
@@ -33,10 +33,10 @@ pub struct Series {
 
 /// Where the values are.
 enum Source {
-    /// The index of the sample of each row.
-    Samples(PrimitiveArray<Int64Type>),
+    /// The index of the sample of each row, from the index of the first sample of the part and the number of rows.
+    Samples { first: u64, rows: usize, indices: OnceLock<PrimitiveArray<Int64Type>> },
     /// A time of each sample, and whether every sample has one.
-    Times(Times, bool),
+    Times { times: Times, is_complete: OnceLock<bool> },
     /// Element `element` of each row of a column of numbers.
     Numbers { column: Arc<Column>, element: usize },
     /// The number at byte `at` of each record.
@@ -128,29 +128,23 @@ impl Shared<'_> {
 
     /// The index of the sample of each row, its time, its host time if it is known, and its bus identifier if the part
     /// has samples of several devices. `samples` count from the beginning of the part.
-    #[allow(clippy::cast_possible_wrap)]
-    fn stamps(&self, samples: impl ExactSizeIterator<Item = usize> + Clone, places: &Places) -> Vec<Series> {
-        let first = self.part.part.first;
-        let indices = huge_pages::collect(samples.clone().map(|sample| (first + sample as u64) as i64));
+    fn stamps(&self, samples: impl ExactSizeIterator<Item = usize>, places: &Places) -> Vec<Series> {
+        let series = |field: Field, source: Source| Series { field, source, places: places.clone() };
         let times = |name: &str, times: Times| {
-            let is_complete = !times.seconds().iter().any(|time| time.is_nan());
-            Series { field: fields::seconds(name), source: Source::Times(times, is_complete), places: places.clone() }
+            series(fields::seconds(name), Source::Times { times, is_complete: OnceLock::new() })
         };
-        let mut series = vec![
-            Series {
-                field: fields::sample(),
-                source: Source::Samples(PrimitiveArray::new(indices.into(), None)),
-                places: Places::Same,
-            },
+        let (first, rows) = (self.part.part.first, samples.len());
+        let mut list = vec![
+            series(fields::sample(), Source::Samples { first, rows, indices: OnceLock::new() }),
             times("time", Times::Device(self.part.clone())),
         ];
-        series.extend(self.host_times.map(|host_times| times("host_time", Times::Host(host_times.clone()))));
+        list.extend(self.host_times.map(|host_times| times("host_time", Times::Host(host_times.clone()))));
         if let Some(bids) = self.part.part.bids_of_several() {
             let bids = samples.map(|sample| bids[sample]).collect::<Vec<_>>();
             let source = Source::Bids(PrimitiveArray::new(bids.into(), None));
-            series.push(Series { field: fields::bid(), source, places: Places::Same });
+            list.push(Series { field: fields::bid(), source, places: Places::Same });
         }
-        series
+        list
     }
 
     /// The fields of the records of a column, or of its entries.
@@ -237,12 +231,14 @@ impl Times {
 }
 
 impl Series {
-    /// Whether the values need no copy.
+    /// Whether the values need no copy to become an Arrow array.
     pub fn is_lent(&self) -> bool {
         let is_same = matches!(self.places, Places::Same);
         match &self.source {
-            Source::Samples(_) | Source::Bids(_) => true,
-            Source::Times(_, is_complete) => is_same && *is_complete,
+            Source::Samples { .. } | Source::Bids(_) => true,
+            Source::Times { times, is_complete } => {
+                is_same && *is_complete.get_or_init(|| !times.seconds().iter().any(|time| time.is_nan()))
+            }
             Source::Numbers { column, .. } => is_same && column.width == 1,
             Source::Records { .. } | Source::Scaled { .. } | Source::Utc(_) => false,
         }
@@ -255,119 +251,117 @@ impl Series {
         if is_copied { width_of(self.field.data_type()) } else { 0 }
     }
 
-    /// These rows of the table. `copies` has room for what `copied_width` states.
-    pub fn cells(&self, rows: Range<usize>, copies: &mut Copies) -> Cells {
+    /// Hands these rows of the table over to a sink.
+    pub fn feed<S: Sink>(&self, rows: Range<usize>, sink: S) -> S::Taken {
         match &self.source {
-            Source::Samples(samples) => Cells::Lent(Arc::new(samples.slice(rows.start, rows.len()))),
-            Source::Bids(bids) => Cells::Lent(Arc::new(bids.slice(rows.start, rows.len()))),
-            Source::Times(times, _) if self.is_lent() => Cells::Lent(times.lent().slice(rows.start, rows.len())),
-            Source::Times(times, _) => {
+            Source::Samples { first, rows: all, indices } => {
+                let sample = |row: usize| match &self.places {
+                    Places::From(samples) => (first + samples[row] as u64).cast_signed(),
+                    Places::Same | Places::Into(_) => (first + row as u64).cast_signed(),
+                };
+                let all = || PrimitiveArray::new(huge_pages::collect((0..*all).map(sample)).into(), None);
+                let array = || Arc::new(indices.get_or_init(all).slice(rows.start, rows.len())) as ArrayRef;
+                sink.lent(rows.clone().map(sample), array)
+            }
+            Source::Bids(bids) => {
+                let array = || Arc::new(bids.slice(rows.start, rows.len())) as ArrayRef;
+                sink.lent(bids.values()[rows.clone()].iter().copied(), array)
+            }
+            Source::Times { times, .. } => {
                 let seconds = times.seconds();
-                self.gather(rows, copies, |row| seconds[row], Some(|time| !f64::is_nan(time)))
+                if self.is_lent() {
+                    let array = || times.lent().slice(rows.start, rows.len());
+                    return sink.lent(seconds[rows.clone()].iter().copied(), array);
+                }
+                self.gather(rows, sink, |row| seconds[row], Some(|time| !f64::is_nan(time)))
             }
             Source::Numbers { column, element } => match &column.values {
-                Values::U8(values) => self.numbers::<UInt8Type>(column, values, *element, rows, copies),
-                Values::U16(values) => self.numbers::<UInt16Type>(column, values, *element, rows, copies),
-                Values::U32(values) => self.numbers::<UInt32Type>(column, values, *element, rows, copies),
-                Values::U64(values) => self.numbers::<UInt64Type>(column, values, *element, rows, copies),
-                Values::I8(values) => self.numbers::<Int8Type>(column, values, *element, rows, copies),
-                Values::I16(values) => self.numbers::<Int16Type>(column, values, *element, rows, copies),
-                Values::I32(values) => self.numbers::<Int32Type>(column, values, *element, rows, copies),
-                Values::F32(values) => self.numbers::<Float32Type>(column, values, *element, rows, copies),
-                Values::F64(values) => self.numbers::<Float64Type>(column, values, *element, rows, copies),
+                Values::U8(values) => self.numbers::<UInt8Type, _>(column, values, *element, rows, sink),
+                Values::U16(values) => self.numbers::<UInt16Type, _>(column, values, *element, rows, sink),
+                Values::U32(values) => self.numbers::<UInt32Type, _>(column, values, *element, rows, sink),
+                Values::U64(values) => self.numbers::<UInt64Type, _>(column, values, *element, rows, sink),
+                Values::I8(values) => self.numbers::<Int8Type, _>(column, values, *element, rows, sink),
+                Values::I16(values) => self.numbers::<Int16Type, _>(column, values, *element, rows, sink),
+                Values::I32(values) => self.numbers::<Int32Type, _>(column, values, *element, rows, sink),
+                Values::F32(values) => self.numbers::<Float32Type, _>(column, values, *element, rows, sink),
+                Values::F64(values) => self.numbers::<Float64Type, _>(column, values, *element, rows, sink),
                 Values::Records(_) | Values::Raw(_) => unreachable!("records are another source"),
             },
             Source::Records { column, is_entry, at, wire } => {
                 let field = RecordField::of(column, *is_entry, *at);
                 match wire {
-                    Wire::U1 => self.field(field, u8::from_ne_bytes, rows, copies),
-                    Wire::I1 => self.field(field, i8::from_ne_bytes, rows, copies),
-                    Wire::U2 => self.field(field, u16::from_ne_bytes, rows, copies),
-                    Wire::I2 => self.field(field, i16::from_ne_bytes, rows, copies),
-                    Wire::U4 => self.field(field, u32::from_ne_bytes, rows, copies),
-                    Wire::I4 => self.field(field, i32::from_ne_bytes, rows, copies),
-                    Wire::U8 => self.field(field, u64::from_ne_bytes, rows, copies),
-                    Wire::F4 => self.field(field, f32::from_ne_bytes, rows, copies),
+                    Wire::U1 => self.field(field, u8::from_ne_bytes, rows, sink),
+                    Wire::I1 => self.field(field, i8::from_ne_bytes, rows, sink),
+                    Wire::U2 => self.field(field, u16::from_ne_bytes, rows, sink),
+                    Wire::I2 => self.field(field, i16::from_ne_bytes, rows, sink),
+                    Wire::U4 => self.field(field, u32::from_ne_bytes, rows, sink),
+                    Wire::I4 => self.field(field, i32::from_ne_bytes, rows, sink),
+                    Wire::U8 => self.field(field, u64::from_ne_bytes, rows, sink),
+                    Wire::F4 => self.field(field, f32::from_ne_bytes, rows, sink),
                 }
             }
             Source::Scaled { column, is_entry, at, field } => {
                 let records = RecordField::of(column, *is_entry, *at);
                 let exists = field.missing.map(|_| |value| !f64::is_nan(value));
-                self.gather(rows, copies, |row| scaled(field, records.bytes(row)), exists)
+                self.gather(rows, sink, |row| scaled(field, records.bytes(row)), exists)
             }
-            Source::Utc(stamps) => self.gather(rows, copies, |row| stamps[row], Some(|stamp| stamp != i64::MIN)),
+            Source::Utc(stamps) => self.gather(rows, sink, |row| stamps[row], Some(|stamp| stamp != i64::MIN)),
         }
     }
 
-    fn numbers<T: ArrowPrimitiveType>(
+    fn numbers<T: ArrowPrimitiveType<Native: Number>, S: Sink>(
         &self,
         column: &Arc<Column>,
         values: &[T::Native],
         element: usize,
         rows: Range<usize>,
-        copies: &mut Copies,
-    ) -> Cells {
+        sink: S,
+    ) -> S::Taken {
         if self.is_lent() {
-            return Cells::Lent(lend::<T, _>(column, values).slice(rows.start, rows.len()));
+            let array = || lend::<T, _>(column, values).slice(rows.start, rows.len());
+            return sink.lent(values[rows.clone()].iter().copied(), array);
         }
         let width = column.width;
+        let exists = None::<fn(T::Native) -> bool>;
         if !matches!(self.places, Places::Same) {
-            return self.gather(rows, copies, |row| values[row * width + element], None::<fn(T::Native) -> bool>);
+            return self.gather(rows, sink, |row| values[row * width + element], exists);
         }
-        let at = copies.len();
         // The loops for the usual widths take half the time of the one for any.
         let values = &values[rows.start * width..rows.end * width];
         match width {
-            3 => copies.append(values.as_chunks::<3>().0.iter().map(|row| row[element])),
-            4 => copies.append(values.as_chunks::<4>().0.iter().map(|row| row[element])),
-            _ => copies.append(values.chunks_exact(width).map(|row| row[element])),
-        };
-        Cells::Copied { at, nulls: None }
+            3 => sink.dense(values.as_chunks::<3>().0.iter().map(|row| row[element]), exists),
+            4 => sink.dense(values.as_chunks::<4>().0.iter().map(|row| row[element]), exists),
+            _ => sink.dense(values.chunks_exact(width).map(|row| row[element]), exists),
+        }
     }
 
-    fn field<N: ArrowNativeType, const SIZE: usize>(
+    fn field<N: Number, S: Sink, const SIZE: usize>(
         &self,
         field: RecordField<'_>,
         number: fn([u8; SIZE]) -> N,
         rows: Range<usize>,
-        copies: &mut Copies,
-    ) -> Cells {
+        sink: S,
+    ) -> S::Taken {
         let value = |row: usize| number(*field.bytes(row).first_chunk().expect("a record has all of its fields"));
-        self.gather(rows, copies, value, None::<fn(N) -> bool>)
+        self.gather(rows, sink, value, None::<fn(N) -> bool>)
     }
 
-    /// Copies these rows of the table. `value` is the value of a row of the source. Null are rows of the table without a row
-    /// of the source, and values that do not exist.
-    fn gather<N: ArrowNativeType>(
+    /// `value` is the value of a row of the source. Null are rows of the table without a row of the source, and values that do
+    /// not exist.
+    fn gather<N: Number, S: Sink>(
         &self,
         rows: Range<usize>,
-        copies: &mut Copies,
+        sink: S,
         value: impl Fn(usize) -> N,
         exists: Option<impl Fn(N) -> bool>,
-    ) -> Cells {
-        let at = copies.len();
-        let existing =
-            |numbers: &[N]| exists.map(|exists| numbers.iter().map(|number| exists(*number)).collect::<NullBuffer>());
+    ) -> S::Taken {
         match &self.places {
-            Places::Same => Cells::Copied { at, nulls: existing(copies.append(rows.map(value))) },
-            Places::From(sources) => {
-                Cells::Copied { at, nulls: existing(copies.append(sources[rows].iter().map(|&row| value(row)))) }
-            }
+            Places::Same => sink.dense(rows.map(value), exists),
+            Places::From(sources) => sink.dense(sources[rows].iter().map(|&row| value(row)), exists),
             Places::Into(places) => {
                 let sources = places.partition_point(|&place| place < rows.start)
                     ..places.partition_point(|&place| place < rows.end);
-                huge_pages::leave_room_for(rows.len() * size_of::<N>());
-                let mut numbers = vec![N::default(); rows.len()];
-                let mut is_valid = BooleanBufferBuilder::new(rows.len());
-                is_valid.append_n(rows.len(), false);
-                for row in sources {
-                    let place = places[row] - rows.start;
-                    numbers[place] = value(row);
-                    is_valid.set_bit(place, true);
-                }
-                let is_valid = NullBuffer::new(is_valid.finish());
-                let nulls = NullBuffer::union(existing(&numbers).as_ref(), Some(&is_valid));
-                Cells::Separate { numbers: Buffer::from_vec(numbers), nulls }
+                sink.sparse(sources.map(|row| (places[row] - rows.start, value(row))), exists)
             }
         }
     }

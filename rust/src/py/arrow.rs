@@ -15,7 +15,7 @@ use arrow_array::{
 };
 use arrow_buffer::NullBuffer;
 use arrow_schema::{ArrowError, Field, Metadata, Schema, SchemaRef};
-use numpy::{Element, PyReadonlyArray1};
+use numpy::{Element, PyArray1, PyArrayMethods, PyReadonlyArray1, PyReadwriteArray1};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyCapsule;
@@ -23,7 +23,7 @@ use pyo3::types::PyCapsule;
 use super::column::Column;
 use super::convert::{arrow_error, detached};
 use super::log::Part;
-use crate::arrow::{Batches, Table};
+use crate::arrow::{Batches, Numbers, Table};
 use crate::catch::{Caught, catch};
 
 /// The name that the Arrow PyCapsule interface asks for.
@@ -95,6 +95,28 @@ impl ArrowStream {
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), CAPSULE)
     }
 
+    fn select(&self, names: Vec<String>) -> PyResult<Self> {
+        match &self.0 {
+            Source::Log(table) => Ok(Self(Source::Log(table.clone().select(names)))),
+            Source::Arrays(_) => Err(PyTypeError::new_err("columns can be selected from the table of a log")),
+        }
+    }
+
+    fn write(&self, py: Python<'_>, mut arrays: Vec<WritableArray<'_>>) -> PyResult<()> {
+        let Source::Log(table) = &self.0 else {
+            return Err(PyTypeError::new_err("only the table of a log can be written to arrays"));
+        };
+        let mut columns = arrays.iter_mut().map(WritableArray::numbers).collect::<PyResult<Vec<_>>>()?;
+        detached(py, || table.write(&mut columns))?.map_err(arrow_error)
+    }
+
+    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+        detached(py, || match &self.0 {
+            Source::Log(table) => table.row_count(),
+            Source::Arrays(batch) => batch.num_rows(),
+        })
+    }
+
     #[getter]
     fn columns(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         Ok(detached(py, || self.schema())?.fields().iter().map(|field| field.name().clone()).collect())
@@ -126,7 +148,7 @@ impl ArrowStream {
     /// The columns of the table.
     pub fn schema(&self) -> SchemaRef {
         match &self.0 {
-            Source::Log(table) => table.batches().schema(),
+            Source::Log(table) => table.schema(),
             Source::Arrays(batch) => batch.schema(),
         }
     }
@@ -178,6 +200,40 @@ impl BatchIterator {
         let next = detached(py, || self.0.lock().unwrap_or_else(PoisonError::into_inner).next())?;
         next.transpose().map(|batch| batch.map(Batch)).map_err(arrow_error)
     }
+}
+
+/// Arrays of Python that may be written, by their type.
+macro_rules! writable_arrays {
+    ($($variant:ident $number:ty),+ $(,)?) => {
+        /// Memory for a column.
+        enum WritableArray<'py> {
+            $($variant(PyReadwriteArray1<'py, $number>),)+
+        }
+
+        impl<'py> FromPyObject<'_, 'py> for WritableArray<'py> {
+            type Error = PyErr;
+
+            // The derived implementation makes an exception for each type that does not fit.
+            fn extract(array: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+                $(if let Ok(array) = array.cast::<PyArray1<$number>>() {
+                    return Ok(Self::$variant(array.try_readwrite()?));
+                })+
+                Err(PyTypeError::new_err("no array of numbers with one dimension"))
+            }
+        }
+
+        impl WritableArray<'_> {
+            fn numbers(&mut self) -> PyResult<Numbers<'_>> {
+                Ok(match self {
+                    $(Self::$variant(array) => Numbers::$variant(array.as_slice_mut()?),)+
+                })
+            }
+        }
+    };
+}
+
+writable_arrays! {
+    UInt8 u8, UInt16 u16, UInt32 u32, UInt64 u64, Int8 i8, Int16 i16, Int32 i32, Int64 i64, Float32 f32, Float64 f64,
 }
 
 /// A column of a table as Python has it.
