@@ -411,7 +411,7 @@ def test_frames_may_be_changed() -> None:
     frame, expected = log.to_pandas(), log.to_pandas()
     for name in frame.columns:
         before = {other: frame[other].copy() for other in frame.columns if other != name}
-        frame.iloc[3:6, frame.columns.get_loc(name)] = 1
+        frame.loc[3:5, name] = 1
         assert frame[name].tolist()[3:6] == [1, 1, 1]
         assert all(frame[other].equals(values) for other, values in before.items())
     assert log.to_pandas().equals(expected)
