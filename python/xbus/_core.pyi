@@ -1295,25 +1295,28 @@ class ArrowStream:
         """
     def __arrow_c_stream__(self, requested_schema: object | None = None) -> object:
         """Returns the stream, in a capsule."""
-    def __len__(self) -> int:
-        """Returns the number of rows."""
+    @property
+    def row_count(self) -> int:
+        """Number of rows."""
     @property
     def columns(self) -> list[str]:
         """Names of the columns."""
     def select(self, names: list[str]) -> ArrowStream:
-        """Returns the table with only those of its columns that have these names, in its order.
+        """Returns the table with only these of its columns, in the order of the table.
 
         Raises:
             TypeError: It is no table of a log.
+            ValueError: It has no column of one of the names.
         """
     def write(self, arrays: list[npt.NDArray[Any]]) -> None:
-        """Writes the numbers of the columns to arrays. Rows that are null stay as they are.
+        """Writes all columns, which must be numbers, to arrays. Rows that are null stay as they are there.
 
         Args:
             arrays: An array ``(n,)`` for each column, of its type.
 
         Raises:
-            TypeError: It is no table of a log.
+            TypeError: It is no table of a log; or an array is no array of numbers with one dimension, is not
+                contiguous or read-only, or shares memory with another one.
             ValueError: Arrays of other lengths or types, or another number of them.
         """
     def batches(self) -> BatchIterator:

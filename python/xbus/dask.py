@@ -214,7 +214,7 @@ class _Reader:
             raise ValueError(
                 f"no column has the name {self.index!r} of the index; choose from {names}"
             )
-        return self._completed(tables.frame(schema.empty_table()), schema, 0, None)
+        return self._completed(tables.pandas_from_arrow(schema.empty_table()), schema, 0, None)
 
     def _schema(self) -> pa.Schema:
         arrow = require("pyarrow", "dask", PURPOSE)
@@ -239,15 +239,15 @@ class _Reader:
         # A task is one thread of dask, which runs as many of them as there are processors.
         if arrow.RecordBatchReader.from_stream(stream).schema == fields:
             frame = tables.pandas(stream, use_threads=False)
-        else:  # some columns are missing, have fewer bits or another place
+        else:  # some columns are missing, have fewer bits or another order
             table = tables.arrow(stream)
-            columns_of_all = [
+            arrays = [
                 table[field.name].cast(field.type)
                 if field.name in own
                 else arrow.nulls(len(table), field.type)
                 for field in fields
             ]
-            frame = tables.frame(arrow.table(columns_of_all, fields), use_threads=False)
+            frame = tables.pandas_from_arrow(arrow.table(arrays, fields), use_threads=False)
         return self._completed(frame, fields, partition.file, columns)
 
     def _completed(

@@ -9,7 +9,7 @@ mod series;
 mod sink;
 
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use arrow_array::{RecordBatch, RecordBatchIterator};
 use arrow_schema::{ArrowError, Schema, SchemaRef};
@@ -18,6 +18,8 @@ use self::copies::Copies;
 use self::series::{Series, Shared};
 pub use self::sink::Numbers;
 use self::sink::Writer;
+#[cfg(feature = "python")]
+pub(crate) use self::sink::with_numbers;
 use crate::error::HostTimesError;
 use crate::log::TimedPart;
 use crate::table::Kind;
@@ -39,8 +41,8 @@ pub struct Table {
     host_times: Option<Arc<Vec<f64>>>,
     /// Whether fields of records are integers as on the wire, not in their units.
     is_raw: bool,
-    /// The names of the columns that were chosen, or all.
-    names: Option<Vec<String>>,
+    /// The number of rows and the columns, made on the first use.
+    series: OnceLock<Arc<(usize, Vec<Series>)>>,
 }
 
 #[derive(Clone, Debug)]
@@ -57,7 +59,7 @@ impl Table {
     /// One row for each sample of the part, with these of its columns side by side; null where a sample lacks one.
     #[must_use]
     pub const fn wide(part: Arc<TimedPart>, columns: Vec<usize>) -> Self {
-        Self { part, shape: Shape::Wide(columns), host_times: None, is_raw: false, names: None }
+        Self { part, shape: Shape::Wide(columns), host_times: None, is_raw: false, series: OnceLock::new() }
     }
 
     /// One row for each row of one column of the part, or for each entry of a list column (a satellite, for instance).
@@ -65,7 +67,7 @@ impl Table {
     pub fn rows(part: Arc<TimedPart>, column: usize) -> Self {
         let kind = part.part.columns[column].quantity().map(|quantity| quantity.kind);
         let shape = if matches!(kind, Some(Kind::List(..))) { Shape::Entries(column) } else { Shape::Rows(column) };
-        Self { part, shape, host_times: None, is_raw: false, names: None }
+        Self { part, shape, host_times: None, is_raw: false, series: OnceLock::new() }
     }
 
     /// The same table with a column `host_time`: seconds since 1970 for each sample of the part, NaN for null.
@@ -78,20 +80,27 @@ impl Table {
             return Err(HostTimesError { samples, found });
         }
         self.host_times = Some(Arc::new(times));
+        self.series = OnceLock::new();
         Ok(self)
     }
 
     /// The same table, with fields of records as integers, as on the wire.
     #[must_use]
     pub fn raw(self) -> Self {
-        Self { is_raw: true, ..self }
+        Self { is_raw: true, series: OnceLock::new(), ..self }
     }
 
-    /// The same table with only those of its columns that have these names.
-    #[must_use]
-    pub fn select(mut self, names: Vec<String>) -> Self {
-        self.names = Some(names);
-        self
+    /// The same table with only these of its columns, in the order of the table.
+    ///
+    /// # Errors
+    /// [`ArrowError::SchemaError`] if it has no column of one of the names.
+    pub fn select(&self, names: &[String]) -> Result<Self, ArrowError> {
+        let (rows, series) = &**self.series();
+        if let Some(name) = names.iter().find(|&name| series.iter().all(|series| series.field.name() != name)) {
+            return Err(ArrowError::SchemaError(format!("the table has no column {name:?}")));
+        }
+        let chosen = series.iter().filter(|series| names.contains(series.field.name())).cloned().collect();
+        Ok(Self { series: OnceLock::from(Arc::new((*rows, chosen))), ..self.clone() })
     }
 
     /// The number of rows.
@@ -109,10 +118,11 @@ impl Table {
     /// The table's batches. One that needs no copy is a single batch.
     #[must_use]
     pub fn batches(&self) -> Batches {
-        let (rows, series) = self.series();
-        let schema = schema(&series);
+        let made = self.series().clone();
+        let rows = made.0;
+        let schema = schema(&made.1);
         // In steps where something is copied, so that no more than a step of it is in memory twice.
-        let step = if series.iter().all(Series::is_lent) { rows.max(1) } else { BATCH_ROWS };
+        let step = if made.1.iter().all(Series::is_lent) { rows.max(1) } else { BATCH_ROWS };
         let shared = schema.clone();
         let mut first = 0;
         let batches = std::iter::from_fn(move || {
@@ -120,27 +130,27 @@ impl Table {
                 return None;
             }
             let next = rows.min(first + step);
-            let batch = self::batch(&shared, &series, first..next);
+            let batch = self::batch(&shared, &made.1, first..next);
             first = next; // after the batch is made: one for which there was no memory is not left out
             Some(batch)
         });
         RecordBatchIterator::new(Box::new(batches), schema)
     }
 
-    /// Writes the numbers of all columns to `columns`, in their order. Rows that are null stay as they are there; where the
-    /// device marks a number as not provided, they become NaN.
+    /// Writes all columns, which must be numbers, to memory of the caller. A row without a value stays as it is there; NaN
+    /// marks a value that the device does not provide.
     ///
     /// # Errors
     /// [`ArrowError::InvalidArgumentError`] if there is not one place for each row of each column, of its type.
     pub fn write(&self, columns: &mut [Numbers<'_>]) -> Result<(), ArrowError> {
-        let (rows, series) = self.series();
-        let expected: Vec<_> = series.iter().map(|series| (series.field.data_type().clone(), rows)).collect();
+        let (rows, series) = &**self.series();
+        let expected: Vec<_> = series.iter().map(|series| (series.field.data_type().clone(), *rows)).collect();
         let found: Vec<_> = columns.iter().map(|column| (column.data_type(), column.len())).collect();
         if expected != found {
-            return Err(ArrowError::InvalidArgumentError(format!("memory for {expected:?}, not {found:?}")));
+            return Err(ArrowError::InvalidArgumentError(format!("memory for {expected:?} is needed, not {found:?}")));
         }
-        for first in (0..rows).step_by(WRITTEN_ROWS) {
-            let rows = first..rows.min(first + WRITTEN_ROWS);
+        for first in (0..*rows).step_by(WRITTEN_ROWS) {
+            let rows = first..(first + WRITTEN_ROWS).min(*rows);
             for (series, numbers) in series.iter().zip(&mut *columns) {
                 series.feed(rows.clone(), Writer { numbers, first });
             }
@@ -148,17 +158,15 @@ impl Table {
         Ok(())
     }
 
-    fn series(&self) -> (usize, Vec<Series>) {
-        let shared = Shared { part: &self.part, host_times: self.host_times.as_ref(), is_raw: self.is_raw };
-        let (rows, mut series) = match &self.shape {
-            Shape::Wide(columns) => (self.part.part.len(), shared.wide(columns)),
-            Shape::Rows(column) => (self.part.part.columns[*column].rows, shared.rows(*column)),
-            Shape::Entries(column) => shared.entries(*column),
-        };
-        if let Some(names) = &self.names {
-            series.retain(|series| names.contains(series.field.name()));
-        }
-        (rows, series)
+    fn series(&self) -> &Arc<(usize, Vec<Series>)> {
+        self.series.get_or_init(|| {
+            let shared = Shared { part: &self.part, host_times: self.host_times.as_ref(), is_raw: self.is_raw };
+            Arc::new(match &self.shape {
+                Shape::Wide(columns) => (self.part.part.len(), shared.wide(columns)),
+                Shape::Rows(column) => (self.part.part.columns[*column].rows, shared.rows(*column)),
+                Shape::Entries(column) => shared.entries(*column),
+            })
+        })
     }
 }
 

@@ -16,14 +16,14 @@ from xbus.extras import require
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["arrow", "frame", "npz", "pandas", "polars", "stream_of"]
+__all__ = ["arrow", "npz", "pandas", "pandas_from_arrow", "polars", "stream_of"]
 
 #: What dates and times of numpy are in a table.
 KINDS = {"M8[ns]": "datetime", "M8[D]": "date", "m8[us]": "time"}
-#: Most arrays of a DataFrame.
-MOST_ARRAYS = 100
-#: Bytes of memory that arrays share: enough for huge pages, which numpy requests, and so few that malloc uses
-#: them again. The first touch of fresh memory takes as long as the copy.
+#: Most arrays of a DataFrame. pandas warns when a column is added to more than 100, and users add some.
+MOST_ARRAYS = 50
+#: Bytes of memory that arrays share: a piece of this size has huge pages, which numpy requests, and malloc
+#: uses it again. A column that is kept keeps its piece in memory.
 PIECE = 16 << 20
 #: Each array begins at a multiple of this in shared memory.
 ALIGNMENT = 64
@@ -48,12 +48,15 @@ def pandas(stream: _core.ArrowStream, *, use_threads: bool = True) -> Any:
 
     Args:
         stream: The table.
-        use_threads: As in `frame`.
+        use_threads: Whether several threads of pyarrow convert its columns.
     """
     pd = require("pandas", "pandas", "to make pandas DataFrames")
     pa = require("pyarrow", "arrow", "to make pandas DataFrames")
     schema = pa.RecordBatchReader.from_stream(stream).schema
-    # The core writes these once; pyarrow would copy them twice. It has the integers whose type may change.
+    if len(schema) > MOST_ARRAYS:
+        return pandas_from_arrow(arrow(stream), use_threads=use_threads)
+    # The core writes these straight into arrays. pyarrow converts the others: dates, and integers whose type
+    # may change with nulls.
     numbers = [
         field
         for field in schema
@@ -61,17 +64,15 @@ def pandas(stream: _core.ArrowStream, *, use_threads: bool = True) -> Any:
         or (pa.types.is_integer(field.type) and not field.nullable and field.type != pa.uint64())
     ]
     columns: dict[str, Any] = {}
-    for field, array in zip(numbers, _memory(numbers, len(stream)), strict=True):
+    for field, array in zip(numbers, _memory(numbers, stream.row_count), strict=True):
         if field.nullable:
             array.fill(np.nan)
         columns[field.name] = array
-    if len(stream):
+    if stream.row_count:
         stream.select(list(columns)).write(list(columns.values()))
     if others := [name for name in schema.names if name not in columns]:
-        columns |= frame(arrow(stream.select(others)), use_threads=use_threads).items()
-    # With more than a hundred arrays, pandas would warn when a column is added.
-    ordered = {name: columns[name] for name in schema.names}
-    return pd.DataFrame(ordered, copy=len(ordered) > MOST_ARRAYS)
+        columns |= pandas_from_arrow(arrow(stream.select(others)), use_threads=False).items()
+    return pd.DataFrame({name: columns[name] for name in schema.names}, copy=False)
 
 
 def _memory(fields: Sequence[Any], rows: int) -> Iterable[npt.NDArray[Any]]:
@@ -86,12 +87,12 @@ def _memory(fields: Sequence[Any], rows: int) -> Iterable[npt.NDArray[Any]]:
         piece = piece[size:]
 
 
-def frame(table: pa.Table, *, use_threads: bool = True) -> Any:
+def pandas_from_arrow(table: pa.Table, *, use_threads: bool = True) -> Any:
     """Returns a table of pyarrow as a pandas DataFrame.
 
     Args:
         table: The table.
-        use_threads: Whether several threads convert the columns.
+        use_threads: As in `pandas`.
     """
     pd = require("pandas", "pandas", "to make pandas DataFrames")
     pa = require("pyarrow", "arrow", "to make pandas DataFrames")

@@ -55,7 +55,7 @@ class PartTables:
         return self.empty.arrow_stream(raw=self._raw)
 
     def read(self, part: LogPart, columns: Sequence[str] | None) -> _core.ArrowStream:
-        """Returns the table of a part, with only these of its columns, in its order; all columns for None."""
+        """Returns the table of a part with these columns, in the order of the table; all columns for None."""
         if columns is None:
             return part.read().arrow_stream(raw=self._raw)
         needed = {name: None for column in columns for name in self._quantities[column]}

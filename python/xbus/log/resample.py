@@ -181,7 +181,7 @@ class Resampled(ByQuantity[npt.NDArray[Any]]):
         Raises:
             ImportError: The extra ``pandas`` is not installed.
         """
-        frame: pd.DataFrame = tables.frame(self.to_arrow())
+        frame: pd.DataFrame = tables.pandas_from_arrow(self.to_arrow())
         return frame
 
     def to_polars(self) -> pl.DataFrame:

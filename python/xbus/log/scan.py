@@ -113,7 +113,7 @@ class _Frames:
         """Yields the rows for which ``predicate`` is true, of the first ``rows`` rows."""
 
         def read(part: LogPart) -> pl.DataFrame:
-            # For a row index no column is needed, but a table without columns has no rows.
+            # For a row index no column is needed, but polars takes no table without one.
             stream = self._tables.read(part, ["sample"] if columns == [] else columns)
             frame: pl.DataFrame = self._polars.DataFrame(stream)
             if columns is not None:

@@ -25,6 +25,7 @@ const UTC_TIME: u16 = data_id("utc_time");
 const ROTATION_MATRIX: u16 = data_id("rotation_matrix");
 
 /// One column of a table.
+#[derive(Clone, Debug)]
 pub struct Series {
     pub field: Field,
     source: Source,
@@ -32,10 +33,11 @@ pub struct Series {
 }
 
 /// Where the values are.
+#[derive(Clone, Debug)]
 enum Source {
-    /// The index of the sample of each row, from the index of the first sample of the part and the number of rows.
-    Samples { first: u64, rows: usize, indices: OnceLock<PrimitiveArray<Int64Type>> },
-    /// A time of each sample, and whether every sample has one.
+    /// The index of the sample of each row, counted from `first`; as an array once one is asked for.
+    Samples { first: u64, count: usize, indices: OnceLock<PrimitiveArray<Int64Type>> },
+    /// A time of each sample; and whether every sample has one, once that is known.
     Times { times: Times, is_complete: OnceLock<bool> },
     /// Element `element` of each row of a column of numbers.
     Numbers { column: Arc<Column>, element: usize },
@@ -50,7 +52,7 @@ enum Source {
 }
 
 /// The times of the samples, NaN for a sample without one.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 enum Times {
     /// Seconds on the device clock.
     Device(Arc<TimedPart>),
@@ -59,7 +61,7 @@ enum Times {
 }
 
 /// Which row of the source goes into which row of the table.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 enum Places {
     /// Each row into the row of the same number.
     Same,
@@ -133,9 +135,9 @@ impl Shared<'_> {
         let times = |name: &str, times: Times| {
             series(fields::seconds(name), Source::Times { times, is_complete: OnceLock::new() })
         };
-        let (first, rows) = (self.part.part.first, samples.len());
+        let (first, count) = (self.part.part.first, samples.len());
         let mut list = vec![
-            series(fields::sample(), Source::Samples { first, rows, indices: OnceLock::new() }),
+            series(fields::sample(), Source::Samples { first, count, indices: OnceLock::new() }),
             times("time", Times::Device(self.part.clone())),
         ];
         list.extend(self.host_times.map(|host_times| times("host_time", Times::Host(host_times.clone()))));
@@ -251,15 +253,16 @@ impl Series {
         if is_copied { width_of(self.field.data_type()) } else { 0 }
     }
 
-    /// Hands these rows of the table over to a sink.
+    /// Hands these rows of the table over to a sink. [`Copies`](super::copies::Copies) have room for what `copied_width`
+    /// states.
     pub fn feed<S: Sink>(&self, rows: Range<usize>, sink: S) -> S::Taken {
         match &self.source {
-            Source::Samples { first, rows: all, indices } => {
-                let sample = |row: usize| match &self.places {
-                    Places::From(samples) => (first + samples[row] as u64).cast_signed(),
-                    Places::Same | Places::Into(_) => (first + row as u64).cast_signed(),
+            Source::Samples { first, count, indices } => {
+                let sample = |row: usize| {
+                    let sample = if let Places::From(samples) = &self.places { samples[row] } else { row };
+                    (first + sample as u64).cast_signed()
                 };
-                let all = || PrimitiveArray::new(huge_pages::collect((0..*all).map(sample)).into(), None);
+                let all = || PrimitiveArray::new(huge_pages::collect((0..*count).map(sample)).into(), None);
                 let array = || Arc::new(indices.get_or_init(all).slice(rows.start, rows.len())) as ArrayRef;
                 sink.lent(rows.clone().map(sample), array)
             }
@@ -346,7 +349,7 @@ impl Series {
         self.gather(rows, sink, value, None::<fn(N) -> bool>)
     }
 
-    /// `value` is the value of a row of the source. Null are rows of the table without a row of the source, and values that do
+    /// Hands over values one by one. `value` is the value of a row of the source. Null are rows of the table without a row of the source, and values that do
     /// not exist.
     fn gather<N: Number, S: Sink>(
         &self,

@@ -24,11 +24,22 @@ pub trait Sink {
     ) -> Self::Taken;
 }
 
-/// A number of a table.
+/// A type of numbers that columns have.
 pub trait Number: ArrowNativeType {
     /// The numbers, if they have this type.
-    fn of<'a>(numbers: &'a mut Numbers<'_>) -> Option<&'a mut [Self]>;
+    fn slice_of<'a>(numbers: &'a mut Numbers<'_>) -> Option<&'a mut [Self]>;
 }
+
+/// Invokes a macro with the types of numbers, each after the name that Arrow has for it.
+macro_rules! with_numbers {
+    ($then:ident) => {
+        $then! {
+            UInt8 u8, UInt16 u16, UInt32 u32, UInt64 u64, Int8 i8, Int16 i16, Int32 i32, Int64 i64, Float32 f32,
+            Float64 f64,
+        }
+    };
+}
+pub(crate) use with_numbers;
 
 macro_rules! numbers {
     ($($variant:ident $number:ty),+ $(,)?) => {
@@ -56,7 +67,7 @@ macro_rules! numbers {
         }
 
         $(impl Number for $number {
-            fn of<'a>(numbers: &'a mut Numbers<'_>) -> Option<&'a mut [Self]> {
+            fn slice_of<'a>(numbers: &'a mut Numbers<'_>) -> Option<&'a mut [Self]> {
                 match numbers {
                     Numbers::$variant(numbers) => Some(numbers),
                     _ => None,
@@ -66,12 +77,9 @@ macro_rules! numbers {
     };
 }
 
-numbers! {
-    UInt8 u8, UInt16 u16, UInt32 u32, UInt64 u64, Int8 i8, Int16 i16, Int32 i32, Int64 i64, Float32 f32, Float64 f64,
-}
+with_numbers!(numbers);
 
-/// Writes numbers into memory of the caller. Where a row has none, that memory stays as it is; a number that does not exist is
-/// NaN.
+/// Writes numbers into memory of the caller. Where a row has none, that memory stays as it is.
 pub struct Writer<'a, 'b> {
     pub numbers: &'a mut Numbers<'b>,
     /// The first row.
@@ -80,15 +88,15 @@ pub struct Writer<'a, 'b> {
 
 impl Writer<'_, '_> {
     fn rows<N: Number>(&mut self) -> &mut [N] {
-        &mut N::of(self.numbers).expect("the types are compared before")[self.first..]
+        &mut N::slice_of(self.numbers).expect("the types are compared before")[self.first..]
     }
 }
 
 impl Sink for Writer<'_, '_> {
     type Taken = ();
 
-    fn lent<N: Number>(mut self, numbers: impl Iterator<Item = N>, _: impl FnOnce() -> ArrayRef) {
-        self.rows().iter_mut().zip(numbers).for_each(|(row, number)| *row = number);
+    fn lent<N: Number>(self, numbers: impl Iterator<Item = N>, _: impl FnOnce() -> ArrayRef) {
+        self.dense(numbers, None::<fn(N) -> bool>);
     }
 
     fn dense<N: Number>(mut self, numbers: impl Iterator<Item = N>, _: Option<impl Fn(N) -> bool>) {

@@ -23,7 +23,7 @@ use pyo3::types::PyCapsule;
 use super::column::Column;
 use super::convert::{arrow_error, detached};
 use super::log::Part;
-use crate::arrow::{Batches, Numbers, Table};
+use crate::arrow::{Batches, Numbers, Table, with_numbers};
 use crate::catch::{Caught, catch};
 
 /// The name that the Arrow PyCapsule interface asks for.
@@ -95,9 +95,11 @@ impl ArrowStream {
         PyCapsule::new_with_value(py, FFI_ArrowArrayStream::new(Box::new(batches)), CAPSULE)
     }
 
-    fn select(&self, names: Vec<String>) -> PyResult<Self> {
+    fn select(&self, py: Python<'_>, names: Vec<String>) -> PyResult<Self> {
         match &self.0 {
-            Source::Log(table) => Ok(Self(Source::Log(table.clone().select(names)))),
+            Source::Log(table) => {
+                Ok(Self(Source::Log(detached(py, move || table.select(&names))?.map_err(arrow_error)?)))
+            }
             Source::Arrays(_) => Err(PyTypeError::new_err("columns can be selected from the table of a log")),
         }
     }
@@ -110,7 +112,8 @@ impl ArrowStream {
         detached(py, || table.write(&mut columns))?.map_err(arrow_error)
     }
 
-    fn __len__(&self, py: Python<'_>) -> PyResult<usize> {
+    #[getter]
+    fn row_count(&self, py: Python<'_>) -> PyResult<usize> {
         detached(py, || match &self.0 {
             Source::Log(table) => table.row_count(),
             Source::Arrays(batch) => batch.num_rows(),
@@ -232,9 +235,7 @@ macro_rules! writable_arrays {
     };
 }
 
-writable_arrays! {
-    UInt8 u8, UInt16 u16, UInt32 u32, UInt64 u64, Int8 i8, Int16 i16, Int32 i32, Int64 i64, Float32 f32, Float64 f64,
-}
+with_numbers!(writable_arrays);
 
 /// A column of a table as Python has it.
 #[derive(FromPyObject)]
