@@ -265,6 +265,14 @@ def test_divisions(
         same(first, expected.loc[divisions[0] : divisions[1]])
 
 
+def test_times_that_do_not_ascend_join_no_parts(tmp_path: Path) -> None:
+    """As in logs of GNSS receivers, whose samples come late. Their divisions are not known anyway."""
+    (tmp_path / "log.mtb").write_bytes(times(1, 3, 2, 5, 4, 7, 6))
+    frame = read_logs(tmp_path / "log.mtb", block_bytes=2 * len(times(1)) - 1)
+    assert frame.npartitions == 4
+    assert not frame.known_divisions
+
+
 def test_a_partition_is_one_task() -> None:
     frame = read_logs(str(WALK), block_bytes=20_000)
     assert len(frame.__dask_graph__()) == frame.npartitions > 1

@@ -73,8 +73,8 @@ def read_logs(
         index: The column that becomes the index; None for a plain index and all columns. With ``"time"``,
             divisions are known if the times of all samples are known and ascend, from each file to the next
             one too; with ``"sample"`` if there is one file.
-        block_bytes: Approximate size of a part, in bytes of input. The DataFrame of all columns is about as
-            large.
+        block_bytes: Approximate size of a partition, in bytes of input. The DataFrame of all columns is about
+            as large. Up to eight neighbours that share a time become one partition.
         bid: As in `read_log`.
         rate: As in `read_log`.
         strings: As in `read_log`.
@@ -310,12 +310,15 @@ def _text(entry: bytes | None) -> str:
 
 
 def _partitions(parts: list[LogPart], index: str | None) -> list[LogPart]:
-    """Returns the parts of a file. Those that begin no later than the previous one ends are joined to it."""
-    if index != "time":
+    """Returns the parts of a file. If all times ascend, neighbours that share one are joined.
+
+    A time in two partitions cannot be a division.
+    """
+    if index != "time" or not all(part.is_ascending for part in parts):
         return parts
     groups = [[parts[0]]]
     for part in parts[1:]:
-        is_shared = part.samples and part.earliest <= groups[-1][-1].latest
+        is_shared = part.samples and part.earliest == groups[-1][-1].latest
         if is_shared and len(groups[-1]) < MOST_JOINED:
             groups[-1].append(part)
         else:
