@@ -13,6 +13,7 @@ from nicegui import ui
 from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.staticfiles import StaticFiles
 
+from xbus.studio.disconnects import Disconnects
 from xbus.studio.feed import feed
 from xbus.studio.guard import Guard
 from xbus.studio.hub import Hub
@@ -95,7 +96,10 @@ def serve(
         show_welcome_message=False,
     )
     config = uvicorn.Config(
-        Guard(app, token), log_level="warning", timeout_graceful_shutdown=2, lifespan="on"
+        Guard(Disconnects(app), token),
+        log_level="warning",
+        timeout_graceful_shutdown=2,
+        lifespan="on",
     )
     server = uvicorn.Server(config)
     server.run(sockets=[listener])
