@@ -71,14 +71,6 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.enable()
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Puts the tests of the studio first: xdist leaves them to one worker, with one server and one browser.
-
-    A worker begins with its first tests, and others take over the last ones. These tests mostly wait.
-    """
-    items.sort(key=lambda item: item.path.name != "test_studio.py")
-
-
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 OWN_CAPTURES = Path(__file__).parent / "captures"
 

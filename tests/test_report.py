@@ -586,9 +586,9 @@ def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # In a browser
 
-#: A browser to take pictures with; `.ci/run browser` installs one.
+#: A browser to take pictures with; `.ci/run drawing` installs one.
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-drawing = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
 
 
 @pytest.fixture(scope="module")
@@ -632,7 +632,8 @@ def evil_page(folder: Path, *, spectra: bool = False) -> tuple[Path, list[dict[s
     return out, Page(out.read_text("utf-8")).figures
 
 
-@drawing
+@pytest.mark.drawing
+@needs_chromium
 def test_a_browser_draws_every_curve(tmp_path: Path, opened: Callable[..., Any]) -> None:
     out, figures = evil_page(tmp_path, spectra=True)
     dom = opened(out).content()
@@ -662,7 +663,8 @@ def test_a_position_without_a_fix_is_not_in_the_track(name: str) -> None:
     assert gather(data).tracks[name].rows == 2
 
 
-@drawing
+@pytest.mark.drawing
+@needs_chromium
 def test_a_browser_shows_the_colours(tmp_path: Path, opened: Callable[..., Any]) -> None:
     imread = pytest.importorskip("matplotlib.image").imread
     out, _ = evil_page(tmp_path)
@@ -676,7 +678,8 @@ def test_a_browser_shows_the_colours(tmp_path: Path, opened: Callable[..., Any])
         assert np.count_nonzero(near) > 300, colour
 
 
-@drawing
+@pytest.mark.drawing
+@needs_chromium
 @pytest.mark.parametrize("width", [360, 500, 800, 1600])
 def test_every_mark_is_visible_at_every_width(
     width: int, tmp_path: Path, opened: Callable[..., Any]
@@ -732,7 +735,8 @@ VISITOR = """async () => {
 }"""
 
 
-@drawing
+@pytest.mark.drawing
+@needs_chromium
 def test_zoom_and_print_apply_to_all_plots(tmp_path: Path, opened: Callable[..., Any]) -> None:
     """A zoom in one plot over time applies to all of them; printed plots are as wide as the paper."""
     rows = [

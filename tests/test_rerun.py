@@ -221,6 +221,7 @@ def test_positions_with_a_fix_are_on_the_map(name: str, tmp_path: Path) -> None:
 SOFTWARE_VULKAN = [*Path("/usr/share/vulkan/icd.d").glob("lvp_icd*.json")]
 
 
+@pytest.mark.drawing
 @pytest.mark.skipif(not SOFTWARE_VULKAN, reason="no software Vulkan (mesa-vulkan-drivers)")
 def test_the_viewer_draws_a_recording(tmp_path: Path) -> None:
     """Without positions: for a map the viewer would request tiles from the network."""

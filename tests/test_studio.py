@@ -36,7 +36,10 @@ PAGES = (
 WALK = Path(__file__).parent / "captures" / "walk.mtb"
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 PROGRAM = {"executable_path": CHROMIUM, "args": ["--no-sandbox"]}
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
+pytestmark = [
+    pytest.mark.drawing,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium"),
+]
 
 
 class Studio:
@@ -518,6 +521,19 @@ def test_recording_goes_on_without_a_page(studio: Any, tabs: Any) -> None:
     assert len(times) == 1, "a note has the same time in the recordings of all devices"
 
 
+#: How many pixels of a plot have a colour, as curves have.
+COLOURED = """() => {
+  const canvas = document.querySelector(".xbus-chart canvas");
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  let count = 0;
+  for (let at = 0; at < data.length; at += 4) {
+    const parts = data.slice(at, at + 3);
+    if (data[at + 3] > 200 && Math.max(...parts) - Math.min(...parts) > 60) count++;
+  }
+  return count;
+}"""
+
+
 def test_dark_and_light(studio: Any) -> None:
     page = studio.page
     studio.open("live/sim-MTi-630")
@@ -527,7 +543,14 @@ def test_dark_and_light(studio: Any) -> None:
     page.wait_for_function(
         "was => document.body.classList.contains('body--dark') !== was", arg=was_dark
     )
-    page.locator(".xbus-chart canvas").first.wait_for()
+    page.wait_for_function(f"({COLOURED})() > 100")
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_role("button", name="Resume").wait_for()
+    page.get_by_role("button", name="dark or light").click()
+    page.wait_for_function(
+        "was => document.body.classList.contains('body--dark') === was", arg=was_dark
+    )
+    page.wait_for_function(f"({COLOURED})() > 100")
 
 
 def test_outputs_are_changed_and_read_back(studio: Any) -> None:
