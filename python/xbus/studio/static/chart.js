@@ -287,6 +287,7 @@ export default {
       over.addEventListener("click", (event) => {
         if (this.view) this.$emit("place", { time: this.plot.posToVal(event.offsetX, "x") });
       });
+      this.draw();
     },
   },
 };

@@ -31,6 +31,10 @@ export default {
       const ratio = devicePixelRatio;
       const width = canvas.clientWidth, height = canvas.clientHeight;
       if (!width) return;
+      const isStale = this.attitude === null || (!this.ended && performance.now() - this.arrived > 1000 * STALE);
+      const shown = [this.attitude, isStale, width, height, ratio];
+      if (shown.every((part, i) => part === this.shown?.[i])) return;
+      this.shown = shown;
       if (canvas.width !== width * ratio || canvas.height !== height * ratio) {
         canvas.width = width * ratio;
         canvas.height = height * ratio;
@@ -38,7 +42,6 @@ export default {
       const g = canvas.getContext("2d");
       g.setTransform(ratio, 0, 0, ratio, 0, 0);
       g.clearRect(0, 0, width, height);
-      const isStale = this.attitude === null || (!this.ended && performance.now() - this.arrived > 1000 * STALE);
       if (isStale) {
         g.fillStyle = "#777";
         g.fillRect(0, 0, width, height);
