@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import pickle
+import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -127,17 +128,19 @@ def test_only_one_of_several_devices() -> None:
 
 
 class Sender:
-    """Sends frames on a virtual bus, as a device does."""
+    """Sends frames on a virtual bus, as a device does. Those of one call have the same time."""
 
     def __init__(self, channel: str) -> None:
         self.address = f"can:virtual:{channel}"
-        self._bus = can.Bus(interface="virtual", channel=channel)
+        self._bus = can.Bus(interface="virtual", channel=channel, preserve_timestamps=True)
         self.sent: list[Frame] = []
 
     def send(self, frames: Sequence[Frame]) -> None:
+        now = time.time()
         for key, data in frames:
             self._bus.send(
                 can.Message(
+                    timestamp=now,
                     arbitration_id=key & 0x1FFFFFFF,
                     data=data,
                     is_extended_id=key > 0x7FF,

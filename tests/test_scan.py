@@ -32,8 +32,10 @@ ENGINES: tuple[Literal["in-memory", "streaming"], ...] = ("in-memory", "streamin
 @pytest.fixture(autouse=True)
 def end_of_reading() -> Iterator[None]:
     """Waits for threads that still read a part when a query has all it needs."""
+    before = {*threading.enumerate()}
     yield
-    if threads := [one for one in threading.enumerate() if one.name.startswith("xbus_")]:
+    new = {*threading.enumerate()} - before
+    if threads := [one for one in new if one.name.startswith("xbus_")]:
         gc.collect()
         for thread in threads:
             thread.join(10)
