@@ -15,11 +15,10 @@ DASK_TRIM_THRESHOLD = "65536"
 
 @cache
 def keep_freed_memory() -> None:
-    """Lets malloc keep up to 64 MiB of freed memory for each thread, unless the user chose a limit.
+    """Lets malloc keep up to 256 MiB of freed memory for each thread, unless the user chose a limit.
 
     By default glibc returns the memory of each part to the system as soon as it is free. The first touch of
-    fresh memory in the next part would take as long as decoding it. A program that has once freed an array of
-    32 MiB has nearly the same settings, because glibc adapts them.
+    fresh memory in the next part would take as long as decoding it.
     """
     if os.environ.get("MALLOC_TRIM_THRESHOLD_") in (None, DASK_TRIM_THRESHOLD):
         _core.keep_freed_memory()
