@@ -588,11 +588,12 @@ def test_parts_make_the_same_page(monkeypatch: pytest.MonkeyPatch) -> None:
 
 #: A browser to take pictures with; `.ci/run drawing` installs one.
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no chromium")
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
+    if CHROMIUM is None:
+        pytest.skip("no chromium")
     playwright = pytest.importorskip("playwright.sync_api")
     # There is no network: the page must not need any.
     args = ["--no-sandbox", "--disable-gpu", "--proxy-server=127.0.0.1:9"]
@@ -633,7 +634,6 @@ def evil_page(folder: Path, *, spectra: bool = False) -> tuple[Path, list[dict[s
 
 
 @pytest.mark.drawing
-@needs_chromium
 def test_a_browser_draws_every_curve(tmp_path: Path, opened: Callable[..., Any]) -> None:
     out, figures = evil_page(tmp_path, spectra=True)
     dom = opened(out).content()
@@ -664,7 +664,6 @@ def test_a_position_without_a_fix_is_not_in_the_track(name: str) -> None:
 
 
 @pytest.mark.drawing
-@needs_chromium
 def test_a_browser_shows_the_colours(tmp_path: Path, opened: Callable[..., Any]) -> None:
     imread = pytest.importorskip("matplotlib.image").imread
     out, _ = evil_page(tmp_path)
@@ -679,7 +678,6 @@ def test_a_browser_shows_the_colours(tmp_path: Path, opened: Callable[..., Any])
 
 
 @pytest.mark.drawing
-@needs_chromium
 @pytest.mark.parametrize("width", [360, 500, 800, 1600])
 def test_every_mark_is_visible_at_every_width(
     width: int, tmp_path: Path, opened: Callable[..., Any]
@@ -736,7 +734,6 @@ VISITOR = """async () => {
 
 
 @pytest.mark.drawing
-@needs_chromium
 def test_zoom_and_print_apply_to_all_plots(tmp_path: Path, opened: Callable[..., Any]) -> None:
     """A zoom in one plot over time applies to all of them; printed plots are as wide as the paper."""
     rows = [

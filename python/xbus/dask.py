@@ -318,7 +318,7 @@ def _partitions(parts: list[LogPart], index: str | None) -> list[LogPart]:
         return parts
     groups = [[parts[0]]]
     for part in parts[1:]:
-        is_shared = part.samples and part.earliest == groups[-1][-1].latest
+        is_shared = part.earliest == groups[-1][-1].latest  # NaN without samples
         if is_shared and len(groups[-1]) < MOST_JOINED:
             groups[-1].append(part)
         else:
