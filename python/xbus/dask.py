@@ -316,14 +316,16 @@ def _partitions(parts: list[LogPart], index: str | None) -> list[LogPart]:
     """
     if index != "time" or not all(part.is_ascending for part in parts):
         return parts
-    groups = [[parts[0]]]
-    for part in parts[1:]:
-        is_shared = part.earliest == groups[-1][-1].latest  # NaN without samples
-        if is_shared and len(groups[-1]) < MOST_JOINED:
-            groups[-1].append(part)
+    groups: list[range] = []
+    for number, part in enumerate(parts):
+        if not part.samples:  # such parts may lie between two that share a time
+            continue
+        last = groups[-1] if groups else range(0)
+        if last and part.earliest == parts[last[-1]].latest and number - last[0] < MOST_JOINED:
+            groups[-1] = range(last[0], number + 1)
         else:
-            groups.append([part])
-    return [joined_parts(group) for group in groups]
+            groups.append(range(number, number + 1))
+    return [joined_parts(parts[group.start : group.stop]) for group in groups] or parts[:1]
 
 
 def _divisions(parts: Sequence[LogPart], index: str | None, files: int) -> tuple[float, ...] | None:
