@@ -175,33 +175,45 @@ def test_another_process_reads_a_part(tmp_path: Path) -> None:
 
 
 TOUCHES = """
-import resource, sys, xbus
-parts = xbus.split_log(sys.argv[1], block_bytes=1 << 19)
-for _ in range(3):
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
-    for part in parts:
-        part.read()
-    touched = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
-print(touched / len(parts))
+import resource, sys, threading, xbus
+parts = xbus.split_log(sys.argv[1], block_bytes=int(sys.argv[2]))
+def read():
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+        for part in parts:
+            part.read()
+        touched = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
+    print(touched / len(parts))
+if sys.argv[3] == "main":
+    read()
+else:
+    thread = threading.Thread(target=read)
+    thread.start()
+    thread.join()
 """
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="another malloc")
 def test_parts_reuse_memory_unless_malloc_has_settings(tmp_path: Path) -> None:
     path = tmp_path / "log.mtb"
-    path.write_bytes(streams.ahrs(50_000))
+    data = streams.ahrs(50_000)
 
-    def pages_per_part(**settings: str) -> float:
-        program = [sys.executable, "-c", TOUCHES, str(path)]
+    def pages_per_part(block: int = 1 << 19, thread: str = "main", **settings: str) -> float:
+        program = [sys.executable, "-c", TOUCHES, str(path), str(block), thread]
         environment = {**os.environ, **settings}
         out = subprocess.run(program, env=environment, stdout=subprocess.PIPE, check=True)  # noqa: S603
         return float(out.stdout)
 
+    path.write_bytes(data)
     dask = pages_per_part(MALLOC_TRIM_THRESHOLD_="65536")
     chosen = pages_per_part(MALLOC_TRIM_THRESHOLD_="65537")
     assert pages_per_part() < 20
     assert dask < 20
     assert chosen > 60
+
+    # More than a heap of a thread, which has 64 MiB.
+    path.write_bytes(24 * data)
+    assert pages_per_part(1 << 30, "other") < 200
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
