@@ -397,8 +397,12 @@ def test_pandas_matches_pyarrow(data: bytes, raw: bool) -> None:
 def test_long_frames(rows: int) -> None:
     """No row is lost at the boundaries of blocks, and no column where memory of others ends."""
     pd = pytest.importorskip("pandas")
-    log = xbus.read_log(streams.hr(rows))
+    data = streams.hr(rows - 1)
+    payload = data[-len(streams.hr(1)) :][4:-1]
+    log = xbus.read_log(data + streams.frame(0x36, payload, bid=2))
     frame = log.to_pandas()
+    assert len(frame) == rows
+    assert "bid" in frame
     assert (frame.memory_usage().sum() > tables.PIECE) == (rows > 2**13)
     pd.testing.assert_frame_equal(frame, tables.pandas_from_arrow(log.to_arrow()), check_exact=True)
     column = log["acceleration_hr"].to_pandas()

@@ -349,8 +349,8 @@ impl Series {
         self.gather(rows, sink, value, None::<fn(N) -> bool>)
     }
 
-    /// Hands over values one by one. `value` is the value of a row of the source. Null are rows of the table without a row of the source, and values that do
-    /// not exist.
+    /// Hands over values one by one. `value` is the value of a row of the source. Null are rows of the table without a
+    /// row of the source, and values that do not exist.
     fn gather<N: Number, S: Sink>(
         &self,
         rows: Range<usize>,
