@@ -143,7 +143,7 @@ def message_name(mid: int, length: int) -> str | None:
     """The manual's name of a message with a payload of this length, or None."""
 
 def keep_freed_memory() -> None:
-    """Makes the process keep up to 256 MiB of freed memory for each thread, for work part by part.
+    """Makes the process keep freed memory, for work part by part.
 
     Otherwise the first touch of fresh memory is paid for in every part. No effect without glibc.
     """

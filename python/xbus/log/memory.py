@@ -15,7 +15,9 @@ DASK_TRIM_THRESHOLD = "65536"
 
 @cache
 def keep_freed_memory() -> None:
-    """Lets malloc keep up to 256 MiB of freed memory for each thread, unless the user chose a limit.
+    """Lets malloc keep freed memory, unless the user chose a limit.
+
+    The main thread keeps up to 256 MiB, another thread as much as it took at once.
 
     By default glibc returns the memory of each part to the system as soon as it is free. The first touch of
     fresh memory in the next part would take as long as decoding it.
