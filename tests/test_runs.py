@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import struct
+from collections.abc import Hashable
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -20,6 +21,7 @@ from conftest import counter, differences, facts, fine
 from streams import dirty, frame, gnssins, mtdata2, packet
 from test_cli import FIELD, WALK, run
 from xbus.describe.log_summary import LogSummary
+from xbus.log.rates import Rates, SharedRates
 from xbus.log.runs import PartRuns, Runs
 from xbus.protocol.tables import QUANTITIES
 from xbus.report import gather
@@ -336,6 +338,33 @@ def test_nominal_rate_with_losses(rate: int) -> None:
     column = xbus.read_log(data)["temperature"]
     assert column.rate < 0.15 * rate
     assert column.nominal_rate == pytest.approx(rate, rel=2e-3)
+
+
+@given(
+    st.lists(
+        st.dictionaries(
+            st.sampled_from("abcde"), st.sampled_from([range(6), range(0, 6, 2), range(3), []])
+        ),
+        max_size=6,
+    )
+)
+def test_series_with_the_same_rows_share_their_rates(parts: list[dict[str, Any]]) -> None:
+    shared, alone = SharedRates(), {name: Rates() for name in "abcde"}
+    runs = PartRuns(np.zeros(6, np.int64), np.zeros(6, np.int64), (0,))
+    for number, part in enumerate(parts):
+        time = (np.arange(6) * [1, 1, 2, 1, 1, 5] + 100 * number) / 100
+        series: dict[Hashable, Any] = {
+            name: np.array(rows, np.int64) for name, rows in part.items()
+        }
+        shared.add(runs, series, time)
+        for name in part:
+            alone[name].add(runs, series[name], time)
+    for name in {name for part in parts for name in part}:
+        found, expected = (
+            (rates.mean, rates.nominal(6 * len(parts), has_counter=True))
+            for rates in (shared[name], alone[name])
+        )
+        assert found == pytest.approx(expected, nan_ok=True)
 
 
 def test_rate_gives_time_to_logs_without_time_stamps(tmp_path: Path) -> None:

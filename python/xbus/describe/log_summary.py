@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any
 
@@ -25,7 +25,7 @@ from xbus.log.identity import (
 )
 from xbus.log.log import Log
 from xbus.log.messages import Messages
-from xbus.log.rates import Rates
+from xbus.log.rates import Rates, SharedRates
 from xbus.log.runs import DeviceRuns, PartRuns, Runs, steady_time
 from xbus.log.stats import Stats
 from xbus.log.trackers import TrackerCounts, TrackerSummary
@@ -195,17 +195,18 @@ class QuantitySummary:
         self.coordinates = column.coordinates
         self.unit = column.unit
         self.rows = 0
-        self._rates = Rates()
         self._precisions: set[str | None] = set()
         self._ids: set[int] = set()
 
-    def add(self, column: Column, part: Log, runs: PartRuns) -> None:
-        """Adds the column of the next part, whose samples belong to ``runs``."""
+    def add(self, column: Column) -> None:
+        """Adds the column of the next part."""
         self.rows += len(column)
         self._precisions.add(column.precision)
         self._ids.add(column.data_id)
-        samples = column.sample - part.first_sample
-        self._rates.add(runs, samples, part.time)
+
+    @property
+    def _rates(self) -> Rates:
+        return self._log.rates[self.name, self.coordinates]
 
     @property
     def rate(self) -> float:
@@ -263,6 +264,7 @@ class LogSummary:
         other_devices: Identifiers of devices whose bus identifier another device has, as in a file that joins
             two recordings; a dictionary that has them as keys.
         runs: The runs of all devices.
+        rates: The rates of each device, by its number, and of each quantity, by its name and coordinates.
         unknown: Number of packets and bytes by data identifier, of packets that the tables do not explain.
         utc: Earliest and latest UTC time that the device marks as valid, or None.
         utc_rows: Number of UTC times.
@@ -281,7 +283,7 @@ class LogSummary:
         self.other_devices: dict[int, None] = {}
         self.capture_findings: tuple[str, ...] | None = None
         self.runs = Runs()
-        self._device_rates: dict[int, Rates] = {}
+        self.rates = SharedRates()
         self._quantities: dict[tuple[str, str | None], QuantitySummary] = {}
         self.gaps = FirstRows(GAP)
         self.largest_gaps = LargestRows(GAP, "lost", MAX_LARGEST)
@@ -336,7 +338,7 @@ class LogSummary:
                 bid,
                 identity_of(self._identities, list(devices), bid),
                 runs,
-                self._device_rates[device_of(bid)],
+                self.rates[device_of(bid)],
                 has_counter=self.has_counter,
             )
             for bid, runs in devices.items()
@@ -378,17 +380,19 @@ class LogSummary:
         self._add_other_devices(messages)
         runs = self.runs.add(part.core)
         devices = device_of(part.bid)
-        for device in np.unique(devices).tolist():
-            rates = self._device_rates.setdefault(device, Rates())
-            samples = np.flatnonzero(devices == device)
-            rates.add(runs, samples, part.time)
+        rows: dict[Hashable, npt.NDArray[np.int64]] = {
+            device: np.flatnonzero(devices == device) for device in np.unique(devices).tolist()
+        }
+        for column in part.values():
+            rows[column.name, column.coordinates] = column.sample - part.first_sample
+        self.rates.add(runs, rows, part.time)
         self._add_damage(part)
         self.strings.update({name or "others": n for name, n in part.strings.counts.items()})
         for column in part.values():
             known = self._quantities.setdefault(
                 (column.name, column.coordinates), QuantitySummary(self, column)
             )
-            known.add(column, part, runs)
+            known.add(column)
             if column.name == "utc_time":
                 self._add_utc(column)
         self._trackers.add(part.get("awinda_snapshot"))

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 import math
 import operator
-from collections.abc import Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy.typing as npt
 
 from xbus.log.runs import PartRuns
 
-__all__ = ["Rates"]
+__all__ = ["Rates", "SharedRates"]
 
 #: Share of the shortest intervals among which no sample was lost, in a log without packet counter.
 SHORTEST = 0.05
@@ -187,6 +188,50 @@ class Rates:
             return float("nan")
         shortest = self._all.quantile(SHORTEST * total)
         return self._all.up_to(TOLERANCE * shortest).usual_rate()
+
+
+class SharedRates:
+    """The rates of several series of rows, such as quantities, added part by part.
+
+    Most quantities have a row in each sample. Series that had the same rows up to now share one `Rates`.
+    """
+
+    def __init__(self) -> None:
+        self._rates: dict[Hashable, Rates] = {}
+
+    def __getitem__(self, name: Hashable) -> Rates:
+        """Returns the rates of a series."""
+        return self._rates[name]
+
+    def add(
+        self,
+        runs: PartRuns,
+        series: Mapping[Hashable, npt.NDArray[np.int64]],
+        time: npt.NDArray[np.float64],
+    ) -> None:
+        """Adds the rows of a part.
+
+        Args:
+            runs: As in `Rates.add`.
+            series: The sample of each row, by the name of the series.
+            time: As in `Rates.add`.
+        """
+        new = Rates()
+        groups: dict[Rates, list[tuple[npt.NDArray[np.int64], list[Hashable]]]] = {}
+        for name, samples in series.items():
+            known = groups.setdefault(self._rates.get(name, new), [])
+            names = next((names for same, names in known if np.array_equal(same, samples)), None)
+            if names is None:
+                known.append((samples, [name]))
+            else:
+                names.append(name)
+        others = {rates for name, rates in self._rates.items() if name not in series}
+        for rates, known in groups.items():
+            copies = [copy.deepcopy(rates) for _ in known[1:]]
+            own = copy.deepcopy(rates) if rates in others else rates
+            for each, (samples, names) in zip((own, *copies), known, strict=True):
+                each.add(runs, samples, time)
+                self._rates |= dict.fromkeys(names, each)
 
 
 def _spans(runs: npt.NDArray[Any]) -> tuple[int, npt.NDArray[np.float64]]:
