@@ -230,6 +230,7 @@ def times(*seconds: float) -> bytes:
         ([times(1, 2, 2, 3, 4, 5)], "time", (1, 4, 5)),
         ([times(1, 1, 1, 2)], "time", (1, 2)),
         ([times(1, 2) + 6 * streams.frame(0x11) + times(2, 3, 4, 5)], "time", (1, 4, 5)),
+        ([times(*[1] * 20)], "time", None),  # ten parts, of which eight are joined
         ([times(1, 2, 3, 4), times(5, 6)], "time", (1, 3, 5, 6)),
         ([times(5, 6), times(1, 2, 3, 4)], "time", None),
         ([times(1, 3, 2, 4)], "time", None),

@@ -350,8 +350,9 @@ def test_nominal_rate_with_losses(rate: int) -> None:
 )
 def test_series_with_the_same_rows_share_their_rates(parts: list[dict[str, Any]]) -> None:
     shared, alone = SharedRates(), {name: Rates() for name in "abcde"}
-    runs = PartRuns(np.zeros(6, np.int64), np.zeros(6, np.int64), (0,))
     for number, part in enumerate(parts):
+        run = number // 2  # each goes on in a second part
+        runs = PartRuns(np.full(6, run), np.zeros(6, np.int64), (run,))
         time = (np.arange(6) * [1, 1, 2, 1, 1, 5] + 100 * number) / 100
         series: dict[Hashable, Any] = {
             name: np.array(rows, np.int64) for name, rows in part.items()
@@ -359,12 +360,17 @@ def test_series_with_the_same_rows_share_their_rates(parts: list[dict[str, Any]]
         shared.add(runs, series, time)
         for name in part:
             alone[name].add(runs, series[name], time)
-    for name in {name for part in parts for name in part}:
+    names = {name for part in parts for name in part}
+    for name in names:
         found, expected = (
             (rates.mean, rates.nominal(6 * len(parts), has_counter=True))
             for rates in (shared[name], alone[name])
         )
         assert found == pytest.approx(expected, nan_ok=True)
+        same = {
+            other for other in names if all(part.get(other) == part.get(name) for part in parts)
+        }
+        assert {other for other in names if shared[other] is shared[name]} == same
 
 
 def test_rate_gives_time_to_logs_without_time_stamps(tmp_path: Path) -> None:

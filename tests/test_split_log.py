@@ -210,6 +210,7 @@ def test_parts_reuse_memory_unless_malloc_has_settings(tmp_path: Path) -> None:
     assert pages_per_part() < 20
     assert dask < 20
     assert chosen > 60
+    assert pages_per_part(MALLOC_TOP_PAD_="0") > 60
 
     # More than a heap of a thread, which has 64 MiB.
     path.write_bytes(24 * data)

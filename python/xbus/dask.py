@@ -312,7 +312,8 @@ def _text(entry: bytes | None) -> str:
 def _partitions(parts: list[LogPart], index: str | None) -> list[LogPart]:
     """Returns the parts of a file. If all times ascend, neighbours that share one are joined.
 
-    A time in two partitions cannot be a division.
+    A time in two partitions cannot be a division. Parts without samples between them are joined too, others
+    are left out. At most `MOST_JOINED` parts become one.
     """
     if index != "time" or not all(part.is_ascending for part in parts):
         return parts

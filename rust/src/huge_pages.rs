@@ -150,9 +150,9 @@ fn request(start: *mut u8, size: usize) {
 #[cfg(not(target_os = "linux"))]
 fn request(_: *mut u8, _: usize) {}
 
-/// Lets the process keep the memory that it frees, and use it again: up to 256 MiB in the main thread; in another thread as
-/// much as it took. Otherwise malloc returns large vectors to the system, and every part of a log pays for the first touch of
-/// fresh memory again.
+/// Lets the process keep the memory that it frees, and use it again: up to 256 MiB in the main thread, in
+/// others about as much as they needed at once. Otherwise malloc returns large vectors to the system, and every part of
+/// a log pays for the first touch of fresh memory again.
 ///
 /// This is for a program that does nothing but read logs part by part. Only glibc has these settings.
 #[cfg(feature = "python")]
@@ -164,8 +164,8 @@ pub fn keep_freed_memory() {
         const MMAP_THRESHOLD: i32 = 32 << 20;
         /// A part of a log, its columns and its DataFrame.
         const TRIM_THRESHOLD: i32 = 256 << 20;
-        /// The memory of other threads consists of heaps of this size. One that is empty is returned, whatever the
-        /// threshold, if more than the padding is free in the one before it.
+        /// The memory of other threads consists of heaps of this size. Whatever the threshold, an empty heap is returned
+        /// if the one before it has more room than the padding. No heap has that much, so none is returned.
         const TOP_PAD: i32 = 64 << 20;
         // SAFETY: mallopt takes two numbers and changes how malloc gets memory from the system. It ignores what it does not
         // know.

@@ -264,7 +264,8 @@ class LogSummary:
         other_devices: Identifiers of devices whose bus identifier another device has, as in a file that joins
             two recordings; a dictionary that has them as keys.
         runs: The runs of all devices.
-        rates: The rates of each device, by its number, and of each quantity, by its name and coordinates.
+        rates: The rates of each device, by its number, and of each quantity, by the tuple of its name and
+            coordinates.
         unknown: Number of packets and bytes by data identifier, of packets that the tables do not explain.
         utc: Earliest and latest UTC time that the device marks as valid, or None.
         utc_rows: Number of UTC times.

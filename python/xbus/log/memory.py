@@ -9,18 +9,21 @@ from xbus import _core
 
 __all__ = ["keep_freed_memory"]
 
+#: Variables of the environment with which users configure malloc.
+SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TOP_PAD_", "MALLOC_TRIM_THRESHOLD_")
 #: What dask sets for its workers: malloc returns nearly everything to the system.
-DASK_TRIM_THRESHOLD = "65536"
+DASK_SETTINGS = {"MALLOC_TRIM_THRESHOLD_": "65536"}
 
 
 @cache
 def keep_freed_memory() -> None:
-    """Lets malloc keep freed memory, unless the user chose a limit.
+    """Lets malloc keep freed memory, unless one of `SETTINGS` is set, other than by dask.
 
-    The main thread keeps up to 256 MiB, another thread as much as it took at once.
+    The main thread keeps up to 256 MiB, others about as much as they needed at once.
 
     By default glibc returns the memory of each part to the system as soon as it is free. The first touch of
     fresh memory in the next part would take as long as decoding it.
     """
-    if os.environ.get("MALLOC_TRIM_THRESHOLD_") in (None, DASK_TRIM_THRESHOLD):
+    chosen = {name: os.environ[name] for name in SETTINGS if name in os.environ}
+    if chosen in ({}, DASK_SETTINGS):
         _core.keep_freed_memory()

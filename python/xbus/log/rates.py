@@ -194,6 +194,7 @@ class SharedRates:
     """The rates of several series of rows, such as quantities, added part by part.
 
     Most quantities have a row in each sample. Series that had the same rows up to now share one `Rates`.
+    Once they differ, each has its own.
     """
 
     def __init__(self) -> None:
