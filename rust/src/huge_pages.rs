@@ -165,7 +165,8 @@ pub fn keep_freed_memory() {
         /// A part of a log, its columns and its DataFrame.
         const TRIM_THRESHOLD: i32 = 256 << 20;
         /// The memory of other threads consists of heaps of this size. Whatever the threshold, an empty heap is returned
-        /// if the one before it has more room than the padding. No heap has that much, so none is returned.
+        /// if the one before it has more room than the padding. No heap has that much, so none is returned. A new heap
+        /// counts as a whole for `ulimit -d`.
         const TOP_PAD: i32 = 64 << 20;
         // SAFETY: mallopt takes two numbers and changes how malloc gets memory from the system. It ignores what it does not
         // know.
