@@ -74,8 +74,8 @@ def read_logs(
             divisions are known if the times of all samples are known and ascend, from each file to the next
             one too; with ``"sample"`` if there is one file.
         block_bytes: Approximate size of a partition, in bytes of input. The DataFrame of all columns is about
-            as large. Up to eight neighbours that share a time become one partition, with parts without samples
-            between them. If more share a time, divisions are not known.
+            as large. Up to eight neighbours that share a time become one partition, with parts without
+            samples between them. If more share a time, divisions are not known.
         bid: As in `read_log`.
         rate: As in `read_log`.
         strings: As in `read_log`.

@@ -150,9 +150,9 @@ fn request(start: *mut u8, size: usize) {
 #[cfg(not(target_os = "linux"))]
 fn request(_: *mut u8, _: usize) {}
 
-/// Lets the process keep the memory that it frees, and use it again: up to 256 MiB in the main thread, in
-/// others about as much as they needed at once. Otherwise malloc returns large vectors to the system, and every part of
-/// a log pays for the first touch of fresh memory again.
+/// Lets the process keep the memory that it frees, and use it again: up to 256 MiB in the main thread, in others about as
+/// much as they needed at once. Otherwise malloc returns large vectors to the system, and every part of a log pays for
+/// the first touch of fresh memory again.
 ///
 /// This is for a program that does nothing but read logs part by part. Only glibc has these settings.
 #[cfg(feature = "python")]

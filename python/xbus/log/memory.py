@@ -9,7 +9,7 @@ from xbus import _core
 
 __all__ = ["keep_freed_memory"]
 
-#: Variables of the environment with which users configure malloc.
+#: Environment variables with which users configure glibc's malloc.
 SETTINGS = ("MALLOC_MMAP_THRESHOLD_", "MALLOC_TOP_PAD_", "MALLOC_TRIM_THRESHOLD_")
 #: What dask sets for its workers: malloc returns nearly everything to the system.
 DASK_SETTINGS = {"MALLOC_TRIM_THRESHOLD_": "65536"}
